@@ -1,0 +1,80 @@
+"""Errors and warnings: each says in one sentence what was found, where, and what to do.
+
+Every type subclasses a builtin, so callers need not know us. `exit_code` is what the
+command line returns for it (`lightflight --help` lists them).
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+
+class FileFormatError(ValueError):
+    """A file is missing, empty, truncated, foreign or damaged."""
+
+    exit_code = 3
+
+    def __init__(
+        self, message: str, *, path: str | os.PathLike[str] | None = None, offset: int | None = None
+    ) -> None:
+        self.path = None if path is None else os.fspath(path)
+        self.offset = offset
+        where = "" if self.path is None else f"{self.path}: "
+        at = "" if offset is None else f" (at byte {offset})"
+        super().__init__(f"{where}{message}{at}")
+
+
+class ConfigError(ValueError):
+    """A set-up file or an option is wrong."""
+
+    exit_code = 2
+
+
+class CalibrationError(ValueError):
+    """The clock cannot be calibrated, or a calibration does not fit the recording."""
+
+    exit_code = 4
+
+
+class GeometryError(ValueError):
+    """Camera, source and path are in a position that cannot be computed.
+
+    `offenders` marks the elements of the input that caused it, where there are several.
+    """
+
+    exit_code = 5
+
+    def __init__(self, message: str, *, offenders: Any = None) -> None:
+        self.offenders = offenders
+        super().__init__(message)
+
+
+class NothingFoundError(ValueError):
+    """The recording holds nothing that can be reconstructed; the text says why."""
+
+    exit_code = 5
+
+
+class NotConvergedError(RuntimeError):
+    """An iteration ended without meeting its tolerance."""
+
+    exit_code = 5
+
+
+class MissingExtraError(ImportError):
+    """An optional package is needed; the text names the extra that brings it."""
+
+    exit_code = 2
+
+
+class LightflightWarning(UserWarning):
+    """Base of every warning this package gives."""
+
+
+class UncalibratedWarning(LightflightWarning):
+    """A nominal value stands in for a calibration; the text says what that costs."""
+
+
+class SuspectDataWarning(LightflightWarning):
+    """The data are usable but something about them looks wrong."""

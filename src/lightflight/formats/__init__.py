@@ -1,0 +1,1 @@
+"""File formats: one thin reader per format, converted to our records at the door."""

@@ -1,0 +1,347 @@
+"""LightPath: where the pulse was and when, with error bars, and how that was found out.
+
+Takes what `reconstruct` fits, gives positions, times, angles and tables with their errors.
+`path_error` compares a path with the truth by the metrics every table of ours uses.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight.flight import (
+    Medium,
+    Source,
+    arrival_time_from_event,
+    elevation_from_direction,
+)
+
+if TYPE_CHECKING:
+    from lightflight.camera import Camera
+
+Floats = NDArray[np.float64]
+
+RESIDUAL_DTYPE = np.dtype(
+    [
+        ("row", np.int32),
+        ("col", np.int32),
+        ("leg", np.int32),
+        ("arrival_ps", np.float64),
+        ("model_ps", np.float64),
+        ("residual_ps", np.float64),
+        ("std_ps", np.float64),
+        ("event_time_ps", np.float64),
+        ("photons", np.float64),
+        ("used", np.bool_),
+        ("flags", np.uint32),
+    ]
+)
+"""One row per pulse: what was measured, what the path says, and whether it took part."""
+
+SAMPLE_DTYPE = np.dtype(
+    [
+        ("leg", np.int32),
+        ("x_mm", np.float64),
+        ("y_mm", np.float64),
+        ("z_mm", np.float64),
+        ("event_time_ps", np.float64),
+        ("arrival_time_ps", np.float64),
+        ("x_std_mm", np.float64),
+        ("y_std_mm", np.float64),
+        ("z_std_mm", np.float64),
+        ("event_time_std_ps", np.float64),
+        ("in_view", np.bool_),
+    ]
+)
+"""One row per point along a path."""
+
+
+@dataclass(frozen=True)
+class Goodness:
+    """How well the path explains the recording."""
+
+    chi2: float
+    """Sum of squared, weighted residuals of the pulses used."""
+    dof: int
+    """Degrees of freedom of `chi2`."""
+    n_pulses: int
+    """Pulses (or, for `photon`, pixels) that took part."""
+    n_rejected: int
+    """Pulses on the path that were left out as outliers."""
+    residual_rms_ps: float
+    """Root mean square of the arrival-time residuals used, ps."""
+    error_floor_ps: float
+    """Extra error per pulse, ps, that the residuals ask for beyond the stated ones (0: none)."""
+    converged: bool
+    """False: the fit stopped before its tolerance; do not trust the errors."""
+
+    @property
+    def reduced_chi2(self) -> float:
+        """chi2 / dof; NaN without degrees of freedom."""
+        return self.chi2 / self.dof if self.dof > 0 else float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """One straight piece of a path."""
+
+    start_mm: Floats
+    """(3,), world, mm."""
+    end_mm: Floats
+    """(3,), world, mm."""
+    start_time_ps: float
+    """Event time at the start, ps."""
+    end_time_ps: float
+    """Event time at the end, ps."""
+    angle_deg: float
+    """Elevation towards the camera: asin(d.n), n the backward optical axis; deg."""
+    angle_std_deg: float
+    """One-sigma error of `angle_deg`, deg."""
+    paper_angle_deg: float
+    """The paper's alpha, measured in the plane through camera and leg; deg."""
+
+    @property
+    def direction(self) -> Floats:
+        """(3,), unit, world, in the direction of flight."""
+        step = self.end_mm - self.start_mm
+        unit: Floats = step / np.linalg.norm(step)
+        return unit
+
+    @property
+    def length_mm(self) -> float:
+        """Length of the leg, mm."""
+        return float(np.linalg.norm(self.end_mm - self.start_mm))
+
+
+def paper_angle_from_leg(
+    start_mm: ArrayLike, end_mm: ArrayLike, *, camera_center_mm: ArrayLike, normal: ArrayLike
+) -> float:
+    """The paper's alpha of a leg: its angle out of the reference plane, in the viewing plane.
+
+    The reference plane is normal to `normal` (towards the camera) and holds the start of the leg;
+    the viewing plane holds camera and leg (Fig. 3). Returns rad; NaN for a leg that points at
+    the camera, where there is no viewing plane.
+    """
+    start = np.asarray(start_mm, dtype=float)
+    step = np.asarray(end_mm, dtype=float) - start
+    n = np.asarray(normal, dtype=float)
+    plane_normal = np.cross(np.asarray(camera_center_mm, dtype=float) - start, step)
+    trace = np.cross(plane_normal, n)
+    size = np.linalg.norm(trace)
+    if size < 1e-12 * max(1.0, float(np.linalg.norm(plane_normal))):
+        return float("nan")
+    trace = trace / size
+    upright = n - (n @ plane_normal) * plane_normal / (plane_normal @ plane_normal)
+    upright /= np.linalg.norm(upright)
+    along = float(step @ trace)
+    return float(np.arctan2(step @ upright, abs(along)))
+
+
+@dataclass(frozen=True, eq=False)
+class LightPath:
+    """The path of a pulse in space and time: straight legs between vertices.
+
+    Vertex 0 is the source (unknown source: entry into view), the last vertex the exit from view,
+    those between are the corners, in or outside the picture.
+    """
+
+    vertices_mm: Floats
+    """(m, 3), m = n_legs + 1; world, mm."""
+    vertex_times_ps: Floats
+    """(m,), event times on the calibrated clock, ps."""
+    covariance: Floats
+    """(4m, 4m), total: x, y, z (mm), t (ps) of vertex 0, then of vertex 1 ..."""
+    camera: Camera = field(kw_only=True)
+    """The camera that saw it."""
+    source: Source = field(kw_only=True)
+    """What was known of the source."""
+    medium: Medium = field(default_factory=Medium, kw_only=True)
+    """The medium assumed."""
+    method: str = field(default="joint", kw_only=True)
+    """"paper", "joint" or "photon"."""
+    goodness: Goodness = field(kw_only=True)
+    """How well the path explains the recording."""
+    covariance_parts: Mapping[str, Floats] = field(default_factory=dict, kw_only=True, repr=False)
+    """Shares of `covariance`, each (4m, 4m): "photon" (independent), "pixel" (calibration of the
+    pixels: does not average over repeats), "shared" (scale, emission time, pose, source)."""
+    residuals: NDArray[Any] = field(
+        default_factory=lambda: np.empty(0, RESIDUAL_DTYPE), kw_only=True, repr=False
+    )
+    """(n,), dtype `RESIDUAL_DTYPE`: one row per pulse."""
+    prior: str = field(default="", kw_only=True)
+    """What was taken as known, in words: every figure names its prior."""
+    statements: tuple[str, ...] = field(default=(), kw_only=True)
+    """What these data fix and do not fix, and what the result rests on; one sentence each."""
+    truth: Any = field(default=None, kw_only=True, repr=False)
+    """What made the recording, where a simulator knows it."""
+    provenance: Mapping[str, Any] = field(default_factory=dict, kw_only=True, repr=False)
+    """Inputs, settings, versions and seed that made it."""
+
+    def __post_init__(self) -> None:
+        vertices = np.array(self.vertices_mm, dtype=float)
+        times = np.array(self.vertex_times_ps, dtype=float)
+        m = len(times)
+        if vertices.ndim != 2 or vertices.shape != (m, 3) or m < 2:
+            raise ValueError(
+                "a path needs vertices_mm of shape (m, 3) and vertex_times_ps of shape (m,) with "
+                f"m >= 2, got {vertices.shape} and {times.shape}"
+            )
+        covariance = np.array(self.covariance, dtype=float)
+        if covariance.shape != (4 * m, 4 * m):
+            raise ValueError(f"covariance must be ({4 * m}, {4 * m}), got {covariance.shape}")
+        for array in (vertices, times, covariance):
+            array.setflags(write=False)
+        object.__setattr__(self, "vertices_mm", vertices)
+        object.__setattr__(self, "vertex_times_ps", times)
+        object.__setattr__(self, "covariance", covariance)
+
+    @property
+    def n_legs(self) -> int:
+        """Number of straight legs."""
+        return len(self.vertex_times_ps) - 1
+
+    @property
+    def emission_time_ps(self) -> float:
+        """Event time at vertex 0: when the pulse left the source (or entered the view), ps."""
+        return float(self.vertex_times_ps[0])
+
+    @property
+    def vertex_std(self) -> Floats:
+        """(m, 4), one-sigma errors of x, y, z (mm) and t (ps) of each vertex."""
+        with np.errstate(invalid="ignore"):
+            std: Floats = np.sqrt(np.diag(self.covariance)).reshape(-1, 4)
+        return std
+
+    @property
+    def legs(self) -> tuple[Leg, ...]:
+        """The legs, in the order of flight."""
+        return tuple(self._leg(i) for i in range(self.n_legs))
+
+    def _leg(self, i: int) -> Leg:
+        start, end = self.vertices_mm[i], self.vertices_mm[i + 1]
+        normal = self.camera.backward_axis
+        step = end - start
+        length = float(np.linalg.norm(step))
+        d = step / length
+        along = float(d @ normal)
+        # d(asin(d.n)) = n.(1 - d d^T) d(step) / (|step| cos(alpha))
+        across = max(np.sqrt(max(0.0, 1.0 - along**2)), 1e-9)
+        gradient = (normal - along * d) / (length * across)
+        block = np.r_[4 * i : 4 * i + 3, 4 * i + 4 : 4 * i + 7]
+        weights = np.concatenate((-gradient, gradient))
+        variance = weights @ self.covariance[np.ix_(block, block)] @ weights
+        paper = paper_angle_from_leg(
+            start, end, camera_center_mm=self.camera.center_mm, normal=normal
+        )
+        return Leg(
+            start_mm=start,
+            end_mm=end,
+            start_time_ps=float(self.vertex_times_ps[i]),
+            end_time_ps=float(self.vertex_times_ps[i + 1]),
+            angle_deg=float(np.rad2deg(elevation_from_direction(d, normal))),
+            angle_std_deg=float(np.rad2deg(np.sqrt(variance))) if variance >= 0 else float("nan"),
+            paper_angle_deg=float(np.rad2deg(paper)),
+        )
+
+    def leg_at(self, event_times_ps: ArrayLike) -> NDArray[np.int64]:
+        """Index of the leg on which the pulse is at each event time; (n,), clipped to the ends."""
+        times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
+        index = np.searchsorted(self.vertex_times_ps, times, side="right") - 1
+        return np.clip(index, 0, self.n_legs - 1)
+
+    def position_at(self, event_times_ps: ArrayLike) -> Floats:
+        """Position of the pulse at event times; (n, 3), world, mm; NaN before source, after exit."""
+        times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
+        position = extrapolated_position(self.vertices_mm, self.vertex_times_ps, times)
+        span = self.vertex_times_ps[-1] - self.vertex_times_ps[0]
+        slack = 1e-12 * max(abs(self.vertex_times_ps[-1]), span, 1.0)
+        outside = (times < self.vertex_times_ps[0] - slack) | (
+            times > self.vertex_times_ps[-1] + slack
+        )
+        position[outside] = np.nan
+        return position
+
+    def position_covariance_at(self, event_times_ps: ArrayLike) -> Floats:
+        """Covariance of `position_at` at fixed event times; (n, 3, 3), mm^2."""
+        times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
+        out = np.empty((len(times), 3, 3))
+        for k, (time, leg) in enumerate(zip(times, self.leg_at(times), strict=True)):
+            jacobian, block = self._position_jacobian(time, int(leg))
+            out[k] = jacobian @ self.covariance[np.ix_(block, block)] @ jacobian.T
+        return out
+
+    def _position_jacobian(self, time_ps: float, leg: int) -> tuple[Floats, NDArray[np.int64]]:
+        """d(position at a fixed event time) / d(x, y, z, t of the leg's two vertices)."""
+        t0, t1 = self.vertex_times_ps[leg : leg + 2]
+        step = self.vertices_mm[leg + 1] - self.vertices_mm[leg]
+        fraction = (time_ps - t0) / (t1 - t0)
+        jacobian = np.zeros((3, 8))
+        jacobian[:, 0:3] = (1 - fraction) * np.eye(3)
+        jacobian[:, 4:7] = fraction * np.eye(3)
+        jacobian[:, 3] = -(1 - fraction) * step / (t1 - t0)
+        jacobian[:, 7] = -fraction * step / (t1 - t0)
+        return jacobian, np.arange(4 * leg, 4 * leg + 8)
+
+    def sample(self, n: int = 1000) -> NDArray[Any]:
+        """`n` points at equal event times from first to last vertex; dtype `SAMPLE_DTYPE`.
+
+        `x_std_mm` ... are errors of the position at that event time; `event_time_std_ps` is the
+        error of the time at which the pulse passes that fraction of its leg.
+        """
+        if n < 2:
+            raise ValueError(f"n must be at least 2, got {n}")
+        times = np.linspace(self.vertex_times_ps[0], self.vertex_times_ps[-1], n)
+        position = extrapolated_position(self.vertices_mm, self.vertex_times_ps, times)
+        out = np.zeros(n, SAMPLE_DTYPE)
+        leg = self.leg_at(times)
+        out["leg"], out["event_time_ps"] = leg, times
+        out["x_mm"], out["y_mm"], out["z_mm"] = position.T
+        out["arrival_time_ps"] = arrival_time_from_event(
+            position,
+            times,
+            camera_center_mm=self.camera.center_mm,
+            return_group_index=self.medium.return_group_index,
+        )
+        with np.errstate(invalid="ignore"):
+            std = np.sqrt(np.diagonal(self.position_covariance_at(times), axis1=1, axis2=2))
+            out["x_std_mm"], out["y_std_mm"], out["z_std_mm"] = std.T
+            out["event_time_std_ps"] = np.sqrt(self._time_variance(times, leg))
+        out["in_view"] = self.camera.sees(position)
+        return out
+
+    def _time_variance(self, times: Floats, leg: NDArray[np.int64]) -> Floats:
+        t0, t1 = self.vertex_times_ps[leg], self.vertex_times_ps[leg + 1]
+        f = (times - t0) / (t1 - t0)
+        i, j = 4 * leg + 3, 4 * leg + 7
+        c = self.covariance
+        variance: Floats = (1 - f) ** 2 * c[i, i] + f**2 * c[j, j] + 2 * f * (1 - f) * c[i, j]
+        return variance
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the path to one HDF5 file (whole or not at all)."""
+        from lightflight.path_file import save_path
+
+        save_path(self, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> LightPath:
+        """Read a path written by `save`. Raises FileFormatError for any other file."""
+        from lightflight.path_file import load_path
+
+        return load_path(path)
+
+
+def extrapolated_position(vertices_mm: Floats, vertex_times_ps: Floats, times_ps: Floats) -> Floats:
+    """Position on a polyline at event times, first and last leg prolonged; (n, 3), mm."""
+    leg = np.clip(
+        np.searchsorted(vertex_times_ps, times_ps, side="right") - 1, 0, len(vertex_times_ps) - 2
+    )
+    t0, t1 = vertex_times_ps[leg], vertex_times_ps[leg + 1]
+    fraction = ((times_ps - t0) / (t1 - t0))[:, np.newaxis]
+    position: Floats = (1 - fraction) * vertices_mm[leg] + fraction * vertices_mm[leg + 1]
+    return position

@@ -1,0 +1,1 @@
+"""Reconstruction: from arrival times and counts to the path (x, y, z, t)."""

@@ -1,0 +1,1 @@
+"""Timing: from histograms to arrival times on one calibrated clock."""
