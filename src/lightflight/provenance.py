@@ -1,0 +1,71 @@
+"""How a result was made: versions, inputs, settings and seed, stored in every output file."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from lightflight._version import __version__
+
+NUMERIC_PACKAGES = ("numpy", "scipy", "numba", "h5py")
+"""The packages whose version can change a number in a result."""
+
+
+def version_of(package: str) -> str | None:
+    """Installed version of a distribution, without importing it; None where it is missing."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def sha256_of_file(path: str | os.PathLike[str]) -> str:
+    """SHA-256 of a file's bytes, as hex digits; read in pieces, so any size will do."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def input_record(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Name, size and SHA-256 of one input file; its folder stays on the machine it lies on."""
+    file = Path(path)
+    return {"name": file.name, "bytes": file.stat().st_size, "sha256": sha256_of_file(file)}
+
+
+def provenance_record(
+    *,
+    command: str | None = None,
+    inputs: Iterable[str | os.PathLike[str]] = (),
+    settings: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+) -> dict[str, Any]:
+    """Everything needed to say how a result came to be; plain JSON types throughout.
+
+    Parameters
+    ----------
+    command : the command or function that made the result.
+    inputs : files it was made from; their names and SHA-256 are kept, not their folders.
+    settings : the resolved set-up (see `lightflight.lab`); must be JSON-compatible.
+    seed : the random seed, where one was used.
+
+    Raises
+    ------
+    OSError
+        Where an input cannot be read.
+    """
+    return {
+        "lightflight": __version__,
+        "python": platform.python_version(),
+        "platform": f"{platform.system()} {platform.machine()}",
+        "packages": {name: version_of(name) for name in NUMERIC_PACKAGES},
+        "made_utc": datetime.now(UTC).isoformat(timespec="seconds"),
+        "command": command,
+        "inputs": [input_record(path) for path in inputs],
+        "settings": dict(settings or {}),
+        "seed": seed,
+    }
