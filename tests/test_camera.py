@@ -347,6 +347,18 @@ class TestStorage:
         for name in ("matrix", "distortion", "world_from_camera", "pose_covariance"):
             np.testing.assert_array_equal(getattr(again, name), getattr(camera, name))
 
+    def test_lens_that_follows_the_pose(self) -> None:
+        slopes = np.zeros((8, 6))
+        slopes[0, 5], slopes[3, 1], slopes[4, 5] = 0.1, 2.0, 0.001
+        camera = Camera(MATRIX, np.array([-0.2, 0, 0, 0]), np.eye(4), (32, 32), None, slopes)
+        again = Camera.from_arrays(camera.to_arrays()).perturbed((0, 1e-3, 0, 0, 0, 10.0))
+        assert again.matrix[0, 0] == pytest.approx(62.0)
+        assert again.matrix[1, 1] == 58.0
+        assert again.matrix[1, 2] == pytest.approx(16.102)
+        assert again.distortion[0] == pytest.approx(-0.19)
+        with pytest.raises(ValueError, match=r"\(4, *6\)"):
+            Camera(MATRIX, np.empty(0), np.eye(4), (32, 32), None, slopes)
+
     def test_missing_array_is_named(self) -> None:
         with pytest.raises(ValueError, match="world_from_camera"):
             Camera.from_arrays({"matrix": MATRIX, "distortion": (), "shape": (2, 2)})

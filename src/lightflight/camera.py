@@ -135,6 +135,11 @@ class Camera:
     """(6, 6), rad and mm: small rotation vector (world axes, about the centre), then shift of
     the centre (world axes). None: the pose is taken as exact."""
 
+    intrinsics_per_pose: NDArray[np.float64] | None = None
+    """(4 + n_distortion, 6), px and coefficients per rad and mm: how fx, fy, cx, cy and the
+    distortion go along with an error of the pose where one fit gave both (a camera that stands
+    farther away has the longer lens). None: they do not."""
+
     def __post_init__(self) -> None:
         shape = tuple(int(n) for n in self.shape)
         if len(shape) != 2 or min(shape) < 1:
@@ -145,6 +150,14 @@ class Camera:
         object.__setattr__(self, "world_from_camera", _checked_pose(self.world_from_camera))
         if self.pose_covariance is not None:
             object.__setattr__(self, "pose_covariance", _checked_covariance(self.pose_covariance))
+        if self.intrinsics_per_pose is not None:
+            slopes = _read_only(self.intrinsics_per_pose)
+            if slopes.shape != (4 + self.distortion.size, 6) or not np.isfinite(slopes).all():
+                raise ValueError(
+                    f"intrinsics_per_pose must be finite with shape ({4 + self.distortion.size}, "
+                    f"6), got {slopes.shape}: one row for fx, fy, cx, cy and each distortion term"
+                )
+            object.__setattr__(self, "intrinsics_per_pose", slopes)
 
     @classmethod
     def facing_plane(
@@ -307,14 +320,27 @@ class Camera:
 
     def perturbed(self, pose_delta: ArrayLike) -> Camera:
         """Camera turned and shifted by (6,): rotation vector (rad, world axes, about the
-        centre), then shift of the centre (mm, world axes); the order of `pose_covariance`."""
+        centre), then shift of the centre (mm, world axes); the order of `pose_covariance`.
+
+        Lens terms that were fitted together with the pose go along (`intrinsics_per_pose`).
+        """
         delta = np.asarray(pose_delta, dtype=np.float64)
         if delta.shape != (6,):
             raise ValueError(f"pose_delta must have shape (6,), got {delta.shape}")
         pose = self.world_from_camera.copy()
         pose[:3, :3] = rotation_from_vector(delta[:3]) @ pose[:3, :3]
         pose[:3, 3] += delta[3:]
-        return replace(self, world_from_camera=pose)
+        if self.intrinsics_per_pose is None:
+            return replace(self, world_from_camera=pose)
+        change = self.intrinsics_per_pose @ delta
+        matrix = self.matrix.copy()
+        matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += change[:4]
+        return replace(
+            self,
+            matrix=matrix,
+            distortion=self.distortion + change[4:],
+            world_from_camera=pose,
+        )
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """The camera as a flat dictionary of arrays, for a file."""
@@ -324,8 +350,9 @@ class Camera:
             "world_from_camera": np.array(self.world_from_camera),
             "shape": np.array(self.shape, dtype=np.int64),
         }
-        if self.pose_covariance is not None:
-            arrays["pose_covariance"] = np.array(self.pose_covariance)
+        for name in ("pose_covariance", "intrinsics_per_pose"):
+            if getattr(self, name) is not None:
+                arrays[name] = np.array(getattr(self, name))
         return arrays
 
     @classmethod
@@ -337,9 +364,12 @@ class Camera:
             raise ValueError(f"a stored camera lacks {', '.join(missing)}")
         rows, cols = (int(n) for n in np.asarray(arrays["shape"]).ravel())
         matrix, distortion, pose = (np.asarray(arrays[name], float) for name in needed[:3])
-        covariance = arrays.get("pose_covariance")
-        stored = None if covariance is None else np.asarray(covariance, dtype=np.float64)
-        return cls(matrix, distortion, pose, (rows, cols), stored)
+        errors = {
+            name: np.asarray(arrays[name], dtype=np.float64)
+            for name in ("pose_covariance", "intrinsics_per_pose")
+            if name in arrays
+        }
+        return cls(matrix, distortion, pose, (rows, cols), **errors)
 
     # ---- lens -----------------------------------------------------------------------------
 
