@@ -1,0 +1,469 @@
+"""The camera's clock: what turns TDC codes into times, with the errors that remain.
+
+Takes a code-density recording (`code_density.py`) and a flat recording (`delays.py`), gives a
+`TimingCalibration` that pulse fits and arrivals ask for code edges, delays and error bars.
+
+A TDC code of pixel p covers `gain[p] * bin_width_ps * code_widths[k] * phases[p, k % n_phases]`
+picoseconds. Edges are counted from the end of the laser period (`end_code`), where the delay of
+a reversed clock is zero: that edge is visible in every code-density recording.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight.errors import CalibrationError, FileFormatError
+from lightflight.histogram import Histograms
+
+ASSUMED_GAIN_STD = 0.0065
+"""Spread of the gain between pixels of a camera whose gain was never measured (a real PF32)."""
+
+ASSUMED_PHASE_STD = 0.085
+"""Relative spread of unmeasured code widths (a real PF32: 0.055 shared, 0.064 per pixel)."""
+
+_PERIOD_TOLERANCE = 1e-4
+_WIDTH_TOLERANCE = 0.05
+
+_ARRAY_FIELDS = {
+    "gain": 0, "phases": 1, "end_code": 0, "first_live_width": 0, "gain_std": 0, "phase_std": 1,
+    "misfit_std": 0, "skew_ps": 0, "skew_std_ps": 0, "anchor_delay_ps": 0, "response_std_ps": 0,
+}  # fmt: skip
+"""Per-pixel arrays of a calibration and how many axes they have beyond (rows, cols)."""
+
+_SCHEMA = 1
+_MOST_PHASES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class TimingCalibration:
+    """Code edges and delay of every pixel, nine numbers each, with their errors.
+
+    Times are delays after the laser sync until a pixel's own delay (`skew_ps`) is taken off;
+    then they are arrival times on the clock that the flat recording defines.
+    """
+
+    shape: tuple[int, int]
+    """(rows, cols)."""
+
+    n_codes: int
+    """Number of TDC codes."""
+
+    laser_period_ps: float | None
+    """Period P of the laser, ps. None: one sweep, nothing folds."""
+
+    reversed_codes: bool
+    """True where a larger code is an earlier photon."""
+
+    no_photon_code: int | None
+    """Code that means "no photon", or None; it has zero width."""
+
+    first_edge_ps: float
+    """Start of code 0 after the sync (reversed: before the next sync), ps."""
+
+    bin_width_ps: float
+    """Mean width of a plateau code over good pixels, ps (1 where times stay in codes)."""
+
+    gain: NDArray[np.float64]
+    """(rows, cols), width of a plateau code / `bin_width_ps`."""
+
+    phases: NDArray[np.float64]
+    """(rows, cols, n_phases), relative widths of the codes k = 0 .. n_phases - 1 modulo
+    n_phases, mean 1. n_phases = n_codes: every code has a width of its own."""
+
+    code_widths: NDArray[np.float64]
+    """(codes,), relative widths all pixels share: 0 dead, 1 plateau, more for double codes."""
+
+    end_code: NDArray[np.float64]
+    """(rows, cols), the fractional code at which the laser period ends."""
+
+    first_live_code: int
+    """The first code that is not dead."""
+
+    first_live_width: NDArray[np.float64]
+    """(rows, cols), relative width of that code in each pixel (it takes up the time of the dead
+    ones and differs between pixels); the shared one where NaN."""
+
+    gain_std: NDArray[np.float64]
+    """(rows, cols), standard error of `gain`."""
+
+    phase_std: NDArray[np.float64]
+    """(rows, cols, n_phases), standard error of each of `phases`."""
+
+    misfit_std: NDArray[np.float64]
+    """(rows, cols), rms of relative code widths that the structured model leaves out."""
+
+    skew_ps: NDArray[np.float64]
+    """(rows, cols), delay of the pixel minus arrival time of the flat, ps."""
+
+    skew_std_ps: NDArray[np.float64]
+    """(rows, cols), error of `skew_ps` from the photons of the flat, ps."""
+
+    anchor_delay_ps: NDArray[np.float64]
+    """(rows, cols), delay at which the flat's pulse sat, ps; NaN where there was none. Gain and
+    phase errors grow with the distance from there."""
+
+    response_std_ps: NDArray[np.float64]
+    """(rows, cols), standard deviation of the flat's pulse, ps; NaN where unknown."""
+
+    flags: NDArray[np.uint32]
+    """(rows, cols), see `lightflight.flags`."""
+
+    period_end_seen: bool = False
+    """True where `end_code` was measured: later codes then hold no time."""
+
+    scale_std: float = 0.0
+    """Relative error of `bin_width_ps`, shared by all pixels (dead codes absorbed or lost)."""
+
+    assumed_skew_std_ps: float = 0.0
+    """Spread of delays assumed for pixels without a flat, ps."""
+
+    flat_modes_ps: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    """(rows, cols, k), errors of the flat's geometry that all pixels share, one sigma, ps."""
+
+    flat_mode_names: tuple[str, ...] = ()
+    """(k), names of `flat_modes_ps`."""
+
+    notes: tuple[str, ...] = ()
+    """What was measured, what is nominal, and what that costs, in sentences."""
+
+    provenance: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    """What made this calibration."""
+
+    def __post_init__(self) -> None:
+        rows_cols = tuple(self.shape)
+        for name, extra in _ARRAY_FIELDS.items():
+            array = np.array(getattr(self, name), dtype=np.float64)
+            if array.shape[: len(rows_cols)] != rows_cols or array.ndim != 2 + extra:
+                raise ValueError(
+                    f"{name} must have shape {rows_cols} and {extra} more axes, got {array.shape}"
+                )
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        flags = np.array(self.flags, dtype=np.uint32)
+        if flags.shape != rows_cols:
+            raise ValueError(f"flags must have shape {rows_cols}, got {flags.shape}")
+        flags.setflags(write=False)
+        object.__setattr__(self, "flags", flags)
+        widths = np.array(self.code_widths, dtype=np.float64)
+        if widths.shape != (self.n_codes,):
+            raise ValueError(f"code_widths must have shape ({self.n_codes},), got {widths.shape}")
+        widths.setflags(write=False)
+        object.__setattr__(self, "code_widths", widths)
+        modes = np.array(self.flat_modes_ps, dtype=np.float64)
+        if not self.flat_mode_names:
+            modes = np.zeros((*rows_cols, 0))
+        elif modes.shape != (*rows_cols, len(self.flat_mode_names)):
+            raise ValueError(f"flat_modes_ps has shape {modes.shape}, names {self.flat_mode_names}")
+        modes.setflags(write=False)
+        object.__setattr__(self, "flat_modes_ps", modes)
+
+    @property
+    def n_phases(self) -> int:
+        """Length of the pattern of code widths; 1: none, n_codes: every code by itself."""
+        return self.phases.shape[2]
+
+    @property
+    def end_delay_ps(self) -> float:
+        """Delay at the end of the laser period (without one: at code 0), ps: the anchor of edges."""
+        if self.reversed_codes:
+            return -self.first_edge_ps
+        return self.first_edge_ps + (self.laser_period_ps or 0.0)
+
+    def code_intervals_ps(
+        self, rows: ArrayLike, cols: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Delays that each code of the given pixels covers.
+
+        Parameters
+        ----------
+        rows, cols : (n,) pixel indices.
+
+        Returns
+        -------
+        lower, upper : (n, codes), ps after the sync, before the pixel's own delay is taken off,
+            not folded; `lower <= upper`, equal for codes that can hold no photon.
+        """
+        rows, cols = self._checked_pixels(rows, cols)
+        edges, end = self._relative_edges(rows, cols)
+        width = self._width_ps(rows, cols)[:, None]
+        after_end = edges if self.laser_period_ps is None else edges - end[:, None]
+        if self.period_end_seen:
+            after_end = np.minimum(after_end, 0.0)
+        towards = -1.0 if self.reversed_codes else 1.0
+        edges = self.end_delay_ps + towards * width * after_end
+        first, last = edges[:, :-1].copy(), edges[:, 1:].copy()
+        blind = self.code_widths == 0
+        if self.reversed_codes:
+            first[:, blind] = last[:, blind]
+            return last, first
+        last[:, blind] = first[:, blind]
+        return first, last
+
+    def arrival_errors_ps(
+        self, rows: ArrayLike, cols: ArrayLike, delay_ps: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[str, ...]]:
+        """Errors that this calibration leaves on arrival times.
+
+        The pixel class is independent between pixels: photons of the flat, gain times the
+        distance from the flat's delay, and code widths between the two (they cancel where
+        recording and flat sit at the same codes). Shared errors are modes.
+
+        Parameters
+        ----------
+        rows, cols : (n,) pixel indices.
+        delay_ps : (n,), ps after the sync, before the pixel's own delay is taken off; NaN gives NaN.
+
+        Returns
+        -------
+        pixel_std_ps : (n,), ps.
+        shared_modes_ps : (n, k), ps, one column per shared error, one sigma each.
+        names : (k), name of each column.
+        """
+        rows, cols = self._checked_pixels(rows, cols)
+        delay = self._folded(np.asarray(delay_ps, dtype=np.float64))
+        anchor = self._folded(self.anchor_delay_ps[rows, cols])
+        distance = delay - np.where(np.isfinite(anchor), anchor, self._folded(np.zeros(1)))
+        gain_error = self.gain_std[rows, cols] / self.gain[rows, cols]
+        variance = self.skew_std_ps[rows, cols] ** 2 + (gain_error * distance) ** 2
+        variance = variance + self._width_variance(rows, cols, delay, anchor)
+        modes = [self.flat_modes_ps[rows, cols]]
+        names = list(self.flat_mode_names)
+        if self.scale_std > 0:
+            modes.append((self.scale_std * distance)[:, None])
+            names.append("clock scale")
+        return np.sqrt(variance), np.concatenate(modes, axis=1), tuple(names)
+
+    @classmethod
+    def nominal(cls, hist: Histograms, *, assumed_skew_std_ps: float = 0.0) -> TimingCalibration:
+        """The clock as the recording states it: equal codes, no delays, no errors of its own.
+
+        Without `bin_width_ps` the unit of time is one code.
+        """
+        width = 1.0 if hist.bin_width_ps is None else float(hist.bin_width_ps)
+        period = hist.laser_period_ps if hist.bin_width_ps is not None else None
+        image = np.zeros(hist.shape)
+        widths = np.ones(hist.n_codes)
+        if hist.no_photon_code is not None:
+            widths[hist.no_photon_code] = 0.0
+        end = float(hist.n_codes) if period is None else period / width
+        notes = ["nominal clock: equal codes, no delay between pixels"]
+        if hist.bin_width_ps is None:
+            notes.append("the width of a code is unknown: times are in codes")
+        return cls(
+            shape=hist.shape, n_codes=hist.n_codes, laser_period_ps=period,
+            reversed_codes=hist.reversed_codes, no_photon_code=hist.no_photon_code,
+            first_edge_ps=hist.first_edge_ps, bin_width_ps=width, gain=image + 1.0,
+            phases=image[..., None] + 1.0, code_widths=widths, end_code=image + end,
+            first_live_code=0, first_live_width=image + np.nan, gain_std=image,
+            phase_std=image[..., None], misfit_std=image, skew_ps=image,
+            skew_std_ps=image + assumed_skew_std_ps, anchor_delay_ps=image + np.nan,
+            response_std_ps=image + np.nan, flags=image.astype(np.uint32),
+            assumed_skew_std_ps=assumed_skew_std_ps, notes=tuple(notes),
+        )  # fmt: skip
+
+    def check_matches(self, hist: Histograms) -> None:
+        """Raise CalibrationError where this calibration is of another camera or clock setting."""
+        pairs: list[tuple[str, Any, Any]] = [
+            ("shape", self.shape, hist.shape),
+            ("n_codes", self.n_codes, hist.n_codes),
+            ("reversed_codes", self.reversed_codes, hist.reversed_codes),
+            ("no_photon_code", self.no_photon_code, hist.no_photon_code),
+        ]
+        for name, ours, theirs in pairs:
+            if ours != theirs:
+                raise CalibrationError(_mismatch(name, ours, theirs))
+        in_codes = self.laser_period_ps is None and hist.bin_width_ps is None
+        if not in_codes and not _agree(self.laser_period_ps, hist.laser_period_ps, _PERIOD_TOLERANCE):
+            raise CalibrationError(
+                _mismatch("laser_period_ps", self.laser_period_ps, hist.laser_period_ps)
+            )
+        if hist.bin_width_ps is not None and not _agree(
+            self.bin_width_ps, hist.bin_width_ps, _WIDTH_TOLERANCE
+        ):
+            raise CalibrationError(_mismatch("bin_width_ps", self.bin_width_ps, hist.bin_width_ps))
+        if abs(self.first_edge_ps - hist.first_edge_ps) > _WIDTH_TOLERANCE * self.bin_width_ps:
+            raise CalibrationError(
+                _mismatch("first_edge_ps", self.first_edge_ps, hist.first_edge_ps)
+            )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write everything to one HDF5 file; the file appears whole or not at all."""
+        from lightflight.store import save_record
+
+        arrays: dict[str, NDArray[Any]] = {}
+        attributes: dict[str, Any] = {}
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                arrays[item.name] = value
+            else:
+                attributes[item.name] = list(value) if isinstance(value, tuple) else value
+        attributes["calibration_schema"] = _SCHEMA
+        attributes["provenance"] = dict(self.provenance)
+        save_record(path, kind="calibration", arrays=arrays, attributes=attributes)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> TimingCalibration:
+        """Read what `save` wrote.
+
+        Raises FileFormatError for a file that is no calibration, or one of a later version.
+        """
+        from lightflight.store import load_record
+
+        arrays, attributes = load_record(path, kind="calibration")
+        schema = attributes.get("calibration_schema")
+        if schema != _SCHEMA:
+            raise FileFormatError(
+                f"calibration schema {schema} is unknown here (this version reads {_SCHEMA}): "
+                "update lightflight or calibrate again",
+                path=path,
+            )
+        known = {item.name for item in fields(cls)}
+        values = {**attributes, **arrays}
+        missing = known - values.keys()
+        if missing:
+            raise FileFormatError(f"calibration lacks {', '.join(sorted(missing))}", path=path)
+        for name in ("shape", "notes", "flat_mode_names"):
+            values[name] = tuple(values[name])
+        return cls(**{name: values[name] for name in known})
+
+    def _checked_pixels(
+        self, rows: ArrayLike, cols: ArrayLike
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Pixel indices as two equal one-dimensional arrays inside the camera."""
+        row, col = np.broadcast_arrays(np.atleast_1d(rows), np.atleast_1d(cols))
+        row, col = row.astype(np.intp), col.astype(np.intp)
+        if row.ndim != 1:
+            raise ValueError(f"rows and cols must have shape (n,), got {row.shape}")
+        inside = (row >= 0) & (row < self.shape[0]) & (col >= 0) & (col < self.shape[1])
+        if not inside.all():
+            bad = int(np.flatnonzero(~inside)[0])
+            raise ValueError(f"pixel ({row[bad]}, {col[bad]}) is not in a camera of {self.shape}")
+        return row, col
+
+    def _width_ps(self, rows: NDArray[np.intp], cols: NDArray[np.intp]) -> NDArray[np.float64]:
+        """(n,), width of a plateau code of each pixel, ps."""
+        return np.asarray(self.gain[rows, cols] * self.bin_width_ps)
+
+    def _relative_edges(
+        self, rows: NDArray[np.intp], cols: NDArray[np.intp]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Code edges and period end of each pixel in plateau widths from code 0: (n, codes + 1), (n,).
+
+        The no-photon code takes up the time of a plateau code: nothing says that none passes.
+        """
+        shared = self.code_widths.copy()
+        if self.no_photon_code is not None:
+            shared[self.no_photon_code] = 1.0
+        widths = self.phases[rows, cols][:, np.arange(self.n_codes) % self.n_phases] * shared
+        own = self.first_live_width[rows, cols]
+        first = widths[:, self.first_live_code]
+        widths[:, self.first_live_code] = np.where(np.isfinite(own), own, first)
+        edges = np.concatenate([np.zeros((len(widths), 1)), np.cumsum(widths, axis=1)], axis=1)
+        whole = np.clip(self.end_code[rows, cols].astype(np.intp), 0, self.n_codes)
+        part = self.end_code[rows, cols] - whole
+        pixel = np.arange(len(edges))
+        last = np.where(whole < self.n_codes, widths[pixel, np.minimum(whole, self.n_codes - 1)], 1.0)
+        return edges, edges[pixel, whole] + part * last
+
+    def _folded(self, delay_ps: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Delays moved by whole periods into the one that the codes cover."""
+        if self.laser_period_ps is None:
+            return delay_ps
+        start = self.end_delay_ps - (0.0 if self.reversed_codes else self.laser_period_ps)
+        return np.asarray(start + np.mod(delay_ps - start, self.laser_period_ps))
+
+    def _width_variance(
+        self,
+        rows: NDArray[np.intp],
+        cols: NDArray[np.intp],
+        delay_ps: NDArray[np.float64],
+        anchor_ps: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """(n,), ps^2: error of the time between delay and anchor from errors of code widths."""
+        width = self._width_ps(rows, cols)
+        response = self.response_std_ps[rows, cols] / width
+        response = np.where(np.isfinite(response), response, 0.5)
+        at_delay = self._code_coordinate(rows, cols, delay_ps)
+        at_anchor = self._code_coordinate(rows, cols, anchor_ps)
+        misfit = _walk_variance(at_delay, at_anchor, self.end_code[rows, cols])
+        variance = misfit * self.misfit_std[rows, cols] ** 2
+        phase_std = self.phase_std[rows, cols]
+        if self.n_phases > _MOST_PHASES:
+            mean_square = np.mean(phase_std**2, axis=1)
+            variance = variance + misfit * mean_square
+        elif self.n_phases > 1:
+            lever = _phase_lever(at_delay, response, self.n_phases)
+            lever = lever - np.nan_to_num(_phase_lever(at_anchor, response, self.n_phases))
+            variance = variance + np.sum((lever * phase_std) ** 2, axis=1)
+        return np.asarray(variance * width**2)
+
+    def _code_coordinate(
+        self, rows: NDArray[np.intp], cols: NDArray[np.intp], delay_ps: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(n,), fractional code at a delay, by the widths that all pixels share."""
+        shared = np.maximum(self.code_widths, 1e-9)
+        edges = np.concatenate([[0.0], np.cumsum(shared)])
+        codes = np.arange(self.n_codes + 1.0)
+        before_end = np.abs(self.end_delay_ps - delay_ps) / self._width_ps(rows, cols)
+        if self.laser_period_ps is None:
+            return np.asarray(np.interp(before_end, edges, codes))
+        end = np.interp(self.end_code[rows, cols], codes, edges)
+        return np.asarray(np.interp(end - before_end, edges, codes))
+
+
+def _walk_variance(
+    code: NDArray[np.float64], anchor: NDArray[np.float64], end_code: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n,), variance of the sum of unit-variance widths between two codes, all summing to zero.
+
+    Without an anchor: between the code and the end of the period.
+    """
+    between = np.abs(code - np.where(np.isfinite(anchor), anchor, end_code))
+    return np.asarray(between * np.maximum(1.0 - between / end_code, 0.0))
+
+
+def _phase_lever(
+    code: NDArray[np.float64], response_codes: NDArray[np.float64], n_phases: int
+) -> NDArray[np.float64]:
+    """Time of a pulse (in plateau widths) per unit of each phase, phases held to mean 1.
+
+    With h_j(u) = (codes of phase j below u) - u / n_phases, a saw tooth of period n_phases, a
+    pulse of width s at u moves by the Gaussian average of h_j; summed here as a Fourier series.
+
+    Parameters
+    ----------
+    code : (n,), fractional code of the pulse.
+    response_codes : (n,), standard deviation of the pulse, codes.
+
+    Returns
+    -------
+    (n, n_phases), its mean over a period is zero.
+    """
+    harmonic = np.arange(1, 4 * n_phases + 1)
+    omega = 2.0 * np.pi * harmonic / n_phases
+    damping = np.exp(-0.5 * (omega * response_codes[:, None]) ** 2)
+    wave = np.exp(1j * omega * code[:, None]) * damping
+    start = np.exp(-1j * omega[:, None] * (np.arange(n_phases) + 0.5))
+    weight = np.sinc(harmonic / n_phases) / n_phases / (1j * omega)
+    return np.asarray(2.0 * np.real((wave * weight) @ start))
+
+
+def _mismatch(name: str, ours: Any, theirs: Any) -> str:
+    return (
+        f"the calibration has {name} = {ours}, the recording {theirs}: "
+        "they are not of the same camera and clock setting"
+    )
+
+
+def _agree(ours: float | None, theirs: float | None, tolerance: float) -> bool:
+    """Whether two optional values agree within a relative tolerance."""
+    if ours is None or theirs is None:
+        return ours is theirs
+    return abs(ours - theirs) <= tolerance * abs(theirs)
