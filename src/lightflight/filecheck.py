@@ -1,0 +1,106 @@
+"""Checks that come before a file is opened and before memory is taken for what it claims.
+
+Used by `store` and by every reader in `formats`; each failure is one `FileFormatError`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from lightflight.errors import FileFormatError
+
+_MEMORY_WHEN_UNKNOWN = 8 << 30
+_MEMORY_SHARE = 0.8
+"""Share of the free memory one array of a file may take."""
+
+
+def readable_file(path: str | os.PathLike[str]) -> Path:
+    """Return `path` as a Path after checking that it is a regular file with something in it.
+
+    Raises
+    ------
+    FileFormatError
+        If there is no such file, it is a folder, a pipe or a device, it is empty, or it may
+        not be read.
+    """
+    file = Path(path)
+    try:
+        status = file.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise FileFormatError("there is no such file: check the name", path=path) from None
+    except (OSError, ValueError) as error:
+        raise FileFormatError(f"cannot be looked at: {_reason(error)}", path=path) from None
+    if stat.S_ISDIR(status.st_mode):
+        raise FileFormatError("is a folder, not a file: name a file in it", path=path)
+    if not stat.S_ISREG(status.st_mode):
+        raise FileFormatError("is a pipe or device: save it to a regular file first", path=path)
+    if status.st_size == 0:
+        raise FileFormatError("is empty: record or copy it again", path=path)
+    try:
+        with file.open("rb"):
+            pass
+    except OSError as error:
+        raise FileFormatError(f"cannot be opened: {_reason(error)}", path=path) from None
+    return file
+
+
+def check_memory(n_bytes: int, *, path: str | os.PathLike[str], what: str) -> None:
+    """Refuse what a file claims to hold when it would not fit into the free memory.
+
+    Parameters
+    ----------
+    n_bytes : int
+        Bytes that would be taken.
+    path : path
+        The file, for the message.
+    what : str
+        What would take them, for the message ("dataset counts (32, 32, 1024) uint16").
+    """
+    free = free_memory_bytes()
+    if n_bytes > _MEMORY_SHARE * free:
+        raise FileFormatError(
+            f"{what} needs {n_bytes / 1e9:.3g} GB of memory and {free / 1e9:.3g} GB are free: "
+            "the file is damaged, or must be read in parts",
+            path=path,
+        )
+
+
+def free_memory_bytes() -> int:
+    """Bytes of memory that can be taken without swapping; 8 GiB where the system won't tell."""
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        for line in Path("/proc/meminfo").read_text("ascii").splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        return int(os.sysconf("SC_PAGE_SIZE")) * int(os.sysconf("SC_PHYS_PAGES"))
+    return _MEMORY_WHEN_UNKNOWN
+
+
+@contextlib.contextmanager
+def damage_as_format_error(
+    path: str | os.PathLike[str], *, hint: str = "the file is damaged; copy or record it again"
+) -> Iterator[None]:
+    """Turn whatever a library raises over a damaged file into one `FileFormatError`.
+
+    Broad on purpose: on damaged input HDF5, zlib and the vendors' readers raise almost any
+    exception. `FileFormatError` and `ImportError` pass unchanged.
+    """
+    try:
+        yield
+    except (FileFormatError, ImportError):
+        raise
+    except Exception as error:
+        raise FileFormatError(f"cannot be read ({_reason(error)}): {hint}", path=path) from error
+
+
+def _reason(error: BaseException) -> str:
+    """First line of an exception's text, short enough for a sentence."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    lines = str(error).strip().splitlines()
+    first = lines[0].strip() if lines else ""
+    return (first[:117] + "...") if len(first) > 120 else first or type(error).__name__

@@ -1,0 +1,551 @@
+"""Our own versioned HDF5, and files that appear whole or not at all.
+
+Every record of the package (`Histograms`, `Recording`, `TimingCalibration`, `Pulses`,
+`Arrivals`, `LightPath`) is kept the same way: named NumPy arrays plus one JSON text.
+
+- any file: `atomic_path`
+- a record at once: `save_record`, `load_record`, `kind_of_record`
+- a record piece by piece (recordings larger than memory): `new_record`, `open_record`
+
+Layout of a file (schema version 1): root attributes `format` = "lightflight", `kind` and
+`schema_version`; the root dataset `attributes` holds everything that is not an array as JSON
+text (non-finite numbers as NaN, Infinity, -Infinity); every other dataset is one array, and a
+`/` in its name makes a group.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import json
+import math
+import os
+import shutil
+import stat
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.errors import FileFormatError
+from lightflight.filecheck import check_memory, damage_as_format_error, readable_file
+
+FORMAT_NAME = "lightflight"
+SCHEMA_VERSION = 1
+"""Highest schema this version writes and reads; it reads every lower one too."""
+
+_ATTRIBUTES = "attributes"
+_CHUNKED_FROM_BYTES = 4096
+_CHUNK_BYTES = 1 << 20
+_SLAB_BYTES = 16 << 20
+_MAX_EXPANSION = 1100
+"""Deflate shrinks at most 1032-fold: a dataset that claims more than this is damaged."""
+
+
+# --- files that appear whole or not at all ----------------------------------------------
+
+
+@contextlib.contextmanager
+def atomic_path(path: str | os.PathLike[str], *, directory: bool = False) -> Iterator[Path]:
+    """Give a path to write to that takes the place of `path` only when all went well.
+
+    The new file is written beside the old one, flushed to the disk and renamed over it. After
+    an exception, a full disk or Ctrl-C nothing of it remains, and an old file stays as it was.
+
+    Parameters
+    ----------
+    path : path
+        Where the file shall appear. A symbolic link is followed.
+    directory : bool
+        Write a folder (Zarr) instead of a file. An old folder is moved aside first, and moved
+        back if the new one cannot take its place.
+
+    Yields
+    ------
+    pathlib.Path
+        An empty file (or folder) in the same folder, with the suffix of `path`, since many
+        writers look at it.
+
+    Raises
+    ------
+    OSError
+        If the folder of `path` is missing or cannot be written, if `path` exists and is not a
+        regular file (or not a folder), or if the disk is full.
+    """
+    target = Path(os.path.realpath(path))
+    _check_target(target, directory=directory)
+    fresh = _fresh_beside(target, directory=directory)
+    try:
+        yield fresh
+        if directory:
+            _replace_folder(fresh, target)
+        else:
+            _flush_to_disk(fresh)
+            fresh.chmod(_permissions_for(target, 0o666))
+            fresh.replace(target)
+    except BaseException:
+        _remove(fresh)
+        raise
+    _flush_to_disk(target.parent)
+
+
+def _check_target(target: Path, *, directory: bool) -> None:
+    if not target.parent.is_dir():
+        raise FileNotFoundError(
+            errno.ENOENT, f"cannot write {target.name}: make its folder first", str(target.parent)
+        )
+    if not target.exists():
+        return
+    if directory and not target.is_dir():
+        raise NotADirectoryError(
+            errno.ENOTDIR, "cannot put a folder in place of a file: choose a new name", str(target)
+        )
+    if not directory and target.is_dir():
+        raise IsADirectoryError(
+            errno.EISDIR, "cannot put a file in place of a folder: choose a new name", str(target)
+        )
+    if not directory and not target.is_file():
+        raise OSError(
+            errno.EINVAL, "cannot write to a pipe or device: choose a regular file", str(target)
+        )
+
+
+def _fresh_beside(target: Path, *, directory: bool) -> Path:
+    if directory:
+        return Path(tempfile.mkdtemp(target.suffix, ".lightflight-", target.parent))
+    handle, name = tempfile.mkstemp(target.suffix, ".lightflight-", target.parent)
+    os.close(handle)
+    return Path(name)
+
+
+def _permissions_for(target: Path, everything: int) -> int:
+    """Permissions of what is replaced, or what the umask leaves of `everything`."""
+    if target.exists():
+        return stat.S_IMODE(target.stat().st_mode)
+    mask = os.umask(0)
+    os.umask(mask)
+    return everything & ~mask
+
+
+def _flush_to_disk(path: Path) -> None:
+    """Sync one file, or one folder where the system can (Windows and some networks cannot)."""
+    is_folder = path.is_dir()
+    if is_folder and os.name == "nt":
+        return
+    handle = os.open(path, os.O_RDONLY if is_folder else os.O_RDWR)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if not (is_folder and error.errno in (errno.EINVAL, errno.ENOTSUP)):
+            raise
+    finally:
+        os.close(handle)
+
+
+def _replace_folder(fresh: Path, target: Path) -> None:
+    for folder, _, names in os.walk(fresh):
+        for name in names:
+            _flush_to_disk(Path(folder, name))
+    fresh.chmod(_permissions_for(target, 0o777))
+    if not target.exists():
+        fresh.rename(target)
+        return
+    aside = Path(tempfile.mkdtemp(target.suffix, ".lightflight-old-", target.parent))
+    try:
+        target.rename(aside / target.name)
+        fresh.rename(target)
+    except BaseException:
+        if not target.exists():
+            (aside / target.name).rename(target)
+        raise
+    finally:
+        _remove(aside)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+# --- writing records --------------------------------------------------------------------
+
+
+def save_record(
+    path: str | os.PathLike[str],
+    *,
+    kind: str,
+    arrays: Mapping[str, NDArray[Any]],
+    attributes: Mapping[str, Any],
+) -> None:
+    """Write one record, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        File to write; an existing one is replaced only at the end.
+    kind : str
+        What the record is: "histograms", "recording", "calibration", "pulses", "arrivals",
+        "path" ...
+    arrays : mapping of str to array
+        Any shape; booleans, numbers, structured numbers or text. A `/` makes a group.
+    attributes : mapping of str to JSON values
+        Everything else; NumPy scalars and arrays become numbers and lists, tuples lists.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written (no folder, no permission, disk full).
+    TypeError
+        If an array holds Python objects or an attribute is not JSON.
+    """
+    with new_record(path, kind=kind, attributes=attributes) as record:
+        for name, array in arrays.items():
+            record.write(name, array)
+
+
+@contextlib.contextmanager
+def new_record(
+    path: str | os.PathLike[str], *, kind: str, attributes: Mapping[str, Any]
+) -> Iterator[RecordWriter]:
+    """Open a record for writing piece by piece; it appears at `path` when the block ends well.
+
+    Takes and raises what `save_record` does; arrays are written, or grown, by the
+    `RecordWriter` it yields.
+    """
+    text = json.dumps(dict(attributes), default=_json_value, ensure_ascii=False).encode("utf-8")
+    with atomic_path(path) as fresh, _DiskFile(fresh, shown=path) as disk:
+        with h5py.File(disk, "w", track_order=True) as file:
+            file.attrs["format"] = FORMAT_NAME
+            file.attrs["kind"] = kind
+            file.attrs["schema_version"] = SCHEMA_VERSION
+            file.create_dataset(
+                _ATTRIBUTES, data=np.array(text, h5py.string_dtype("utf-8", len(text)))
+            )
+            yield RecordWriter(file, disk)
+        disk.check()
+
+
+class RecordWriter:
+    """Puts arrays into a record that is being written; made by `new_record`."""
+
+    def __init__(self, file: h5py.File, disk: _DiskFile) -> None:
+        self._file = file
+        self._disk = disk
+
+    def write(self, name: str, array: NDArray[Any]) -> None:
+        """Write one array, compressed and with checksums where it is not small."""
+        values = _storable(name, np.asarray(array))
+        if values.ndim == 0 or values.nbytes < _CHUNKED_FROM_BYTES:
+            self._file.create_dataset(name, data=values)
+        else:
+            chunks = _chunk_shape(values.shape, values.dtype.itemsize)
+            dataset = self._file.create_dataset(
+                name, values.shape, values.dtype, chunks=chunks, **_FILTERS
+            )
+            row_bytes = values[0].nbytes
+            step = math.ceil(_SLAB_BYTES / row_bytes / chunks[0]) * chunks[0]
+            for start in range(0, values.shape[0], step):
+                dataset[start : start + step] = values[start : start + step]
+                self._disk.check()
+        self._disk.check()
+
+    def append(self, name: str, values: NDArray[Any]) -> None:
+        """Grow an array along its first axis; it is made on first use."""
+        values = _storable(name, np.asarray(values))
+        if name not in self._file:
+            chunks = _chunk_shape((1 << 62, *values.shape[1:]), values.dtype.itemsize)
+            self._file.create_dataset(
+                name,
+                (0, *values.shape[1:]),
+                values.dtype,
+                maxshape=(None, *values.shape[1:]),
+                chunks=chunks,
+                fletcher32=True,
+            )
+        dataset = self._file[name]
+        n_old = dataset.shape[0]
+        dataset.resize(n_old + values.shape[0], axis=0)
+        dataset[n_old:] = values
+        self._disk.check()
+
+
+_FILTERS: dict[str, Any] = {
+    "compression": "gzip",
+    "compression_opts": 1,
+    "shuffle": True,
+    "fletcher32": True,
+}
+
+
+def _storable(name: str, values: NDArray[Any]) -> NDArray[Any]:
+    if values.dtype.hasobject:
+        raise TypeError(f"array {name!r} holds Python objects: give numbers, booleans or text")
+    if values.dtype.kind == "U":
+        return np.strings.encode(values, "utf-8")
+    return values
+
+
+def _chunk_shape(shape: tuple[int, ...], item_bytes: int) -> tuple[int, ...]:
+    """Blocks of about 1 MiB that are whole in the last axes."""
+    left = max(1, _CHUNK_BYTES // item_bytes)
+    chunks: list[int] = []
+    for length in reversed(shape):
+        chunks.append(max(1, min(length, left)))
+        left = max(1, left // chunks[-1])
+    return tuple(reversed(chunks))
+
+
+def _json_value(value: object) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    raise TypeError(f"attribute of type {type(value).__name__} cannot be stored: {value!r}")
+
+
+class _DiskFile(io.RawIOBase):
+    """A file for HDF5 to write to that never fails in HDF5's sight.
+
+    The HDF5 library crashes the process when a disk fills up under it. Here the first error is
+    kept for `check`, and what cannot be written is held in memory until the file is closed.
+    """
+
+    def __init__(self, path: Path, *, shown: str | os.PathLike[str]) -> None:
+        super().__init__()
+        self._file = path.open("w+b", buffering=0)
+        self._shown = os.fspath(shown)
+        self._position = 0
+        self._error: BaseException | None = None
+        self._unwritten: list[tuple[int, bytes]] = []
+
+    def check(self) -> None:
+        """Raise the first error that writing met, if any."""
+        if isinstance(self._error, OSError):
+            raise OSError(
+                self._error.errno,
+                f"cannot write, {self._error.strerror}: free some space or write elsewhere",
+                self._shown,
+            ) from self._error
+        if self._error is not None:
+            raise self._error
+
+    def readable(self) -> bool:
+        return True
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        if whence == os.SEEK_END:
+            size = self._file.seek(0, os.SEEK_END)
+            ends = [start + len(block) for start, block in self._unwritten]
+            offset += max([size, *ends])
+        elif whence == os.SEEK_CUR:
+            offset += self._position
+        self._position = offset
+        return offset
+
+    def tell(self) -> int:
+        return self._position
+
+    def truncate(self, size: int | None = None) -> int:
+        size = self._position if size is None else size
+        try:
+            self._file.truncate(size)
+        except BaseException as error:  # noqa: BLE001  (see the class: HDF5 must not see it)
+            self._error = self._error or error
+        return size
+
+    def write(self, block: Any) -> int:
+        n_bytes = memoryview(block).nbytes
+        try:
+            if self._error is None:
+                self._write_all(memoryview(block).cast("B"))
+        except BaseException as error:  # noqa: BLE001
+            self._error = error
+        if self._error is not None:
+            self._unwritten.append((self._position, bytes(block)))
+        self._position += n_bytes
+        return n_bytes
+
+    def _write_all(self, block: memoryview) -> None:
+        self._file.seek(self._position)
+        while block.nbytes:
+            block = block[self._file.write(block) :]
+
+    def readinto(self, buffer: Any) -> int:
+        view = memoryview(buffer).cast("B")
+        view[:] = bytes(view.nbytes)
+        self._file.seek(self._position)
+        self._file.readinto(view)
+        for start, block in self._unwritten:
+            here = self._position
+            low, high = max(start, here), min(start + len(block), here + view.nbytes)
+            if low < high:
+                view[low - here : high - here] = block[low - start : high - start]
+        self._position += view.nbytes
+        return view.nbytes
+
+    def close(self) -> None:
+        self._file.close()
+        super().close()
+
+
+# --- reading records --------------------------------------------------------------------
+
+
+def load_record(
+    path: str | os.PathLike[str], *, kind: str
+) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Read one record written by `save_record`.
+
+    Parameters
+    ----------
+    path : path
+        File to read.
+    kind : str
+        What it must hold.
+
+    Returns
+    -------
+    arrays : dict of str to array
+        Fresh arrays in native byte order, under the names they were saved with.
+    attributes : dict
+        The JSON values.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is missing, empty, truncated, foreign or damaged, of another kind, or
+        written by a newer version.
+    """
+    with open_record(path, kind=kind) as (file, attributes):
+        arrays = {
+            name: read_array(file[name], path=path)
+            for name in _array_names(file, path)
+            if name != _ATTRIBUTES
+        }
+    return arrays, attributes
+
+
+@contextlib.contextmanager
+def open_record(
+    path: str | os.PathLike[str], *, kind: str
+) -> Iterator[tuple[h5py.File, dict[str, Any]]]:
+    """Open a record to read its arrays in parts: yields (file, attributes).
+
+    Raises like `load_record`, for what happens inside the block too.
+    """
+    file_path = readable_file(path)
+    _check_is_hdf5(file_path, path)
+    with damage_as_format_error(path), h5py.File(file_path, "r", locking="best-effort") as file:
+        _check_header(file, path, kind)
+        yield file, _attributes_from(file, path)
+
+
+def kind_of_record(path: str | os.PathLike[str]) -> str | None:
+    """What one of our files holds ("histograms", "path" ...); None where it is not ours."""
+    file_path = readable_file(path)
+    if not h5py.is_hdf5(file_path):
+        return None
+    with damage_as_format_error(path), h5py.File(file_path, "r", locking="best-effort") as file:
+        kind = file.attrs.get("kind")
+        is_ours = file.attrs.get("format") == FORMAT_NAME and isinstance(kind, str)
+        return kind if is_ours else None
+
+
+def read_array(dataset: Any, *, path: str | os.PathLike[str]) -> NDArray[Any]:
+    """Read a whole dataset after checking that its claimed size is true and fits into memory.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no dataset of numbers or text, claims more than the file can hold, or lives
+        in another file.
+    """
+    name = str(getattr(dataset, "name", "?")).lstrip("/")
+    if not isinstance(dataset, h5py.Dataset):
+        raise FileFormatError(f"{name!r} is not an array", path=path)
+    if dataset.is_virtual or dataset.external:
+        raise FileFormatError(f"array {name!r} lies in another file: copy it in", path=path)
+    if dataset.dtype.hasobject or dataset.shape is None:
+        raise FileFormatError(f"array {name!r} holds neither numbers nor text", path=path)
+    size = dataset.size * dataset.dtype.itemsize
+    stored = dataset.id.get_storage_size()
+    chunk = math.prod(dataset.chunks or (0,)) * dataset.dtype.itemsize
+    if size > _MAX_EXPANSION * stored or chunk > max(size, 64 * _CHUNK_BYTES):
+        raise FileFormatError(
+            f"array {name!r} claims {size} bytes and stores {stored}: the file is damaged",
+            path=path,
+        )
+    check_memory(size, path=path, what=f"array {name!r} {dataset.shape}")
+    values: NDArray[Any] = np.asarray(dataset[()])
+    values = values.astype(values.dtype.newbyteorder("="), copy=False)
+    if values.dtype.kind == "S":
+        values = np.strings.decode(values, "utf-8")
+    return values
+
+
+def _check_is_hdf5(file_path: Path, path: str | os.PathLike[str]) -> None:
+    if not h5py.is_hdf5(file_path):
+        with file_path.open("rb") as stream:
+            start = stream.read(8)
+        raise FileFormatError(
+            f"is not a lightflight file (it starts with {start!r}): name a file that "
+            "lightflight wrote, or import this one with lightflight.read",
+            path=path,
+        )
+
+
+def _check_header(file: h5py.File, path: str | os.PathLike[str], kind: str) -> None:
+    if file.attrs.get("format") != FORMAT_NAME:
+        raise FileFormatError(
+            "is an HDF5 file, but not one of lightflight: import it with lightflight.read",
+            path=path,
+        )
+    version = file.attrs.get("schema_version")
+    if not isinstance(version, (int, np.integer)) or version < 1:
+        raise FileFormatError(f"has schema version {version!r}: the file is damaged", path=path)
+    if version > SCHEMA_VERSION:
+        raise FileFormatError(
+            f"was written by a newer lightflight (schema {version}, this one reads up to "
+            f"{SCHEMA_VERSION}): upgrade lightflight",
+            path=path,
+        )
+    found = file.attrs.get("kind")
+    if found != kind:
+        raise FileFormatError(f"holds {found!r}, but {kind!r} is needed here", path=path)
+
+
+def _attributes_from(file: h5py.File, path: str | os.PathLike[str]) -> dict[str, Any]:
+    text = read_array(file.get(_ATTRIBUTES), path=path)
+    try:
+        attributes = json.loads(str(text))
+    except (ValueError, RecursionError):
+        attributes = None
+    if not isinstance(attributes, dict):
+        raise FileFormatError("its attributes are not readable: the file is damaged", path=path)
+    return attributes
+
+
+def _array_names(file: h5py.File, path: str | os.PathLike[str]) -> list[str]:
+    names: list[str] = []
+
+    def note(name: str, node: Any) -> None:
+        if isinstance(node, h5py.Dataset):
+            names.append(name)
+
+    file.visititems(note)
+    return names
