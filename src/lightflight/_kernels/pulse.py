@@ -1,0 +1,616 @@
+"""Pulse kernels: scan one pixel for a pulse, fit one or several pulses on a background.
+
+A pixel is a row of *bins* in ascending time: edges (n + 1), counts (n), exposure (n). A bin's
+exposure is its width, or 0 where no light can be recorded (gaps between code intervals). With a
+period the bins cover the whole ring and the last edge is the first edge + period.
+
+Parameters of a fit with J pulses, `theta` (2 J + 2):
+centres c_0 ... c_{J-1}, photons A_0 ... A_{J-1}, one shared std s, background b per unit time.
+The expected counts of bin k are  sum_j A_j [Phi((e_{k+1} - c_j)/s) - Phi((e_k - c_j)/s)] + b w_k.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight._kernels.jit import jit
+
+Floats = NDArray[np.float64]
+
+INV_SQRT_2 = math.sqrt(0.5)
+INV_SQRT_2PI = 1.0 / math.sqrt(2.0 * math.pi)
+REACH = 7.5  # a pulse is nothing (1e-13 of its photons) beyond this many std
+MAX_STEPS = 60
+TOLERANCE = 1e-6  # squared length of the last step in standard errors
+MIN_EXPECTED = 0.01  # bins expected to hold fewer counts say nothing about goodness of fit
+
+
+@jit
+def bins_from_codes(counts, lower, upper, period, bins):
+    """Bins of one pixel in ascending time; returns how many, 0 where no code has a width.
+
+    Codes without width are dropped together with what they counted; time that no code covers
+    becomes a bin without exposure. `period` is inf where nothing folds; a code more than one
+    period from the start of code 0 (backward codes: from its end) cannot be reached.
+    """
+    bin_counts, edges, exposure = bins
+    n_codes = counts.size
+    backward = lower[0] > lower[n_codes - 1]
+    earliest = upper[0] - period if backward else -math.inf
+    latest = math.inf if backward else lower[0] + period
+    n = 0
+    for i in range(n_codes):
+        k = n_codes - 1 - i if backward else i
+        start, end = max(lower[k], earliest), min(upper[k], latest)
+        if n == 0:
+            edges[0] = start
+        if not end > max(start, edges[n]):
+            continue
+        if start > edges[n] + 1e-6 * (end - start):
+            bin_counts[n], exposure[n] = 0.0, 0.0
+            n += 1
+            edges[n] = start
+        bin_counts[n] = counts[k]
+        exposure[n] = end - edges[n]
+        edges[n + 1] = end
+        n += 1
+    if n > 0 and period < math.inf and edges[n] < edges[0] + period:
+        bin_counts[n], exposure[n] = 0.0, 0.0
+        edges[n + 1] = edges[0] + period
+        n += 1
+    return n
+
+
+@jit
+def log_excess(inside, total, expected):
+    """Chernoff's bound: counts in a window this high by chance have probability <= exp(-value).
+
+    `inside` of `total` counts fell into a window where `expected` were due.
+    """
+    if inside <= expected or expected <= 0.0:
+        return 0.0
+    value = inside * math.log(inside / expected)
+    if total > inside:
+        value += (total - inside) * math.log((total - inside) / (total - expected))
+    return value
+
+
+@jit
+def next_length(length):
+    """1, 2, 3, 4, 6, 8, 12, 16, 24 ...: window lengths of a scan."""
+    if length < 3:
+        return length + 1
+    return length * 3 // 2 if length % 3 else length * 4 // 3
+
+
+@jit
+def scan_for_pulse(bins, n, folds, double_code, sums, best):
+    """Find the window of bins whose counts chance explains least; returns all counts.
+
+    Windows of 1, 2, 3, 4, 6, 8, ... bins are tried at every position (across the fold where
+    `folds`). What is due in a window follows its exposure, raised by what an imperfect clock may
+    do: `double_code` bins' worth of light too much in a window, and 5 % of `double_code` more.
+
+    best: log excess over the number of windows tried (false alarms: exp(-that)), first bin,
+    number of bins.
+    """
+    counts, _, exposure = bins
+    cumulative, covered = sums
+    cumulative[0], covered[0] = 0.0, 0.0
+    for i in range(2 * n if folds else n):
+        k = i if i < n else i - n
+        cumulative[i + 1] = cumulative[i] + counts[k]
+        covered[i + 1] = covered[i] + exposure[k]
+    total, all_exposure = cumulative[n], covered[n]
+    best[0], best[1], best[2] = 0.0, 0.0, 1.0
+    n_lengths, length = 0, 1 if double_code < 0.5 else 2
+    while 2 * length <= n or n_lengths == 0:
+        n_lengths += 1
+        due = total * (1.0 + double_code * (1.0 / length + 0.05)) / all_exposure
+        for i in range(n if folds else n - length + 1):
+            inside = cumulative[i + length] - cumulative[i]
+            expected = due * (covered[i + length] - covered[i])
+            if inside > expected and expected < total:
+                value = log_excess(inside, total, expected)
+                if value > best[0]:
+                    best[0], best[1], best[2] = value, i, length
+        length = next_length(length)
+    best[0] -= math.log(n * n_lengths)
+    return total
+
+
+@jit
+def start_from_window(bins, n, period, sums, first, length, theta):
+    """Rough centre, photons, std, background from the window a scan found, into theta."""
+    counts, edges, exposure = bins
+    inside = sums[0][first + length] - sums[0][first]
+    covered = sums[1][first + length] - sums[1][first]
+    unlit = max(sums[1][n] - covered, 1e-3 * sums[1][n])
+    background = min(max(sums[0][n] - inside, 0.5) / unlit, 0.9 * inside / covered)
+    signal, moment = 0.0, 0.0
+    for i in range(first, first + length):
+        k, shift = (i, 0.0) if i < n else (i - n, period)
+        excess = counts[k] - background * exposure[k]
+        signal += excess
+        moment += excess * (0.5 * (edges[k] + edges[k + 1]) + shift)
+    last = first + length - 1
+    low = edges[first]
+    high = edges[last + 1] if last < n else edges[last - n + 1] + period
+    theta[0] = min(max(moment / signal, low), high)
+    theta[1] = 1.1 * signal
+    theta[2] = (high - low) / 3.2
+    theta[3] = background
+
+
+@jit
+def load_window(bins, n, period, low, high, window):
+    """Copy the bins that overlap [low, high), unfolded around it; returns how many."""
+    counts, edges, exposure = bins
+    w_counts, w_edges, w_exposure = window
+    shift = 0.0
+    if period < math.inf:
+        shift = math.floor((low - edges[0]) / period) * period
+    k = np.searchsorted(edges[: n + 1], low - shift, side="right") - 1
+    k = min(max(k, 0), n - 1)
+    m = 0
+    w_edges[0] = edges[k] + shift
+    while m < n and (m == 0 or w_edges[m] < high):
+        w_counts[m] = counts[k]
+        w_exposure[m] = exposure[k]
+        w_edges[m + 1] = edges[k + 1] + shift
+        m += 1
+        k += 1
+        if k == n:
+            if period == math.inf:
+                break
+            k = 0
+            shift += period
+    return m
+
+
+@jit
+def load_around(bins, n, period, theta, n_pulses, reach, window, outside):
+    """Load the window that holds every pulse out to `reach` std; sum what lies outside it.
+
+    The window never exceeds one period, and is then centred on the pulses.
+    """
+    low, high = math.inf, -math.inf
+    for j in range(n_pulses):
+        low, high = min(low, theta[j]), max(high, theta[j])
+    half = 0.5 * (high - low) + reach * theta[2 * n_pulses]
+    half = min(half, 0.5 * period)
+    middle = 0.5 * (low + high)
+    m = load_window(bins, n, period, middle - half, middle + half, window)
+    outside[0], outside[1] = 0.0, 0.0
+    if m < n:
+        for k in range(n):
+            outside[0] += bins[0][k]
+            outside[1] += bins[2][k]
+        for k in range(m):
+            outside[0] -= window[0][k]
+            outside[1] -= window[2][k]
+    return m
+
+
+@jit
+def bin_model(theta, n_pulses, low, high, width, sampled, slope):
+    """Expected counts of one bin and their derivatives by theta (into `slope`).
+
+    Integrated Gaussian, or `sampled` at the bin's middle as the paper's least squares does.
+    """
+    std = theta[2 * n_pulses]
+    expected = theta[2 * n_pulses + 1] * width
+    slope_std = 0.0
+    for j in range(n_pulses):
+        photons = theta[n_pulses + j]
+        if sampled:
+            z = (0.5 * (low + high) - theta[j]) / std
+            share = width * INV_SQRT_2PI * math.exp(-0.5 * z * z) / std
+            by_centre = share * z / std
+            by_std = share * (z * z - 1.0) / std
+        else:
+            z_low, z_high = (low - theta[j]) / std, (high - theta[j]) / std
+            share = 0.5 * (math.erf(z_high * INV_SQRT_2) - math.erf(z_low * INV_SQRT_2))
+            pdf_low = INV_SQRT_2PI * math.exp(-0.5 * z_low * z_low)
+            pdf_high = INV_SQRT_2PI * math.exp(-0.5 * z_high * z_high)
+            by_centre = (pdf_low - pdf_high) / std
+            by_std = (z_low * pdf_low - z_high * pdf_high) / std
+        expected += photons * share
+        slope[j] = photons * by_centre
+        slope[n_pulses + j] = share
+        slope_std += photons * by_std
+    slope[2 * n_pulses] = slope_std
+    slope[2 * n_pulses + 1] = width
+    return expected
+
+
+@jit
+def evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info):
+    """Objective (larger is better), its gradient and expected information at theta.
+
+    Poisson log-likelihood, or minus half the sum of squares. `outside` = (counts, exposure) of
+    the bins beyond the window: there the model is b w, so two sums are all they contribute.
+    """
+    counts, edges, exposure = window
+    poisson, sampled, _ = model
+    size = 2 * n_pulses + 2
+    grad[:size] = 0.0
+    info[:size, :size] = 0.0
+    objective = 0.0
+    for k in range(m):
+        if exposure[k] <= 0.0:
+            continue
+        expected = bin_model(theta, n_pulses, edges[k], edges[k + 1], exposure[k], sampled, slope)
+        if poisson:
+            weight = 1.0 / expected
+            pull = counts[k] * weight - 1.0
+            objective += counts[k] * math.log(expected) - expected
+        else:
+            weight = 1.0
+            pull = counts[k] - expected
+            objective -= 0.5 * pull * pull
+        for a in range(size):
+            grad[a] += slope[a] * pull
+            weighted = slope[a] * weight
+            for b in range(a + 1):
+                info[a, b] += weighted * slope[b]
+    if outside[1] > 0.0:  # Poisson only: least squares always takes every bin
+        background = theta[size - 1]
+        objective += outside[0] * math.log(background) - background * outside[1]
+        grad[size - 1] += outside[0] / background - outside[1]
+        info[size - 1, size - 1] += outside[1] / background
+    for a in range(size):
+        for b in range(a):
+            info[b, a] = info[a, b]
+    return objective
+
+
+@jit
+def factorise(info, free, size, damping, scale, factor):
+    """Cholesky factor of the scaled information of the free parameters; False if singular.
+
+    Fixed parameters get a unit row. `damping` is Marquardt's: it raises the diagonal.
+    """
+    for a in range(size):
+        scale[a] = 1.0
+        if free[a]:
+            if not info[a, a] > 0.0:
+                return False
+            scale[a] = 1.0 / math.sqrt(info[a, a])
+    for a in range(size):
+        for b in range(a + 1):
+            value = info[a, b] * scale[a] * scale[b] if free[a] and free[b] else 0.0
+            if a == b:
+                value = 1.0 + damping
+            for i in range(b):
+                value -= factor[a, i] * factor[b, i]
+            if a == b:
+                if not value > 1e-12:
+                    return False
+                factor[a, a] = math.sqrt(value)
+            else:
+                factor[a, b] = value / factor[b, b]
+    return True
+
+
+@jit
+def solve(factor, scale, free, size, right, solution):
+    """Solve information @ solution = right with the factor from `factorise`."""
+    for a in range(size):
+        value = right[a] * scale[a] if free[a] else 0.0
+        for i in range(a):
+            value -= factor[a, i] * solution[i]
+        solution[a] = value / factor[a, a]
+    for back in range(size):
+        a = size - 1 - back
+        value = solution[a]
+        for i in range(a + 1, size):
+            value -= factor[i, a] * solution[i]
+        solution[a] = value / factor[a, a]
+    for a in range(size):
+        solution[a] = solution[a] * scale[a] if free[a] else 0.0
+
+
+@jit
+def limited_step(theta, step, n_pulses, bounds, trial):
+    """Take a step from theta; std changes at most twofold, photons shrink threefold, centres move 2 std."""
+    min_std, max_std, min_background = bounds
+    std = theta[2 * n_pulses]
+    for j in range(n_pulses):
+        trial[j] = theta[j] + min(max(step[j], -2.0 * std), 2.0 * std)
+        photons = theta[n_pulses + j] + step[n_pulses + j]
+        trial[n_pulses + j] = max(photons, theta[n_pulses + j] / 3.0)
+    wanted = min(max(std + step[2 * n_pulses], 0.5 * std), 2.0 * std)
+    trial[2 * n_pulses] = min(max(wanted, min_std), max_std)
+    background = theta[2 * n_pulses + 1] + step[2 * n_pulses + 1]
+    trial[2 * n_pulses + 1] = max(background, min_background)
+
+
+@jit
+def free_parameters(theta, grad, n_pulses, bounds, fit_std, free):
+    """Mark the free parameters: those at a bound and pushed against it are not."""
+    min_std, max_std, min_background = bounds
+    size = 2 * n_pulses + 2
+    free[:size] = True
+    std, background = theta[size - 2], theta[size - 1]
+    at_low = std <= min_std and grad[size - 2] < 0.0
+    at_high = std >= max_std and grad[size - 2] > 0.0
+    if not fit_std or at_low or at_high:
+        free[size - 2] = False
+    if background <= min_background and grad[size - 1] < 0.0:
+        free[size - 1] = False
+
+
+@jit
+def bounds_of(bins, n, period, model):
+    """(smallest std, largest std, smallest background) a fit of these bins may reach.
+
+    A tenth of a mean bin: below it position and width inside one bin cannot be told. A
+    thousandth of a count over the whole range: next to none, and the logarithm stays finite.
+    """
+    all_exposure, n_live = 0.0, 0
+    for k in range(n):
+        all_exposure += bins[2][k]
+        n_live += bins[2][k] > 0.0
+    span = min(period, bins[1][n] - bins[1][0])
+    floor = 1e-3 / all_exposure if model[0] else -math.inf
+    return 0.1 * all_exposure / n_live, 0.5 * span, floor
+
+
+@jit
+def fit_bins(bins, n, period, theta, n_pulses, model, fit_std, window, scratch, outcome):
+    """Damped Fisher scoring from the start in `theta`, which it replaces.
+
+    Never accepts a step that lowers the objective. A Poisson fit looks at a window that follows
+    and grows with the pulses; the rest enters through sums, so it is the full-range fit.
+
+    outcome: objective, converged (1 or 0), squared length of the last step, steps taken.
+    Leaves information (expected) and free parameters in the scratch; returns bins in the window.
+    """
+    vectors, matrices, free, outside = scratch
+    slope, grad, step, trial, new_grad, scale = vectors
+    info, new_info, factor = matrices
+    size = 2 * n_pulses + 2
+    bounds = bounds_of(bins, n, period, model)
+    reach = 1.25 * REACH if model[0] else math.inf
+    theta[size - 2] = min(max(theta[size - 2], bounds[0]), bounds[1])
+    theta[size - 1] = max(theta[size - 1], bounds[2])
+    m = load_around(bins, n, period, theta, n_pulses, reach, window, outside)
+    objective = evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info)
+    damping, length2, steps, converged = 0.0, math.inf, 0, False
+    while steps < MAX_STEPS and not converged and damping < 1e10:
+        steps += 1
+        free_parameters(theta, grad, n_pulses, bounds, fit_std, free)
+        if not factorise(info, free, size, damping, scale, factor):
+            damping = max(10.0 * damping, 1e-3)
+            continue
+        solve(factor, scale, free, size, grad, step)
+        length2 = 0.0
+        for a in range(size):
+            length2 += step[a] * grad[a]
+        limited_step(theta, step, n_pulses, bounds, trial)
+        new = evaluate(trial, n_pulses, window, m, outside, model, slope, new_grad, new_info)
+        if not new >= objective - 1e-12 * abs(objective):
+            damping = max(10.0 * damping, 1e-2)
+            continue
+        theta[:size], grad[:size] = trial[:size], new_grad[:size]
+        info[:size, :size] = new_info[:size, :size]
+        objective = new
+        unit = 1.0 if model[0] else max(-2.0 * objective / max(m - size, 1), 1e-300)
+        converged = length2 < TOLERANCE * unit and damping < 1.0
+        damping = 0.0 if damping < 1e-2 else 0.1 * damping
+        if m < n and not window_holds(theta, n_pulses, window, m):
+            m = load_around(bins, n, period, theta, n_pulses, reach, window, outside)
+            objective = evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info)
+    free_parameters(theta, grad, n_pulses, bounds, fit_std, free)
+    outcome[0], outcome[1], outcome[2], outcome[3] = objective, converged, length2, steps
+    return m
+
+
+@jit
+def window_holds(theta, n_pulses, window, m):
+    """True where the loaded window holds every pulse out to REACH std."""
+    reach = REACH * theta[2 * n_pulses]
+    for j in range(n_pulses):
+        if theta[j] - reach < window[1][0] or theta[j] + reach > window[1][m]:
+            return False
+    return True
+
+
+@jit
+def describe_fit(bins, n, theta, n_pulses, model, window, m, scratch, summary):
+    """Goodness of fit, and the share of the pulses the live bins could record.
+
+    summary: Pearson chi2, its bins, chi2 over bins with >= 1 expected count in units of its own
+    standard deviation above expectation, smallest share of a pulse inside live bins.
+    """
+    counts, edges, exposure = window
+    vectors, outside = scratch[0], scratch[3]
+    slope, held = vectors[0], vectors[4]
+    size = 2 * n_pulses + 2
+    held[:n_pulses] = 0.0
+    chi2, n_bins, rich_chi2, rich_bins, rich_variance = 0.0, 0, 0.0, 0, 0.0
+    for k in range(m):
+        if exposure[k] <= 0.0:
+            continue
+        expected = bin_model(theta, n_pulses, edges[k], edges[k + 1], exposure[k], model[1], slope)
+        for j in range(n_pulses):
+            held[j] += slope[n_pulses + j]
+        if expected < MIN_EXPECTED:
+            continue
+        term = (counts[k] - expected) ** 2 / expected
+        chi2 += term
+        n_bins += 1
+        if expected >= 1.0:
+            rich_chi2 += term
+            rich_bins += 1
+            rich_variance += 2.0 + 1.0 / expected
+    if outside[1] > 0.0:
+        background = theta[size - 1]
+        term, n_out, inverse = outside_chi2(bins, n, window, m, background)
+        if background * outside[1] >= MIN_EXPECTED * n_out:
+            chi2 += term
+            n_bins += n_out
+        if background * outside[1] >= n_out:
+            rich_chi2 += term
+            rich_bins += n_out
+            rich_variance += 2.0 * n_out + inverse / background
+    summary[0], summary[1] = chi2, n_bins
+    summary[2] = (rich_chi2 - rich_bins) / math.sqrt(max(rich_variance, 1.0))
+    summary[3] = held[:n_pulses].min()
+
+
+@jit
+def outside_chi2(bins, n, window, m, background):
+    """Pearson chi2 of the bins beyond the window, their number, and the sum of 1 / exposure."""
+    squares, total, exposed, inverse, n_live = 0.0, 0.0, 0.0, 0.0, 0
+    for part in range(2):
+        counts, _, exposure = bins if part == 0 else window
+        sign = 1.0 if part == 0 else -1.0
+        for k in range(n if part == 0 else m):
+            if exposure[k] > 0.0:
+                squares += sign * counts[k] * counts[k] / exposure[k]
+                total += sign * counts[k]
+                exposed += sign * exposure[k]
+                inverse += sign / exposure[k]
+                n_live += 1 if part == 0 else -1
+    return squares / background - 2.0 * total + background * exposed, n_live, inverse
+
+
+@jit
+def sandwich(bread, meat, size, factor, spare):
+    """Bread becomes factor * bread @ meat @ bread, all symmetric."""
+    for a in range(size):
+        for b in range(size):
+            spare[a, b] = 0.0
+            for i in range(size):
+                spare[a, b] += bread[a, i] * meat[i, b]
+    for a in range(size):
+        for b in range(a + 1):
+            meat[a, b] = 0.0
+            for i in range(size):
+                meat[a, b] += spare[a, i] * bread[i, b]
+    for a in range(size):
+        for b in range(a + 1):
+            bread[a, b] = factor * meat[a, b]
+            bread[b, a] = bread[a, b]
+
+
+@jit
+def covariance_of_fit(theta, n_pulses, model, whole_exposure, window, m, scratch, covariance):
+    """Covariance of theta (into `covariance`); False where the information is singular.
+
+    Poisson likelihood: inverse of the expected information. Least squares: sandwich, with the
+    model's variance for counts and the residuals' for scaled intensities (model[2]). A background
+    at zero gets the standard deviation of one count over the whole range; a std at its bound
+    gets its own size.
+    """
+    vectors, matrices, free, _ = scratch
+    slope, column, unit, scale = vectors[0], vectors[2], vectors[3], vectors[5]
+    info, meat, factor = matrices
+    counts, edges, exposure = window
+    size = 2 * n_pulses + 2
+    if not factorise(info, free, size, 0.0, scale, factor):
+        covariance[:size, :size] = math.nan
+        return False
+    for a in range(size):
+        unit[:size] = 0.0
+        unit[a] = 1.0
+        solve(factor, scale, free, size, unit, column)
+        covariance[:size, a] = column[:size]
+    if not model[0]:
+        meat[:size, :size] = 0.0
+        n_live = 0
+        for k in range(m):
+            if exposure[k] <= 0.0:
+                continue
+            n_live += 1
+            expected = bin_model(
+                theta, n_pulses, edges[k], edges[k + 1], exposure[k], model[1], slope
+            )
+            variance = max(expected, 0.0) if model[2] else (counts[k] - expected) ** 2
+            for a in range(size):
+                for b in range(size):
+                    meat[a, b] += variance * slope[a] * slope[b]
+        spread = 1.0 if model[2] else n_live / max(n_live - size, 1)
+        sandwich(covariance, meat, size, spread, factor)
+    if not free[size - 1]:
+        covariance[size - 1, size - 1] = 1.0 / whole_exposure**2
+    if not free[size - 2]:
+        covariance[size - 2, size - 2] = theta[size - 2] ** 2
+    return True
+
+
+@jit
+def new_scratch(n_bins, max_pulses):
+    """Work space for pixels of up to `n_bins` bins: bins, window, running sums, small arrays."""
+    size = 2 * max_pulses + 2
+    bins = (np.empty(n_bins), np.empty(n_bins + 1), np.empty(n_bins))
+    window = (np.empty(n_bins), np.empty(n_bins + 1), np.empty(n_bins))
+    sums = (np.empty(2 * n_bins + 1), np.empty(2 * n_bins + 1))
+    vectors = (
+        np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size),
+        np.empty(size),
+    )  # fmt: skip
+    matrices = (np.empty((size, size)), np.empty((size, size)), np.empty((size, size)))
+    small = (vectors, matrices, np.ones(size, np.bool_), np.zeros(2))
+    return bins, window, sums, small
+
+
+@jit
+def fit_tile(
+    counts: Floats,
+    lower: Floats,
+    upper: Floats,
+    period: float,
+    todo: NDArray[np.bool_],
+    double_code: Floats,
+    log_alarms: float,
+    model: tuple[bool, bool, bool],
+    thetas: Floats,
+    covariances: Floats,
+    table: Floats,
+) -> None:
+    """Fit the one strongest pulse of each pixel of a tile.
+
+    counts (m, codes); lower, upper (m or 1, codes); todo (m,) bool; double_code (m,), see
+    `scan_for_pulse`; log_alarms: a pulse must be less likely by chance than exp(-that).
+
+    thetas (m, 4) centre, photons, std, background; covariances (m, 4, 4) in that order;
+    table (m, 12): counts, exposure, log excess, pulses found, objective, converged, squared
+    last step, steps, chi2, its bins, chi2 excess in std, share of the pulse in live bins.
+    """
+    n_codes = counts.shape[1]
+    bins, window, sums, small = new_scratch(2 * n_codes + 2, 1)
+    best, outcome, summary = np.empty(3), np.empty(4), np.empty(4)
+    shared = lower.shape[0] == 1
+    for i in range(counts.shape[0]):
+        thetas[i], covariances[i], table[i] = math.nan, math.nan, math.nan
+        if not todo[i]:
+            continue
+        edge_row = 0 if shared else i
+        n = bins_from_codes(counts[i], lower[edge_row], upper[edge_row], period, bins)
+        if n == 0:
+            continue
+        total = scan_for_pulse(bins, n, period < math.inf, double_code[i], sums, best)
+        whole_exposure = sums[1][n]
+        table[i, 0], table[i, 1], table[i, 2] = total, whole_exposure, best[0]
+        table[i, 3] = 0.0
+        if total <= 0.0 or (model[2] and best[0] < log_alarms):
+            thetas[i, 3] = total / whole_exposure
+            continue
+        theta = thetas[i]
+        start_from_window(bins, n, period, sums, int(best[1]), int(best[2]), theta)
+        m = fit_bins(bins, n, period, theta, 1, model, True, window, small, outcome)
+        covered = covariance_of_fit(
+            theta, 1, model, whole_exposure, window, m, small, covariances[i]
+        )
+        describe_fit(bins, n, theta, 1, model, window, m, small, summary)
+        table[i, 3] = 1.0
+        table[i, 4:8] = outcome
+        table[i, 8:12] = summary
+        if not covered:
+            covariances[i] = math.nan
