@@ -47,7 +47,8 @@ def _checked_counts(counts: ArrayLike, *, poisson: bool) -> NDArray[Any]:
                 "pass poisson=False for scaled intensities"
             )
         if cube.dtype.kind == "u":
-            out = cube.copy()
+            # An array nobody else can write to is taken as it is: cubes may be large.
+            out = cube.copy() if cube.flags.writeable or not cube.flags.owndata else cube
         else:
             out = cube.astype(np.uint64 if cube.max() > np.iinfo(np.uint32).max else np.uint32)
     out.setflags(write=False)
