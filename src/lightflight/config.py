@@ -121,6 +121,29 @@ def table_of_numbers(columns: int, *, rows: int | None = None) -> Check:
     return check
 
 
+def nested_numbers(value: Any) -> Any:
+    """Accept lists of numbers, nested to any depth, all of one shape at each depth."""
+    if _is_number(value):
+        return number(value)
+    if not isinstance(value, list | tuple) or not value:
+        raise ValueError("must be numbers in (nested) lists")
+    inner = [nested_numbers(item) for item in value]
+    lengths = {len(item) if isinstance(item, tuple) else -1 for item in inner}
+    if len(lengths) != 1:
+        raise ValueError("must be numbers in lists of one length")
+    return tuple(inner)
+
+
+def word_for_none(word: str) -> Check:
+    """Make a check that accepts one word, which stands for None."""
+
+    def check(value: Any) -> None:
+        if value != word:
+            raise ValueError(f"must be {word!r}")
+
+    return check
+
+
 def either(*checks: Check) -> Check:
     """Make a check that accepts what any one of `checks` accepts."""
 
@@ -181,9 +204,11 @@ def checked_table(
 
 
 def checked_sections(
-    table: Mapping[str, Any], sections: Mapping[str, Sequence[Key]], *, where: str
+    table: Mapping[str, Any], sections: Mapping[str, Sequence[Key] | None], *, where: str
 ) -> dict[str, dict[str, Any]]:
     """All sections of a set-up, checked; sections that are absent are left out.
+
+    A section without a list of keys (None) is handed on as it is.
 
     Raises
     ------
@@ -194,14 +219,17 @@ def checked_sections(
     for name, value in table.items():
         if name not in sections:
             what = "section" if isinstance(value, Mapping) else "key"
-            homes = [s for s, keys in sections.items() if name in {key.name for key in keys}]
+            homes = [s for s, keys in sections.items() if name in {k.name for k in keys or ()}]
             if what == "key" and homes:
                 raise ConfigError(f"{where}: {name!r} must stand under [{homes[0]}]")
             hint = unknown_name_sentence(name, list(sections))
             raise ConfigError(f"{where}: unknown {what} {name!r}; {hint}")
         if not isinstance(value, Mapping):
             raise ConfigError(f"{where}: {name!r} must be a section, [{name}], got {value!r}")
-        checked[name] = checked_table(value, sections[name], section=name, where=where)
+        keys = sections[name]
+        checked[name] = (
+            dict(value) if keys is None else checked_table(value, keys, section=name, where=where)
+        )
     return checked
 
 
