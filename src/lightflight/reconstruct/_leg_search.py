@@ -1,0 +1,310 @@
+"""The search behind `legs.find_legs`: plain arrays in and out.
+
+A candidate is a line through two pulses and a parabola of the arrival time through three; the
+candidate on which the most distinct pixel positions agree wins, is refined, and is split where
+it bends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import polynomial
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Tolerances of the search."""
+
+    min_pixels: int = 4
+    """Distinct pixel positions a leg needs."""
+    time_floor: float = 25.0
+    """Times within this of a candidate agree with it whatever their stated error, ps."""
+    lateral_px: float = 1.3
+    """A pulse this near to a candidate's line counts for it, px."""
+    halo_px: float = 2.6
+    """A pulse this near, at the right time, is the leg's light and founds no other leg, px."""
+    n_pairs: int = 400
+    """Lines tried per leg."""
+    n_parabolas: int = 16
+    """Parabolas tried per line."""
+    max_gap_px: float = 8.0
+    """A leg may be dark for this long in the picture, px; a longer gap ends it."""
+    seed: int = 0
+    """Of the random draws."""
+
+
+def time_tolerance(errors: Floats, settings: SearchSettings) -> Floats:
+    """How far a pulse's time may be from a candidate's, (n,), ps."""
+    return np.hypot(4.0 * errors, settings.time_floor)
+
+
+def fitted_line(points: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """Total least squares line: (centre (2,), unit direction (2,)), px."""
+    w = weights / weights.sum()
+    # Photon counts span decades; their square root keeps a few bright pixels from ruling.
+    centre = w @ points
+    offset = points - centre
+    _, _, axes = np.linalg.svd(offset * np.sqrt(w)[:, np.newaxis], full_matrices=False)
+    return centre, axes[0]
+
+
+def fitted_times(s: Floats, times: Floats, errors: Floats) -> Floats:
+    """Polynomial of the arrival time along a leg, degree 1 to 3 by how much there is to fit."""
+    distinct = len(np.unique(np.rint(s)))
+    degree = int(np.clip(distinct // 3, 1, 3))
+    scale = max(float(np.abs(s).max()), 1e-9)
+    design = polynomial.polyvander(s / scale, degree)
+    weight = 1.0 / np.maximum(errors, np.median(errors) * 0.1 + 1e-12)
+    keep = np.ones(len(s), dtype=bool)
+    coefficients = np.zeros(degree + 1)
+    for _ in range(4):
+        rows = design[keep] * weight[keep, np.newaxis]
+        coefficients = np.linalg.lstsq(rows, times[keep] * weight[keep], rcond=None)[0]
+        residual = np.abs(times - design @ coefficients)
+        spread = 1.4826 * np.median(residual[keep]) + 1e-12
+        trimmed = residual < 5.0 * np.maximum(spread, errors)
+        if trimmed.sum() <= degree + 1 or np.array_equal(trimmed, keep):
+            break
+        keep = trimmed
+    return coefficients / scale ** np.arange(degree + 1)
+
+
+def _distinct_positions(s: Floats) -> int:
+    return len(np.unique(np.rint(s)))
+
+
+def _longest_run(s: Floats, inside: NDArray[np.bool_], max_gap: float) -> NDArray[np.bool_]:
+    """Keep of `inside` the run along s with the most positions that no gap interrupts."""
+    order = np.flatnonzero(inside)[np.argsort(s[inside], kind="stable")]
+    if len(order) < 2:
+        return inside
+    breaks = np.flatnonzero(np.diff(s[order]) > max_gap)
+    runs = np.split(order, breaks + 1)
+    best = max(runs, key=lambda run: _distinct_positions(s[run]))
+    kept = np.zeros(len(s), dtype=bool)
+    kept[best] = True
+    return kept
+
+
+def _slope_keeps_sign(coefficients: Floats, low: float, high: float) -> bool:
+    """True where the parabola's slope does not change sign within [low, high]."""
+    first = coefficients[1] + 2 * coefficients[2] * low
+    last = coefficients[1] + 2 * coefficients[2] * high
+    return bool(first * last > 0)
+
+
+def best_line(
+    points: Floats, times: Floats, errors: Floats, weights: Floats, settings: SearchSettings
+) -> NDArray[np.bool_] | None:
+    """Members (n,) of the candidate with the most distinct pixel positions; None: none is enough."""
+    rng = np.random.default_rng(settings.seed)
+    tolerance = time_tolerance(errors, settings)
+    best_score, best_members = settings.min_pixels - 0.5, None
+    for i, j in _pairs(points, times, settings, rng):
+        step = points[j] - points[i]
+        length = float(np.hypot(*step))
+        direction = step / length
+        offset = points - points[i]
+        s = offset @ direction
+        lateral = np.abs(offset[:, 0] * direction[1] - offset[:, 1] * direction[0])
+        near = np.flatnonzero(lateral < settings.lateral_px)
+        if _distinct_positions(s[near]) <= best_score:
+            continue
+        score, members = _best_parabola(
+            s, times, tolerance, near, (i, j), settings, rng, best_score
+        )
+        if members is not None and score > best_score:
+            best_score, best_members = score, members
+    return best_members
+
+
+def _pairs(
+    points: Floats, times: Floats, settings: SearchSettings, rng: np.random.Generator
+) -> list[tuple[int, int]]:
+    """Pairs of pulses 2 to 16 px apart, drawn evenly over the pulses."""
+    n = len(points)
+    pairs = []
+    for k in range(settings.n_pairs):
+        i = int(rng.integers(n))
+        reach = (5.0, 9.0, 16.0)[k % 3]
+        distance = np.hypot(*(points - points[i]).T)
+        ring = np.flatnonzero((distance > 1.9) & (distance < reach))
+        if len(ring):
+            pairs.append((i, int(rng.choice(ring))))
+    return pairs
+
+
+def _best_parabola(
+    s: Floats,
+    times: Floats,
+    tolerance: Floats,
+    near: NDArray[np.intp],
+    pair: tuple[int, int],
+    settings: SearchSettings,
+    rng: np.random.Generator,
+    best_score: float,
+) -> tuple[float, NDArray[np.bool_] | None]:
+    """Best parabola of the time through the pair and a third pulse on their line."""
+    i, j = pair
+    third = near[(np.abs(s[near] - s[i]) > 1.0) & (np.abs(s[near] - s[j]) > 1.0)]
+    if not len(third):
+        return 0.0, None
+    chosen = rng.choice(third, size=min(settings.n_parabolas, len(third)), replace=False)
+    sn, tn, tol = s[near], times[near], tolerance[near]
+    slope_ij = (times[j] - times[i]) / (s[j] - s[i])
+    members_best, score_best = None, best_score
+    for k in chosen:
+        # Newton's divided differences through i, j, k.
+        slope_jk = (times[k] - times[j]) / (s[k] - s[j])
+        bend = (slope_jk - slope_ij) / (s[k] - s[i])
+        model = times[i] + (sn - s[i]) * (slope_ij + bend * (sn - s[j]))
+        inside = np.abs(tn - model) < tol
+        if inside.sum() <= score_best:
+            continue
+        kept = _longest_run(sn, inside, settings.max_gap_px)
+        score = _distinct_positions(sn[kept])
+        if score <= score_best:
+            continue
+        slope = np.array([0.0, slope_ij - bend * (s[i] + s[j]), bend])
+        if not _slope_keeps_sign(slope, float(sn[kept].min()), float(sn[kept].max())):
+            continue
+        members = np.zeros(len(s), dtype=bool)
+        members[near[kept]] = True
+        members_best, score_best = members, score
+    return (float(score_best), members_best) if members_best is not None else (0.0, None)
+
+
+def refine_members(
+    points: Floats,
+    times: Floats,
+    errors: Floats,
+    weights: Floats,
+    members: NDArray[np.bool_],
+    settings: SearchSettings,
+) -> tuple[Indices, NDArray[np.bool_]]:
+    """Refit line and times to the members, collect again; (member indices, halo mask (n,)).
+
+    The halo is every pulse that is this leg's light, faint wings of the spot included.
+    """
+    tolerance = time_tolerance(errors, settings)
+    current = members
+    halo = members
+    for _ in range(4):
+        if current.sum() < 3:
+            break
+        origin, direction = fitted_line(points[current], weights[current])
+        offset = points - origin
+        s = offset @ direction
+        lateral = np.abs(offset[:, 0] * direction[1] - offset[:, 1] * direction[0])
+        coefficients = fitted_times(s[current], times[current], errors[current])
+        inside_range = (s > s[current].min() - settings.max_gap_px) & (
+            s < s[current].max() + settings.max_gap_px
+        )
+        timely = np.abs(times - polynomial.polyval(s, coefficients)) < tolerance
+        halo = timely & inside_range & (lateral < settings.halo_px)
+        updated = _longest_run(s, halo, settings.max_gap_px)
+        if np.array_equal(updated, current):
+            break
+        current = updated
+    if _distinct_positions(s[current]) < settings.min_pixels:
+        return np.empty(0, dtype=np.int64), halo | members
+    return np.flatnonzero(current), halo | members
+
+
+def _fit_cost(
+    points: Floats, times: Floats, errors: Floats, weights: Floats, noise: tuple[float, float]
+) -> float:
+    """Chi-square of one straight leg: lateral centroids and times about line and polynomial."""
+    origin, direction = fitted_line(points, weights)
+    offset = points - origin
+    s = offset @ direction
+    lateral = offset[:, 1] * direction[0] - offset[:, 0] * direction[1]
+    position = np.rint(s).astype(np.int64)
+    _, index = np.unique(position, return_inverse=True)
+    total = np.bincount(index, weights)
+    centroid = np.bincount(index, weights * lateral) / total
+    residual = times - polynomial.polyval(s, fitted_times(s, times, errors))
+    scaled = residual / np.hypot(errors, noise[1])
+    # Huber: one wild pixel must not pay for a split.
+    in_time = np.where(np.abs(scaled) < 3, scaled**2, 6 * np.abs(scaled) - 9).sum()
+    sideways = np.abs(centroid) / noise[0]
+    across = np.where(sideways < 3, sideways**2, 6 * sideways - 9).sum()
+    return float(in_time + across)
+
+
+def split_where_bent(
+    points: Floats,
+    times: Floats,
+    errors: Floats,
+    weights: Floats,
+    members: Indices,
+    settings: SearchSettings,
+) -> list[Indices]:
+    """Cut a leg in two, again and again, where two straight legs explain it far better.
+
+    The noise against which "better" is judged comes from the leg itself: the scatter between
+    neighbouring pixels, which a bend does not feel.
+    """
+    origin, direction = fitted_line(points[members], weights[members])
+    s = (points[members] - origin) @ direction
+    order = members[np.argsort(s, kind="stable")]
+    if _distinct_positions(s) < 2 * settings.min_pixels:
+        return [members]
+    noise = _local_noise(points[order], times[order], errors[order], weights[order])
+    whole = _fit_cost(points[order], times[order], errors[order], weights[order], noise)
+    s = np.sort(s)
+    best_cost, best_cut = np.inf, 0
+    for cut in _cuts(s, settings.min_pixels):
+        left, right = order[:cut], order[cut:]
+        cost = _fit_cost(points[left], times[left], errors[left], weights[left], noise)
+        cost += _fit_cost(points[right], times[right], errors[right], weights[right], noise)
+        if cost < best_cost:
+            best_cost, best_cut = cost, cut
+    # Six parameters and a free cut: 40 is beyond chance for any array we know.
+    if whole - best_cost < 40.0 + 6.0 * np.log(len(order)):
+        return [members]
+    halves = order[:best_cut], order[best_cut:]
+    return [
+        piece
+        for half in halves
+        for piece in split_where_bent(points, times, errors, weights, half, settings)
+    ]
+
+
+def _cuts(s_sorted: Floats, min_pixels: int) -> list[int]:
+    """Places to cut that leave `min_pixels` positions on both sides, at most 40 of them."""
+    positions = np.rint(s_sorted)
+    steps = np.flatnonzero(np.diff(positions) > 0) + 1
+    inner = steps[min_pixels - 1 : len(steps) - min_pixels + 1]
+    return [int(cut) for cut in inner[:: max(1, len(inner) // 40)]]
+
+
+def _local_noise(
+    points: Floats, times: Floats, errors: Floats, weights: Floats
+) -> tuple[float, float]:
+    """(lateral px, time) scatter about short straight pieces, floors for `_fit_cost`."""
+    origin, direction = fitted_line(points, weights)
+    offset = points - origin
+    s = offset @ direction
+    lateral = offset[:, 1] * direction[0] - offset[:, 0] * direction[1]
+    position, index = np.unique(np.rint(s), return_inverse=True)
+    total = np.bincount(index, weights)
+    centroid = np.bincount(index, weights * lateral) / total
+    mean_time = np.bincount(index, weights * times) / total
+    mean_s = np.bincount(index, weights * s) / total
+    if len(position) < 5:
+        return 0.3, float(np.median(errors))
+    a, b, c = mean_s[:-2], mean_s[1:-1], mean_s[2:]
+    f = (b - a) / np.maximum(c - a, 1e-9)
+    norm = np.sqrt(1 + f**2 + (1 - f) ** 2)
+    kink = (mean_time[1:-1] - (1 - f) * mean_time[:-2] - f * mean_time[2:]) / norm
+    shift = (centroid[1:-1] - (1 - f) * centroid[:-2] - f * centroid[2:]) / norm
+    time_noise = 1.4826 * float(np.median(np.abs(kink)))
+    side_noise = 1.4826 * float(np.median(np.abs(shift)))
+    return max(side_noise, 0.12), max(time_noise, 1e-9)

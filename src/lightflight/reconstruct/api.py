@@ -1,0 +1,319 @@
+"""`reconstruct`: recordings in, a `LightPath` out, by the estimator the user names."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight.errors import CalibrationError, GeometryError, UncalibratedWarning
+from lightflight.flight import Medium, Source
+from lightflight.path import LightPath
+from lightflight.reconstruct.freedom import Waypoint
+from lightflight.reconstruct.geometry import PathState
+from lightflight.reconstruct.joint import Setting, fit_joint
+from lightflight.reconstruct.legs import ImageLeg, find_legs, unwrapped_arrivals
+from lightflight.reconstruct.observation import Observation, blind_pixels
+from lightflight.reconstruct.result import path_from_fit
+from lightflight.reconstruct.start import state_from_legs
+from lightflight.timing.arrivals import find_arrivals
+from lightflight.timing.calibration import TimingCalibration
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+
+if TYPE_CHECKING:
+    from lightflight.camera import Camera
+    from lightflight.histogram import Histograms
+
+Floats = NDArray[np.float64]
+
+METHODS = ("paper", "joint", "photon")
+"""Estimators, from the paper's to the limit."""
+
+
+def reconstruct(
+    hist: Histograms | Sequence[Histograms],
+    *,
+    camera: Camera | None = None,
+    source: Source | None = None,
+    medium: Medium | None = None,
+    timing: TimingCalibration | None = None,
+    background: Histograms | None = None,
+    method: str = "joint",
+    n_legs: int | None = None,
+    waypoints: Sequence[Waypoint] = (),
+    exclude_mask: ArrayLike | None = None,
+    start: LightPath | ArrayLike | None = None,
+) -> LightPath:
+    """Path of the pulse in space and time from what the camera recorded.
+
+    Parameters
+    ----------
+    hist : one recording, or repeats of the same scene by the same camera.
+    camera : where every pixel looks; needed for anything beyond (u, v, t_a).
+    source : where and when the pulse starts, as far as known; None: nothing is known.
+    medium : group indices out and back; None: air.
+    timing : calibrated clock; None: nominal codes, with a warning.
+    background : recording without the pulse, same clock; enters the likelihood, is not subtracted.
+    method : "paper" (literal baseline), "joint" (default) or "photon".
+    n_legs : number of straight legs where the user knows it.
+    waypoints : (vertex index, position_mm, std_mm) of corners measured otherwise.
+    exclude_mask : (rows, cols), True for pixels that take no part.
+    start : a LightPath or vertices_mm (m, 3) to start from, instead of the search for legs.
+
+    Raises
+    ------
+    ValueError
+        For an unknown method or arguments of the wrong shape.
+    CalibrationError
+        Where the time per bin is unknown, the calibration belongs to another camera, or the codes
+        run the other way than stated.
+    GeometryError
+        Where the camera is missing, or camera, source and path are in a degenerate position.
+    NothingFoundError
+        Where no path stands out, with the reason.
+    """
+    repeats = [hist] if not isinstance(hist, Sequence) else list(hist)
+    source = Source() if source is None else source
+    medium = Medium() if medium is None else medium
+    camera = _checked_call(repeats, camera, source, method, n_legs, exclude_mask)
+    setting = Setting(camera, source, medium, tuple(waypoints))
+    observations = [
+        observe(
+            h,
+            setting,
+            timing=timing,
+            background=background,
+            exclude_mask=exclude_mask,
+            least_squares=method == "paper",
+        )
+        for h in repeats
+    ]
+    legs: tuple[ImageLeg, ...] | None = None
+    if start is None:
+        legs = find_legs(
+            observations[0].arrivals,
+            camera=camera,
+            n_legs=n_legs,
+            earliest_ps=earliest_arrival_ps(setting),
+        )
+        check_clock_direction(legs, observations[0])
+    if method == "paper":
+        from lightflight.reconstruct.paper import paper_path
+
+        return paper_path(observations, setting, legs=legs)
+    if legs is not None:
+        state = state_from_legs(legs, camera=camera, source=source, medium=medium)
+    else:
+        state = _state_from_start(start, setting)
+    fit = fit_joint(observations, state, setting, legs=legs)
+    path = path_from_fit(
+        fit,
+        observations,
+        setting,
+        method="joint",
+        statements=_statements(fit.floor_ps, timing),
+        truth=repeats[0].truth,
+    )
+    if method == "photon":
+        from lightflight.reconstruct.photon import photon_path
+
+        return photon_path(observations, setting, path, fit)
+    return path
+
+
+def _checked_call(
+    repeats: list[Any],
+    camera: Camera | None,
+    source: Source,
+    method: str,
+    n_legs: int | None,
+    exclude_mask: ArrayLike | None,
+) -> Camera:
+    """Everything that can be wrong with a call, before any work."""
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    if not repeats:
+        raise ValueError("hist is an empty list: give at least one recording")
+    if n_legs is not None and (n_legs != int(n_legs) or n_legs < 1):
+        raise ValueError(f"n_legs must be a whole number of at least 1, got {n_legs}")
+    for one in repeats:
+        if not hasattr(one, "counts"):
+            raise TypeError(
+                f"hist must be Histograms or a list of them, got {type(one).__name__}: "
+                "histogram a recording first (lightflight.histogram)"
+            )
+        if one.bin_width_ps is None:
+            raise CalibrationError(
+                "the time per bin of this recording is unknown, so positions have no scale: give "
+                "bin_width_ps (the legs in the picture need neither: lightflight.find_legs)"
+            )
+    if camera is None:
+        raise GeometryError(
+            "the camera's place is unknown, so arrival times have no geometry: give camera= (for "
+            "instance Camera.facing_plane with its distance and field of view)"
+        )
+    for one in repeats:
+        if tuple(one.shape) != tuple(camera.shape):
+            raise GeometryError(
+                f"the recording has {one.shape[0]} x {one.shape[1]} pixels and the camera "
+                f"{camera.shape[0]} x {camera.shape[1]}: give the camera that recorded it"
+            )
+    if method == "photon" and not all(one.poisson for one in repeats):
+        raise ValueError(
+            "method='photon' needs photon counts, and this recording holds scaled intensities "
+            "(poisson=False): use method='joint'"
+        )
+    if exclude_mask is not None and np.shape(exclude_mask) != tuple(camera.shape):
+        raise ValueError(
+            f"exclude_mask must have the camera's shape {camera.shape}, got {np.shape(exclude_mask)}"
+        )
+    if source.position_mm is not None:
+        gap = np.linalg.norm(np.asarray(source.position_mm, dtype=float) - camera.center_mm)
+        if gap < 1e-6:
+            raise GeometryError(
+                "the source sits on the camera: every direction then gives the same times; check "
+                "position_mm and the camera's pose"
+            )
+    return camera
+
+
+def observe(
+    hist: Histograms,
+    setting: Setting,
+    *,
+    timing: TimingCalibration | None,
+    background: Histograms | None,
+    exclude_mask: ArrayLike | None,
+    least_squares: bool,
+) -> Observation:
+    """Pulses of one recording on the clock, unwrapped."""
+    if timing is None:
+        warnings.warn(
+            "no timing calibration: nominal codes are used, which costs a few ps per pixel, and "
+            "the whole delay between pixels where it was never measured; give timing=",
+            UncalibratedWarning,
+            stacklevel=3,
+        )
+        clock = TimingCalibration.nominal(hist)
+    else:
+        clock = timing
+        clock.check_matches(hist)
+    arrivals = find_arrivals(
+        hist,
+        timing=clock,
+        background=background,
+        exclude_mask=None if exclude_mask is None else np.asarray(exclude_mask, dtype=bool),
+        method="least_squares" if least_squares else "likelihood",
+    )
+    times = unwrapped_arrivals(
+        arrivals.arrival_ps,
+        period_ps=arrivals.laser_period_ps,
+        earliest_ps=earliest_arrival_ps(setting),
+    )
+    arrivals = replace(arrivals, arrival_ps=times)
+    return Observation(hist, clock, arrivals, times, blind_pixels(arrivals))
+
+
+def earliest_arrival_ps(setting: Setting) -> float | None:
+    """No light can arrive before this time on the clock; None where the source is not known.
+
+    Straight from source to camera is the shortest way there is; a nanosecond and the errors
+    stated are allowed for.
+    """
+    source, medium = setting.source, setting.medium
+    if source.position_mm is None or source.emission_time_ps is None:
+        return None
+    gap = np.linalg.norm(np.asarray(source.position_mm, dtype=float) - setting.camera.center_mm)
+    index = min(medium.path_group_index, medium.return_group_index)
+    slack = 1000.0 + 5.0 * source.emission_time_std_ps
+    return float(source.emission_time_ps + index * gap / SPEED_OF_LIGHT_MM_PER_PS - slack)
+
+
+def check_clock_direction(legs: tuple[ImageLeg, ...], observation: Observation) -> None:
+    """Refuse a recording whose arrival curves bend the wrong way.
+
+    Straight light gives d^2 t_a / d psi^2 > 0 (half-angle law); a clock read backwards turns that
+    round. Only a bend beyond chance (six standard errors over all legs) is held against it.
+    """
+    total, variance = 0.0, 0.0
+    for leg in legs:
+        bend, std = _bend_of_leg(leg, observation)
+        if np.isfinite(std) and std > 0:
+            total += bend / std**2
+            variance += 1 / std**2
+    if variance == 0:
+        return
+    significance = total / np.sqrt(variance)
+    if significance < -6.0:
+        now = observation.histograms.reversed_codes
+        raise CalibrationError(
+            "the arrival times bend the wrong way for straight light, so the codes run backwards: "
+            f"read the recording with reversed_codes={not now} (it says {now})"
+        )
+
+
+def _bend_of_leg(leg: ImageLeg, observation: Observation) -> tuple[float, float]:
+    """Second derivative of a leg's arrival curve and its error, ps per px^2, from a parabola."""
+    arrivals = observation.arrivals
+    index = leg.members
+    if leg.n_pixels < 8:
+        return 0.0, float("inf")
+    from lightflight.reconstruct.legs import undistorted_px
+
+    points = undistorted_px(None, arrivals.row[index], arrivals.col[index])
+    middle = points.mean(axis=0)
+    axis = np.linalg.svd(points - middle, full_matrices=False)[2][0]
+    s = (points - middle) @ axis
+    times = observation.arrival_ps[index]
+    errors = np.hypot(arrivals.photon_std_ps, arrivals.pixel_std_ps)[index]
+    weight = 1.0 / np.maximum(errors, 0.2 * np.median(errors))
+    design = np.polynomial.polynomial.polyvander(s, 2)
+    keep = np.ones(len(s), dtype=bool)
+    coefficients = np.zeros(3)
+    for _ in range(3):
+        coefficients = np.linalg.lstsq(
+            design[keep] * weight[keep, np.newaxis], times[keep] * weight[keep], rcond=None
+        )[0]
+        residual = times - design @ coefficients
+        spread = 1.4826 * float(np.median(np.abs(residual[keep]))) + 1e-9
+        keep = np.abs(residual) < 5 * np.maximum(spread, errors)
+    scaled = residual[keep] * weight[keep]
+    inflation = max(1.0, float(np.sum(scaled**2)) / max(1, int(keep.sum()) - 3))
+    rows = design[keep] * weight[keep, np.newaxis]
+    covariance = np.linalg.pinv(rows.T @ rows) * inflation
+    return float(2 * coefficients[2]), float(2 * np.sqrt(covariance[2, 2]))
+
+
+def _state_from_start(start: Any, setting: Setting) -> PathState:
+    if hasattr(start, "vertices_mm"):
+        return PathState(
+            np.array(start.vertices_mm, dtype=float), float(start.vertex_times_ps[0])
+        )
+    vertices = np.asarray(start, dtype=float)
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 2:
+        raise ValueError(
+            f"start must be a LightPath or vertices_mm of shape (m, 3), got {vertices.shape}"
+        )
+    time = setting.source.emission_time_ps
+    if time is None:
+        raise ValueError(
+            "a start given as vertices needs a time: give emission_time_ps of the source (with an "
+            "emission_time_std_ps), or a LightPath as start"
+        )
+    return PathState(vertices, float(time))
+
+
+def _statements(floor_ps: float, timing: TimingCalibration | None) -> tuple[str, ...]:
+    said = []
+    if timing is None:
+        said.append("The clock is nominal: no timing calibration was given.")
+    if floor_ps > 0:
+        said.append(
+            f"The times scatter about the path by {floor_ps:.2g} ps more than their stated errors; "
+            "the error bars include that."
+        )
+    return tuple(said)

@@ -1,0 +1,164 @@
+"""What a fit may move: the freedom of a path's vertices and start time, and the priors on it.
+
+A known source does not move; one measured with an error moves against a prior; an unknown one
+moves within the plane where the flight enters the view, because nothing can be known of what
+lies before. The last vertex likewise moves within the plane where the flight leaves the view.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight.flight import Source
+from lightflight.reconstruct.geometry import PathState
+
+if TYPE_CHECKING:
+    from lightflight.camera import Camera
+
+Floats = NDArray[np.float64]
+
+Waypoint = tuple[int, ArrayLike, float]
+"""(vertex index, position_mm (3,), one-sigma error in mm): a mirror measured with a ruler."""
+
+
+@dataclass(frozen=True, eq=False)
+class Freedom:
+    """Directions in which a state may move, and Gaussian priors on the state."""
+
+    basis: Floats
+    """(3m + 1, p): columns are unit moves of (vertices in mm, start time in ps)."""
+    prior_rows: Floats
+    """(q, 3m + 1): prior i says prior_rows[i] . state = prior_values[i] +- 1."""
+    prior_values: Floats
+    """(q,), in units of the prior's standard deviation."""
+    labels: tuple[str, ...]
+    """(p,), what each column moves, in words."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewEnd:
+    """Where a leg leaves (or enters) the view: a plane through the camera."""
+
+    position_mm: Floats
+    """(3,), world, mm."""
+    basis: Floats
+    """(3, 2): the ray, and the direction along the edge of the picture; unit, orthogonal."""
+
+
+def state_vector(state: PathState) -> Floats:
+    """(3m + 1,): vertices in mm, then start time in ps."""
+    return np.append(state.vertices_mm.ravel(), state.start_time_ps)
+
+
+def view_end(camera: Camera, inside_mm: Floats, direction: Floats) -> ViewEnd | None:
+    """Where the line from a point in view leaves the picture; None where it never does.
+
+    `direction` (3,) is unit, along the line, outwards.
+    """
+    reach = 4.0 * float(np.linalg.norm(inside_mm - camera.center_mm)) + 2000.0
+    lengths = np.concatenate(([0.0], np.geomspace(0.5, reach, 400)))
+    seen = camera.sees(inside_mm + lengths[:, np.newaxis] * direction)
+    if not seen[0] or seen.all():
+        return None
+    first_out = int(np.argmin(seen))
+    low, high = lengths[first_out - 1], lengths[first_out]
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if camera.sees(inside_mm + middle * direction):
+            low = middle
+        else:
+            high = middle
+    position = inside_mm + low * direction
+    row, col = (float(x) for x in camera.pixels_from_points(position))
+    rows, cols = camera.shape
+    to_edge = np.array([row + 0.5, rows - 0.5 - row, col + 0.5, cols - 0.5 - col])
+    along_edge = (0.0, 1.0) if np.argmin(np.abs(to_edge)) < 2 else (1.0, 0.0)
+    return end_in_picture(camera, position, along_edge)
+
+
+def end_in_picture(camera: Camera, position_mm: Floats, across: tuple[float, float]) -> ViewEnd:
+    """An end at a point in the picture; `across` (d row, d col) is the free direction there."""
+    row, col = (float(x) for x in camera.pixels_from_points(position_mm))
+    inwards = 0.25
+    center_row, center_col = (camera.shape[0] - 1) / 2, (camera.shape[1] - 1) / 2
+    row += inwards * np.sign(center_row - row) * abs(across[1])
+    col += inwards * np.sign(center_col - col) * abs(across[0])
+    step = 0.25
+    rays = camera.rays_from_pixels(
+        np.array([row - step * across[0], row + step * across[0]]),
+        np.array([col - step * across[1], col + step * across[1]]),
+    )
+    ray = position_mm - camera.center_mm
+    ray = ray / np.linalg.norm(ray)
+    edge = rays[1] - rays[0]
+    edge = edge - (edge @ ray) * ray
+    return ViewEnd(position_mm, np.column_stack((ray, edge / np.linalg.norm(edge))))
+
+
+def freedom_of_path(
+    state: PathState,
+    *,
+    source: Source,
+    waypoints: tuple[Waypoint, ...],
+    start_basis: Floats | None,
+    end_basis: Floats,
+) -> Freedom:
+    """Freedom of a whole path.
+
+    Parameters
+    ----------
+    start_basis : (3, 2), plane in which an unknown source's entry point moves.
+    end_basis : (3, 2), plane in which the exit moves.
+    """
+    m = len(state.vertices_mm)
+    size = 3 * m + 1
+    columns, labels, rows, values = [], [], [], []
+
+    def add_column(vertex: int, direction: Floats, label: str) -> None:
+        column = np.zeros(size)
+        column[3 * vertex : 3 * vertex + 3] = direction
+        columns.append(column)
+        labels.append(label)
+
+    def add_prior(index: int, value: float, std: float) -> None:
+        row = np.zeros(size)
+        row[index] = 1.0 / std
+        rows.append(row)
+        values.append(value / std)
+
+    if source.position_mm is None:
+        assert start_basis is not None
+        add_column(0, start_basis[:, 0], "entry depth")
+        add_column(0, start_basis[:, 1], "entry height")
+    else:
+        position = np.asarray(source.position_mm, dtype=float)
+        for axis, std in enumerate(source.position_std_xyz_mm):
+            if std > 0:
+                add_column(0, np.eye(3)[axis], f"source {'xyz'[axis]}")
+                add_prior(axis, float(position[axis]), float(std))
+    exact_time = source.emission_time_ps is not None and source.emission_time_std_ps == 0
+    if not (exact_time and source.position_mm is not None):
+        column = np.zeros(size)
+        column[-1] = 1.0
+        columns.append(column)
+        labels.append("emission time" if source.position_mm is not None else "entry time")
+        if source.emission_time_ps is not None and source.position_mm is not None:
+            add_prior(size - 1, source.emission_time_ps, source.emission_time_std_ps)
+    for vertex in range(1, m - 1):
+        for axis in range(3):
+            add_column(vertex, np.eye(3)[axis], f"corner {vertex} {'xyz'[axis]}")
+    add_column(m - 1, end_basis[:, 0], "exit depth")
+    add_column(m - 1, end_basis[:, 1], "exit height")
+    for vertex, position_mm, std_mm in waypoints:
+        for axis, value in enumerate(np.asarray(position_mm, dtype=float)):
+            add_prior(3 * vertex + axis, float(value), float(std_mm))
+    return Freedom(
+        basis=np.column_stack(columns),
+        prior_rows=np.array(rows).reshape(-1, size),
+        prior_values=np.array(values),
+        labels=tuple(labels),
+    )

@@ -1,0 +1,271 @@
+"""Where the pixels look along a polyline, and when its light reaches them, with derivatives.
+
+Exact in three dimensions: any direction, any camera pose and distortion, different indices on
+the way out and back. The state of a path is its vertices and the event time at the first one;
+`Tangent` says which of these a fit may move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.flight import Medium
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+
+if TYPE_CHECKING:
+    from lightflight.camera import Camera
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class PathState:
+    """A polyline and when the pulse enters it."""
+
+    vertices_mm: Floats
+    """(m, 3), world, mm."""
+    start_time_ps: float
+    """Event time at vertex 0, ps."""
+
+    @property
+    def n_legs(self) -> int:
+        """Number of legs."""
+        return len(self.vertices_mm) - 1
+
+    def moved(self, step: Floats) -> PathState:
+        """The state after adding `step` (3m + 1,): vertices in mm, then start time in ps."""
+        m = len(self.vertices_mm)
+        return PathState(
+            self.vertices_mm + step[: 3 * m].reshape(m, 3),
+            self.start_time_ps + float(step[3 * m]),
+        )
+
+    def vertex_times_ps(self, medium: Medium) -> Floats:
+        """Event time at each vertex, (m,), ps."""
+        lengths = np.linalg.norm(np.diff(self.vertices_mm, axis=0), axis=1)
+        travelled = np.concatenate(([0.0], np.cumsum(lengths)))
+        times: Floats = (
+            self.start_time_ps + medium.path_group_index * travelled / SPEED_OF_LIGHT_MM_PER_PS
+        )
+        return times
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """Where each pixel looks along its leg, and what follows."""
+
+    leg: Indices
+    """(n,), index of the leg."""
+    fraction: Floats
+    """(n,), foot of the pixel along the leg: 0 at its start, 1 at its end; may lie outside."""
+    lateral_px: Floats
+    """(n,), distance of the pixel's centre from the leg in the picture, px, signed: positive to
+    the right of the flight as the picture is shown (row down)."""
+    arrival_ps: Floats
+    """(n,), arrival time of light from the foot, ps."""
+    slope_ps_per_px: Floats
+    """(n,), d(arrival time) / d(picture length), ps per px."""
+    px_per_leg: Floats
+    """(n,), d(picture length) / d(fraction), px."""
+    distance_mm: Floats
+    """(n,), camera to foot, mm."""
+
+
+def nearest_fractions(
+    camera: Camera, start: Floats, end: Floats, rows: Floats, cols: Floats
+) -> Floats:
+    """Fraction of a leg (start, end: (n, 3)) that each pixel sees nearest to its centre; (n,).
+
+    "Nearest" is in pixels, where the spot is round: Newton's method from the nearest approach
+    in space.
+    """
+    rays = camera.rays_from_pixels(rows, cols)
+    step = end - start
+    across = step - np.sum(rays * step, axis=1)[:, np.newaxis] * rays
+    offset = camera.center_mm - start
+    offset = offset - np.sum(rays * offset, axis=1)[:, np.newaxis] * rays
+    size = np.maximum(np.sum(across**2, axis=1), 1e-12)
+    fraction = np.sum(across * offset, axis=1) / size
+    pixels = np.column_stack((rows, cols))
+    for _ in range(4):
+        points = start + fraction[:, np.newaxis] * step
+        seen = np.column_stack(camera.pixels_from_points(points))
+        speed = np.einsum("nij,nj->ni", camera.pixel_jacobian(points), step)
+        change = np.sum((pixels - seen) * speed, axis=1) / np.maximum(
+            np.sum(speed**2, axis=1), 1e-12
+        )
+        # Near a vanishing point the picture speeds up along the leg: keep Newton on a leash.
+        change = np.clip(np.nan_to_num(change), -0.5, 0.5)
+        fraction = fraction + change
+        if np.abs(change).max(initial=0.0) < 1e-12:
+            break
+    return fraction
+
+
+def footprints(
+    state: PathState,
+    *,
+    camera: Camera,
+    medium: Medium,
+    legs: Indices,
+    rows: Floats,
+    cols: Floats,
+) -> Footprint:
+    """Footprint of each pixel on its leg; `legs`, `rows`, `cols` are (n,)."""
+    return _footprints_and_jacobian(state, camera, medium, legs, rows, cols, False)[0]
+
+
+def arrival_jacobian(
+    state: PathState,
+    *,
+    camera: Camera,
+    medium: Medium,
+    legs: Indices,
+    rows: Floats,
+    cols: Floats,
+) -> tuple[Footprint, Floats]:
+    """Footprints, and d(arrival time) / d(vertices (3m), start time); (n, 3m + 1).
+
+    The foot is the point nearest to the pixel in the picture; how it slides when the leg moves
+    is included to first order (exactly where the pixel's centre is on the leg).
+    """
+    print_, jacobian = _footprints_and_jacobian(state, camera, medium, legs, rows, cols, True)
+    assert jacobian is not None
+    return print_, jacobian
+
+
+def _footprints_and_jacobian(
+    state: PathState,
+    camera: Camera,
+    medium: Medium,
+    legs: Indices,
+    rows: Floats,
+    cols: Floats,
+    with_jacobian: bool,
+) -> tuple[Footprint, Floats | None]:
+    vertices, n = state.vertices_mm, len(rows)
+    start, end = vertices[legs], vertices[legs + 1]
+    step = end - start
+    fraction = nearest_fractions(camera, start, end, rows, cols)
+    points = start + fraction[:, np.newaxis] * step
+    seen = np.column_stack(camera.pixels_from_points(points))
+    projection = camera.pixel_jacobian(points)
+    speed = np.einsum("nij,nj->ni", projection, step)
+    px_per_leg = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
+    offset = np.column_stack((rows, cols)) - seen
+    # speed = (d row, d col): the right-hand normal in (row down, col right) is (col, -row).
+    lateral = (offset[:, 0] * speed[:, 1] - offset[:, 1] * speed[:, 0]) / px_per_leg
+    back = points - camera.center_mm
+    distance = np.linalg.norm(back, axis=1)
+    outward = back / distance[:, np.newaxis]
+    times = state.vertex_times_ps(medium)
+    per_path = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
+    per_return = medium.return_group_index / SPEED_OF_LIGHT_MM_PER_PS
+    length = np.linalg.norm(step, axis=1)
+    arrival = times[legs] + per_path * fraction * length + per_return * distance
+    along = per_path * length + per_return * np.sum(outward * step, axis=1)
+    result = Footprint(
+        leg=legs,
+        fraction=fraction,
+        lateral_px=lateral,
+        arrival_ps=arrival,
+        slope_ps_per_px=along / px_per_leg,
+        px_per_leg=px_per_leg,
+        distance_mm=distance,
+    )
+    if not with_jacobian:
+        return result, None
+    slide = np.einsum("nij,ni->nj", projection, speed) / (px_per_leg**2)[:, np.newaxis]
+    # Moving the point at fixed fraction by dX changes the return, and slides the foot back.
+    with_point = per_return * outward - along[:, np.newaxis] * slide
+    unit = step / length[:, np.newaxis]
+    jacobian = np.zeros((n, 3 * len(vertices) + 1))
+    _add_vertex(jacobian, legs, (1 - fraction)[:, np.newaxis] * with_point)
+    _add_vertex(jacobian, legs + 1, fraction[:, np.newaxis] * with_point)
+    _add_vertex(jacobian, legs, -per_path * fraction[:, np.newaxis] * unit)
+    _add_vertex(jacobian, legs + 1, per_path * fraction[:, np.newaxis] * unit)
+    _add_travelled(jacobian, vertices, legs, per_path)
+    jacobian[:, -1] = 1.0
+    return result, jacobian
+
+
+def _add_vertex(jacobian: Floats, vertex: Indices, gradient: Floats) -> None:
+    rows = np.arange(len(jacobian))
+    for axis in range(3):
+        jacobian[rows, 3 * vertex + axis] += gradient[:, axis]
+
+
+def _add_travelled(jacobian: Floats, vertices: Floats, legs: Indices, per_path: float) -> None:
+    """Add d(n_p path length before the leg / c) / d(vertices)."""
+    travelled = travelled_jacobian(vertices) * per_path
+    jacobian[:, :-1] += travelled[legs]
+
+
+def travelled_jacobian(vertices: Floats) -> Floats:
+    """d(path length up to vertex k) / d(vertices); (m, 3m)."""
+    m = len(vertices)
+    step = np.diff(vertices, axis=0)
+    unit = step / np.linalg.norm(step, axis=1)[:, np.newaxis]
+    out = np.zeros((m, m, 3))
+    for k in range(m - 1):
+        out[k + 1 :, k] -= unit[k]
+        out[k + 1 :, k + 1] += unit[k]
+    return out.reshape(m, 3 * m)
+
+
+def vertex_time_jacobian(vertices: Floats, medium: Medium) -> Floats:
+    """d(x, y, z, t of every vertex) / d(vertices (3m), start time); (4m, 3m + 1)."""
+    m = len(vertices)
+    per_path = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
+    out = np.zeros((m, 4, 3 * m + 1))
+    for k in range(m):
+        out[k, :3, 3 * k : 3 * k + 3] = np.eye(3)
+    out[:, 3, :-1] = per_path * travelled_jacobian(vertices)
+    out[:, 3, -1] = 1.0
+    return out.reshape(4 * m, 3 * m + 1)
+
+
+def line_offsets(
+    state: PathState,
+    *,
+    camera: Camera,
+    legs: Indices,
+    anchors: Floats,
+    focal_px: float,
+) -> tuple[Floats, Floats]:
+    """Signed distance of image points from the image of a leg, and its derivatives.
+
+    Parameters
+    ----------
+    legs : (k,), which leg.
+    anchors : (k, 2), undistorted (u, v) = focal_px (x, y) on the normalized image plane.
+
+    Returns
+    -------
+    offset : (k,), px, positive to the right of the flight in the picture (as `lateral_px`).
+    jacobian : (k, 3m + 1), px per mm; the start time does not enter.
+    """
+    rotation = camera.world_from_camera[:3, :3]
+    a = (state.vertices_mm[legs] - camera.center_mm) @ rotation
+    b = (state.vertices_mm[legs + 1] - camera.center_mm) @ rotation
+    normal = np.cross(a, b)
+    size = np.hypot(normal[:, 0], normal[:, 1])
+    points = np.column_stack((anchors / focal_px, np.ones(len(anchors))))
+    value = np.sum(normal * points, axis=1)
+    offset = focal_px * value / size
+    flat = np.column_stack((normal[:, 0], normal[:, 1], np.zeros(len(legs))))
+    by_normal = focal_px * (
+        points / size[:, np.newaxis] - (value / size**3)[:, np.newaxis] * flat
+    )
+    # d(a x b).g = da.(b x g) + db.(g x a), then back from camera axes to world axes.
+    by_start = np.cross(b, by_normal) @ rotation.T
+    by_end = np.cross(by_normal, a) @ rotation.T
+    jacobian = np.zeros((len(legs), 3 * len(state.vertices_mm) + 1))
+    _add_vertex(jacobian, legs, by_start)
+    _add_vertex(jacobian, legs + 1, by_end)
+    return offset, jacobian

@@ -1,0 +1,511 @@
+"""`joint`: every pulse, every line, every prior in one fit of the whole path.
+
+Legs found in the picture give a start; then picture and path are refined in turn: the counts say
+where each leg's line runs and how its light is weighted within a pixel, the arrival times say
+how deep it lies. Wrong pulses are left out, and errors that the stated ones do not cover are
+measured from the residuals and stated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight import flags
+from lightflight.errors import NothingFoundError
+from lightflight.flight import Medium, Source
+from lightflight.reconstruct.freedom import (
+    Freedom,
+    ViewEnd,
+    Waypoint,
+    end_in_picture,
+    freedom_of_path,
+    view_end,
+)
+from lightflight.reconstruct.geometry import Footprint, Indices, PathState, footprints
+from lightflight.reconstruct.least_squares import (
+    LineDataInPicture,
+    Solution,
+    TimeData,
+    reweighted,
+    solve,
+)
+from lightflight.reconstruct.legs import ImageLeg, mean_focal_px
+from lightflight.reconstruct.observation import Observation
+from lightflight.reconstruct.picture import (
+    Picture,
+    footprint_corrections,
+    lines_from_picture,
+    measure_picture,
+)
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+
+if TYPE_CHECKING:
+    from lightflight.camera import Camera
+    from lightflight.timing.arrivals import Arrivals
+
+Floats = NDArray[np.float64]
+
+_PASSES = 4
+"""Rounds of picture and path; the second already agrees with the last to a tenth of an error."""
+_OUTLIER = 5.0
+"""A pulse this many standard errors from the path takes no part."""
+_REACH_PX = 2.2
+"""Pulses this near to a leg can belong to it, px."""
+_CORNER_PX = 1.5
+"""Pixels this near to a corner in the picture belong to no one leg, px."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What a fit is told beside the recordings."""
+
+    camera: Camera
+    """The camera that recorded (all recordings the same)."""
+    source: Source
+    """What is known of the source."""
+    medium: Medium
+    """The medium."""
+    waypoints: tuple[Waypoint, ...] = ()
+    """Vertices measured otherwise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """Planes in which the visible ends of a path move."""
+
+    start_basis: Floats
+    """(3, 2), at the entry into view (used where the source is unknown)."""
+    end_basis: Floats
+    """(3, 2), at the exit from view."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """Everything the joint fit found."""
+
+    solution: Solution
+    """Path, covariance and gains."""
+    freedom_basis: Floats
+    """(3m + 1, p), what the covariance's first p rows move."""
+    labels: tuple[str, ...]
+    """(p,), in words."""
+    times: TimeData
+    """Pulses that took part, and outliers with weight 0."""
+    observation_of: Indices
+    """(n,), which recording each pulse came from."""
+    pictures: tuple[Picture, ...]
+    """Lines and brightness, one per recording."""
+    floor_ps: float
+    """Extra error per pulse that the residuals ask for, ps."""
+
+
+def pulse_std_ps(observations: list[Observation]) -> float:
+    """Typical standard deviation of the usable pulses, ps."""
+    stds = [o.arrivals.std_ps[flags.is_usable(o.arrivals.flags)] for o in observations]
+    return float(np.median(np.concatenate(stds)))
+
+
+def fit_joint(
+    observations: list[Observation],
+    state: PathState,
+    setting: Setting,
+    *,
+    legs: tuple[ImageLeg, ...] | None,
+) -> JointFit:
+    """Refine a path that is roughly right.
+
+    Parameters
+    ----------
+    state : start, from `start.state_from_legs` or the user.
+    legs : legs of the first recording as found in the picture; they say which pulses belong to
+        which leg while the start is still rough. None: the start itself says so.
+
+    Raises
+    ------
+    NothingFoundError
+        Where fewer pulses lie on the path than it has unknowns.
+    """
+    std = pulse_std_ps(observations)
+    if legs is not None:
+        state = _rough_fit(observations, state, setting, legs)
+    floor, result = 0.0, None
+    for _ in range(_PASSES):
+        state, ends = _with_ends(state, observations, setting, std)
+        pictures = tuple(
+            measure_picture(
+                state, o, camera=setting.camera, medium=setting.medium, std_ps=std
+            )
+            for o in observations
+        )
+        parts = [
+            _assigned(o, state, setting, picture, std, floor)
+            for o, picture in zip(observations, pictures, strict=True)
+        ]
+        times = _stacked(parts)
+        lines = _stacked_lines([lines_from_picture(p) for p in pictures])
+        freedom = _freedom(state, setting, ends)
+        _check_enough(times, freedom.basis.shape[1])
+        solution, times, floor = _solve_robustly(state, times, lines, freedom, setting)
+        state = solution.state
+        result = JointFit(
+            solution=solution,
+            freedom_basis=freedom.basis,
+            labels=freedom.labels,
+            times=times,
+            observation_of=np.repeat(np.arange(len(parts)), [len(p.leg) for p in parts]),
+            pictures=pictures,
+            floor_ps=floor,
+        )
+    assert result is not None
+    return result
+
+
+def _freedom(state: PathState, setting: Setting, ends: Ends | None = None) -> Freedom:
+    camera, vertices = setting.camera, state.vertices_mm
+    if ends is None:
+        ends = Ends(
+            _view_plane(camera, vertices[0], vertices[1]),
+            _view_plane(camera, vertices[-1], vertices[-2]),
+        )
+    return freedom_of_path(
+        state,
+        source=setting.source,
+        waypoints=setting.waypoints,
+        start_basis=ends.start_basis if setting.source.position_mm is None else None,
+        end_basis=ends.end_basis,
+    )
+
+
+def _view_plane(camera: Camera, at: Floats, towards: Floats) -> Floats:
+    """Plane through the camera in which a visible end moves: its ray, and across the leg."""
+    ray = at - camera.center_mm
+    ray = ray / np.linalg.norm(ray)
+    across = np.cross(ray, towards - at)
+    return np.column_stack((ray, across / np.linalg.norm(across)))
+
+
+def _rough_fit(
+    observations: list[Observation],
+    state: PathState,
+    setting: Setting,
+    legs: tuple[ImageLeg, ...],
+) -> PathState:
+    """One fit with the legs' own pulses and their lines as found, errors kept generous."""
+    first = observations[0]
+    index = np.concatenate([leg.members for leg in legs])
+    leg_of = np.repeat(np.arange(len(legs)), [len(leg.members) for leg in legs])
+    times = _time_data(first, index, leg_of, np.zeros(len(index)))
+    anchors = np.concatenate([leg.points_px(np.array(leg.extent_px)) for leg in legs])
+    lines = LineDataInPicture(
+        np.repeat(np.arange(len(legs)), 2), anchors, np.eye(2 * len(legs)) / 0.3
+    )
+    focal = mean_focal_px(setting.camera)
+    floor_var = 3.0**2
+    for cut in (np.inf, 30.0, 8.0):
+        solution = solve(
+            state,
+            times,
+            lines,
+            _freedom(state, setting),
+            camera=setting.camera,
+            medium=setting.medium,
+            focal_px=focal,
+            floor_var=floor_var,
+        )
+        state = solution.state
+        spread = 1.4826 * float(np.median(np.abs(solution.residual_ps)))
+        floor_var = max(floor_var, spread**2)
+        times = reweighted(times, solution, floor_var=floor_var, cut=min(cut, 8.0))
+    return state
+
+
+def _time_data(
+    observation: Observation, index: Indices, leg: Indices, footprint_ps: Floats
+) -> TimeData:
+    arrivals = observation.arrivals
+    return TimeData(
+        leg=leg,
+        row=arrivals.row[index].astype(float),
+        col=arrivals.col[index].astype(float),
+        arrival_ps=observation.arrival_ps[index],
+        footprint_ps=footprint_ps,
+        photon_var=arrivals.photon_std_ps[index] ** 2,
+        pixel_var=arrivals.pixel_std_ps[index] ** 2,
+        modes_ps=arrivals.shared_modes_ps[index],
+        weight=np.ones(len(index)),
+        index=index,
+    )
+
+
+def _solve_robustly(
+    state: PathState,
+    times: TimeData,
+    lines: LineDataInPicture,
+    freedom: Freedom,
+    setting: Setting,
+) -> tuple[Solution, TimeData, float]:
+    """Solve, drop outliers, and raise the floor until the residuals are explained."""
+    focal = mean_focal_px(setting.camera)
+    floor_var = 0.0
+    for _ in range(6):
+        solution = solve(
+            state,
+            times,
+            lines,
+            freedom,
+            camera=setting.camera,
+            medium=setting.medium,
+            focal_px=focal,
+            floor_var=floor_var,
+        )
+        state = solution.state
+        updated_floor = _floor_variance(times, solution)
+        cut_times = reweighted(times, solution, floor_var=updated_floor, cut=_OUTLIER)
+        same = np.array_equal(cut_times.weight, times.weight)
+        settled = abs(updated_floor - floor_var) < 0.02 * (updated_floor + 1e-6)
+        times, floor_var = cut_times, updated_floor
+        if same and settled:
+            break
+    return solution, times, float(np.sqrt(floor_var))
+
+
+def _floor_variance(times: TimeData, solution: Solution) -> float:
+    """Extra variance per pulse that makes the residuals as large as stated; 0 where they are.
+
+    Judged by the median, which outliers do not reach, and only where chance is no excuse.
+    """
+    stated = times.photon_var + times.pixel_var
+    squared = solution.residual_ps**2
+    n = len(squared)
+    loss = max(0.2, 1.0 - (n - solution.dof) / max(n, 1))
+
+    def excess(extra: float) -> float:
+        return float(np.median(squared / (stated + extra))) / (0.4549 * loss) - 1.0
+
+    # The median of n chi-squares of one degree scatters by about 2.3 / sqrt(n).
+    if excess(0.0) < 3.5 * 2.3 / np.sqrt(n):
+        return 0.0
+    low, high = 0.0, float(np.max(squared)) + 1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(middle) > 0 else (low, middle)
+    return high
+
+
+def _check_enough(times: TimeData, n_unknowns: int) -> None:
+    pixels = len(np.unique(times.row * 1e6 + times.col))
+    if pixels < n_unknowns - 1 or pixels < 3:
+        raise NothingFoundError(
+            f"{pixels} usable pixels lie on the path, fewer than its {n_unknowns} unknowns: record "
+            "longer, give the source's place and time, or give a smaller n_legs"
+        )
+
+
+def _with_ends(
+    state: PathState, observations: list[Observation], setting: Setting, std: float
+) -> tuple[PathState, Ends]:
+    """The state with its last vertex (unknown source: and its first) where it leaves the view."""
+    vertices, start_time = state.vertices_mm.copy(), state.start_time_ps
+    end = _visible_end(state, state.n_legs - 1, observations, setting, std, outwards=1.0)
+    if end is not None:
+        vertices[-1] = end.position_mm
+    entry = None
+    if setting.source.position_mm is None:
+        entry = _visible_end(state, 0, observations, setting, std, outwards=-1.0)
+        if entry is not None:
+            direction = vertices[1] - vertices[0]
+            moved = float((entry.position_mm - vertices[0]) @ direction) / np.linalg.norm(direction)
+            vertices[0] = entry.position_mm
+            start_time += moved * setting.medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
+    ends = Ends(
+        _view_plane(setting.camera, vertices[0], vertices[1]) if entry is None else entry.basis,
+        _view_plane(setting.camera, vertices[-1], vertices[-2]) if end is None else end.basis,
+    )
+    return PathState(vertices, float(start_time)), ends
+
+
+def _visible_end(
+    state: PathState,
+    leg: int,
+    observations: list[Observation],
+    setting: Setting,
+    std: float,
+    *,
+    outwards: float,
+) -> ViewEnd | None:
+    """Where a leg leaves the picture, or where its light stops within it."""
+    camera = setting.camera
+    start, stop = state.vertices_mm[leg], state.vertices_mm[leg + 1]
+    direction = (stop - start) / np.linalg.norm(stop - start)
+    seen = [
+        _footprints_of_pulses(o, state, setting, leg, std) for o in observations
+    ]
+    fraction = np.concatenate([s[0] for s in seen])
+    photons = np.concatenate([s[1] for s in seen])
+    if not len(fraction):
+        return None
+    extreme = int(np.argmax(outwards * fraction))
+    inside = start + fraction[extreme] * (stop - start)
+    if not bool(camera.sees(inside)):
+        inside = start + np.median(fraction) * (stop - start)
+    edge = view_end(camera, inside, outwards * direction)
+    places = np.column_stack(camera.pixels_from_points(start + fraction[:, np.newaxis] * (stop - start)))
+    tip = places[extreme]
+    away = np.hypot(*(places - tip).T)
+    sharp = np.median(photons[away < 4.0]) > 50.0 and len(np.unique(np.rint(away[away < 6.0]))) >= 5
+    if edge is not None:
+        gap = float(np.hypot(*(np.array(camera.pixels_from_points(edge.position_mm)) - tip)))
+        if gap < 4.0 or not sharp:
+            return edge
+    inner = places[np.argmin(outwards * fraction)]
+    along = (tip - inner) / max(float(np.hypot(*(tip - inner))), 1e-9)
+    return end_in_picture(camera, inside, (float(-along[1]), float(along[0])))
+
+
+def _footprints_of_pulses(
+    observation: Observation, state: PathState, setting: Setting, leg: int, std: float
+) -> tuple[Floats, Floats]:
+    """(fraction along the leg, photons) of the pulses that agree with one leg."""
+    usable = np.flatnonzero(
+        flags.is_usable(observation.arrivals.flags) & np.isfinite(observation.arrival_ps)
+    )
+    print_ = _prints(observation, state, setting, usable, leg)
+    gap = np.abs(observation.arrival_ps[usable] - print_.arrival_ps)
+    lit = (np.abs(print_.lateral_px) < 1.5) & (gap < std)
+    low = -0.02 if leg > 0 else -np.inf
+    high = 1.02 if leg < state.n_legs - 1 else np.inf
+    lit &= (print_.fraction > low) & (print_.fraction < high)
+    return print_.fraction[lit], observation.arrivals.photons[usable][lit]
+
+
+def _prints(
+    observation: Observation, state: PathState, setting: Setting, rows: Indices, leg: int
+) -> Footprint:
+    return footprints(
+        state,
+        camera=setting.camera,
+        medium=setting.medium,
+        legs=np.full(len(rows), leg),
+        rows=observation.arrivals.row[rows].astype(float),
+        cols=observation.arrivals.col[rows].astype(float),
+    )
+
+
+def _assigned(
+    observation: Observation,
+    state: PathState,
+    setting: Setting,
+    picture: Picture,
+    std: float,
+    floor_ps: float,
+) -> TimeData:
+    """Pulses that belong to a leg, with their footprint corrections."""
+    arrivals = observation.arrivals
+    usable = np.flatnonzero(flags.is_usable(arrivals.flags) & np.isfinite(observation.arrival_ps))
+    n, n_legs = len(usable), state.n_legs
+    gap = np.full((n, n_legs), np.inf)
+    expected = np.zeros((n, n_legs))
+    modelled = np.full((n, n_legs), np.nan)
+    for k in range(n_legs):
+        print_ = _prints(observation, state, setting, usable, k)
+        near = np.abs(print_.lateral_px) < max(_REACH_PX, 3.0 * picture.spot_std_px)
+        near &= _on_leg(print_, k, state, margin_px=-_CORNER_PX)
+        correction = footprint_corrections(
+            picture,
+            print_,
+            rows=arrivals.row[usable].astype(float),
+            cols=arrivals.col[usable].astype(float),
+            camera=setting.camera,
+            state=state,
+            medium=setting.medium,
+        )
+        modelled[near, k] = (print_.arrival_ps + correction)[near]
+        gap[near, k] = np.abs(observation.arrival_ps[usable] - modelled[:, k])[near]
+        strength = np.exp(-0.5 * (print_.lateral_px / picture.spot_std_px) ** 2)
+        expected[:, k] = strength * _on_leg(print_, k, state, margin_px=1.5)
+    best = np.argmin(gap, axis=1)
+    total = np.hypot(np.hypot(arrivals.photon_std_ps, arrivals.pixel_std_ps)[usable], floor_ps)
+    mine = gap[np.arange(n), best] < np.maximum(6.0 * total, 0.5 * std)
+    mine &= ~_blended_pulses(modelled, expected, best, arrivals, usable, std)
+    chosen = np.flatnonzero(mine)
+    index, leg_of = usable[chosen], best[chosen]
+    print_ = footprints(
+        state,
+        camera=setting.camera,
+        medium=setting.medium,
+        legs=leg_of,
+        rows=arrivals.row[index].astype(float),
+        cols=arrivals.col[index].astype(float),
+    )
+    footprint_ps = modelled[chosen, leg_of] - print_.arrival_ps
+    return _time_data(observation, index, leg_of, footprint_ps)
+
+
+def _on_leg(
+    print_: Footprint, leg: int, state: PathState, *, margin_px: float
+) -> NDArray[np.bool_]:
+    """True where a pixel's foot lies on the leg, or at most `margin_px` beyond its corners.
+
+    A negative margin keeps clear of the corners. The ends of the path are not corners.
+    """
+    margin = margin_px / print_.px_per_leg
+    low = -margin if leg > 0 else np.full_like(margin, -np.inf)
+    high = 1 + margin if leg < state.n_legs - 1 else np.full_like(margin, np.inf)
+    inside: NDArray[np.bool_] = (print_.fraction > low) & (print_.fraction < high)
+    return inside
+
+
+def _blended_pulses(
+    modelled: Floats,
+    expected: Floats,
+    best: Indices,
+    arrivals: Arrivals,
+    usable: Indices,
+    std: float,
+) -> NDArray[np.bool_]:
+    """True where a second leg's light may sit unresolved under a pulse."""
+    n, n_legs = modelled.shape
+    rows = np.arange(n)
+    single = (arrivals.flags[usable] & np.uint32(flags.MULTIPLE_PULSES)) == 0
+    blended = np.zeros(n, dtype=bool)
+    own = np.maximum(expected[rows, best], 1e-12)
+    for k in range(n_legs):
+        with np.errstate(invalid="ignore"):
+            separation = np.abs(modelled[:, k] - modelled[rows, best])
+            close = separation < np.where(single, 4.5, 1.5) * std
+        # Times shift by about (share of the other's light) x (separation): keep below 1e-4 std.
+        blended |= close & (best != k) & (expected[:, k] / own > 1e-4)
+    return blended
+
+
+def _stacked(parts: list[TimeData]) -> TimeData:
+    if len(parts) == 1:
+        return parts[0]
+    return TimeData(
+        **{
+            name: np.concatenate([getattr(part, name) for part in parts])
+            for name in TimeData.__dataclass_fields__
+        }
+    )
+
+
+def _stacked_lines(parts: list[LineDataInPicture]) -> LineDataInPicture:
+    if len(parts) == 1:
+        return parts[0]
+    size = sum(len(p.leg) for p in parts)
+    whitening = np.zeros((size, size))
+    at = 0
+    for part in parts:
+        k = len(part.leg)
+        whitening[at : at + k, at : at + k] = part.whitening
+        at += k
+    return replace(
+        parts[0],
+        leg=np.concatenate([p.leg for p in parts]),
+        anchors=np.concatenate([p.anchors for p in parts]),
+        whitening=whitening,
+    )

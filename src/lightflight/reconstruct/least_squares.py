@@ -1,0 +1,290 @@
+"""The weighted fit under `joint`: times, lines and priors on one path, damped Gauss-Newton.
+
+Shared errors (clock scale, camera pose) are parameters of their own with unit priors, so that
+they are solved for where the data know better and otherwise go into the error bars whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.flight import Medium
+from lightflight.reconstruct.freedom import Freedom, state_vector
+from lightflight.reconstruct.geometry import (
+    Indices,
+    PathState,
+    arrival_jacobian,
+    footprints,
+    line_offsets,
+)
+
+if TYPE_CHECKING:
+    from lightflight.camera import Camera
+
+Floats = NDArray[np.float64]
+
+_MOST_STEPS = 80
+_TOLERANCE = 1e-3
+"""A step below this fraction of a standard error in every direction ends the fit."""
+
+
+@dataclass(frozen=True, eq=False)
+class TimeData:
+    """Arrival times of the pulses that take part."""
+
+    leg: Indices
+    """(n,), leg each pulse belongs to."""
+    row: Floats
+    """(n,), pixel row."""
+    col: Floats
+    """(n,), pixel column."""
+    arrival_ps: Floats
+    """(n,), measured, unwrapped, ps."""
+    footprint_ps: Floats
+    """(n,), model correction: mean time over the pixel's footprint minus that at its foot, ps."""
+    photon_var: Floats
+    """(n,), independent error, ps^2."""
+    pixel_var: Floats
+    """(n,), calibration error of the pixel, ps^2."""
+    modes_ps: Floats
+    """(n, k), one-sigma columns of the shared errors, ps."""
+    weight: Floats
+    """(n,), 1: takes part; 0: outlier."""
+    index: Indices
+    """(n,), row of the arrivals table."""
+
+    def weights(self, floor_var: float) -> Floats:
+        """(n,), inverse variance of each time, 1/ps^2."""
+        return self.weight / (self.photon_var + self.pixel_var + floor_var)
+
+
+@dataclass(frozen=True, eq=False)
+class LineDataInPicture:
+    """Measured lines of the legs: undistorted picture points they run through."""
+
+    leg: Indices
+    """(2 L,), leg of each anchor; the two anchors of a leg follow each other."""
+    anchors: Floats
+    """(2 L, 2), undistorted (u, v), px."""
+    whitening: Floats
+    """(2 L, 2 L), turns offsets in px into independent unit-variance residuals."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Result of one fit."""
+
+    state: PathState
+    """The path."""
+    camera: Camera
+    """The camera, moved within its pose errors."""
+    modes: Floats
+    """(k,), shared clock errors found, in standard deviations."""
+    covariance: Floats
+    """(p, p) of (freedom columns, modes, pose)."""
+    photon_gain: Floats
+    """(p, n): d(parameters) / d(arrival time of each pulse)."""
+    line_gain: Floats
+    """(p, 2 L): d(parameters) / d(whitened line offsets)."""
+    prior_covariance: Floats
+    """(p, p), share of the priors in `covariance`."""
+    chi2: float
+    """Of the times."""
+    dof: int
+    """Degrees of freedom of `chi2`."""
+    converged: bool
+    """Whether the last step was below tolerance."""
+    residual_ps: Floats
+    """(n,), measured minus model, ps, of all pulses, outliers too."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    residual: Floats
+    jacobian: Floats
+    sqrt_weight: Floats
+    n_times: int
+    n_lines: int
+
+
+def solve(
+    state: PathState,
+    times: TimeData,
+    lines: LineDataInPicture,
+    freedom: Freedom,
+    *,
+    camera: Camera,
+    medium: Medium,
+    focal_px: float,
+    floor_var: float = 0.0,
+) -> Solution:
+    """Best path for the data, by Levenberg-Marquardt on the freedom given."""
+    pose_scale = _pose_scale(camera)
+    n_modes, n_pose = times.modes_ps.shape[1], pose_scale.shape[1]
+    modes, pose = np.zeros(n_modes), np.zeros(n_pose)
+
+    def moved_camera(delta: Floats) -> Camera:
+        return camera.perturbed(pose_scale @ delta) if n_pose else camera
+
+    def linear(at: PathState, eta: Floats, delta: Floats) -> _Linear:
+        return _linearised(
+            at, eta, delta, times, lines, freedom, moved_camera, medium, focal_px, floor_var
+        )
+
+    system = linear(state, modes, pose)
+    cost = _cost(system)
+    damping, converged = 1e-4, False
+    n_free = freedom.basis.shape[1]
+    for _ in range(_MOST_STEPS):
+        weighted = system.jacobian * system.sqrt_weight[:, np.newaxis]
+        normal = weighted.T @ weighted
+        score = weighted.T @ (system.sqrt_weight * system.residual)
+        diagonal = np.diag(normal) + 1e-30
+        step = _damped_step(normal, score, diagonal, damping)
+        trial_state = state.moved(freedom.basis @ step[:n_free])
+        trial = modes + step[n_free : n_free + n_modes], pose + step[n_free + n_modes :]
+        trial_system = linear(trial_state, *trial)
+        trial_cost = _cost(trial_system)
+        if np.isfinite(trial_cost) and trial_cost <= cost * (1 + 1e-12) + 1e-12:
+            small = float(step @ normal @ step) < _TOLERANCE**2 * len(step)
+            state, (modes, pose), system = trial_state, trial, trial_system
+            settled = cost - trial_cost < 1e-4 and damping < 1e-2
+            cost = trial_cost
+            damping = max(damping / 10, 1e-12)
+            if small or settled:
+                converged = True
+                break
+        else:
+            damping *= 10
+            if damping > 1e12:
+                break
+    return _solution(state, moved_camera(pose), modes, system, times, converged)
+
+
+def _damped_step(normal: Floats, score: Floats, diagonal: Floats, damping: float) -> Floats:
+    scale = 1.0 / np.sqrt(diagonal)
+    scaled = normal * scale[:, np.newaxis] * scale
+    step: Floats = scale * np.linalg.solve(
+        scaled + (damping + 1e-14) * np.eye(len(scale)), scale * score
+    )
+    return step
+
+
+def _pose_scale(camera: Camera) -> Floats:
+    """(6, r): one-sigma moves of the camera; no columns where the pose is exact."""
+    if camera.pose_covariance is None:
+        return np.zeros((6, 0))
+    values, vectors = np.linalg.eigh(np.asarray(camera.pose_covariance, dtype=float))
+    keep = values > 1e-24
+    scale: Floats = vectors[:, keep] * np.sqrt(values[keep])
+    return scale
+
+
+def _linearised(
+    state: PathState,
+    modes: Floats,
+    pose: Floats,
+    times: TimeData,
+    lines: LineDataInPicture,
+    freedom: Freedom,
+    moved_camera: Callable[[Floats], Camera],
+    medium: Medium,
+    focal_px: float,
+    floor_var: float,
+) -> _Linear:
+    camera = moved_camera(pose)
+    print_, by_state = arrival_jacobian(
+        state, camera=camera, medium=medium, legs=times.leg, rows=times.row, cols=times.col
+    )
+    modelled = print_.arrival_ps + times.footprint_ps + times.modes_ps @ modes
+    offset, line_by_state = line_offsets(
+        state, camera=camera, legs=lines.leg, anchors=lines.anchors, focal_px=focal_px
+    )
+    by_pose = np.zeros((len(times.leg) + len(lines.leg), len(pose)))
+    for k in range(len(pose)):
+        nudge = np.zeros(len(pose))
+        nudge[k] = 1e-3
+        nudged = moved_camera(pose + nudge)
+        arrival = footprints(
+            state, camera=nudged, medium=medium, legs=times.leg, rows=times.row, cols=times.col
+        ).arrival_ps
+        line = line_offsets(
+            state, camera=nudged, legs=lines.leg, anchors=lines.anchors, focal_px=focal_px
+        )[0]
+        change = (arrival - print_.arrival_ps, lines.whitening @ (line - offset))
+        by_pose[:, k] = np.concatenate(change) / 1e-3
+    n_free, n_modes = freedom.basis.shape[1], len(modes)
+    by_time = np.column_stack((by_state @ freedom.basis, times.modes_ps))
+    by_line = np.column_stack(
+        (lines.whitening @ line_by_state @ freedom.basis, np.zeros((len(lines.leg), n_modes)))
+    )
+    data = np.column_stack((np.vstack((by_time, by_line)), by_pose))
+    n_other = n_modes + len(pose)
+    prior = np.zeros((len(freedom.prior_values) + n_other, data.shape[1]))
+    prior[: len(freedom.prior_values), :n_free] = freedom.prior_rows @ freedom.basis
+    prior[len(freedom.prior_values) :, n_free:] = np.eye(n_other)
+    residual = np.concatenate(
+        (
+            times.arrival_ps - modelled,
+            -lines.whitening @ offset,
+            freedom.prior_values - freedom.prior_rows @ state_vector(state),
+            -modes,
+            -pose,
+        )
+    )
+    sqrt_weight = np.ones(len(residual))
+    sqrt_weight[: len(times.leg)] = np.sqrt(times.weights(floor_var))
+    return _Linear(
+        residual, np.vstack((data, prior)), sqrt_weight, len(times.leg), len(lines.leg)
+    )
+
+
+def _cost(system: _Linear) -> float:
+    weighted = system.residual * system.sqrt_weight
+    return float(weighted @ weighted)
+
+
+def _solution(
+    state: PathState,
+    camera: Camera,
+    modes: Floats,
+    system: _Linear,
+    times: TimeData,
+    converged: bool,
+) -> Solution:
+    weighted = system.jacobian * system.sqrt_weight[:, np.newaxis]
+    normal = weighted.T @ weighted
+    scale = 1.0 / np.sqrt(np.diag(normal) + 1e-30)
+    inverse = np.linalg.pinv(normal * scale[:, np.newaxis] * scale, rcond=1e-14, hermitian=True)
+    covariance = inverse * scale[:, np.newaxis] * scale
+    n, k = system.n_times, system.n_lines
+    gain = covariance @ (weighted * system.sqrt_weight[:, np.newaxis]).T
+    prior_gain = gain[:, n + k :]
+    residual = system.residual[:n]
+    used = times.weight > 0
+    chi2 = float(np.sum((residual * system.sqrt_weight[:n])[used] ** 2))
+    return Solution(
+        state=state,
+        camera=camera,
+        modes=modes,
+        covariance=covariance,
+        photon_gain=gain[:, :n],
+        line_gain=gain[:, n : n + k],
+        prior_covariance=prior_gain @ prior_gain.T,
+        chi2=chi2,
+        dof=max(0, int(used.sum()) - system.jacobian.shape[1] + len(modes)),
+        converged=converged,
+        residual_ps=residual,
+    )
+
+
+def reweighted(times: TimeData, solution: Solution, *, floor_var: float, cut: float) -> TimeData:
+    """The same data with pulses farther than `cut` standard errors from the path left out."""
+    std = np.sqrt(times.photon_var + times.pixel_var + floor_var)
+    inside = np.abs(solution.residual_ps) < cut * std
+    return replace(times, weight=inside.astype(float))

@@ -1,0 +1,243 @@
+"""Legs in the picture: straight pieces in (u, v, t_a), found without being told how many.
+
+Takes `Arrivals`, gives `ImageLeg`s in the order of flight. No metric scale is needed: where time
+per bin and camera distance are unknown, the chain ends here.
+
+What makes a leg: its pulses lie on one straight line of the undistorted picture, and their
+arrival times run smoothly along it, one way. Light that flies and returns in one medium reaches
+the camera in the order in which it was scattered (triangle inequality), so legs never overlap
+in t_a and their order is that of their times.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight import flags
+from lightflight.errors import NothingFoundError
+from lightflight.reconstruct._leg_search import (
+    SearchSettings,
+    best_line,
+    refine_members,
+    split_where_bent,
+)
+
+if TYPE_CHECKING:
+    from lightflight.camera import Camera
+    from lightflight.timing.arrivals import Arrivals
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ImageLeg:
+    """One straight leg as the camera sees it, in undistorted pixels.
+
+    A point at distance s (px) along the leg is at (u, v) = origin_px + s direction_px, and light
+    from it arrives at sum_k time_coefficients[k] s^k.
+    """
+
+    members: NDArray[np.int64]
+    """(n,), rows of the arrivals table that belong to the leg."""
+    origin_px: Floats
+    """(2,), (u, v) of the middle of the leg; u = col, v = row."""
+    direction_px: Floats
+    """(2,), unit, in the direction of flight."""
+    extent_px: tuple[float, float]
+    """First and last s at which the leg was seen, px from `origin_px`."""
+    time_coefficients: Floats
+    """(k,), polynomial of the arrival time in s, lowest power first; ps (or codes) per px^k."""
+    n_pixels: int
+    """Distinct pixel positions along the leg."""
+    residual_rms_ps: float
+    """rms of arrival times about the polynomial."""
+
+    def points_px(self, s: ArrayLike) -> Floats:
+        """(u, v) at distances `s` along the leg; (..., 2), px."""
+        along = np.asarray(s, dtype=float)[..., np.newaxis]
+        points: Floats = self.origin_px + along * self.direction_px
+        return points
+
+    def arrival_ps(self, s: ArrayLike) -> Floats:
+        """Arrival time at distances `s` along the leg; (...), ps (codes where no scale is known)."""
+        return np.polynomial.polynomial.polyval(np.asarray(s, dtype=float), self.time_coefficients)
+
+    @property
+    def apparent_speed_px_per_ps(self) -> float:
+        """Speed in the picture at the middle of the leg, px per ps (per code without a scale)."""
+        return float(1.0 / self.time_coefficients[1])
+
+    @property
+    def curvature_ps_per_px2(self) -> float:
+        """d^2 t_a / ds^2; positive for straight light on a clock that runs forward."""
+        c = self.time_coefficients
+        return float(2 * c[2]) if len(c) > 2 else 0.0
+
+    @property
+    def span_ps(self) -> tuple[float, float]:
+        """Arrival times at the first and the last point seen, ps."""
+        first, last = self.arrival_ps(np.array(self.extent_px))
+        return float(first), float(last)
+
+
+def unwrapped_arrivals(
+    arrival_ps: ArrayLike, *, period_ps: float | None, earliest_ps: float | None = None
+) -> Floats:
+    """Arrival times shifted by whole laser periods so that one flight is in one piece.
+
+    Light cannot arrive before `earliest_ps`; where that is not known, the cut is put into the
+    longest silence of the period. Returns (n,), ps.
+    """
+    times = np.asarray(arrival_ps, dtype=float)
+    if period_ps is None or not len(times):
+        return times.copy()
+    if earliest_ps is None:
+        folded = np.sort(np.mod(times[np.isfinite(times)], period_ps))
+        if not len(folded):
+            return times.copy()
+        silence = np.diff(np.append(folded, folded[0] + period_ps))
+        longest = int(np.argmax(silence))
+        first = folded[(longest + 1) % len(folded)]
+        earliest_ps = float(first - 0.5 * silence[longest])
+        # The clock's own zero is kept: only what lies before the silence moves up a period.
+        if earliest_ps < 0:
+            earliest_ps = min(earliest_ps, 0.0)
+    unwrapped: Floats = earliest_ps + np.mod(times - earliest_ps, period_ps)
+    return unwrapped
+
+
+def undistorted_px(camera: Camera | None, row: ArrayLike, col: ArrayLike) -> Floats:
+    """(u, v) in pixels of the ideal pinhole of the same focal length; (n, 2).
+
+    Straight legs are straight there whatever the lens does. Without a camera the pixels
+    themselves are returned.
+    """
+    rows, cols = np.asarray(row, dtype=float), np.asarray(col, dtype=float)
+    if camera is None:
+        return np.stack((cols, rows), axis=-1)
+    x, y = camera.normalized_from_pixels(rows, cols)
+    focal = mean_focal_px(camera)
+    return np.stack((focal * x, focal * y), axis=-1)
+
+
+def mean_focal_px(camera: Camera) -> float:
+    """Geometric mean of the two focal lengths, px."""
+    return float(np.sqrt(abs(camera.matrix[0, 0] * camera.matrix[1, 1])))
+
+
+def find_legs(
+    arrivals: Arrivals,
+    *,
+    camera: Camera | None = None,
+    n_legs: int | None = None,
+    min_pixels: int = 4,
+    earliest_ps: float | None = None,
+    seed: int = 0,
+) -> tuple[ImageLeg, ...]:
+    """Legs of one flight, in the order of flight.
+
+    Parameters
+    ----------
+    arrivals : pulses of one recording; hot, dead and background pixels take no part.
+    camera : undistorts the picture; None: pixels are taken as they are.
+    n_legs : how many legs there are, where the user knows; None: as many as the data show.
+    min_pixels : distinct pixel positions a leg must be seen by.
+    earliest_ps : no light arrives before this time on the clock, ps (folds the period there).
+    seed : of the random search; the same seed gives the same legs.
+
+    Raises
+    ------
+    NothingFoundError
+        Where no straight leg stands out, with the number of usable pulses.
+    """
+    usable = flags.is_usable(arrivals.flags) & np.isfinite(arrivals.arrival_ps)
+    rows = np.flatnonzero(usable)
+    if len(rows) < min_pixels:
+        raise NothingFoundError(
+            f"only {len(rows)} pixels hold a usable pulse and a leg needs {min_pixels}: record "
+            "longer, or look at the flags of the pixels (`lightflight info`)"
+        )
+    times = unwrapped_arrivals(
+        arrivals.arrival_ps[rows], period_ps=arrivals.laser_period_ps, earliest_ps=earliest_ps
+    )
+    errors = np.hypot(arrivals.photon_std_ps[rows], arrivals.pixel_std_ps[rows])
+    settings = SearchSettings(
+        min_pixels=min_pixels,
+        time_floor=0.35 * float(np.median(arrivals.std_ps[rows])),
+        seed=seed,
+    )
+    points = undistorted_px(camera, arrivals.row[rows], arrivals.col[rows])
+    weights = np.maximum(arrivals.photons[rows], 1e-12)
+    groups = _disjoint_groups(points, times, errors, weights, settings, n_legs)
+    legs = [_image_leg(group, rows, points, times, errors, weights) for group in groups]
+    if not legs:
+        raise NothingFoundError(
+            f"{len(rows)} pixels hold a pulse but no {min_pixels} of them lie on a straight line "
+            "with times that run smoothly along it: mask false pixels, or give a starting path"
+        )
+    return tuple(sorted(legs, key=lambda leg: sum(leg.span_ps)))
+
+
+def _disjoint_groups(
+    points: Floats,
+    times: Floats,
+    errors: Floats,
+    weights: Floats,
+    settings: SearchSettings,
+    n_legs: int | None,
+) -> list[NDArray[np.int64]]:
+    """Greedy search: the longest leg first, its pulses removed, until nothing stands out."""
+    left = np.arange(len(times))
+    groups: list[NDArray[np.int64]] = []
+    limit = n_legs if n_legs is not None else 64
+    while len(left) >= settings.min_pixels and len(groups) < limit:
+        found = best_line(points[left], times[left], errors[left], weights[left], settings)
+        if found is None:
+            break
+        members, halo = refine_members(
+            points[left], times[left], errors[left], weights[left], found, settings
+        )
+        if not len(members):
+            break
+        pieces = [members]
+        if n_legs is None:
+            pieces = split_where_bent(
+                points[left], times[left], errors[left], weights[left], members, settings
+            )
+        groups.extend(left[piece] for piece in pieces)
+        left = left[~halo]
+    return groups[:limit]
+
+
+def _image_leg(
+    group: NDArray[np.int64],
+    rows: NDArray[np.intp],
+    points: Floats,
+    times: Floats,
+    errors: Floats,
+    weights: Floats,
+) -> ImageLeg:
+    """Line and time polynomial through one group of pulses."""
+    from lightflight.reconstruct._leg_search import fitted_line, fitted_times
+
+    origin, direction = fitted_line(points[group], weights[group])
+    s = (points[group] - origin) @ direction
+    coefficients = fitted_times(s, times[group], errors[group])
+    middle_slope = np.polynomial.polynomial.polyval(0.0, np.polynomial.polynomial.polyder(coefficients))
+    if middle_slope < 0:
+        direction, s = -direction, -s
+        coefficients = coefficients * (-1.0) ** np.arange(len(coefficients))
+    residual = times[group] - np.polynomial.polynomial.polyval(s, coefficients)
+    return ImageLeg(
+        members=rows[group],
+        origin_px=origin,
+        direction_px=direction,
+        extent_px=(float(s.min()), float(s.max())),
+        time_coefficients=coefficients,
+        n_pixels=len(np.unique(np.rint(s))),
+        residual_rms_ps=float(np.sqrt(np.mean(residual**2))),
+    )

@@ -1,0 +1,123 @@
+"""From a fit to a `LightPath`: covariance in three error classes, residuals, and what it means."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight import flags
+from lightflight.flight import Source
+from lightflight.path import RESIDUAL_DTYPE, Goodness, LightPath
+from lightflight.reconstruct.geometry import footprints, vertex_time_jacobian
+from lightflight.reconstruct.joint import JointFit, Setting
+from lightflight.reconstruct.observation import Observation
+
+Floats = NDArray[np.float64]
+
+
+def prior_in_words(source: Source) -> str:
+    """What was taken as known of source and emission time, for tables and titles."""
+    if source.position_mm is None:
+        return "source unknown"
+    std = np.asarray(source.position_std_mm)
+    place = "source known" if not std.any() else f"source ± {float(std.max()):g} mm"
+    if source.emission_time_ps is None:
+        return f"{place}, emission time fitted"
+    if source.emission_time_std_ps > 0:
+        return f"{place}, emission time ± {source.emission_time_std_ps:g} ps"
+    return f"{place}, emission time known"
+
+
+def covariance_parts(fit: JointFit, setting: Setting) -> dict[str, Floats]:
+    """Covariance of (x, y, z, t) of every vertex by error class; each (4m, 4m).
+
+    "photon" is independent from recording to recording; "pixel" (calibration of each pixel, and
+    the floor the residuals ask for) averages over pixels but not over repeats; "shared" comes
+    from clock scale, emission time, pose and source.
+    """
+    solution, times = fit.solution, fit.times
+    n_free = fit.freedom_basis.shape[1]
+    to_vertices = (
+        vertex_time_jacobian(solution.state.vertices_mm, setting.medium) @ fit.freedom_basis
+    )
+    gain = to_vertices @ solution.photon_gain[:n_free]
+    line_gain = to_vertices @ solution.line_gain[:n_free]
+    photon = (gain * times.photon_var) @ gain.T + line_gain @ line_gain.T
+    pixel_id = np.unique(times.row * 65536.0 + times.col, return_inverse=True)[1]
+    per_pixel = np.zeros((len(gain), pixel_id.max() + 1))
+    np.add.at(per_pixel.T, pixel_id, (gain * np.sqrt(times.pixel_var)).T)
+    floor = (gain * fit.floor_ps**2) @ gain.T
+    shared = to_vertices @ solution.prior_covariance[:n_free, :n_free] @ to_vertices.T
+    return {"photon": photon, "pixel": per_pixel @ per_pixel.T + floor, "shared": shared}
+
+
+def residual_table(fit: JointFit, observations: list[Observation], setting: Setting) -> Any:
+    """One row per pulse on the path; dtype `path.RESIDUAL_DTYPE`."""
+    times, state = fit.times, fit.solution.state
+    table = np.zeros(len(times.leg), RESIDUAL_DTYPE)
+    print_ = footprints(
+        state,
+        camera=fit.solution.camera,
+        medium=setting.medium,
+        legs=times.leg,
+        rows=times.row,
+        cols=times.col,
+    )
+    at_vertex = state.vertex_times_ps(setting.medium)
+    table["row"], table["col"], table["leg"] = times.row, times.col, times.leg
+    table["arrival_ps"] = times.arrival_ps
+    table["residual_ps"] = fit.solution.residual_ps
+    table["model_ps"] = times.arrival_ps - fit.solution.residual_ps
+    table["std_ps"] = np.sqrt(times.photon_var + times.pixel_var + fit.floor_ps**2)
+    table["event_time_ps"] = at_vertex[times.leg] + print_.fraction * np.diff(at_vertex)[times.leg]
+    table["used"] = times.weight > 0
+    for number, observation in enumerate(observations):
+        here = fit.observation_of == number
+        index = times.index[here]
+        table["photons"][here] = observation.arrivals.photons[index]
+        table["flags"][here] = observation.arrivals.flags[index]
+    table["flags"][~table["used"]] |= np.uint32(flags.OUTLIER)
+    return table
+
+
+def path_from_fit(
+    fit: JointFit,
+    observations: list[Observation],
+    setting: Setting,
+    *,
+    method: str,
+    statements: tuple[str, ...],
+    truth: Any,
+) -> LightPath:
+    """The fit as the record users get."""
+    solution = fit.solution
+    parts = covariance_parts(fit, setting)
+    used = fit.times.weight > 0
+    residual = solution.residual_ps[used]
+    variance = (fit.times.photon_var + fit.times.pixel_var)[used] + fit.floor_ps**2
+    goodness = Goodness(
+        chi2=float(np.sum(residual**2 / variance)),
+        dof=solution.dof,
+        n_pulses=int(used.sum()),
+        n_rejected=int((~used).sum()),
+        residual_rms_ps=float(np.sqrt(np.mean(residual**2))),
+        error_floor_ps=fit.floor_ps,
+        converged=solution.converged,
+    )
+    return LightPath(
+        solution.state.vertices_mm,
+        solution.state.vertex_times_ps(setting.medium),
+        parts["photon"] + parts["pixel"] + parts["shared"],
+        camera=solution.camera,
+        source=setting.source,
+        medium=setting.medium,
+        method=method,
+        goodness=goodness,
+        covariance_parts=parts,
+        residuals=residual_table(fit, observations, setting),
+        prior=prior_in_words(setting.source),
+        statements=statements,
+        truth=truth,
+    )
