@@ -20,12 +20,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight.errors import CalibrationError, FileFormatError
 from lightflight.histogram import Histograms
+from lightflight.timing.clock_errors import MOST_PHASES, phase_lever, walk_variance
 
 ASSUMED_GAIN_STD = 0.0065
 """Spread of the gain between pixels of a camera whose gain was never measured (a real PF32)."""
 
-ASSUMED_PHASE_STD = 0.085
-"""Relative spread of unmeasured code widths (a real PF32: 0.055 shared, 0.064 per pixel)."""
+ASSUMED_PHASE_STD = 0.065
+"""Relative spread of unmeasured code widths (a real PF32: 0.058 shared, 0.030 per pixel)."""
+
+ASSUMED_SCALE_STD = 0.005
+"""Relative error of a data sheet's code width (a real PF32: 54.7 or 55.1 ps for 55)."""
 
 _PERIOD_TOLERANCE = 1e-4
 _WIDTH_TOLERANCE = 0.05
@@ -37,7 +41,6 @@ _ARRAY_FIELDS = {
 """Per-pixel arrays of a calibration and how many axes they have beyond (rows, cols)."""
 
 _SCHEMA = 1
-_MOST_PHASES = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +282,9 @@ class TimingCalibration:
             if ours != theirs:
                 raise CalibrationError(_mismatch(name, ours, theirs))
         in_codes = self.laser_period_ps is None and hist.bin_width_ps is None
-        if not in_codes and not _agree(self.laser_period_ps, hist.laser_period_ps, _PERIOD_TOLERANCE):
+        if not in_codes and not _agree(
+            self.laser_period_ps, hist.laser_period_ps, _PERIOD_TOLERANCE
+        ):
             raise CalibrationError(
                 _mismatch("laser_period_ps", self.laser_period_ps, hist.laser_period_ps)
             )
@@ -369,7 +374,9 @@ class TimingCalibration:
         whole = np.clip(self.end_code[rows, cols].astype(np.intp), 0, self.n_codes)
         part = self.end_code[rows, cols] - whole
         pixel = np.arange(len(edges))
-        last = np.where(whole < self.n_codes, widths[pixel, np.minimum(whole, self.n_codes - 1)], 1.0)
+        last = np.where(
+            whole < self.n_codes, widths[pixel, np.minimum(whole, self.n_codes - 1)], 1.0
+        )
         return edges, edges[pixel, whole] + part * last
 
     def _folded(self, delay_ps: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -392,15 +399,15 @@ class TimingCalibration:
         response = np.where(np.isfinite(response), response, 0.5)
         at_delay = self._code_coordinate(rows, cols, delay_ps)
         at_anchor = self._code_coordinate(rows, cols, anchor_ps)
-        misfit = _walk_variance(at_delay, at_anchor, self.end_code[rows, cols])
+        misfit = walk_variance(at_delay, at_anchor, self.end_code[rows, cols])
         variance = misfit * self.misfit_std[rows, cols] ** 2
         phase_std = self.phase_std[rows, cols]
-        if self.n_phases > _MOST_PHASES:
+        if self.n_phases > MOST_PHASES:
             mean_square = np.mean(phase_std**2, axis=1)
             variance = variance + misfit * mean_square
         elif self.n_phases > 1:
-            lever = _phase_lever(at_delay, response, self.n_phases)
-            lever = lever - np.nan_to_num(_phase_lever(at_anchor, response, self.n_phases))
+            lever = phase_lever(at_delay, response, self.n_phases)
+            lever = lever - np.nan_to_num(phase_lever(at_anchor, response, self.n_phases))
             variance = variance + np.sum((lever * phase_std) ** 2, axis=1)
         return np.asarray(variance * width**2)
 
@@ -418,43 +425,6 @@ class TimingCalibration:
         return np.asarray(np.interp(end - before_end, edges, codes))
 
 
-def _walk_variance(
-    code: NDArray[np.float64], anchor: NDArray[np.float64], end_code: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(n,), variance of the sum of unit-variance widths between two codes, all summing to zero.
-
-    Without an anchor: between the code and the end of the period.
-    """
-    between = np.abs(code - np.where(np.isfinite(anchor), anchor, end_code))
-    return np.asarray(between * np.maximum(1.0 - between / end_code, 0.0))
-
-
-def _phase_lever(
-    code: NDArray[np.float64], response_codes: NDArray[np.float64], n_phases: int
-) -> NDArray[np.float64]:
-    """Time of a pulse (in plateau widths) per unit of each phase, phases held to mean 1.
-
-    With h_j(u) = (codes of phase j below u) - u / n_phases, a saw tooth of period n_phases, a
-    pulse of width s at u moves by the Gaussian average of h_j; summed here as a Fourier series.
-
-    Parameters
-    ----------
-    code : (n,), fractional code of the pulse.
-    response_codes : (n,), standard deviation of the pulse, codes.
-
-    Returns
-    -------
-    (n, n_phases), its mean over a period is zero.
-    """
-    harmonic = np.arange(1, 4 * n_phases + 1)
-    omega = 2.0 * np.pi * harmonic / n_phases
-    damping = np.exp(-0.5 * (omega * response_codes[:, None]) ** 2)
-    wave = np.exp(1j * omega * code[:, None]) * damping
-    start = np.exp(-1j * omega[:, None] * (np.arange(n_phases) + 0.5))
-    weight = np.sinc(harmonic / n_phases) / n_phases / (1j * omega)
-    return np.asarray(2.0 * np.real((wave * weight) @ start))
-
-
 def _mismatch(name: str, ours: Any, theirs: Any) -> str:
     return (
         f"the calibration has {name} = {ours}, the recording {theirs}: "
@@ -467,3 +437,62 @@ def _agree(ours: float | None, theirs: float | None, tolerance: float) -> bool:
     if ours is None or theirs is None:
         return ours is theirs
     return abs(ours - theirs) <= tolerance * abs(theirs)
+
+
+def calibrate_timing(
+    code_density: Histograms | None = None,
+    *,
+    flat: Histograms | None = None,
+    flat_arrival_ps: ArrayLike = 0.0,
+    dead_codes: str | None = None,
+    dark: Histograms | None = None,
+    assumed_skew_std_ps: float = 0.0,
+) -> TimingCalibration:
+    """The camera's clock from a code-density recording, a flat recording, or both.
+
+    Parameters
+    ----------
+    code_density : Histograms or None
+        Light that ignores the laser: gain, pattern of code widths, dead codes. None: nominal
+        codes, with a warning that says what that costs.
+    flat : Histograms or None
+        A pulse that reaches every pixel at a known time: delays, response. None: equal delays,
+        with a warning.
+    flat_arrival_ps : float or (rows, cols)
+        When the flat's pulse reached each pixel, ps, on the clock that this defines. What is
+        common to all pixels only shifts that clock.
+    dead_codes : "absorbed", "lost" or None
+        Where the time of the dead first codes went: into the first live ones, or nowhere. None:
+        unknown, which is a scale error that all pixels share.
+    dark : Histograms or None
+        No light at all: finds screaming pixels.
+    assumed_skew_std_ps : float
+        Spread of delays to assume for pixels without a flat, ps.
+
+    Returns
+    -------
+    TimingCalibration
+        Pixels that could not be calibrated hold what is typical for the array and are flagged.
+
+    Raises
+    ------
+    ValueError
+        If neither recording is given, or an option is wrong.
+    CalibrationError
+        If a recording cannot be what it is called, or the recordings do not belong together.
+    """
+    from lightflight.timing import _assemble
+
+    _assemble.check_parts(code_density, flat, dark, dead_codes, assumed_skew_std_ps)
+    if code_density is not None:
+        clock = _assemble.clock_from_code_density(code_density, dead_codes=dead_codes)
+    else:
+        assert flat is not None
+        clock = _assemble.clock_without_code_density(flat)
+    if flat is not None:
+        clock = _assemble.with_flat(
+            clock, flat, flat_arrival_ps=flat_arrival_ps, assumed_skew_std_ps=assumed_skew_std_ps
+        )
+    else:
+        clock = _assemble.with_assumed_delays(clock, assumed_skew_std_ps)
+    return clock if dark is None else _assemble.with_dark(clock, dark)

@@ -1,0 +1,247 @@
+"""Join what the recordings say into one `TimingCalibration` (behind `calibrate_timing`)."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight import flags
+from lightflight.errors import CalibrationError, SuspectDataWarning, UncalibratedWarning
+from lightflight.histogram import Histograms
+from lightflight.timing.calibration import (
+    ASSUMED_GAIN_STD,
+    ASSUMED_PHASE_STD,
+    ASSUMED_SCALE_STD,
+    TimingCalibration,
+)
+from lightflight.timing.code_density import CodeDensityFit, fit_code_density, pixel_flags
+from lightflight.timing.delays import FlatDelays, delays_from_flat
+
+Floats = NDArray[np.float64]
+
+
+def clock_from_code_density(
+    code_density: Histograms, *, dead_codes: str | None, fit: CodeDensityFit | None = None
+) -> TimingCalibration:
+    """Code edges of every pixel; delays are not known yet.
+
+    Parameters
+    ----------
+    code_density : recording of light that ignores the laser.
+    dead_codes : "absorbed", "lost" or None, see `calibrate_timing`.
+    fit : its fit, where it is at hand.
+    """
+    fit = fit_code_density(code_density) if fit is None else fit
+    good = flags.is_usable(fit.flags)
+    width, gain_std, scale_std, notes = _widths_ps(code_density, fit, dead_codes, good)
+    mean_width = float(width[good].mean())
+    nominal = TimingCalibration.nominal(code_density)
+    clock = replace(
+        nominal,
+        laser_period_ps=code_density.laser_period_ps,
+        bin_width_ps=mean_width, gain=width / mean_width, gain_std=gain_std, scale_std=scale_std,
+        phases=fit.phases, phase_std=fit.phase_std, code_widths=fit.code_widths,
+        end_code=fit.end_code, first_live_code=fit.first_live_code,
+        first_live_width=fit.first_live_width, misfit_std=fit.misfit_std, flags=fit.flags,
+        period_end_seen=fit.period_end_seen and code_density.laser_period_ps is not None,
+        notes=(*notes, *_fit_notes(fit, width, gain_std, good)),
+    )  # fmt: skip
+    return clock
+
+
+def _widths_ps(
+    code_density: Histograms, fit: CodeDensityFit, dead_codes: str | None, good: NDArray[np.bool_]
+) -> tuple[Floats, Floats, float, list[str]]:
+    """Width of a plateau code per pixel (ps), relative error, shared relative error, notes."""
+    period = code_density.laser_period_ps
+    if period is None or not fit.period_end_seen:
+        return _widths_without_end(code_density, fit)
+    absorbed, lost = period / fit.codes_absorbed, period / fit.codes_lost
+    only_no_photon = fit.dead_codes in ((), (code_density.no_photon_code,))
+    means = float(absorbed[good].mean()), float(lost[good].mean())
+    std = fit.codes_std / fit.codes_absorbed
+    if only_no_photon:
+        return lost, std, 0.0, [f"mean code {means[1]:.2f} ps; no dead codes"]
+    notes = [
+        f"mean code {means[0]:.2f} ps if the time of the dead codes is absorbed by the first live "
+        f"ones, {means[1]:.2f} ps if it is lost"
+    ]
+    if dead_codes == "absorbed":
+        return absorbed, std, 0.0, [*notes, "taken as absorbed"]
+    if dead_codes == "lost":
+        return lost, std, 0.0, [*notes, "taken as lost"]
+    middle = 0.5 * (absorbed + lost)
+    apart = 0.5 * (absorbed - lost) / middle
+    scale_std = abs(float(apart[good].mean()))
+    std = np.hypot(std, apart - apart[good].mean())
+    notes.append(
+        f"which is unknown: the mean is used, with a shared scale error of {100 * scale_std:.2f} % "
+        "(a flat at two known delays, or dead_codes=..., removes it)"
+    )
+    return middle, std, scale_std, notes
+
+
+def _widths_without_end(
+    code_density: Histograms, fit: CodeDensityFit
+) -> tuple[Floats, Floats, float, list[str]]:
+    """Nominal width where no end of a period is in sight: gains cannot be measured."""
+    width = code_density.bin_width_ps
+    if width is None:
+        raise CalibrationError(
+            "the code-density recording shows no end of the laser period and has no bin_width_ps: "
+            "give bin_width_ps (or laser_period_ps, where the codes cover the period)"
+        )
+    text = (
+        "the codes show no end of the laser period, so gains cannot be measured: nominal ones are "
+        f"used, which costs {1000 * ASSUMED_GAIN_STD:.1f} ps per ns between flat and recording"
+    )
+    warnings.warn(text, UncalibratedWarning, stacklevel=5)
+    image = np.ones(fit.flux.shape)
+    return width * image, ASSUMED_GAIN_STD * image, ASSUMED_SCALE_STD, [text]
+
+
+def _fit_notes(
+    fit: CodeDensityFit, width: Floats, gain_std: Floats, good: NDArray[np.bool_]
+) -> list[str]:
+    """What the code-density recording said, in sentences."""
+    relative = width[good] / width[good].mean()
+    noise2 = float(np.mean((gain_std[good] / relative) ** 2))
+    spread = np.sqrt(max(float(np.var(relative)) - noise2, 0.0))
+    notes = [
+        f"code density: {fit.photons[good].mean():.3g} photons per pixel; gain spread "
+        f"{100 * spread:.2f} % rms (measured to {100 * np.sqrt(noise2):.3f} %)"
+    ]
+    if fit.structured and fit.n_phases > 1:
+        pattern = " ".join(f"{x:.3f}" for x in fit.phases[good].mean(axis=0))
+        notes.append(
+            f"code widths repeat every {fit.n_phases} codes: {pattern}, and "
+            f"{100 * fit.phase_spread:.1f} % rms of its own in each pixel"
+        )
+    if not fit.structured:
+        text = (
+            "no repeating pattern explains the code widths, so every code of every pixel has its "
+            f"own: {fit.n_phases} numbers where a pattern needs 9, and as many times the photons "
+            "for the same error"
+        )
+        warnings.warn(text, SuspectDataWarning, stacklevel=5)
+        notes.append(text)
+    if fit.first_live_code > 0:
+        notes.append(
+            f"codes 0-{fit.first_live_code - 1} hold no light; code {fit.first_live_code} is "
+            f"{np.nanmean(fit.first_live_width[good]):.2f} codes wide"
+            if np.isfinite(fit.first_live_width[good]).any()
+            else f"codes 0-{fit.first_live_code - 1} hold no light"
+        )
+    if np.any(fit.misfit_std[good] > 0):
+        notes.append(
+            f"widths beyond the model: {100 * np.median(fit.misfit_std[good]):.2f} % rms of a code"
+        )
+    return notes
+
+
+def clock_without_code_density(flat: Histograms) -> TimingCalibration:
+    """Nominal codes with the spread that real ones have, for want of a code-density recording."""
+    nominal = TimingCalibration.nominal(flat)
+    image = np.zeros(flat.shape)
+    text = (
+        "no code-density recording: nominal codes stand in, which costs 3-6 ps per pixel and "
+        f"{1000 * ASSUMED_GAIN_STD:.1f} ps per ns between flat and recording on a camera like the "
+        "PF32 (about 0.1-0.2 deg in a leg's angle)"
+    )
+    warnings.warn(text, UncalibratedWarning, stacklevel=4)
+    return replace(
+        nominal, gain_std=image + ASSUMED_GAIN_STD, scale_std=ASSUMED_SCALE_STD,
+        phases=np.ones((*flat.shape, 8)), phase_std=np.full((*flat.shape, 8), ASSUMED_PHASE_STD),
+        flags=np.full(flat.shape, flags.UNCALIBRATED, dtype=np.uint32),
+        notes=(*nominal.notes, text),
+    )  # fmt: skip
+
+
+def with_assumed_delays(clock: TimingCalibration, assumed_skew_std_ps: float) -> TimingCalibration:
+    """The clock with unknown delays, for want of a flat recording."""
+    text = (
+        "no flat recording: the delays of the pixels are taken as equal within "
+        f"{assumed_skew_std_ps:g} ps; arrays differ by 300-2,000 ps, and 1 ps per pixel costs "
+        "0.02-0.03 deg in a leg's angle"
+    )
+    warnings.warn(text, UncalibratedWarning, stacklevel=4)
+    return replace(
+        clock,
+        skew_std_ps=np.full(clock.shape, float(assumed_skew_std_ps)),
+        assumed_skew_std_ps=float(assumed_skew_std_ps),
+        flags=clock.flags | np.uint32(flags.UNCALIBRATED),
+        notes=(*clock.notes, text),
+    )
+
+
+def with_flat(
+    clock: TimingCalibration,
+    flat: Histograms,
+    *,
+    flat_arrival_ps: ArrayLike,
+    assumed_skew_std_ps: float,
+) -> TimingCalibration:
+    """The clock with the delays that a flat recording shows."""
+    delays = delays_from_flat(flat, timing=clock, flat_arrival_ps=flat_arrival_ps)
+    seen = np.isfinite(delays.skew_ps)
+    skew, std = delays.skew_ps.copy(), delays.skew_std_ps.copy()
+    middle = float(np.median(skew[seen]))
+    spread = float(np.std(skew[seen]))
+    skew[~seen], std[~seen] = middle, max(spread, assumed_skew_std_ps)
+    words = clock.flags.copy()
+    words[~seen] |= flags.UNCALIBRATED
+    words |= delays.flags & np.uint32(flags.NO_PHOTONS)
+    notes = [
+        f"flat: {np.nanmedian(delays.photons):.3g} photons per pixel, delays known to "
+        f"{np.nanmedian(std[seen]):.2f} ps, spread {spread:.1f} ps rms, pulse "
+        f"{np.nanmedian(delays.response_std_ps):.1f} ps (std)"
+    ]
+    if not seen.all():
+        notes.append(f"{int((~seen).sum())} pixels show no pulse in the flat: the array's delay")
+    return replace(
+        clock, skew_ps=skew, skew_std_ps=std, anchor_delay_ps=delays.pulse_delay_ps,
+        response_std_ps=delays.response_std_ps, flags=words,
+        assumed_skew_std_ps=float(assumed_skew_std_ps), notes=(*clock.notes, *notes),
+    )  # fmt: skip
+
+
+def with_dark(clock: TimingCalibration, dark: Histograms) -> TimingCalibration:
+    """The clock with pixels flagged that scream in the dark."""
+    photons = dark.photons.astype(np.float64)
+    words = pixel_flags(photons.ravel(), n_frames=dark.n_frames).reshape(dark.shape)
+    screaming = words & np.uint32(flags.SCREAMING)
+    note = f"dark: {int(np.count_nonzero(screaming))} pixels scream"
+    return replace(clock, flags=clock.flags | screaming, notes=(*clock.notes, note))
+
+
+def check_parts(
+    code_density: Histograms | None,
+    flat: Histograms | None,
+    dark: Histograms | None,
+    dead_codes: str | None,
+    assumed_skew_std_ps: float,
+) -> None:
+    """Raise for parts that are missing, of the wrong kind or of different cameras."""
+    if code_density is None and flat is None:
+        raise ValueError("nothing to calibrate from: give code_density, flat, or both")
+    if dead_codes not in (None, "absorbed", "lost"):
+        raise ValueError(f'dead_codes must be "absorbed", "lost" or None, got {dead_codes!r}')
+    if not (np.isfinite(assumed_skew_std_ps) and assumed_skew_std_ps >= 0):
+        raise ValueError(f"assumed_skew_std_ps must be >= 0, got {assumed_skew_std_ps}")
+    named = {"code_density": code_density, "flat": flat, "dark": dark}
+    parts = {name: part for name, part in named.items() if part is not None}
+    for name, part in parts.items():
+        if not isinstance(part, Histograms):
+            raise TypeError(
+                f"{name} must be Histograms, got {type(part).__name__}: call histogram() first"
+            )
+        if name != "dark" and not part.poisson:
+            raise CalibrationError(
+                f"{name} holds scaled intensities: a clock can only be calibrated from counts"
+            )
+    shapes = {name: part.shape for name, part in parts.items()}
+    if len(set(shapes.values())) > 1:
+        raise CalibrationError(f"the recordings are of different cameras: {shapes}")
