@@ -1,1 +1,28 @@
-"""The digital twin: from a scene to what the camera would have written."""
+"""The digital twin: from a scene to what the camera would have written.
+
+Scene and detector: `Scene`, `Detector`; ready-made ones: `ideal`, `pf32`, `spad256`, `streak`,
+`paper_scene`, `angle_scene`. Recording: `simulate`, which attaches a `Truth`.
+
+Shares camera, flight and path constants with `reconstruct`, and nothing else: light is drawn
+photon by photon here and computed as a mean there.
+"""
+
+from lightflight.simulate.detector import Detector, PixelDefects
+from lightflight.simulate.presets import angle_scene, ideal, paper_scene, pf32, spad256, streak
+from lightflight.simulate.run import simulate
+from lightflight.simulate.scene import Scene
+from lightflight.simulate.truth import Truth
+
+__all__ = [
+    "Detector",
+    "PixelDefects",
+    "Scene",
+    "Truth",
+    "angle_scene",
+    "ideal",
+    "paper_scene",
+    "pf32",
+    "simulate",
+    "spad256",
+    "streak",
+]

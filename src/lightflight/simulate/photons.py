@@ -1,0 +1,224 @@
+"""Photons: each drawn with its own place, moment, pixel and delay, then read by the clock.
+
+Takes the segments of `light.py`, gives counts per pixel and code. Photons come in chunks whose
+random streams depend on the seed and the chunk's number only.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.flight import arrival_time_from_event
+from lightflight.simulate.clock import LOST, TrueClock
+from lightflight.simulate.detector import Detector, PixelDefects
+from lightflight.simulate.light import (
+    Segments,
+    beam_std_mm,
+    caught_strength,
+    leg_frames,
+    points_on_path,
+)
+from lightflight.simulate.optics import Catch
+from lightflight.simulate.scene import Scene
+from lightflight.simulate.streams import Streams
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS, std_from_fwhm
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_CHUNK_PHOTONS = 1 << 17
+_MOST_THREADS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Shower:
+    """Everything that a chunk of photons is drawn from."""
+
+    scene: Scene
+    segments: Segments
+    defects: PixelDefects
+    clock: TrueClock
+    streams: Streams
+    catch: Catch
+    choice: Floats
+    """From `Catch.choice_table`."""
+    block: int = 0
+    """Number of the part of the recording."""
+    span: tuple[float, float] = (0.0, 1.0)
+    """The part of the recording, as shares of its length (for the drift)."""
+
+
+def signal_counts(shower: Shower, scale: float, *, threads: int | None = None) -> Ints:
+    """Signal per pixel and code; (pixels, codes + 1), the last column holds photons with no code.
+
+    Parameters
+    ----------
+    scale : expected counts per unit of relative light.
+    threads : how many; the result does not depend on it. None: as many as there are processors.
+    """
+    n_slots = shower.clock.n_codes + 1
+    counts = np.zeros(shower.defects.skew_ps.size * n_slots, dtype=np.int64)
+    light = caught_strength(shower.scene, shower.segments, shower.catch)
+    numbers = shower.streams.generator("number", shower.block).poisson(scale * light)
+    workers = min(threads or os.cpu_count() or 1, _MOST_THREADS)
+    with ThreadPoolExecutor(max_workers=max(1, workers)) as pool:
+        for places in _mapped(pool, shower, list(_chunks(numbers))):
+            np.add.at(counts, places, 1)
+    return counts.reshape(-1, n_slots)
+
+
+def _mapped(
+    pool: ThreadPoolExecutor, shower: Shower, chunks: list[tuple[int, Ints]]
+) -> Iterator[Ints]:
+    return pool.map(lambda chunk: _draw_chunk(shower, *chunk), chunks)
+
+
+def _chunks(numbers: Ints) -> Iterator[tuple[int, Ints]]:
+    """(number of the chunk, segment of each of its photons), `_CHUNK_PHOTONS` at a time."""
+    ends = np.cumsum(numbers)
+    total = int(ends[-1]) if len(ends) else 0
+    for chunk, first in enumerate(range(0, total, _CHUNK_PHOTONS)):
+        last = min(first + _CHUNK_PHOTONS, total)
+        low = int(np.searchsorted(ends, first, side="right"))
+        high = int(np.searchsorted(ends, last, side="left")) + 1
+        inside = np.minimum(ends[low:high], last) - np.maximum(
+            ends[low:high] - numbers[low:high], first
+        )
+        yield chunk, np.repeat(np.arange(low, high), inside)
+
+
+def _draw_chunk(shower: Shower, chunk: int, segment: Ints) -> Ints:
+    """Place in the flat (pixel, code) table of each photon of a chunk."""
+    key = (shower.block, chunk)
+    row, col, arrival, segment = _emitted(shower, key, segment)
+    pixel = _caught(shower, key, row, col)
+    if (shower.defects.efficiency < 1.0).any():
+        sensitivity = shower.defects.efficiency.ravel()[pixel]
+        draw = shower.streams.generator("efficiency", *key).random(len(pixel))
+        felt = draw < sensitivity
+        pixel, arrival = pixel[felt], arrival[felt]
+    arrival = arrival + delay_noise(
+        shower.scene.detector, shower.scene.pulse_fwhm_ps, shower.streams, key, len(pixel)
+    )
+    pixel, arrival = _with_echoes(shower, key, pixel, arrival)
+    delay = arrival + shower.defects.skew_ps.ravel()[pixel]
+    if shower.scene.detector.drift_ps:
+        low, high = shower.span
+        moment = shower.streams.generator("drift", *key).uniform(low, high, len(pixel))
+        delay += shower.scene.detector.drift_ps * (moment - 0.5)
+    code = shower.clock.codes_from_delays(pixel, delay)
+    code[code == LOST] = shower.clock.n_codes
+    return pixel * (shower.clock.n_codes + 1) + code
+
+
+def _emitted(
+    shower: Shower, key: tuple[int, int], segment: Ints
+) -> tuple[Floats, Floats, Floats, Ints]:
+    """(row, col, arrival time, segment) of each photon: where it comes from, seen by the camera."""
+    parts = shower.segments
+    place = shower.streams.generator("position", *key).random(len(segment))
+    std = beam_std_mm(shower.scene)
+    if std == 0.0:
+        return (
+            parts.row[segment] + place * parts.row_step[segment],
+            parts.col[segment] + place * parts.col_step[segment],
+            parts.arrival_ps[segment] + place * parts.arrival_step_ps[segment],
+            segment,
+        )
+    return _emitted_from_beam(shower, key, segment, place)
+
+
+def _emitted_from_beam(
+    shower: Shower, key: tuple[int, int], segment: Ints, place: Floats
+) -> tuple[Floats, Floats, Floats, Ints]:
+    """As `_emitted`, for a beam with a diameter: off axis, and only the share that is caught."""
+    scene, parts = shower.scene, shower.segments
+    rng = shower.streams.generator("beam", *key)
+    length = parts.length_mm[segment] + (place - 0.5) * parts.size_mm[segment]
+    points = points_on_path(scene, parts.leg[segment], length)
+    for frame in leg_frames(scene):
+        offset = beam_std_mm(scene) * rng.standard_normal(len(segment))
+        points += offset[:, np.newaxis] * frame[parts.leg[segment]]
+    row, col = scene.camera.pixels_from_points(points)
+    caught = shower.catch.caught_fraction(row, scene.shape[0])
+    caught *= shower.catch.caught_fraction(col, scene.shape[1])
+    kept = rng.random(len(segment)) * shower.catch.most_caught**2 < caught
+    flight = scene.medium.path_group_index * length[kept] / SPEED_OF_LIGHT_MM_PER_PS
+    arrival = arrival_time_from_event(
+        points[kept],
+        scene.emission_time_ps + flight,
+        camera_center_mm=scene.camera.center_mm,
+        return_group_index=scene.medium.return_group_index,
+    )
+    return row[kept], col[kept], arrival, segment[kept]
+
+
+def _caught(shower: Shower, key: tuple[int, int], row: Floats, col: Floats) -> Ints:
+    """The pixel that caught each photon; (n,), numbered row by row."""
+    rows, cols = shower.scene.shape
+    uniform = shower.streams.generator("row", *key).random(len(row))
+    pixel = shower.catch.draw_pixels(row, rows, table=shower.choice, uniform=uniform) * cols
+    uniform = shower.streams.generator("col", *key).random(len(col))
+    pixel += shower.catch.draw_pixels(col, cols, table=shower.choice, uniform=uniform)
+    return pixel
+
+
+def delay_noise(
+    detector: Detector, pulse_fwhm_ps: float, streams: Streams, key: tuple[int, int], n: int
+) -> Floats:
+    """What pulse, trigger and response add to each photon's arrival time; (n,), ps."""
+    noise = np.zeros(n)
+    widths = {
+        "pulse": pulse_fwhm_ps,
+        "trigger": detector.trigger_jitter_fwhm_ps,
+        "response": detector.response_fwhm_ps,
+    }
+    for component, fwhm in widths.items():
+        if fwhm > 0:
+            draw = streams.generator(component, *key).standard_normal(n)
+            draw *= std_from_fwhm(fwhm)
+            noise += draw
+    if detector.response_mean_ps > 0:
+        rng = streams.generator("tail", *key)
+        late = rng.random(n) < detector.response_tail_fraction
+        noise[late] += rng.exponential(detector.response_tail_ps, int(late.sum()))
+    return noise
+
+
+def _with_echoes(
+    shower: Shower, key: tuple[int, int], pixel: Ints, arrival: Floats
+) -> tuple[Ints, Floats]:
+    """The photons, followed by the crosstalk and the afterpulses they cause."""
+    detector = shower.scene.detector
+    if detector.crosstalk_probability > 0:
+        rng = shower.streams.generator("crosstalk", *key)
+        causes = np.flatnonzero(rng.random(len(pixel)) < detector.crosstalk_probability)
+        neighbour, inside = neighbours_of(
+            pixel[causes], rng.integers(0, 4, len(causes)), shower.scene.shape
+        )
+        pixel = np.concatenate((pixel, neighbour[inside]))
+        arrival = np.concatenate((arrival, arrival[causes][inside]))
+    if detector.afterpulse_probability > 0 and not detector.first_photon_only:
+        rng = shower.streams.generator("afterpulse", *key)
+        causes = np.flatnonzero(rng.random(len(pixel)) < detector.afterpulse_probability)
+        late = rng.exponential(detector.afterpulse_time_ps, len(causes))
+        pixel = np.concatenate((pixel, pixel[causes]))
+        arrival = np.concatenate((arrival, arrival[causes] + late))
+    return pixel, arrival
+
+
+def neighbours_of(
+    pixel: Ints, side: Ints, shape: tuple[int, int]
+) -> tuple[Ints, NDArray[np.bool_]]:
+    """The neighbour of each pixel on a side (0 up, 1 down, 2 left, 3 right), and if it exists."""
+    rows, cols = shape
+    row = pixel // cols + np.array([-1, 1, 0, 0])[side]
+    col = pixel % cols + np.array([0, 0, -1, 1])[side]
+    inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
+    return row * cols + col, inside

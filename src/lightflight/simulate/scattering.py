@@ -1,0 +1,76 @@
+"""How much light a piece of path sends to the camera, relative to another piece.
+
+One function per effect; `light.py` multiplies those that a scene switches on. Angles follow from
+the direction of flight d, the unit vector u from the point to the camera, and the camera's
+backward axis n.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+Scattering = Literal["uniform", "rayleigh"]
+
+
+def inverse_square_from_distance(distance_mm: ArrayLike) -> Floats:
+    """Share of isotropically scattered light that a pupil takes up: 1 / r^2, 1/mm^2."""
+    return np.asarray(1.0 / np.asarray(distance_mm, dtype=float) ** 2)
+
+
+def rayleigh_from_directions(
+    direction: ArrayLike, towards_camera: ArrayLike, *, polarization: ArrayLike | None = None
+) -> Floats:
+    """Rayleigh's phase function, mean 1 over the sphere.
+
+    Unpolarised light: 3/4 (1 + (d.u)^2). Linearly polarised along e: 3/2 (1 - (e.u)^2).
+
+    Parameters
+    ----------
+    direction : (..., 3), unit direction of flight d.
+    towards_camera : (..., 3), unit vector u from the point to the camera.
+    polarization : (..., 3), unit vector e, normal to d. None: unpolarised.
+    """
+    u = np.asarray(towards_camera, dtype=float)
+    if polarization is None:
+        cosine = np.sum(np.asarray(direction, dtype=float) * u, axis=-1)
+        return np.asarray(0.75 * (1.0 + cosine**2))
+    along = np.sum(np.asarray(polarization, dtype=float) * u, axis=-1)
+    return np.asarray(1.5 * (1.0 - along**2))
+
+
+def cos4_from_directions(towards_camera: ArrayLike, backward_axis: ArrayLike) -> Floats:
+    """Natural fall-off of a lens towards the rim of its field: cos^4 of the field angle."""
+    cosine = np.sum(np.asarray(towards_camera, float) * np.asarray(backward_axis, float), axis=-1)
+    return np.asarray(np.clip(cosine, 0.0, 1.0) ** 4)
+
+
+def polarizations_from_vertices(vertices_mm: ArrayLike, polarization: ArrayLike) -> Floats:
+    """Polarisation of each leg, (legs, 3), from that of the first, through ideal mirrors.
+
+    A mirror that turns d1 into d2 has its normal along d2 - d1 and reflects the field like a
+    vector. What of `polarization` lies along the first leg is taken off.
+
+    Raises ValueError where `polarization` lies along the first leg.
+    """
+    steps = np.diff(np.asarray(vertices_mm, dtype=float), axis=0)
+    directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    e = np.asarray(polarization, dtype=float)
+    e = e - (e @ directions[0]) * directions[0]
+    size = float(np.linalg.norm(e))
+    if size < 1e-9:
+        raise ValueError(
+            "polarization points along the first leg: light is polarised across its direction"
+        )
+    legs = [e / size]
+    for before, after in itertools.pairwise(directions):
+        turn = after - before
+        square = float(turn @ turn)
+        e = legs[-1]
+        legs.append(e if square < 1e-24 else e - 2.0 * (e @ turn) / square * turn)
+    return np.array(legs)

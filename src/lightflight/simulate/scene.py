@@ -1,0 +1,190 @@
+"""Scene: the laboratory as it truly is, for the digital twin.
+
+Takes vertices of a path, a camera, a source and a detector; `light.py` draws photons from it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight.flight import Medium, Source, event_times_from_vertices
+from lightflight.simulate.detector import Detector
+from lightflight.simulate.scattering import Scattering, polarizations_from_vertices
+
+if TYPE_CHECKING:
+    from lightflight.camera import Camera
+
+Floats = NDArray[np.float64]
+Brightness = Callable[[Floats], ArrayLike] | Sequence[Any] | ArrayLike | None
+
+
+def _checked_vertices(vertices_mm: ArrayLike) -> Floats:
+    vertices = np.array(vertices_mm, dtype=float)
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 2:
+        raise ValueError(
+            f"vertices_mm must have shape (m, 3) with m >= 2, got {vertices.shape}: "
+            "give source, mirrors and end of the path"
+        )
+    if not np.isfinite(vertices).all():
+        raise ValueError("vertices_mm holds NaN or inf: give finite positions in mm")
+    lengths = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
+    if (lengths < 1e-9).any():
+        leg = int(np.argmin(lengths))
+        raise ValueError(f"vertices {leg} and {leg + 1} are the same point: remove one")
+    vertices.setflags(write=False)
+    return vertices
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A pulse on a path of straight legs, seen by a camera.
+
+    `source` may say what an experimenter would know (position with an error, emission time
+    unknown); what is true is in `vertices_mm` and in the fields named `true_...`, which stand in
+    wherever `source` leaves a number open.
+    """
+
+    vertices_mm: ArrayLike
+    """(m, 3), source, mirrors, end; world, mm."""
+
+    camera: Camera = field(kw_only=True)
+    """The camera that looks on."""
+
+    source: Source = field(default_factory=Source, kw_only=True)
+    """What is known of the source. Its emission time and pulse width are true where given."""
+
+    medium: Medium = field(default_factory=Medium, kw_only=True)
+    """The medium the light crosses."""
+
+    detector: Detector = field(default_factory=Detector, kw_only=True)
+    """What catches the light and writes the recording."""
+
+    brightness: Brightness = field(default=None, kw_only=True)
+    """Scattering strength per mm of path, relative. None: the same everywhere. A function of the
+    path length from the source (mm, array in and out), or one number per leg, or a table
+    (lengths_mm, strengths), interpolated linearly."""
+
+    background: float | ArrayLike = field(default=0.0, kw_only=True)
+    """Background light: expected counts per pixel over the whole recording, at any time alike,
+    before any is lost to earlier photons; one number, or (rows, cols)."""
+
+    true_emission_time_ps: float = field(default=2000.0, kw_only=True)
+    """When the pulse leaves the first vertex, ps, where `source` does not say."""
+
+    true_pulse_fwhm_ps: float = field(default=68.0, kw_only=True)
+    """Full width at half maximum of the laser pulse, ps, where `source` does not say."""
+
+    beam_diameter_mm: float = field(default=0.0, kw_only=True)
+    """1/e^2 diameter of the (Gaussian) beam, mm. 0: a line."""
+
+    scattering: Scattering = field(default="uniform", kw_only=True)
+    """"uniform": alike in all directions. "rayleigh": by Rayleigh's phase function."""
+
+    polarization: ArrayLike | None = field(default=None, kw_only=True)
+    """(3,), direction of the field on the first leg, world; None: unpolarised."""
+
+    inverse_square: bool = field(default=True, kw_only=True)
+    """Light thins with the square of the distance to the camera."""
+
+    cos4_falloff: bool = field(default=False, kw_only=True)
+    """The lens darkens towards the rim of its field."""
+
+    def __post_init__(self) -> None:
+        vertices = _checked_vertices(self.vertices_mm)
+        object.__setattr__(self, "vertices_mm", vertices)
+        background = np.array(self.background, dtype=float)
+        if background.shape not in ((), self.camera.shape):
+            raise ValueError(
+                f"background has shape {background.shape} but the camera has "
+                f"{self.camera.shape} pixels: give one number or one per pixel"
+            )
+        if not (np.isfinite(background) & (background >= 0)).all():
+            raise ValueError("background must be finite and >= 0: it is an expected count")
+        for name in ("true_emission_time_ps", "true_pulse_fwhm_ps", "beam_diameter_mm"):
+            value = getattr(self, name)
+            if not np.isfinite(value) or (name != "true_emission_time_ps" and value < 0):
+                raise ValueError(f"{name} must be finite and not negative, got {value}")
+        if self.scattering not in ("uniform", "rayleigh"):
+            raise ValueError(f'scattering must be "uniform" or "rayleigh", got {self.scattering!r}')
+        if self.polarization is not None:
+            polarizations_from_vertices(vertices, self.polarization)
+        object.__setattr__(self, "_strength", _strength_from(self.brightness, self.leg_starts_mm))
+
+    _strength: Callable[[Floats, int], Floats] = field(
+        default=None,  # type: ignore[assignment]
+        init=False,
+        repr=False,
+    )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols) of the camera."""
+        return self.camera.shape
+
+    @property
+    def n_legs(self) -> int:
+        """Number of straight legs."""
+        return len(np.asarray(self.vertices_mm)) - 1
+
+    @property
+    def leg_starts_mm(self) -> Floats:
+        """(m,), path length from the first vertex to each vertex, mm."""
+        steps = np.diff(np.asarray(self.vertices_mm), axis=0)
+        return np.array([0.0, *itertools.accumulate(np.linalg.norm(steps, axis=1))])
+
+    @property
+    def emission_time_ps(self) -> float:
+        """True time at which the pulse leaves the first vertex, ps."""
+        known = self.source.emission_time_ps
+        return self.true_emission_time_ps if known is None else known
+
+    @property
+    def pulse_fwhm_ps(self) -> float:
+        """True full width at half maximum of the laser pulse, ps."""
+        known = self.source.pulse_fwhm_ps
+        return self.true_pulse_fwhm_ps if known is None else known
+
+    @property
+    def vertex_times_ps(self) -> Floats:
+        """(m,), true event time at each vertex, ps."""
+        return event_times_from_vertices(
+            np.asarray(self.vertices_mm),
+            emission_time_ps=self.emission_time_ps,
+            path_group_index=self.medium.path_group_index,
+        )
+
+    def strength(self, length_mm: Floats, leg: int) -> Floats:
+        """Relative scattering strength per mm at path lengths on one leg; (n,)."""
+        strength = self._strength(length_mm, leg)
+        if not (np.isfinite(strength) & (strength >= 0)).all():
+            raise ValueError(f"brightness must be finite and >= 0; it is not on leg {leg}")
+        return strength
+
+
+def _strength_from(brightness: Brightness, starts_mm: Floats) -> Callable[[Floats, int], Floats]:
+    """One function of (path length, leg) from the forms `brightness` may take."""
+    n_legs = len(starts_mm) - 1
+    if brightness is None:
+        return lambda length, _leg: np.ones_like(length)
+    if callable(brightness):
+        return lambda length, _leg: np.broadcast_to(
+            np.asarray(brightness(length), dtype=float), length.shape
+        )
+    if isinstance(brightness, Sequence | np.ndarray) and len(brightness):
+        if np.ndim(brightness[0]) == 0 and len(brightness) == n_legs:
+            per_leg = np.asarray(brightness, dtype=float)
+            return lambda length, leg: np.full_like(length, per_leg[leg])
+        if np.ndim(brightness[0]) == 1 and len(brightness) == 2:
+            lengths, values = (np.asarray(part, dtype=float) for part in brightness)
+            if lengths.shape == values.shape and (np.diff(lengths) > 0).all():
+                return lambda length, _leg: np.interp(length, lengths, values)
+    raise ValueError(
+        f"brightness must be a function of path length, {n_legs} numbers (one per leg), or a table "
+        "(lengths_mm ascending, strengths)"
+    )
