@@ -1,0 +1,100 @@
+"""A LightPath as a file: our versioned HDF5, and its vertices and samples as CSV."""
+
+from __future__ import annotations
+
+import csv
+import os
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from lightflight.camera import Camera
+from lightflight.flight import Medium, Source
+from lightflight.path import RESIDUAL_DTYPE, Goodness, LightPath
+from lightflight.provenance import provenance_record
+from lightflight.store import atomic_path, load_record, save_record
+
+KIND = "path"
+"""Kind of record in our HDF5 files."""
+
+
+def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
+    """Write a path with everything that belongs to it, whole or not at all."""
+    arrays: dict[str, Any] = {
+        "vertices_mm": path.vertices_mm,
+        "vertex_times_ps": path.vertex_times_ps,
+        "covariance": path.covariance,
+    }
+    arrays |= {f"covariance_{name}": part for name, part in path.covariance_parts.items()}
+    arrays |= {f"camera_{name}": array for name, array in path.camera.to_arrays().items()}
+    arrays |= {f"residuals_{name}": path.residuals[name] for name in RESIDUAL_DTYPE.names or ()}
+    if path.truth is not None:
+        arrays["truth_vertices_mm"] = np.asarray(path.truth.vertices_mm, dtype=float)
+        arrays["truth_vertex_times_ps"] = np.asarray(path.truth.vertex_times_ps, dtype=float)
+    attributes = {
+        "method": path.method,
+        "prior": path.prior,
+        "statements": list(path.statements),
+        "goodness": asdict(path.goodness),
+        "source": asdict(path.source),
+        "medium": asdict(path.medium),
+        "provenance": dict(path.provenance) or provenance_record(),
+    }
+    save_record(file, kind=KIND, arrays=arrays, attributes=attributes)
+
+
+class TruePath:
+    """Truth as a path file carries it: where the pulse really was."""
+
+    def __init__(self, vertices_mm: Any, vertex_times_ps: Any) -> None:
+        self.vertices_mm = np.asarray(vertices_mm, dtype=float)
+        self.vertex_times_ps = np.asarray(vertex_times_ps, dtype=float)
+
+
+def load_path(file: str | os.PathLike[str]) -> LightPath:
+    """Read a path written by `save_path`. Raises FileFormatError for any other file."""
+    arrays, attributes = load_record(file, kind=KIND)
+    table = np.zeros(len(arrays["residuals_row"]), RESIDUAL_DTYPE)
+    for name in RESIDUAL_DTYPE.names or ():
+        table[name] = arrays[f"residuals_{name}"]
+    camera = {k.removeprefix("camera_"): v for k, v in arrays.items() if k.startswith("camera_")}
+    parts = {
+        k.removeprefix("covariance_"): v for k, v in arrays.items() if k.startswith("covariance_")
+    }
+    truth = None
+    if "truth_vertices_mm" in arrays:
+        truth = TruePath(arrays["truth_vertices_mm"], arrays["truth_vertex_times_ps"])
+    source = dict(attributes["source"])
+    if isinstance(source.get("position_std_mm"), list):
+        source["position_std_mm"] = tuple(source["position_std_mm"])
+    return LightPath(
+        arrays["vertices_mm"],
+        arrays["vertex_times_ps"],
+        arrays["covariance"],
+        camera=Camera.from_arrays(camera),
+        source=Source(**source),
+        medium=Medium(**attributes["medium"]),
+        method=attributes["method"],
+        goodness=Goodness(**attributes["goodness"]),
+        covariance_parts=parts,
+        residuals=table,
+        prior=attributes["prior"],
+        statements=tuple(attributes["statements"]),
+        truth=truth,
+        provenance=attributes["provenance"],
+    )
+
+
+def write_path_csv(path: LightPath, file: str | os.PathLike[str], *, n: int = 1000) -> None:
+    """Write `n` points along the path with their errors as CSV, one row per point."""
+    table = path.sample(n)
+    with atomic_path(file) as temporary, open(temporary, "w", newline="", encoding="utf-8") as out:
+        writer = csv.writer(out)
+        writer.writerow(table.dtype.names or ())
+        for row in table:
+            writer.writerow([_text(value) for value in row.tolist()])
+
+
+def _text(value: Any) -> str:
+    return f"{value:.9g}" if isinstance(value, float) else str(int(value))

@@ -1,0 +1,394 @@
+"""`paper`: the chain of Zheng et al. 2020, literal, as the baseline every table shows.
+
+One pixel per position along a leg; least-squares pulse times; bad pixels replaced by the linear
+interpolation of their neighbours; one angle alpha_i per arrival time (the inverse of Eq. 1 and
+2); alpha is the value with the least RMSE to the alpha_i, their mean; legs one after another on
+reference planes RP1, RP2 ... (Fig. 4), each starting where the line of the last one meets the
+viewing plane of the next. Times and places of pixels are those of their centres.
+
+Where the paper is silent: with the emission time unknown, the time that makes the alpha_i of the
+first leg agree best is taken; with the source unknown, the path starts in the entry pixel with
+s = c t_a / n, which needs the time of entry as `emission_time_ps`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from lightflight import flags
+from lightflight.errors import GeometryError
+from lightflight.flight import Medium, point_from_arrival, return_time_from_points
+from lightflight.path import RESIDUAL_DTYPE, Goodness, LightPath
+from lightflight.reconstruct.freedom import view_end
+from lightflight.reconstruct.geometry import PathState, vertex_time_jacobian
+from lightflight.reconstruct.joint import Setting
+from lightflight.reconstruct.legs import ImageLeg, undistorted_px
+from lightflight.reconstruct.observation import Observation
+from lightflight.reconstruct.result import prior_in_words
+from lightflight.reconstruct.start import world_rays
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+
+if TYPE_CHECKING:
+    from lightflight.camera import Camera
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """What the paper takes of one leg: one pixel per position along it."""
+
+    rows: Floats
+    """(k,), pixel row."""
+    cols: Floats
+    """(k,), pixel column."""
+    arrival_ps: Floats
+    """(k,), arrival time; interpolated where the pixel was bad, ps."""
+    interpolated: NDArray[np.bool_]
+    """(k,), True where the neighbours had to stand in."""
+    photons: Floats
+    """(k,), counts in the pulse."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneLeg:
+    """A leg in its viewing plane: start on the reference plane, axes, and its angle."""
+
+    start_mm: Floats
+    """(3,), S_j, world, mm."""
+    start_time_ps: float
+    """Event time at the start, ps."""
+    along: Floats
+    """(3,), unit: viewing plane and reference plane meet along it, in the direction of flight."""
+    upright: Floats
+    """(3,), unit, in the viewing plane, normal to `along`, towards the camera."""
+    angles: Floats
+    """(k,), alpha_i, rad."""
+
+    @property
+    def angle(self) -> float:
+        """alpha: the value of least RMSE to the alpha_i, rad."""
+        return float(np.mean(self.angles))
+
+    @property
+    def angle_std(self) -> float:
+        """Scatter of the alpha_i over the root of their number, rad."""
+        return float(np.std(self.angles, ddof=1) / np.sqrt(len(self.angles)))
+
+
+def projection_of_leg(leg: ImageLeg, observation: Observation, camera: Camera) -> Projection:
+    """Brightest good pixel at every position along a leg; gaps are interpolated."""
+    arrivals = observation.arrivals
+    members = leg.members[arrivals.photons[leg.members] > 0]
+    points = undistorted_px(camera, arrivals.row[members], arrivals.col[members])
+    s = (points - leg.origin_px) @ leg.direction_px
+    position = np.rint(s * max(abs(leg.direction_px))).astype(int)
+    first, last = int(position.min()), int(position.max())
+    k = last - first + 1
+    rows, cols = np.full(k, np.nan), np.full(k, np.nan)
+    times, photons = np.full(k, np.nan), np.zeros(k)
+    for i in np.argsort(arrivals.photons[members]):
+        at, index = position[i] - first, members[i]
+        rows[at], cols[at] = arrivals.row[index], arrivals.col[index]
+        times[at], photons[at] = observation.arrival_ps[index], arrivals.photons[index]
+    # A single bright spot's neighbour rows may fill a position with wings only.
+    weak = photons < 0.05 * np.median(photons[photons > 0])
+    bad = ~np.isfinite(times) | weak
+    good = np.flatnonzero(~bad)
+    for values in (rows, cols, times):
+        values[bad] = np.interp(np.flatnonzero(bad), good, values[good])
+    return Projection(rows, cols, times, bad, photons)
+
+
+def _plane_axes(rays: Floats, start: Floats, camera: Camera) -> tuple[Floats, Floats]:
+    """(along, upright) of the viewing plane of a leg seen along `rays`, from its start."""
+    n = camera.backward_axis
+    # Viewing rays meet the reference plane (normal n, through the start) at the points E_i.
+    depth = ((start - camera.center_mm) @ n) / (rays @ n)
+    meeting = camera.center_mm + depth[:, np.newaxis] * rays
+    offset = meeting - start
+    axes = np.linalg.svd(offset - offset.mean(axis=0) if len(offset) > 2 else offset)[2]
+    along = axes[0]
+    along = along - (along @ n) * n
+    along = along / np.linalg.norm(along)
+    if along @ (meeting[-1] - meeting[0]) < 0:
+        along = -along
+    normal = np.cross(along, camera.center_mm - start)
+    upright = np.cross(normal, along)
+    upright = upright / np.linalg.norm(upright)
+    return along, upright if upright @ n > 0 else -upright
+
+
+def angles_from_arrivals(
+    rays: Floats,
+    arrival_ps: Floats,
+    *,
+    start_mm: Floats,
+    start_time_ps: float,
+    along: Floats,
+    upright: Floats,
+    camera_center_mm: Floats,
+    medium: Medium,
+) -> Floats:
+    """alpha_i of each arrival time: the one-to-one relation of Eq. 1 and 2, inverted.
+
+    The closed form of `flight.point_from_arrival` in the viewing plane is that inverse; NaN where
+    no angle explains the time. Returns (k,), rad.
+    """
+    in_plane = rays - (rays @ np.cross(along, upright))[:, np.newaxis] * np.cross(along, upright)
+    in_plane /= np.linalg.norm(in_plane, axis=1)[:, np.newaxis]
+    points = point_from_arrival(
+        in_plane,
+        arrival_ps,
+        source_mm=start_mm,
+        emission_time_ps=start_time_ps,
+        camera_center_mm=camera_center_mm,
+        medium=medium,
+    )
+    offset = points - start_mm
+    angles: Floats = np.arctan2(offset @ upright, offset @ along)
+    return angles
+
+
+def paper_path(
+    observations: list[Observation], setting: Setting, *, legs: tuple[ImageLeg, ...] | None
+) -> LightPath:
+    """The paper's reconstruction of a whole path; repeats are averaged in arrival time.
+
+    Raises
+    ------
+    GeometryError
+        Where the source is unknown and no time of entry is given, or a leg cannot be placed.
+    """
+    if legs is None:
+        raise ValueError("method='paper' finds its own legs: leave start out, or give n_legs")
+    camera, medium, first = setting.camera, setting.medium, observations[0]
+    projections = [projection_of_leg(leg, first, camera) for leg in legs]
+    projections = [_averaged(p, observations) for p in projections]
+    start, start_time = _start(projections[0], setting)
+    placed: list[PlaneLeg] = []
+    for number, (leg, seen) in enumerate(zip(legs, projections, strict=True)):
+        line = world_rays(camera, leg.points_px(np.linspace(*leg.extent_px, 32)))
+        if number:
+            start, start_time = _corner(placed[-1], line, camera, medium)
+        along, upright = _plane_axes(line, start, camera)
+        rays = camera.rays_from_pixels(seen.rows, seen.cols)
+
+        def angles_at(
+            time: float,
+            rays: Floats = rays,
+            seen: Projection = seen,
+            start: Floats = start,
+            axes: tuple[Floats, Floats] = (along, upright),
+        ) -> Floats:
+            return angles_from_arrivals(
+                rays,
+                seen.arrival_ps,
+                start_mm=start,
+                start_time_ps=time,
+                along=axes[0],
+                upright=axes[1],
+                camera_center_mm=camera.center_mm,
+                medium=medium,
+            )
+
+        if start_time is None:
+            start_time = _agreeing_time(seen, start, camera, medium, angles_at)
+        angles = angles_at(start_time)
+        angles = angles[np.isfinite(angles)]
+        if len(angles) < 2:
+            raise GeometryError(
+                f"leg {number + 1}: no angle explains its arrival times from where the leg before "
+                "it ended; the paper's chain stops here, try method='joint'"
+            )
+        placed.append(PlaneLeg(start, start_time, along, upright, angles))
+    return _path_from_plane_legs(placed, projections, observations, setting)
+
+
+def _averaged(seen: Projection, observations: list[Observation]) -> Projection:
+    """Arrival times averaged over repeats, pixel by pixel."""
+    if len(observations) == 1:
+        return seen
+    stacks = [seen.arrival_ps]
+    for observation in observations[1:]:
+        image = np.full(observation.arrivals.shape, np.nan)
+        arrivals = observation.arrivals
+        usable = flags.is_usable(arrivals.flags)
+        image[arrivals.row[usable], arrivals.col[usable]] = observation.arrival_ps[usable]
+        rows, cols = np.rint(seen.rows).astype(int), np.rint(seen.cols).astype(int)
+        times = image[rows, cols]
+        wrong = ~np.isfinite(times) | (np.abs(times - seen.arrival_ps) > 100.0)
+        stacks.append(np.where(wrong | seen.interpolated, seen.arrival_ps, times))
+    return Projection(
+        seen.rows, seen.cols, np.mean(stacks, axis=0), seen.interpolated, seen.photons
+    )
+
+
+def _start(seen: Projection, setting: Setting) -> tuple[Floats, float | None]:
+    source, camera = setting.source, setting.camera
+    if source.position_mm is not None:
+        return np.asarray(source.position_mm, dtype=float), source.emission_time_ps
+    if source.emission_time_ps is None:
+        raise GeometryError(
+            "method='paper' starts from a known source, or from the entry pixel with s = c t_a / n, "
+            "which needs the time of entry: give position_mm or emission_time_ps of the source"
+        )
+    flight = seen.arrival_ps[0] - source.emission_time_ps
+    distance = SPEED_OF_LIGHT_MM_PER_PS * flight / setting.medium.return_group_index
+    ray = camera.rays_from_pixels(seen.rows[:1], seen.cols[:1])[0]
+    if distance <= 0:
+        raise GeometryError("the first light arrives before the time of entry given")
+    return camera.center_mm + distance * ray, source.emission_time_ps
+
+
+def _agreeing_time(seen, start, camera, medium, angles_at):  # type: ignore[no-untyped-def]
+    """Start time for which the alpha_i of the first leg scatter least, ps."""
+    latest = float(
+        seen.arrival_ps.min()
+        - return_time_from_points(
+            start,
+            camera_center_mm=camera.center_mm,
+            return_group_index=medium.return_group_index,
+        )
+    )
+
+    def scatter(time: float) -> float:
+        angles = angles_at(time)
+        finite = np.isfinite(angles)
+        return float(np.std(angles[finite])) if finite.sum() > 0.7 * len(angles) else 10.0
+
+    grid = latest + np.linspace(-1500.0, 300.0, 361)
+    costs = [scatter(float(time)) for time in grid]
+    best = int(np.argmin(costs))
+    low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    found = minimize_scalar(scatter, bounds=(low, high), method="bounded")
+    return float(found.x)
+
+
+def _direction(leg: PlaneLeg, angle: float | None = None) -> Floats:
+    alpha = leg.angle if angle is None else angle
+    direction: Floats = np.cos(alpha) * leg.along + np.sin(alpha) * leg.upright
+    return direction
+
+
+def _corner(
+    leg: PlaneLeg, rays: Floats, camera: Camera, medium: Medium
+) -> tuple[Floats, float]:
+    """E_j = S_(j+1): where a leg's line meets the viewing plane of the next, and when."""
+    normal = np.cross(rays[0], rays[-1])
+    direction = _direction(leg)
+    approach = float(direction @ normal)
+    if abs(approach) < 1e-9 * float(np.linalg.norm(normal)):
+        raise GeometryError(
+            "two legs lie in one viewing plane, so the paper's chain cannot tell where the one ends "
+            "and the other starts: try method='joint'"
+        )
+    length = float((camera.center_mm - leg.start_mm) @ normal) / approach
+    time = leg.start_time_ps + medium.path_group_index * length / SPEED_OF_LIGHT_MM_PER_PS
+    return leg.start_mm + length * direction, float(time)
+
+
+def _path_from_plane_legs(
+    placed: list[PlaneLeg],
+    projections: list[Projection],
+    observations: list[Observation],
+    setting: Setting,
+) -> LightPath:
+    camera, medium = setting.camera, setting.medium
+    vertices = _vertices(placed, projections, camera, np.array([leg.angle for leg in placed]))
+    state = PathState(vertices, placed[0].start_time_ps)
+    # Errors: the scatter of the alpha_i alone, carried down the chain; the paper states no other.
+    by_angle = np.zeros((vertices.size + 1, len(placed)))
+    for k in range(len(placed)):
+        angles = np.array([leg.angle for leg in placed])
+        angles[k] += 1e-5
+        moved = _vertices(placed, projections, camera, angles)
+        by_angle[:-1, k] = (moved - vertices).ravel() / 1e-5
+    to_vertices = vertex_time_jacobian(vertices, medium) @ by_angle
+    variance = np.array([leg.angle_std**2 for leg in placed])
+    covariance = (to_vertices * variance) @ to_vertices.T
+    table = _residuals(placed, projections, camera, medium)
+    n_interpolated = int(sum(p.interpolated.sum() for p in projections))
+    return LightPath(
+        vertices,
+        state.vertex_times_ps(medium),
+        covariance,
+        camera=camera,
+        source=setting.source,
+        medium=medium,
+        method="paper",
+        goodness=Goodness(
+            chi2=float("nan"),
+            dof=0,
+            n_pulses=len(table),
+            n_rejected=n_interpolated,
+            residual_rms_ps=float(np.sqrt(np.mean(table["residual_ps"] ** 2))),
+            error_floor_ps=0.0,
+            converged=True,
+        ),
+        covariance_parts={"photon": covariance},
+        residuals=table,
+        prior=prior_in_words(setting.source),
+        statements=(
+            "The paper's estimator states the scatter of the alpha_i only: its error bars know "
+            "nothing of the picture, the clock or the source.",
+        ),
+        truth=observations[0].histograms.truth,
+    )
+
+
+def _vertices(
+    placed: list[PlaneLeg], projections: list[Projection], camera: Camera, angles: Floats
+) -> Floats:
+    """Corners for given angles of the legs, viewing planes kept; (m, 3), mm."""
+    vertices = [placed[0].start_mm]
+    for k, leg in enumerate(placed):
+        direction = _direction(leg, float(angles[k]))
+        if k + 1 < len(placed):
+            following = placed[k + 1]
+            normal = np.cross(following.along, following.upright)
+            length = ((camera.center_mm - vertices[-1]) @ normal) / (direction @ normal)
+            vertices.append(vertices[-1] + length * direction)
+    last_ray = camera.rays_from_pixels(projections[-1].rows[-1:], projections[-1].cols[-1:])[0]
+    offset = vertices[-1] - camera.center_mm
+    across = np.cross(np.cross(placed[-1].along, placed[-1].upright), last_ray)
+    seen = vertices[-1] - (offset @ across) / (direction @ across) * direction
+    leaving = view_end(camera, seen, direction)
+    vertices.append(seen if leaving is None else leaving.position_mm)
+    return np.array(vertices)
+
+
+def _residuals(
+    placed: list[PlaneLeg], projections: list[Projection], camera: Camera, medium: Medium
+) -> NDArray[np.void]:
+    """Arrival times against those of the straight legs, pixel by pixel."""
+    parts = []
+    for number, (leg, seen) in enumerate(zip(placed, projections, strict=True)):
+        direction = _direction(leg)
+        rays = camera.rays_from_pixels(seen.rows, seen.cols)
+        offset = camera.center_mm - leg.start_mm
+        across = direction - (rays @ direction)[:, np.newaxis] * rays
+        length = (across @ offset) / np.sum(across**2, axis=1)
+        points = leg.start_mm + length[:, np.newaxis] * direction
+        event = leg.start_time_ps + medium.path_group_index * length / SPEED_OF_LIGHT_MM_PER_PS
+        table = np.zeros(len(rays), RESIDUAL_DTYPE)
+        table["row"], table["col"] = np.rint(seen.rows), np.rint(seen.cols)
+        table["leg"], table["event_time_ps"] = number, event
+        table["arrival_ps"] = seen.arrival_ps
+        table["model_ps"] = event + return_time_from_points(
+            points,
+            camera_center_mm=camera.center_mm,
+            return_group_index=medium.return_group_index,
+        )
+        table["residual_ps"] = table["arrival_ps"] - table["model_ps"]
+        table["std_ps"] = np.nan
+        table["photons"] = seen.photons
+        table["used"] = True
+        table["flags"] = np.where(seen.interpolated, flags.INTERPOLATED, 0)
+        parts.append(table)
+    return np.concatenate(parts)
