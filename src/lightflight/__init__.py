@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any
 from lightflight._version import __version__
 
 if TYPE_CHECKING:
-    from lightflight.camera import Camera, calibrate_camera
+    from lightflight.camera import Camera
+    from lightflight.camera_calibration import calibrate_camera
     from lightflight.flight import Medium, Source
     from lightflight.histogram import Histograms
     from lightflight.path import LightPath
@@ -46,7 +47,7 @@ _HOME_FROM_NAME = {
     "Source": "flight",
     "TimingCalibration": "timing.calibration",
     "bounds": "reconstruct",
-    "calibrate_camera": "camera",
+    "calibrate_camera": "camera_calibration",
     "calibrate_timing": "timing.calibration",
     "find_arrivals": "timing.arrivals",
     "find_legs": "reconstruct",

@@ -125,8 +125,30 @@ RECONSTRUCT_KEYS = (
 
 SCENE_KEYS = (
     Key("vertices_mm", "source, mirrors and end of the path, mm", config.table_of_numbers(3)),
-    Key("photons_per_pixel", "expected signal counts in the brightest pixel", config.number),
-    Key("background", "background counts per pixel, see lightflight.Scene", config.number),
+    Key(
+        "photons_per_pixel",
+        "expected signal counts in the brightest pixel (code_density, flat: mean counts)",
+        config.number,
+    ),
+    Key("brightness", "relative scattering strength of each leg", config.numbers()),
+    Key("background", "expected background counts per pixel", config.number),
+    Key(
+        "true_emission_time_ps",
+        "when the pulse starts, where [source] does not say, ps",
+        config.number,
+    ),
+    Key(
+        "true_pulse_fwhm_ps",
+        "width of the laser pulse, where [source] does not say, ps",
+        config.number,
+    ),
+    Key("beam_diameter_mm", "1/e^2 diameter of the beam, mm; 0: a line", config.number),
+    Key("scattering", "angular law of the scattering", config.choice("uniform", "rayleigh")),
+    Key(
+        "polarization", "direction of the field on the first leg; left out: none", config.numbers(3)
+    ),
+    Key("inverse_square", "light thins with the distance to the camera", config.flag),
+    Key("cos4_falloff", "the lens darkens towards the rim of its field", config.flag),
 )
 
 
@@ -336,12 +358,12 @@ def _detector_from_table(table: Mapping[str, Any]) -> Detector:
     name = given.pop("preset", None)
     if name is None:
         return Detector(**given)
-    from lightflight.simulate.presets import DETECTORS
+    from lightflight.simulate.presets import PRESETS
 
-    if name not in DETECTORS:
-        hint = config.unknown_name_sentence(name, list(DETECTORS))
+    if name not in PRESETS:
+        hint = config.unknown_name_sentence(name, list(PRESETS))
         raise ValueError(f"preset {name!r} is unknown; {hint}")
-    return replace(DETECTORS[name](), **given)
+    return replace(PRESETS[name](), **given)
 
 
 # --- writing ---------------------------------------------------------------------------------
@@ -363,10 +385,22 @@ def table_from_lab(lab: Lab) -> dict[str, dict[str, Any]]:
 
 
 def toml_from_lab(lab: Lab) -> str:
-    """Text of a set-up file that gives the same lab again."""
+    """Text of a set-up file that gives the same lab again; lists in one line, tables row by row."""
+    lines = []
+    for section, values in table_from_lab(lab).items():
+        lines += ["", f"[{section}]"]
+        lines += [f"{key} = {_toml_text(value)}" for key, value in values.items()]
+    return "\n".join(lines[1:]) + "\n"
+
+
+def _toml_text(value: Any) -> str:
+    if isinstance(value, list):
+        nested = any(isinstance(item, list) for item in value)
+        items = map(_toml_text, value)
+        return "[\n    " + ",\n    ".join(items) + ",\n]" if nested else f"[{', '.join(items)}]"
     import tomli_w
 
-    return tomli_w.dumps(table_from_lab(lab))
+    return tomli_w.dumps({"value": value}).removeprefix("value = ").rstrip("\n")
 
 
 def _table_from_camera(camera: Camera) -> dict[str, Any]:

@@ -1,0 +1,135 @@
+"""Options that several commands share, and the checks that go with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+debug_option = click.option(
+    "--debug",
+    is_flag=True,
+    expose_value=False,
+    help="Show the full traceback of an error, and the warnings of libraries.",
+)
+
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print JSON to stdout instead of tables."
+)
+
+seed_option = click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Random seed."
+)
+
+
+RECORD_SUFFIXES = (".h5", ".hdf5")
+FIGURE_SUFFIXES = (".png", ".pdf", ".svg")
+
+
+def outputs_option(meaning: str, *, required: bool = False) -> Callable[[Command], Command]:
+    """Add the option -o / --output, which may be given more than once."""
+    return click.option(
+        "-o",
+        "--output",
+        "outputs",
+        type=click.Path(path_type=Path),
+        multiple=True,
+        required=required,
+        help=meaning,
+    )
+
+
+def lab_options(command: Command) -> Command:
+    """Add the options --lab, --set and --dry-run."""
+    for option in (
+        click.option(
+            "--dry-run",
+            is_flag=True,
+            help="Print what was understood of the set-up, as TOML, and stop.",
+        ),
+        click.option(
+            "--set",
+            "assignments",
+            metavar="SECTION.KEY=VALUE",
+            multiple=True,
+            help="Change one key of the set-up; may be given more than once.",
+        ),
+        click.option(
+            "--lab",
+            "lab_path",
+            type=click.Path(path_type=Path),
+            help="Set-up file in TOML: [camera], [source], [medium] ...",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def hint_option(command: Command) -> Command:
+    """Add the option --hint, which says what a file does not say about itself."""
+    return click.option(
+        "--hint",
+        "hints",
+        metavar="KEY=VALUE",
+        multiple=True,
+        help="What the recording does not say itself, for example bin_width_ps=55 or axes=tyx; "
+        "stands over [recording] of the set-up.",
+    )(command)
+
+
+def hints_from_text(hints: Iterable[str]) -> dict[str, Any]:
+    """Reading hints from `key=value` texts; values are written as in TOML."""
+    from lightflight.config import value_from_text
+
+    out = {}
+    for hint in hints:
+        key, equals, value = hint.partition("=")
+        if not (equals and key.strip()):
+            raise click.UsageError(f"--hint {hint!r}: write key=value, for example bin_width_ps=55")
+        out[key.strip()] = value_from_text(value)
+    return out
+
+
+def check_outputs(
+    outputs: Iterable[Path], *, inputs: Iterable[Path], suffixes: Iterable[str]
+) -> None:
+    """Refuse, before any work, outputs that cannot or must not be written.
+
+    Raises
+    ------
+    click.UsageError
+        For an unknown suffix, a folder that does not exist, an output that is an input, and a
+        file of another program in the place of an HDF5 output.
+    """
+    allowed, read = list(suffixes), list(inputs)
+    for output in outputs:
+        if output.suffix.lower() not in allowed:
+            raise click.UsageError(f"-o {output}: the name must end in {' or '.join(allowed)}")
+        if not output.parent.is_dir():
+            raise click.UsageError(
+                f"-o {output}: there is no folder {output.parent}, make it first"
+            )
+        if output.is_dir():
+            raise click.UsageError(f"-o {output}: is a folder, name a file in it")
+        if not output.exists():
+            continue
+        if any(path.exists() and output.samefile(path) for path in read):
+            raise click.UsageError(f"-o {output}: is an input too, choose another name")
+        if output.suffix.lower() in RECORD_SUFFIXES and not _is_ours(output):
+            raise click.UsageError(
+                f"-o {output}: exists and was not written by lightflight, choose another name"
+            )
+
+
+def _is_ours(path: Path) -> bool:
+    from lightflight.errors import FileFormatError
+    from lightflight.store import kind_of_record
+
+    try:
+        return kind_of_record(path) is not None
+    except FileFormatError:
+        return False

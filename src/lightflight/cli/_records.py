@@ -1,0 +1,123 @@
+"""Reading and describing records for the commands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from lightflight.cli._console import Fact, step
+from lightflight.cli._options import hints_from_text
+
+if TYPE_CHECKING:
+    from lightflight.histogram import Histograms
+    from lightflight.lab import Lab
+    from lightflight.recording import Recording
+    from lightflight.timing.calibration import TimingCalibration
+
+
+def lab_from_options(lab_path: Path | None, assignments: Iterable[str]) -> Lab:
+    """Lab from --lab and --set."""
+    from lightflight.lab import lab_from_toml
+
+    return lab_from_toml(lab_path, assignments=assignments)
+
+
+def print_lab(lab: Lab) -> None:
+    """Print what was understood of a set-up, as TOML, for --dry-run."""
+    from lightflight.lab import toml_from_lab
+
+    click.echo(toml_from_lab(lab).rstrip())
+    if lab.camera_needs:
+        click.echo(f"# no camera yet: [camera] lacks {' and '.join(lab.camera_needs)}")
+
+
+def read_hinted(path: Path, lab: Lab, hints: Iterable[str]) -> Recording | Histograms:
+    """Recording or histograms from a file, with [recording] and --hint telling what it does not."""
+    from lightflight.recording import read
+
+    with step(f"reading {path.name}"):
+        return read(path, **{**lab.recording, **hints_from_text(hints)})
+
+
+def read_histograms(path: Path, lab: Lab, hints: Iterable[str]) -> Histograms:
+    """Histograms from a file; recordings are counted."""
+    from lightflight.recording import histogram
+
+    record = read_hinted(path, lab, hints)
+    with step(f"counting {path.name}") as report:
+        return histogram(record, progress=report)
+
+
+def calibration_from_option(path: Path | None) -> TimingCalibration | None:
+    """Timing calibration from --timing."""
+    if path is None:
+        return None
+    from lightflight.timing.calibration import TimingCalibration
+
+    return TimingCalibration.load(path)
+
+
+def clock_facts(record: Recording | Histograms) -> list[Fact]:
+    """How codes are read as times."""
+
+    def ps(value: float | None) -> str:
+        return "unknown" if value is None else f"{value:g} ps"
+
+    rows, cols = record.shape
+    direction = "reversed, a larger code is an earlier photon"
+    if not record.reversed_codes:
+        direction = "forward, a larger code is a later photon"
+    return [
+        Fact("pixels (rows x cols)", "shape", record.shape, f"{rows} x {cols}"),
+        Fact("codes", "n_codes", record.n_codes),
+        Fact("time per code", "bin_width_ps", record.bin_width_ps, ps(record.bin_width_ps)),
+        Fact("laser period", "laser_period_ps", record.laser_period_ps, ps(record.laser_period_ps)),
+        Fact("clock", "reversed_codes", record.reversed_codes, direction),
+        Fact("first edge", "first_edge_ps", record.first_edge_ps, ps(record.first_edge_ps)),
+        Fact("no-photon code", "no_photon_code", record.no_photon_code),
+        Fact("frames", "n_frames", record.n_frames),
+        Fact("laser periods per frame", "periods_per_frame", record.periods_per_frame),
+    ]
+
+
+def count_facts(hist: Histograms) -> list[Fact]:
+    """Photons of a recording."""
+    import numpy as np
+
+    photons = hist.photons
+    brightest = tuple(int(i) for i in np.unravel_index(int(photons.argmax()), hist.shape))
+    most = f"{photons.max():,.6g}, in (row, col) = {brightest}"
+    facts = [
+        Fact("photons" if hist.poisson else "intensity", "photons", photons.sum()),
+        Fact("median pixel", "median_photons_per_pixel", float(np.median(photons))),
+        Fact("brightest pixel", "most_photons_per_pixel", photons.max(), most),
+        Fact("pixels without a photon", "pixels_without_photons", int((photons == 0).sum())),
+    ]
+    if hist.occupancy is not None and hist.no_photon_code is not None:
+        firing = int(np.count_nonzero(hist.occupancy > _SCREAMING_OCCUPANCY))
+        facts.append(Fact("pixels that fire in most frames", "screaming_pixels", firing))
+    if not hist.poisson:
+        facts.append(Fact("counts", "poisson", False, "scaled intensities: least squares alone"))
+    return facts
+
+
+_SCREAMING_OCCUPANCY = 0.6
+
+
+def provenance(
+    command: str, inputs: Iterable[Path | None], lab: Lab, **more: Any
+) -> dict[str, Any]:
+    """Provenance of what a command makes, with the resolved set-up."""
+    from lightflight.lab import table_from_lab
+    from lightflight.provenance import provenance_record
+
+    settings: Mapping[str, Any] = table_from_lab(lab)
+    return provenance_record(
+        command=f"lightflight {command}",
+        inputs=[path for path in inputs if path is not None],
+        settings={**settings, **{k: v for k, v in more.items() if k != "seed"}},
+        seed=more.get("seed"),
+    )

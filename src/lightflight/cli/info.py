@@ -1,0 +1,126 @@
+"""`lightflight info`: what a file holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from lightflight.cli._console import (
+    Fact,
+    json_from_facts,
+    print_facts,
+    print_json,
+    print_sentences,
+    step,
+)
+from lightflight.cli._options import debug_option, hint_option, json_option, lab_options
+
+if TYPE_CHECKING:
+    from lightflight.lab import Lab
+
+
+@click.command("info", short_help="Say what a file holds.")
+@click.argument("file", type=click.Path(path_type=Path))
+@lab_options
+@hint_option
+@json_option
+@debug_option
+def command(
+    *,
+    file: Path,
+    lab_path: Path | None,
+    assignments: tuple[str, ...],
+    hints: tuple[str, ...],
+    dry_run: bool,
+    as_json: bool,
+) -> None:
+    """Say what FILE holds: a recording of any known format, a calibration or a path.
+
+    \b
+    Examples:
+      lightflight info recording.h5
+      lightflight info streak.mat --hint axes=tyx --hint bin_width_ps=7.5
+    """
+    from lightflight.cli._records import lab_from_options, print_lab
+
+    lab = lab_from_options(lab_path, assignments)
+    if dry_run:
+        print_lab(lab)
+        return
+    facts, sentences = _facts_of(file, lab, hints)
+    facts = [Fact("file", "file", file.name), *facts]
+    if as_json:
+        print_json(json_from_facts(facts) | {"notes": sentences})
+        return
+    print_facts(facts)
+    print_sentences(sentences)
+
+
+def _facts_of(file: Path, lab: Lab, hints: tuple[str, ...]) -> tuple[list[Fact], list[str]]:
+    from lightflight.store import kind_of_record
+
+    match kind_of_record(file):
+        case "calibration":
+            return _calibration_facts(file)
+        case "path":
+            return _path_facts(file)
+        case "pulses" | "arrivals" as kind:
+            return _table_facts(file, kind)
+    return _recording_facts(file, lab, hints)
+
+
+def _recording_facts(file: Path, lab: Lab, hints: tuple[str, ...]) -> tuple[list[Fact], list[str]]:
+    from lightflight.cli._records import clock_facts, count_facts, read_hinted
+    from lightflight.histogram import Histograms
+    from lightflight.recording import histogram
+
+    record = read_hinted(file, lab, hints)
+    kind = "histograms" if isinstance(record, Histograms) else record.kind
+    with step(f"counting {file.name}") as report:
+        hist = histogram(record, progress=report)
+    extra = {str(name): value for name, value in record.settings.items() if _is_short(value)}
+    facts = [
+        Fact("holds", "kind", kind, f"recording ({kind})"),
+        *clock_facts(hist),
+        *count_facts(hist),
+        *(Fact(name, f"setting_{name}", value) for name, value in extra.items()),
+    ]
+    notes = []
+    if record.truth is not None:
+        notes.append("Made by a simulation, whose truth is in the file.")
+    if record.bin_width_ps is None:
+        notes.append("Times stay in codes until the time per code is given (bin_width_ps).")
+    return facts, notes
+
+
+def _is_short(value: Any) -> bool:
+    return isinstance(value, int | float | bool) or (isinstance(value, str) and len(value) < 200)
+
+
+def _calibration_facts(file: Path) -> tuple[list[Fact], list[str]]:
+    from lightflight.cli.calibrate import calibration_facts
+    from lightflight.timing.calibration import TimingCalibration
+
+    calibration = TimingCalibration.load(file)
+    holds = Fact("holds", "kind", "calibration", "calibration of a clock")
+    return [holds, *calibration_facts(calibration)], list(calibration.notes)
+
+
+def _path_facts(file: Path) -> tuple[list[Fact], list[str]]:
+    from lightflight.cli._paths import path_facts
+    from lightflight.path import LightPath
+
+    path = LightPath.load(file)
+    holds = Fact("holds", "kind", "path", "path of a pulse")
+    return [holds, *path_facts(path)], list(path.statements)
+
+
+def _table_facts(file: Path, kind: str) -> tuple[list[Fact], list[str]]:
+    from lightflight.store import load_record
+
+    arrays, attributes = load_record(file, kind=kind)
+    rows = max((len(array) for array in arrays.values() if array.ndim), default=0)
+    extra = [Fact(name, name, value) for name, value in attributes.items() if _is_short(value)]
+    return [Fact("holds", "kind", kind), Fact("rows", "rows", rows), *extra], []

@@ -1,0 +1,228 @@
+"""`lightflight reconstruct`: from a recording to the path of the pulse."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from lightflight.cli._console import print_json, print_sentences, print_table, step
+from lightflight.cli._options import (
+    FIGURE_SUFFIXES,
+    RECORD_SUFFIXES,
+    check_outputs,
+    debug_option,
+    hint_option,
+    json_option,
+    lab_options,
+    outputs_option,
+)
+
+if TYPE_CHECKING:
+    from lightflight.histogram import Histograms
+    from lightflight.lab import Lab
+    from lightflight.reconstruct.legs import ImageLeg
+    from lightflight.timing.calibration import TimingCalibration
+
+
+@click.command("reconstruct", short_help="Reconstruct the path of a pulse.")
+@click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--timing",
+    "timing_path",
+    type=click.Path(path_type=Path),
+    help="Calibration of the clock, from `lightflight calibrate`. Without: nominal, and warned of.",
+)
+@click.option(
+    "--background",
+    "background_path",
+    type=click.Path(path_type=Path),
+    help="Recording without the pulse, by the same camera.",
+)
+@click.option(
+    "--method",
+    type=click.Choice(["joint", "paper", "photon"]),
+    help="Estimator.  [default: joint]",
+)
+@click.option("--n-legs", type=click.IntRange(min=1), help="Number of legs, where you know it.")
+@outputs_option(
+    "File to write: the path (.h5), points along it (.csv), a figure (.png .pdf .svg); may be "
+    "given more than once."
+)
+@lab_options
+@hint_option
+@json_option
+@debug_option
+def command(
+    *,
+    recordings: tuple[Path, ...],
+    timing_path: Path | None,
+    background_path: Path | None,
+    method: str | None,
+    n_legs: int | None,
+    outputs: tuple[Path, ...],
+    lab_path: Path | None,
+    assignments: tuple[str, ...],
+    hints: tuple[str, ...],
+    dry_run: bool,
+    as_json: bool,
+) -> None:
+    """Reconstruct the 4D path of a pulse from RECORDINGS (one, or repeats of the same scene).
+
+    The set-up says where camera and source stand. Without the time per code or the camera's
+    distance, the legs are found in the picture, and what is missing is named.
+
+    \b
+    Examples:
+      lightflight reconstruct recording.h5 --lab lab.toml --timing calibration.h5 -o path.h5
+      lightflight reconstruct streak.mat --hint axes=tyx -o path.csv -o path.png
+    """
+    from lightflight.cli._records import calibration_from_option, print_lab, read_histograms
+
+    inputs = [p for p in (*recordings, timing_path, background_path, lab_path) if p is not None]
+    lab = _lab_with_options(lab_path, assignments, method, n_legs)
+    check_outputs(outputs, inputs=inputs, suffixes=(*RECORD_SUFFIXES, ".csv", *FIGURE_SUFFIXES))
+    if dry_run:
+        print_lab(lab)
+        return
+    repeats = [read_histograms(path, lab, hints) for path in recordings]
+    timing = calibration_from_option(timing_path)
+    missing = _missing(lab, repeats)
+    if missing:
+        _stop_at_the_picture(repeats[0], timing, lab, missing, outputs, as_json=as_json)
+        return
+    background = None if background_path is None else read_histograms(background_path, lab, hints)
+    _reconstruct(repeats, timing, background, lab, inputs, outputs, as_json=as_json)
+
+
+def _lab_with_options(
+    lab_path: Path | None, assignments: tuple[str, ...], method: str | None, n_legs: int | None
+) -> Lab:
+    from lightflight.cli._records import lab_from_options
+
+    lab = lab_from_options(lab_path, assignments)
+    given = {"method": method, "n_legs": n_legs}
+    options = {**lab.reconstruct, **{k: v for k, v in given.items() if v is not None}}
+    return replace(lab, reconstruct=options)
+
+
+def _missing(lab: Lab, repeats: list[Histograms]) -> list[str]:
+    """What stands between these recordings and a path in space, in words."""
+    missing = []
+    if any(hist.bin_width_ps is None for hist in repeats):
+        missing.append("the time per code (--hint bin_width_ps=..., or under [recording])")
+    if lab.camera is None:
+        missing.append(f"the camera ([camera] {' and '.join(lab.camera_needs)})")
+    return missing
+
+
+def _reconstruct(
+    repeats: list[Histograms],
+    timing: TimingCalibration | None,
+    background: Histograms | None,
+    lab: Lab,
+    inputs: list[Path],
+    outputs: tuple[Path, ...],
+    *,
+    as_json: bool,
+) -> None:
+    from lightflight.cli._paths import json_from_path, print_path, write_path
+    from lightflight.cli._records import provenance
+    from lightflight.reconstruct import reconstruct
+
+    options = dict(lab.reconstruct)
+    waypoints = [(int(row[0]), row[1:4], row[4]) for row in options.pop("waypoints", ())]
+    with step("reconstructing the path"):
+        path = reconstruct(
+            repeats if len(repeats) > 1 else repeats[0],
+            camera=lab.camera,
+            source=lab.source,
+            medium=lab.medium,
+            timing=timing,
+            background=background,
+            waypoints=waypoints,
+            **options,
+        )
+    path = replace(path, provenance=provenance("reconstruct", inputs, lab))
+    for output in outputs:
+        with step(f"writing {output.name}"):
+            write_path(path, output)
+    if as_json:
+        print_json(json_from_path(path) | {"written": [str(output) for output in outputs]})
+        return
+    print_path(path)
+    if outputs:
+        print_sentences([f"Written: {', '.join(map(str, outputs))}"])
+
+
+def _stop_at_the_picture(
+    hist: Histograms,
+    timing: TimingCalibration | None,
+    lab: Lab,
+    missing: list[str],
+    outputs: tuple[Path, ...],
+    *,
+    as_json: bool,
+) -> None:
+    from lightflight.errors import ConfigError
+    from lightflight.reconstruct import find_legs
+    from lightflight.timing.arrivals import find_arrivals
+
+    with step("fitting the pulses"):
+        arrivals = find_arrivals(hist, timing=timing)
+    with step("looking for legs"):
+        legs = find_legs(arrivals, n_legs=lab.reconstruct.get("n_legs"))
+    unit = "codes" if hist.bin_width_ps is None else "ps"
+    needs = f"To go on to (x, y, z, t) this needs {' and '.join(missing)}."
+    if as_json:
+        print_json({"legs": [_json_from_leg(leg, unit) for leg in legs], "needs": missing})
+    else:
+        _print_legs(legs, unit)
+        print_sentences([needs])
+    if outputs:
+        names = ", ".join(map(str, outputs))
+        raise ConfigError(f"{names} not written, the path stops at (u, v, t_a): {needs}")
+
+
+def _print_legs(legs: tuple[ImageLeg, ...], unit: str) -> None:
+    rows: list[tuple[Any, ...]] = []
+    for i, leg in enumerate(legs):
+        (u0, v0), (u1, v1) = leg.points_px(leg.extent_px)
+        first, last = leg.span_ps
+        rows.append(
+            (
+                f"{i + 1}",
+                f"({u0:.2f}, {v0:.2f})",
+                f"({u1:.2f}, {v1:.2f})",
+                f"{first:,.2f}",
+                f"{last:,.2f}",
+                f"{1.0 / leg.apparent_speed_px_per_ps:.4f}",
+                leg.n_pixels,
+            )
+        )
+    print_table(
+        (
+            "leg",
+            "from (u, v)",
+            "to (u, v)",
+            f"first arrival ({unit})",
+            f"last arrival ({unit})",
+            f"{unit} per px",
+            "pixels",
+        ),
+        rows,
+        title="Legs in the picture (u = col, v = row, in pixels)",
+    )
+
+
+def _json_from_leg(leg: ImageLeg, unit: str) -> dict[str, Any]:
+    return {
+        "points_px": leg.points_px(leg.extent_px),
+        f"arrival_{unit}": leg.span_ps,
+        f"apparent_speed_px_per_{unit.removesuffix('s') if unit == 'codes' else unit}": (
+            leg.apparent_speed_px_per_ps
+        ),
+        "n_pixels": leg.n_pixels,
+    }
