@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.histogram import Histograms
+from lightflight.recording import Recording
+from lightflight.simulate.clock import TrueClock
 from lightflight.simulate.detector import Detector, PixelDefects
 from lightflight.simulate.light import ExpectedLight, Segments, expected_light, segments_from_scene
 from lightflight.simulate.photons import Shower, signal_counts
+from lightflight.simulate.raw import (
+    Block,
+    blocks_from_frames,
+    check_can_write,
+    events_of_block,
+    fill_frames,
+)
 from lightflight.simulate.recorder import Exposure, recorded_counts, uniform_shares, with_crosstalk
 from lightflight.simulate.response import flat_shares
 from lightflight.simulate.scene import Scene
@@ -22,6 +32,7 @@ from lightflight.units import std_from_fwhm
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Progress = Callable[[int, int], None]
 
 KINDS = ("histograms", "frames", "events", "code_density", "flat", "dark")
 
@@ -46,6 +57,9 @@ class Stage:
     defects: PixelDefects
     streams: Streams
     n_frames: int | None
+    clock: TrueClock
+    choice: Floats
+    """Table from `Catch.choice_table`."""
 
     @property
     def detector(self) -> Detector:
@@ -58,6 +72,51 @@ class Stage:
         return Exposure(self.n_frames, self.detector.first_photon_only)
 
 
+@overload
+def simulate(
+    scene: Scene,
+    *,
+    photons_per_pixel: float | None = ...,
+    seed: int = ...,
+    kind: Literal["histograms", "code_density", "flat", "dark"] = ...,
+    n_frames: int | None = ...,
+    flat_arrival_ps: ArrayLike | None = ...,
+    frames_out: NDArray[np.uint16] | None = ...,
+    threads: int | None = ...,
+    progress: Progress | None = ...,
+) -> Histograms: ...
+
+
+@overload
+def simulate(
+    scene: Scene,
+    *,
+    photons_per_pixel: float | None = ...,
+    seed: int = ...,
+    kind: Literal["frames", "events"],
+    n_frames: int | None = ...,
+    flat_arrival_ps: ArrayLike | None = ...,
+    frames_out: NDArray[np.uint16] | None = ...,
+    threads: int | None = ...,
+    progress: Progress | None = ...,
+) -> Recording: ...
+
+
+@overload
+def simulate(
+    scene: Scene,
+    *,
+    photons_per_pixel: float | None = ...,
+    seed: int = ...,
+    kind: str,
+    n_frames: int | None = ...,
+    flat_arrival_ps: ArrayLike | None = ...,
+    frames_out: NDArray[np.uint16] | None = ...,
+    threads: int | None = ...,
+    progress: Progress | None = ...,
+) -> Histograms | Recording: ...
+
+
 def simulate(
     scene: Scene,
     *,
@@ -66,8 +125,10 @@ def simulate(
     kind: str = "histograms",
     n_frames: int | None = None,
     flat_arrival_ps: ArrayLike | None = None,
+    frames_out: NDArray[np.uint16] | None = None,
     threads: int | None = None,
-) -> Histograms:
+    progress: Progress | None = None,
+) -> Histograms | Recording:
     """Draw what the camera of a scene would have written, photon by photon.
 
     Parameters
@@ -80,6 +141,8 @@ def simulate(
     kind : what to record:
 
         - "histograms": the pulse, as counts per pixel and TDC code;
+        - "frames": the pulse, as dense frames of codes (2 bytes per pixel and frame);
+        - "events": the pulse, as single photons;
         - "code_density": light that knows nothing of the laser (calibrates the codes' widths);
         - "flat": a collimated pulse that reaches all pixels at `flat_arrival_ps` (calibrates
           the pixels' delays);
@@ -89,11 +152,15 @@ def simulate(
     flat_arrival_ps : when the flat pulse reaches the pixels, on the clock that the recording's
         arrival times live on, ps; one number or (rows, cols). None: the mean arrival time of the
         scene's light, to 100 ps; see `truth.flat_arrival_ps`.
+    frames_out : for "frames": where to write them, (n_frames, rows, cols) uint16, e.g. a memory
+        map. It must hold `no_photon_code` everywhere. None: new memory.
     threads : how many; the recording does not depend on it.
+    progress : called now and then with (done, in all), in parts of the recording; for "frames"
+        and "events".
 
     Returns
     -------
-    Histograms
+    Histograms or Recording
         With `truth`. The width of a code is the nominal one, as a camera would say.
 
     Raises
@@ -105,12 +172,19 @@ def simulate(
     """
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
+    if frames_out is not None and kind != "frames":
+        raise ValueError(f'frames_out is for kind="frames", not {kind!r}')
     photons = _checked_photons(photons_per_pixel, kind)
+    check_can_write(scene.detector, kind)
     stage = _staged(scene, photons, seed, kind, n_frames)
     if kind == "code_density":
         return _code_density(stage, photons)
     if kind == "flat":
         return _flat(stage, photons, flat_arrival_ps)
+    if kind == "frames":
+        return _frames(stage, frames_out, threads, progress)
+    if kind == "events":
+        return _events(stage, threads, progress)
     return _pulse(stage, kind, threads)
 
 
@@ -155,7 +229,17 @@ def _staged(scene: Scene, photons: float, seed: int, kind: str, n_frames: int | 
     relative = expected_light(scene, segments, defects.efficiency)
     scale = photons / float(relative.counts.sum(axis=0).max())
     expected = ExpectedLight(scale * relative.counts, relative.mean_arrival_ps)
-    return Stage(scene, segments, expected, scale, defects, streams, frames)
+    return Stage(
+        scene=scene,
+        segments=segments,
+        expected=expected,
+        scale=scale,
+        defects=defects,
+        streams=streams,
+        n_frames=frames,
+        clock=detector.clock(scene.shape),
+        choice=detector.catch.choice_table(),
+    )
 
 
 def _dark_counts(stage: Stage) -> Floats:
@@ -177,27 +261,105 @@ def _background_counts(stage: Stage) -> Floats:
 # --- kinds ------------------------------------------------------------------------------
 
 
+def _whole(stage: Stage) -> Block:
+    return Block(0, 0, stage.n_frames, 0.0, 1.0)
+
+
 def _pulse(stage: Stage, kind: str, threads: int | None) -> Histograms:
-    clock = stage.detector.clock(stage.scene.shape)
-    n_pixels = len(clock.width_ps)
-    background = _background_counts(stage)
-    if kind == "dark":
-        signal = np.zeros((n_pixels, clock.n_codes + 1), dtype=np.int64)
-    else:
-        catch = stage.detector.catch
-        shower = Shower(
-            stage.scene, stage.segments, stage.defects, clock, stage.streams, catch,
-            catch.choice_table(),
-        )  # fmt: skip
-        signal = signal_counts(shower, stage.scale, threads=threads)
-    rng = stage.streams.generator("occupancy", 0)
-    counts = recorded_counts(signal, background.ravel(), clock, stage.exposure, rng)
-    return _histograms(stage, counts, _truth(stage, kind, background))
+    counts = _recorded(stage, _whole(stage), lit=kind != "dark", threads=threads)
+    return _histograms(stage, counts, _truth(stage, kind, _background_counts(stage)))
+
+
+def _recorded(stage: Stage, block: Block, *, lit: bool = True, threads: int | None) -> Ints:
+    """Counts per pixel and code, (pixels, codes), that one part of the recording holds."""
+    clock = stage.clock
+    signal = np.zeros((len(clock.width_ps), clock.n_codes + 1), dtype=np.int64)
+    if lit:
+        signal = signal_counts(
+            Shower(
+                scene=stage.scene,
+                segments=stage.segments,
+                defects=stage.defects,
+                clock=clock,
+                streams=stage.streams,
+                catch=stage.detector.catch,
+                choice=stage.choice,
+                block=block.number,
+                span=(block.start, block.end),
+            ),
+            stage.scale * block.share,
+            threads=threads,
+        )
+    background = block.share * _background_counts(stage).ravel()
+    exposure = Exposure(block.n_frames, stage.detector.first_photon_only)
+    rng = stage.streams.generator("occupancy", block.number)
+    return recorded_counts(signal, background, clock, exposure, rng)
+
+
+def _frames(
+    stage: Stage,
+    out: NDArray[np.uint16] | None,
+    threads: int | None,
+    progress: Progress | None,
+) -> Recording:
+    """The pulse as dense frames."""
+    n_frames, empty = stage.n_frames, stage.detector.no_photon_code
+    assert n_frames is not None
+    assert empty is not None
+    shape = (n_frames, *stage.scene.shape)
+    if out is None:
+        # zeros cost nothing until they are touched
+        out = np.full(shape, empty, np.uint16) if empty else np.zeros(shape, np.uint16)
+    elif out.shape != shape or out.dtype != np.uint16:
+        raise ValueError(f"frames_out must be uint16 {shape}, got {out.dtype} {out.shape}")
+    blocks = list(blocks_from_frames(n_frames, drifts=False))
+    for block in blocks:
+        counts = _recorded(stage, block, threads=threads)
+        assert block.n_frames is not None
+        part = out[block.first_frame : block.first_frame + block.n_frames]
+        fill_frames(part, counts, stage.streams.generator("frame", block.number))
+        if progress is not None:
+            progress(block.number + 1, len(blocks))
+    return Recording(
+        stage.scene.shape,
+        n_codes=stage.detector.n_codes,
+        frames=out,
+        truth=_truth(stage, "frames", _background_counts(stage)),
+        **clock_settings(stage.detector, n_frames),
+    )
+
+
+def _events(stage: Stage, threads: int | None, progress: Progress | None) -> Recording:
+    """The pulse as single photons, frame by frame where there are frames."""
+    detector = stage.detector
+    blocks = list(blocks_from_frames(stage.n_frames, drifts=detector.drift_ps != 0.0))
+    parts = []
+    for block in blocks:
+        counts = _recorded(stage, block, threads=threads)
+        rng = stage.streams.generator("frame", block.number)
+        parts.append(
+            events_of_block(counts, block, one_per_frame=detector.first_photon_only, rng=rng)
+        )
+        if progress is not None:
+            progress(block.number + 1, len(blocks))
+    pixel, code = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+    frames = [part[2] for part in parts if part[2] is not None]
+    rows, cols = stage.scene.shape
+    return Recording.from_events(
+        pixel // cols,
+        pixel % cols,
+        code,
+        shape=(rows, cols),
+        n_codes=detector.n_codes,
+        frame=np.concatenate(frames) if frames else None,
+        truth=_truth(stage, "events", _background_counts(stage)),
+        **clock_settings(detector, stage.n_frames),
+    )
 
 
 def _code_density(stage: Stage, photons: float) -> Histograms:
     """Uncorrelated light: the counts of a code are as many as it is wide."""
-    clock = stage.detector.clock(stage.scene.shape)
+    clock = stage.clock
     rng = stage.streams.generator("occupancy", 0)
     shares = uniform_shares(clock, np.arange(len(clock.width_ps)))
     live = 1.0 - shares[:, -1]
@@ -223,8 +385,7 @@ def _code_density(stage: Stage, photons: float) -> Histograms:
 
 def _flat(stage: Stage, photons: float, flat_arrival_ps: ArrayLike | None) -> Histograms:
     """A pulse that reaches every pixel at a known time; counts drawn per code."""
-    scene, detector = stage.scene, stage.detector
-    clock = detector.clock(scene.shape)
+    scene, detector, clock = stage.scene, stage.detector, stage.clock
     arrival = _flat_arrival(stage, flat_arrival_ps)
     expected = with_crosstalk(
         photons * stage.defects.efficiency, detector.crosstalk_probability

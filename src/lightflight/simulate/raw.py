@@ -1,0 +1,102 @@
+"""Raw recordings: frames of TDC codes, or single photon events.
+
+A recording is made block by block, each a short recording of its own whose photons are then
+put into frames. Because photons fall on frames at random, the frames that a pixel's recorded
+photons occupy are a random subset, and their codes come in random order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.simulate.detector import Detector
+
+Ints = NDArray[np.int64]
+CountsOfBlock = Callable[["Block"], Ints]
+
+_FRAMES_PER_BLOCK = 16_384
+_BLOCKS_WITHOUT_FRAMES = 16
+
+
+@dataclass(frozen=True)
+class Block:
+    """One part of a recording."""
+
+    number: int
+    """0, 1, 2 ..."""
+    first_frame: int
+    """Its first frame."""
+    n_frames: int | None
+    """Its frames; None where there are none."""
+    start: float
+    """Where it starts, as a share of the recording."""
+    end: float
+    """Where it ends."""
+
+    @property
+    def share(self) -> float:
+        """Its length as a share of the recording."""
+        return self.end - self.start
+
+
+def blocks_from_frames(n_frames: int | None, *, drifts: bool) -> Iterator[Block]:
+    """The parts a recording is made in: fixed sizes, so that a seed means one recording."""
+    if n_frames is None:
+        n_blocks = _BLOCKS_WITHOUT_FRAMES if drifts else 1
+        for k in range(n_blocks):
+            yield Block(k, 0, None, k / n_blocks, (k + 1) / n_blocks)
+        return
+    for k, first in enumerate(range(0, n_frames, _FRAMES_PER_BLOCK)):
+        last = min(first + _FRAMES_PER_BLOCK, n_frames)
+        yield Block(k, first, last - first, first / n_frames, last / n_frames)
+
+
+def _photons_of_pixel(counts: Ints) -> Iterator[tuple[int, Ints]]:
+    """(pixel, its codes, each as often as counted) for pixels with photons."""
+    for pixel in np.flatnonzero(counts.any(axis=1)):
+        codes = np.flatnonzero(counts[pixel])
+        yield int(pixel), np.repeat(codes, counts[pixel, codes])
+
+
+def fill_frames(
+    frames: NDArray[np.uint16], counts: Ints, rng: np.random.Generator
+) -> NDArray[np.uint16]:
+    """Put counted photons into empty frames (n, rows, cols), one per pixel and frame, at random."""
+    flat = frames.reshape(len(frames), -1)
+    for pixel, codes in _photons_of_pixel(counts):
+        flat[rng.choice(len(frames), len(codes), replace=False), pixel] = codes
+    return frames
+
+
+def events_of_block(
+    counts: Ints, block: Block, *, one_per_frame: bool, rng: np.random.Generator
+) -> tuple[Ints, Ints, Ints | None]:
+    """(pixel, code, frame) of each counted photon, in the order of time; frame may be None."""
+    pixels, codes, frames = [], [], []
+    for pixel, own in _photons_of_pixel(counts):
+        pixels.append(np.full(len(own), pixel))
+        codes.append(own)
+        if block.n_frames is not None:
+            choice = rng.choice(block.n_frames, len(own), replace=not one_per_frame)
+            frames.append(block.first_frame + choice)
+    nothing = [np.empty(0, dtype=np.int64)]
+    pixel_of, code_of = np.concatenate(pixels or nothing), np.concatenate(codes or nothing)
+    if block.n_frames is None:
+        order = rng.permutation(len(pixel_of))
+        return pixel_of[order], code_of[order], None
+    frame_of = np.concatenate(frames or nothing)
+    order = np.argsort(frame_of, kind="stable")
+    return pixel_of[order], code_of[order], frame_of[order]
+
+
+def check_can_write(detector: Detector, kind: str) -> None:
+    """Raise ValueError where a detector cannot write frames."""
+    if kind == "frames" and (detector.no_photon_code is None or not detector.first_photon_only):
+        raise ValueError(
+            "this detector cannot write frames: they need first_photon_only=True and a "
+            'no_photon_code; take kind="events", or the pf32 preset'
+        )
