@@ -18,7 +18,7 @@ from lightflight.timing.calibration import (
     TimingCalibration,
 )
 from lightflight.timing.code_density import CodeDensityFit, fit_code_density, pixel_flags
-from lightflight.timing.delays import FlatDelays, delays_from_flat
+from lightflight.timing.delays import delays_from_flat
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ def clock_from_code_density(
         laser_period_ps=code_density.laser_period_ps,
         bin_width_ps=mean_width, gain=width / mean_width, gain_std=gain_std, scale_std=scale_std,
         phases=fit.phases, phase_std=fit.phase_std, code_widths=fit.code_widths,
-        end_code=fit.end_code, first_live_code=fit.first_live_code,
+        end_code=fit.end_code, end_widths=fit.end_widths, first_live_code=fit.first_live_code,
         first_live_width=fit.first_live_width, misfit_std=fit.misfit_std, flags=fit.flags,
         period_end_seen=fit.period_end_seen and code_density.laser_period_ps is not None,
         notes=(*notes, *_fit_notes(fit, width, gain_std, good)),
@@ -62,21 +62,22 @@ def _widths_ps(
     absorbed, lost = period / fit.codes_absorbed, period / fit.codes_lost
     only_no_photon = fit.dead_codes in ((), (code_density.no_photon_code,))
     means = float(absorbed[good].mean()), float(lost[good].mean())
-    std = fit.codes_std / fit.codes_absorbed
+    absorbed_std = fit.absorbed_std / fit.codes_absorbed
+    lost_std = fit.lost_std / fit.codes_lost
     if only_no_photon:
-        return lost, std, 0.0, [f"mean code {means[1]:.2f} ps; no dead codes"]
+        return lost, lost_std, 0.0, [f"mean code {means[1]:.2f} ps; no dead codes"]
     notes = [
         f"mean code {means[0]:.2f} ps if the time of the dead codes is absorbed by the first live "
         f"ones, {means[1]:.2f} ps if it is lost"
     ]
     if dead_codes == "absorbed":
-        return absorbed, std, 0.0, [*notes, "taken as absorbed"]
+        return absorbed, absorbed_std, 0.0, [*notes, "taken as absorbed"]
     if dead_codes == "lost":
-        return lost, std, 0.0, [*notes, "taken as lost"]
+        return lost, lost_std, 0.0, [*notes, "taken as lost"]
     middle = 0.5 * (absorbed + lost)
     apart = 0.5 * (absorbed - lost) / middle
     scale_std = abs(float(apart[good].mean()))
-    std = np.hypot(std, apart - apart[good].mean())
+    std = np.hypot(0.5 * (absorbed_std + lost_std), apart - apart[good].mean())
     notes.append(
         f"which is unknown: the mean is used, with a shared scale error of {100 * scale_std:.2f} % "
         "(a flat at two known delays, or dead_codes=..., removes it)"

@@ -20,7 +20,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight.errors import CalibrationError, FileFormatError
 from lightflight.histogram import Histograms
-from lightflight.timing.clock_errors import MOST_PHASES, phase_lever, walk_variance
+from lightflight.timing.code_edges import (
+    MOST_PHASES,
+    edges_and_end,
+    phase_lever,
+    relative_widths,
+    walk_variance,
+)
 
 ASSUMED_GAIN_STD = 0.0065
 """Spread of the gain between pixels of a camera whose gain was never measured (a real PF32)."""
@@ -92,6 +98,10 @@ class TimingCalibration:
     """(rows, cols), relative width of that code in each pixel (it takes up the time of the dead
     ones and differs between pixels); the shared one where NaN."""
 
+    end_widths: NDArray[np.float64]
+    """(m,), relative widths of the last codes before the period's end, by whole codes from it;
+    empty where the sync does not disturb the clock."""
+
     gain_std: NDArray[np.float64]
     """(rows, cols), standard error of `gain`."""
 
@@ -158,6 +168,9 @@ class TimingCalibration:
             raise ValueError(f"code_widths must have shape ({self.n_codes},), got {widths.shape}")
         widths.setflags(write=False)
         object.__setattr__(self, "code_widths", widths)
+        near_end = np.array(self.end_widths, dtype=np.float64).reshape(-1)
+        near_end.setflags(write=False)
+        object.__setattr__(self, "end_widths", near_end)
         modes = np.array(self.flat_modes_ps, dtype=np.float64)
         if not self.flat_mode_names:
             modes = np.zeros((*rows_cols, 0))
@@ -169,11 +182,11 @@ class TimingCalibration:
     @property
     def n_phases(self) -> int:
         """Length of the pattern of code widths; 1: none, n_codes: every code by itself."""
-        return self.phases.shape[2]
+        return int(self.phases.shape[2])
 
     @property
     def end_delay_ps(self) -> float:
-        """Delay at the end of the laser period (without one: at code 0), ps: the anchor of edges."""
+        """Delay at the end of the laser period (without one: at code 0), ps; edges start here."""
         if self.reversed_codes:
             return -self.first_edge_ps
         return self.first_edge_ps + (self.laser_period_ps or 0.0)
@@ -220,7 +233,8 @@ class TimingCalibration:
         Parameters
         ----------
         rows, cols : (n,) pixel indices.
-        delay_ps : (n,), ps after the sync, before the pixel's own delay is taken off; NaN gives NaN.
+        delay_ps : (n,), ps after the sync, before the pixel's own delay is taken off; NaN gives
+            NaN.
 
         Returns
         -------
@@ -263,8 +277,8 @@ class TimingCalibration:
             reversed_codes=hist.reversed_codes, no_photon_code=hist.no_photon_code,
             first_edge_ps=hist.first_edge_ps, bin_width_ps=width, gain=image + 1.0,
             phases=image[..., None] + 1.0, code_widths=widths, end_code=image + end,
-            first_live_code=0, first_live_width=image + np.nan, gain_std=image,
-            phase_std=image[..., None], misfit_std=image, skew_ps=image,
+            first_live_code=0, first_live_width=image + np.nan, end_widths=np.zeros(0),
+            gain_std=image, phase_std=image[..., None], misfit_std=image, skew_ps=image,
             skew_std_ps=image + assumed_skew_std_ps, anchor_delay_ps=image + np.nan,
             response_std_ps=image + np.nan, flags=image.astype(np.uint32),
             assumed_skew_std_ps=assumed_skew_std_ps, notes=tuple(notes),
@@ -359,25 +373,22 @@ class TimingCalibration:
     def _relative_edges(
         self, rows: NDArray[np.intp], cols: NDArray[np.intp]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Code edges and period end of each pixel in plateau widths from code 0: (n, codes + 1), (n,).
+        """Code edges (n, codes + 1) and period end (n,) of pixels, plateau widths from code 0.
 
         The no-photon code takes up the time of a plateau code: nothing says that none passes.
         """
         shared = self.code_widths.copy()
         if self.no_photon_code is not None:
             shared[self.no_photon_code] = 1.0
-        widths = self.phases[rows, cols][:, np.arange(self.n_codes) % self.n_phases] * shared
-        own = self.first_live_width[rows, cols]
-        first = widths[:, self.first_live_code]
-        widths[:, self.first_live_code] = np.where(np.isfinite(own), own, first)
-        edges = np.concatenate([np.zeros((len(widths), 1)), np.cumsum(widths, axis=1)], axis=1)
-        whole = np.clip(self.end_code[rows, cols].astype(np.intp), 0, self.n_codes)
-        part = self.end_code[rows, cols] - whole
-        pixel = np.arange(len(edges))
-        last = np.where(
-            whole < self.n_codes, widths[pixel, np.minimum(whole, self.n_codes - 1)], 1.0
+        widths = relative_widths(
+            self.phases[rows, cols],
+            shared=shared,
+            end_code=self.end_code[rows, cols],
+            end_widths=self.end_widths,
+            first_live_code=self.first_live_code,
+            first_live_width=self.first_live_width[rows, cols],
         )
-        return edges, edges[pixel, whole] + part * last
+        return edges_and_end(widths, self.end_code[rows, cols])
 
     def _folded(self, delay_ps: NDArray[np.float64]) -> NDArray[np.float64]:
         """Delays moved by whole periods into the one that the codes cover."""
