@@ -1,1 +1,53 @@
-"""Figures and pages (the only modules that import plotting)."""
+"""Pictures of records: figures, pages, movies, exports (the only modules that import plotting).
+
+Figures take records and Axes (or make a Figure) and return it:
+
+- `draw_path_3d`, `draw_path_on_photo`: the path in space;
+- `draw_times`, `draw_time_errors`, `draw_time_std`: the two clocks (paper Fig. 6b);
+- `draw_residuals_along`, `draw_residual_map`, `draw_pulls`;
+- `draw_camera_picture`, `draw_pixel_histogram`, `pixel_cases_figure` (paper Fig. 2b, 2c);
+- `calibration_figure` and its parts `draw_gain_map`, `draw_phases`, `draw_delay_map`,
+  `draw_response_widths`, `draw_bad_pixels`;
+- `demo_figure`: one page about one reconstruction; `fiber_figure`: without a metric scale.
+
+Everything is loaded when it is first used: importing this package costs nothing.
+"""
+
+import importlib
+from typing import Any
+
+_MODULE_FROM_NAME = {
+    "Viewpoint": "projection",
+    "calibration_figure": "figures_calibration",
+    "demo_figure": "figures_demo",
+    "draw_bad_pixels": "figures_calibration",
+    "draw_camera_picture": "figures_camera",
+    "draw_delay_map": "figures_calibration",
+    "draw_gain_map": "figures_calibration",
+    "draw_path_3d": "figures_path",
+    "draw_path_on_photo": "figures_path",
+    "draw_phases": "figures_calibration",
+    "draw_pixel_histogram": "figures_camera",
+    "draw_pulls": "figures_timing",
+    "draw_residual_map": "figures_timing",
+    "draw_residuals_along": "figures_timing",
+    "draw_response_widths": "figures_calibration",
+    "draw_time_errors": "figures_timing",
+    "draw_time_std": "figures_timing",
+    "draw_times": "figures_timing",
+    "fiber_figure": "figures_fiber",
+    "figure_style": "style",
+    "pixel_cases_figure": "figures_camera",
+}
+
+__all__ = sorted(_MODULE_FROM_NAME)  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_FROM_NAME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULE_FROM_NAME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

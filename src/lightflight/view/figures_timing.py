@@ -1,0 +1,361 @@
+"""Time along the path: the two clocks (paper Fig. 6b), errors against truth, residuals, pulls.
+
+Takes a LightPath, gives Axes. The horizontal axis of the first two is the camera's own: frames of
+55 ps of arrival time, counted from the light of vertex 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from lightflight.view import style
+from lightflight.view.trace import (
+    PulsePlaces,
+    Trace,
+    places_from_path,
+    trace_from_path,
+    true_event_time_along,
+)
+
+Floats = NDArray[np.float64]
+
+PAPER_FRAME_PS = 55.0
+"""One frame of the paper's Fig. 6(b), ps."""
+
+_LEG_MARKS = "osD^v<>P*X"
+
+
+def leg_mark(leg: int) -> str:
+    """Marker of a leg; repeats after ten."""
+    return _LEG_MARKS[leg % len(_LEG_MARKS)]
+
+
+def _frames(trace: Trace, arrival_ps: Floats, frame_ps: float) -> Floats:
+    return np.asarray((arrival_ps - trace.arrival_ps[0]) / frame_ps)
+
+
+def distortion_rms_ps(trace: Trace) -> float:
+    """Root mean square of t_a against t, both from vertex 0, over equal event times; ps.
+
+    What an observer is wrong by who takes arrival for event time (paper: 174.80 ps).
+    """
+    if len(trace.leg) == 0:
+        return float("nan")
+    event = np.linspace(trace.event_time_ps[0], trace.event_time_ps[-1], 2001)
+    arrival = np.interp(event, trace.event_time_ps, trace.arrival_ps)
+    return float(np.sqrt(np.mean(((arrival - arrival[0]) - (event - event[0])) ** 2)))
+
+
+@style.styled
+def draw_times(
+    path: Any,
+    ax: Axes | None = None,
+    *,
+    truth: Any = None,
+    frame_ps: float = PAPER_FRAME_PS,
+    in_view_only_marks: bool = True,
+) -> Axes:
+    """Event time t and arrival time t_a at every camera frame (paper, Fig. 6b).
+
+    Both start at 0 at vertex 0. Dots are measured pulses: their arrival time, and the event time
+    that the path makes of it. Shaded: what the camera's clock is wrong by.
+
+    Parameters
+    ----------
+    path : LightPath with a camera.
+    truth : for the dashed lines; taken from the path where it knows one.
+    frame_ps : width of a frame, ps.
+    in_view_only_marks : True greys the frames in which the pulse is outside the picture.
+    """
+    ax = style.axes_or_new(ax, 120, 80)
+    trace = trace_from_path(path)
+    if len(trace.leg) == 0 or not np.isfinite(trace.arrival_ps).all():
+        return style.message(ax, "no camera or no legs: the path has no arrival times")
+    frame = _frames(trace, trace.arrival_ps, frame_ps)
+    t_zero, a_zero = trace.event_time_ps[0], trace.arrival_ps[0]
+    event, arrival = trace.event_time_ps - t_zero, trace.arrival_ps - a_zero
+    if in_view_only_marks:
+        shade_out_of_view(ax, frame, trace.in_view)
+    ax.fill_between(frame, event, arrival, color=style.ARRIVAL, alpha=0.10, lw=0, zorder=2)
+    ax.plot(frame, arrival, color=style.ARRIVAL, lw=1.1, zorder=3, label="arrival time $t_a$")
+    ax.plot(frame, event, color=style.EVENT, lw=1.8, zorder=4, label="event time $t$")
+    _draw_measured(ax, path, trace, frame_ps)
+    truth = getattr(path, "truth", None) if truth is None else truth
+    if truth is not None:
+        exact = trace_from_path(truth, camera=path.camera, medium=path.medium)
+        true_frame = (exact.arrival_ps - a_zero) / frame_ps
+        ax.plot(
+            true_frame, exact.event_time_ps - t_zero, color=style.INK, lw=0.9, ls=(0, (4, 3)),
+            zorder=6, label="truth",
+        )  # fmt: skip
+    ax.set(xlim=(min(frame[0], 0.0), frame[-1]), ylim=(0, None))
+    ax.set_xlabel(f"camera frame (one frame: {frame_ps:g} ps of arrival time)")
+    ax.set_ylabel("time since vertex 0 (ps)")
+    ax.legend(loc="upper left", bbox_to_anchor=(0.01, 1.0))
+    return ax
+
+
+def shade_out_of_view(ax: Axes, x: Floats, in_view: NDArray[np.bool_]) -> None:
+    """Grey bands where the camera does not see the pulse."""
+    edges = np.flatnonzero(np.diff(in_view.astype(int)))
+    starts = [0, *(edges + 1)] if not in_view[0] else list(edges + 1)
+    for start in starts:
+        if in_view[start]:
+            continue
+        after = np.flatnonzero(in_view[start:])
+        stop = start + after[0] if after.size else len(x) - 1
+        ax.axvspan(x[start], x[stop], color=style.WASH, lw=0, zorder=0)
+
+
+def _draw_measured(ax: Axes, path: Any, trace: Trace, frame_ps: float) -> None:
+    places = places_from_path(path)
+    good = places.used & np.isfinite(places.measured_event_time_ps)
+    if not good.any():
+        return
+    frame = _frames(trace, places.arrival_ps[good], frame_ps)
+    style_of: dict[str, Any] = {
+        "ls": "none",
+        "marker": "o",
+        "ms": 2.4,
+        "mew": 0.5,
+        "mfc": style.PAPER,
+    }
+    arrival = places.arrival_ps[good] - trace.arrival_ps[0]
+    event = places.measured_event_time_ps[good] - trace.event_time_ps[0]
+    ax.plot(frame, arrival, mec=style.ARRIVAL, zorder=5, **style_of)
+    ax.plot(frame, event, mec=style.EVENT, zorder=5, **style_of)
+
+
+@style.styled
+def draw_time_errors(
+    path: Any,
+    ax: Axes | None = None,
+    *,
+    truth: Any = None,
+    others: Mapping[str, Any] | None = None,
+    frame_ps: float = PAPER_FRAME_PS,
+    points: bool = True,
+) -> Axes:
+    """Estimated minus true event time on the camera's rays, at every frame.
+
+    The band is one sigma of the path; dots are single pulses with their error bars.
+
+    Parameters
+    ----------
+    path : LightPath.
+    truth : taken from the path where not given; without any the axes say so.
+    others : other estimates by name.
+    points : False leaves out the single pulses.
+    """
+    ax = style.axes_or_new(ax, 120, 60)
+    truth = getattr(path, "truth", None) if truth is None else truth
+    trace = trace_from_path(path)
+    if truth is None or len(trace.leg) == 0:
+        return style.message(ax, "the truth is not known: no errors to show")
+    frame = _frames(trace, trace.arrival_ps, frame_ps)
+    shade_out_of_view(ax, frame, trace.in_view)
+    error = trace.event_time_ps - true_event_time_along(trace, truth, camera=path.camera)
+    ax.axhline(0.0, color=style.INK, lw=0.9, ls=(0, (4, 3)), zorder=2)
+    sigma = trace.event_time_std_ps
+    if points:
+        _draw_pulse_errors(ax, path, trace, truth, frame_ps)
+    ax.fill_between(frame, error - sigma, error + sigma, color=style.EVENT, alpha=0.22, lw=0)
+    for k, (name, other) in enumerate((others or {}).items()):
+        o_trace = trace_from_path(other, camera=path.camera, medium=path.medium)
+        o_error = o_trace.event_time_ps - true_event_time_along(o_trace, truth, camera=path.camera)
+        ax.plot(
+            (o_trace.arrival_ps - trace.arrival_ps[0]) / frame_ps, _gaps(o_error, o_trace.in_view),
+            color=style.OTHERS[k % 4], ls=style.OTHER_DASHES[k % 4], lw=1.1, zorder=3, label=name,
+        )  # fmt: skip
+    method = getattr(path, "method", "") or "path"
+    ax.plot(
+        frame, _gaps(error, trace.in_view), color=style.EVENT, lw=1.6, zorder=5,
+        label=f"{method}, $\\pm1\\sigma$",
+    )  # fmt: skip
+    ax.set_xlim(min(frame[0], 0.0), frame[-1])
+    ax.set_xlabel(f"camera frame (one frame: {frame_ps:g} ps of arrival time)")
+    ax.set_ylabel("$t$ \u2212 true $t$ (ps)")
+    ax.legend(loc="best", ncols=3)
+    return ax
+
+
+@style.styled
+def draw_time_std(path: Any, ax: Axes | None = None, *, frame_ps: float = PAPER_FRAME_PS) -> Axes:
+    """The path's own error of the event time at every frame, where no truth is known."""
+    ax = style.axes_or_new(ax, 120, 60)
+    trace = trace_from_path(path)
+    if not np.isfinite(trace.event_time_std_ps).any():
+        return style.message(ax, "the path carries no errors")
+    frame = _frames(trace, trace.arrival_ps, frame_ps)
+    shade_out_of_view(ax, frame, trace.in_view)
+    ax.plot(frame, trace.event_time_std_ps, color=style.EVENT, lw=1.6)
+    ax.set(xlim=(min(frame[0], 0.0), frame[-1]), ylim=(0, None))
+    ax.set_xlabel(f"camera frame (one frame: {frame_ps:g} ps of arrival time)")
+    ax.set_ylabel("1\u03c3 of $t$ (ps)")
+    return ax
+
+
+def _gaps(values: Floats, in_view: NDArray[np.bool_]) -> Floats:
+    return np.where(in_view, values, np.nan)
+
+
+def _draw_pulse_errors(ax: Axes, path: Any, trace: Trace, truth: Any, frame_ps: float) -> None:
+    places = places_from_path(path)
+    good = places.used & np.isfinite(places.measured_event_time_ps)
+    if not good.any():
+        return
+    nodes = Trace(
+        points_mm=places.points_mm[good], event_time_ps=places.event_time_ps[good],
+        arrival_ps=places.arrival_ps[good], length_mm=places.length_mm[good],
+        leg=places.leg[good], covariance=np.zeros((int(good.sum()), 4, 4)),
+        in_view=np.ones(int(good.sum()), dtype=bool),
+    )  # fmt: skip
+    exact = true_event_time_along(nodes, truth, camera=path.camera)
+    ax.errorbar(
+        _frames(trace, places.arrival_ps[good], frame_ps),
+        places.measured_event_time_ps[good] - exact, yerr=places.std_ps[good],
+        ls="none", marker="o", ms=1.8, mfc=style.PAPER, mec=style.QUIET, mew=0.5,
+        ecolor="#aab1bb", elinewidth=0.6, zorder=1.5, label="single pulses",
+    )  # fmt: skip
+
+
+@style.styled
+def draw_residuals_along(
+    path: Any,
+    ax: Axes | None = None,
+    *,
+    truth: Any = None,
+    limit_ps: float | None = None,
+) -> Axes:
+    """Arrival-time residuals with error bars against the length of path behind the pulse.
+
+    Marks tell the legs apart; crosses are pulses the fit left out; arrows at the edge are pulses
+    beyond it.
+    """
+    del truth
+    ax = style.axes_or_new(ax, 120, 60)
+    places = places_from_path(path)
+    shown = np.isfinite(places.residual_ps) & np.isfinite(places.length_mm)
+    if not shown.any():
+        return style.message(ax, "the path carries no residuals")
+    limit = _residual_limit(places, shown) if limit_ps is None else limit_ps
+    _draw_leg_bands(ax, path)
+    ax.axhline(0.0, color=style.INK, lw=0.7, zorder=1)
+    for leg in np.unique(places.leg[shown]):
+        of_leg = shown & (places.leg == leg) & places.used
+        ax.errorbar(
+            places.length_mm[of_leg], places.residual_ps[of_leg], yerr=places.std_ps[of_leg],
+            ls="none", marker=leg_mark(leg), ms=2.8, mfc=style.ARRIVAL, mec=style.ARRIVAL,
+            mew=0.5, ecolor="#8fa3c8", elinewidth=0.7, zorder=3,
+        )  # fmt: skip
+    left_out = shown & ~places.used
+    clipped = np.clip(places.residual_ps, -0.86 * limit, 0.86 * limit)
+    ax.plot(
+        places.length_mm[left_out], clipped[left_out], "x", color=style.EVENT, ms=4.5, mew=1.1,
+        zorder=4, label=f"left out ({int(left_out.sum())})" if left_out.any() else None,
+    )  # fmt: skip
+    for k in np.flatnonzero(shown & (np.abs(places.residual_ps) > limit)):
+        side = np.sign(places.residual_ps[k])
+        ax.annotate(
+            style.number(places.residual_ps[k], 2, sign=True) + " ps",
+            (places.length_mm[k], 0.86 * limit * side), xytext=(5, 0),
+            textcoords="offset points", fontsize=6.0, color=style.EVENT, va="center",
+        )  # fmt: skip
+    ax.set_ylim(-limit, limit)
+    vertices = np.asarray(path.vertices_mm, dtype=float)
+    ax.set_xlim(0, float(np.linalg.norm(np.diff(vertices, axis=0), axis=1).sum()))
+    ax.set_xlabel("length of path (mm)")
+    ax.set_ylabel("$t_a$ \u2212 model (ps)")
+    if left_out.any():
+        ax.legend(loc="lower left")
+    return ax
+
+
+def _residual_limit(places: PulsePlaces, shown: NDArray[np.bool_]) -> float:
+    used = shown & places.used
+    basis = used if used.any() else shown
+    reach = np.abs(places.residual_ps[basis]) + np.nan_to_num(places.std_ps[basis])
+    return 1.12 * style.robust_limit(reach, percentile=99.0)
+
+
+def _draw_leg_bands(ax: Axes, path: Any) -> None:
+    vertices = np.asarray(path.vertices_mm, dtype=float)
+    ends = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1))))
+    for leg, (start, end) in enumerate(pairwise(ends)):
+        if leg % 2 == 0:
+            ax.axvspan(start, end, color=style.WASH, lw=0, zorder=0)
+        if len(ends) <= 9:
+            ax.text(
+                (start + end) / 2, 0.985, f"leg {leg + 1}", transform=ax.get_xaxis_transform(),
+                ha="center", va="top", fontsize=6.5, color=style.QUIET,
+            )  # fmt: skip
+
+
+@style.styled
+def draw_residual_map(path: Any, ax: Axes | None = None, *, limit_ps: float | None = None) -> Axes:
+    """Residuals as the camera's picture; the largest one where legs cross in a pixel.
+
+    Negative pixels carry a dot, so that the sign survives without colour; crosses are left out.
+    """
+    ax = style.axes_or_new(ax, 90, 80)
+    places = places_from_path(path)
+    camera = getattr(path, "camera", None)
+    if camera is None or not np.isfinite(places.residual_ps).any():
+        return style.message(ax, "the path carries no residuals")
+    picture = np.full(camera.shape, np.nan)
+    order = np.argsort(np.abs(np.nan_to_num(places.residual_ps)))
+    use = order[places.used[order]]
+    picture[places.row[use], places.col[use]] = places.residual_ps[use]
+    limit = style.robust_limit(picture) if limit_ps is None else limit_ps
+    ax.set_facecolor(style.WASH)
+    image = ax.imshow(picture, cmap=style.signed_colormap(), vmin=-limit, vmax=limit)
+    negative = np.argwhere(picture < 0)
+    size = max(0.4, 40.0 / max(camera.shape))
+    ax.plot(negative[:, 1], negative[:, 0], ".", color=style.PAPER, ms=1.4 * size, zorder=3)
+    out = ~places.used & np.isfinite(places.residual_ps)
+    ax.plot(
+        places.col[out], places.row[out], "x", color=style.EVENT, ms=3.2 * size, mew=0.9, zorder=4
+    )
+    ax.set(xlabel="column", ylabel="row")
+    style.colorbar(ax, image, "residual (ps); dot: negative", extend="both")
+    return ax
+
+
+@style.styled
+def draw_pulls(
+    path: Any, ax: Axes | None = None, *, vertical: bool = False, note: bool = True
+) -> Axes:
+    """Histogram of residual / error of the pulses used, against the unit normal."""
+    ax = style.axes_or_new(ax, 70, 60)
+    places = places_from_path(path)
+    pulls = places.pull[places.used & np.isfinite(places.pull)]
+    if pulls.size == 0:
+        return style.message(ax, "the path carries no residuals")
+    edges: Any = np.linspace(-4.0, 4.0, 2 * min(12, max(4, pulls.size // 8)) + 1)
+    orientation: Any = "horizontal" if vertical else "vertical"
+    ax.hist(
+        np.clip(pulls, -3.999, 3.999), edges, orientation=orientation, color="#a9b9d6",
+        edgecolor=style.PAPER, linewidth=0.5,
+    )  # fmt: skip
+    z = np.linspace(-4, 4, 161)
+    expected = pulls.size * (edges[1] - edges[0]) * np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
+    ax.plot(*((expected, z) if vertical else (z, expected)), color=style.INK, lw=1.0)
+    text = (
+        f"n = {pulls.size}\nmean {style.number(float(pulls.mean()), 2)}\n"
+        f"std {style.number(float(pulls.std(ddof=1)) if pulls.size > 1 else np.nan, 3)}"
+    )
+    if note:
+        ax.text(0.98, 0.97, text, transform=ax.transAxes, ha="right", va="top", fontsize=6.5)
+    set_pull, set_count = (
+        (ax.set_ylabel, ax.set_xlabel) if vertical else (ax.set_xlabel, ax.set_ylabel)
+    )
+    set_pull("residual / its error")
+    set_count("pulses")
+    (ax.set_ylim if vertical else ax.set_xlim)(-4, 4)
+    return ax

@@ -1,0 +1,257 @@
+"""One look for every figure: colours, type, sizes, and the few marks all of them share.
+
+Chosen to survive a photocopier and a colour-blind reader: the two clocks differ in lightness as
+well as in hue (event time warm and mid, arrival time blue and dark), truth is black and dashed,
+maps run through lightness once. Figures are made without pyplot: nothing opens a window, nothing
+stays in a global list. Sizes are given in mm of paper.
+
+Matplotlib is imported here and in the other modules of `view` only.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import Colormap, ListedColormap
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+MM_PER_INCH = 25.4
+
+INK = "#1a2130"
+"""Text, axes, truth."""
+QUIET = "#667080"
+"""Second-rank text and lines."""
+HAIR = "#d9dde3"
+"""Grids, frames, shadows."""
+PAPER = "#ffffff"
+"""Background."""
+WASH = "#f3f5f8"
+"""Panels, pixels without light."""
+EVENT = "#d1480b"
+"""Event time t, and the path itself."""
+ARRIVAL = "#173f8a"
+"""Arrival time t_a."""
+OTHERS = ("#5f9ea0", "#8c6bb1", "#a6861a", "#7a7f87")
+"""Other estimates laid beside the main one, in order."""
+OTHER_DASHES: tuple[Any, ...] = ((0, (5, 1.4, 1, 1.4)), (0, (1.2, 1.2)), (0, (7, 2)), "solid")
+
+STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],  # ships with Matplotlib: the same picture everywhere
+    "mathtext.fontset": "dejavusans",
+    "font.size": 7.5,
+    "axes.titlesize": 8.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.titlepad": 6.0,
+    "axes.labelsize": 7.5,
+    "axes.labelpad": 3.0,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.edgecolor": INK,
+    "axes.facecolor": PAPER,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.unicode_minus": True,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 2.6,
+    "ytick.major.size": 2.6,
+    "xtick.minor.size": 1.5,
+    "ytick.minor.size": 1.5,
+    "grid.color": HAIR,
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.2,
+    "lines.solid_capstyle": "round",
+    "legend.fontsize": 7.0,
+    "legend.frameon": False,
+    "legend.handlelength": 1.8,
+    "legend.borderaxespad": 0.3,
+    "legend.labelspacing": 0.35,
+    "figure.facecolor": PAPER,
+    "figure.dpi": 150,
+    "savefig.dpi": 200,
+    "savefig.facecolor": PAPER,
+    "image.interpolation": "nearest",
+    "pdf.fonttype": 42,  # text stays text in an editor
+    "svg.fonttype": "none",
+    "hatch.linewidth": 0.5,
+}
+
+
+@contextmanager
+def figure_style() -> Iterator[None]:
+    """Use the package's look inside a `with` block; the user's own settings come back after."""
+    with mpl.rc_context(STYLE):
+        yield
+
+
+def styled(function: Callable[P, R]) -> Callable[P, R]:
+    """Run a drawing function under `figure_style`."""
+
+    @functools.wraps(function)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
+        with figure_style():
+            return function(*args, **kwargs)
+
+    return wrapper
+
+
+def new_figure(width_mm: float = 120.0, height_mm: float = 80.0, **options: Any) -> Figure:
+    """An empty figure of this size on paper, outside pyplot (it needs no `close`)."""
+    size = (width_mm / MM_PER_INCH, height_mm / MM_PER_INCH)
+    figure = Figure(figsize=size, **options)
+    FigureCanvasAgg(figure)  # can be drawn and measured at once
+    return figure
+
+
+def axes_or_new(ax: Axes | None, width_mm: float = 120.0, height_mm: float = 80.0) -> Axes:
+    """The given axes, dressed in the style; or the only axes of a new figure."""
+    if ax is None:
+        figure = new_figure(width_mm, height_mm, layout="constrained")
+        return figure.add_subplot()
+    return dress(ax)
+
+
+def dress(ax: Axes) -> Axes:
+    """Bring axes that were made elsewhere to the style (spines, ticks, type)."""
+    for side, spine in ax.spines.items():
+        spine.set_visible(side in ("left", "bottom"))
+        spine.set_linewidth(STYLE["axes.linewidth"])
+        spine.set_color(INK)
+    ax.tick_params(
+        colors=INK,
+        width=STYLE["xtick.major.width"],
+        length=STYLE["xtick.major.size"],
+        labelsize=STYLE["xtick.labelsize"],
+    )
+    ax.set_axisbelow(True)
+    return ax
+
+
+def _truncated(name: str, low: float, high: float, label: str) -> Colormap:
+    colors = mpl.colormaps[name](np.linspace(low, high, 256))
+    return ListedColormap(colors, name=label)
+
+
+def time_colormap() -> Colormap:
+    """Dark to light, for times: viridis without the yellow that vanishes on white paper."""
+    return _truncated("viridis", 0.0, 0.93, "lightflight_time")
+
+
+def signed_colormap() -> Colormap:
+    """For signed maps; its ends differ in lightness, so that the sign survives grey printing."""
+    return _truncated("PuOr_r", 0.02, 0.90, "lightflight_signed")
+
+
+def count_colormap() -> Colormap:
+    """Light to dark, for counts on a light page."""
+    return _truncated("GnBu", 0.0, 1.0, "lightflight_counts")
+
+
+def nice_factor(ratio: float, *, largest: float = 1e4) -> float:
+    """Largest of 1, 2, 5, 10, 20 ... that is not above `ratio`; never below 1."""
+    if not np.isfinite(ratio) or ratio <= 1.0:
+        return 1.0
+    ratio = min(ratio, largest)
+    power = 10.0 ** np.floor(np.log10(ratio))
+    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= ratio * 1.0001))
+
+
+def nice_step(span: float, about: int = 5) -> float:
+    """A step of 1, 2, 2.5 or 5 times a power of ten that cuts `span` into about `about` pieces."""
+    if not np.isfinite(span) or span <= 0:
+        return 1.0
+    raw = span / about
+    power = 10.0 ** np.floor(np.log10(raw))
+    steps = np.array([1.0, 2.0, 2.5, 5.0, 10.0]) * power
+    return float(steps[np.argmin(np.abs(np.log(steps / raw)))])
+
+
+def number(value: float, digits: int = 3, *, sign: bool = False) -> str:
+    """`value` with so many significant digits, a true minus sign and no exponent for 1e-4…1e6."""
+    if value is None or not np.isfinite(value):
+        return "–"
+    if value == 0:
+        return "0"
+    size = abs(value)
+    if 1e-4 <= size < 1e7:
+        places = max(0, digits - 1 - int(np.floor(np.log10(size))))
+        text = f"{size:,.{places}f}" if size >= 10_000 else f"{size:.{places}f}"
+        text = text.replace(",", "\u2009")
+    else:
+        text = f"{size:.{digits - 1}e}"
+    return ("\u2212" if value < 0 else "+" if sign else "") + text
+
+
+def robust_limit(values: ArrayLike, *, percentile: float = 98.0, floor: float = 1e-12) -> float:
+    """Half-width of a symmetric colour scale that a few outliers cannot stretch."""
+    finite = np.abs(np.asarray(values, dtype=float))
+    finite = finite[np.isfinite(finite)]
+    if finite.size == 0:
+        return 1.0
+    return max(float(np.percentile(finite, percentile)), floor)
+
+
+def title(ax: Axes, text: str, note: str = "", *, stacked: bool = False) -> None:
+    """Bold title at the left, and a quiet second part at the right (or below it, if `stacked`)."""
+    pad = STYLE["axes.titlepad"]
+    ax.set_title(text, pad=pad + 10.0 if stacked and note else pad)
+    if note:
+        ax.annotate(
+            note,
+            (0.0 if stacked else 1.0, 1.0),
+            xycoords="axes fraction",
+            xytext=(0, pad),
+            textcoords="offset points",
+            ha="left" if stacked else "right",
+            va="bottom",
+            fontsize=7.0,
+            color=QUIET,
+        )
+
+
+def message(ax: Axes, text: str) -> Axes:
+    """Say in the middle of otherwise empty axes why there is nothing to see."""
+    ax.set_axis_off()
+    ax.text(
+        0.5,
+        0.5,
+        text,
+        transform=ax.transAxes,
+        ha="center",
+        va="center",
+        color=QUIET,
+        wrap=True,
+    )
+    return ax
+
+
+def colorbar(ax: Axes, mappable: Any, label: str, **options: Any) -> Any:
+    """A thin colour bar beside `ax`, labelled like an axis."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    options = {"fraction": 0.05, "pad": 0.03, "aspect": 26, **options}
+    bar = figure.colorbar(mappable, ax=ax, **options)
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(length=2, width=0.5, labelsize=STYLE["ytick.labelsize"])
+    bar.set_label(label, fontsize=STYLE["axes.labelsize"])
+    return bar
