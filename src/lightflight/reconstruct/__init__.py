@@ -4,7 +4,7 @@ The way of the data: `legs` (straight pieces in the picture) -> `start` (a first
 and `lateral` (lines, spot and brightness from the counts) -> `joint` (one weighted fit over
 `geometry`, by `least_squares` within a `freedom`) -> `result` (a LightPath). Beside it stand
 `paper` (the literal baseline), `photon` over `forward` (the likelihood of all counts), and
-`bounds` (what the photons allow, and what they leave open). `api` holds the public door.
+`cramer_rao` (what the photons allow, and what they leave open). `api` holds the public door.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lightflight.reconstruct.api import reconstruct
-    from lightflight.reconstruct.bounds import Bounds, bounds
+    from lightflight.reconstruct.cramer_rao import Bounds, bounds
     from lightflight.reconstruct.legs import ImageLeg, find_legs
 
 __all__ = ["Bounds", "ImageLeg", "bounds", "find_legs", "reconstruct"]
 
 _HOME_FROM_NAME = {
-    "Bounds": "bounds",
+    "Bounds": "cramer_rao",
     "ImageLeg": "legs",
-    "bounds": "bounds",
+    "bounds": "cramer_rao",
     "find_legs": "legs",
     "reconstruct": "api",
 }

@@ -15,7 +15,7 @@ from lightflight.flight import Medium, Source
 from lightflight.path import LightPath
 from lightflight.reconstruct.freedom import Waypoint
 from lightflight.reconstruct.geometry import PathState
-from lightflight.reconstruct.joint import Setting, fit_joint
+from lightflight.reconstruct.joint import Setting, fit_joint, pulse_std_ps
 from lightflight.reconstruct.legs import ImageLeg, find_legs, unwrapped_arrivals
 from lightflight.reconstruct.observation import Observation, blind_pixels
 from lightflight.reconstruct.result import path_from_fit
@@ -121,7 +121,7 @@ def reconstruct(
     if method == "photon":
         from lightflight.reconstruct.photon import photon_path
 
-        return photon_path(observations, setting, path, fit)
+        return photon_path(observations, setting, path, std_ps=pulse_std_ps(observations))
     return path
 
 

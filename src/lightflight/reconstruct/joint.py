@@ -134,7 +134,7 @@ def fit_joint(
         state = _rough_fit(observations, state, setting, legs)
     floor, result = 0.0, None
     for _ in range(_PASSES):
-        state, ends = _with_ends(state, observations, setting, std)
+        state, ends = with_ends(state, observations, setting, std)
         pictures = tuple(
             measure_picture(
                 state, o, camera=setting.camera, medium=setting.medium, std_ps=std
@@ -147,7 +147,7 @@ def fit_joint(
         ]
         times = _stacked(parts)
         lines = _stacked_lines([lines_from_picture(p) for p in pictures])
-        freedom = _freedom(state, setting, ends)
+        freedom = freedom_at(state, setting, ends)
         _check_enough(times, freedom.basis.shape[1])
         solution, times, floor = _solve_robustly(state, times, lines, freedom, setting)
         state = solution.state
@@ -164,7 +164,7 @@ def fit_joint(
     return result
 
 
-def _freedom(state: PathState, setting: Setting, ends: Ends | None = None) -> Freedom:
+def freedom_at(state: PathState, setting: Setting, ends: Ends | None = None) -> Freedom:
     camera, vertices = setting.camera, state.vertices_mm
     if ends is None:
         ends = Ends(
@@ -210,7 +210,7 @@ def _rough_fit(
             state,
             times,
             lines,
-            _freedom(state, setting),
+            freedom_at(state, setting),
             camera=setting.camera,
             medium=setting.medium,
             focal_px=focal,
@@ -305,7 +305,7 @@ def _check_enough(times: TimeData, n_unknowns: int) -> None:
         )
 
 
-def _with_ends(
+def with_ends(
     state: PathState, observations: list[Observation], setting: Setting, std: float
 ) -> tuple[PathState, Ends]:
     """The state with its last vertex (unknown source: and its first) where it leaves the view."""

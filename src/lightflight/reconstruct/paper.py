@@ -4,7 +4,9 @@ One pixel per position along a leg; least-squares pulse times; bad pixels replac
 interpolation of their neighbours; one angle alpha_i per arrival time (the inverse of Eq. 1 and
 2); alpha is the value with the least RMSE to the alpha_i, their mean; legs one after another on
 reference planes RP1, RP2 ... (Fig. 4), each starting where the line of the last one meets the
-viewing plane of the next. Times and places of pixels are those of their centres.
+viewing plane of the next. The projection of a leg is the straight line through the centres of
+mass of its light, column by column (row by row for a steep one); a pixel's time is taken to be
+that of the point of this line nearest to the pixel's centre.
 
 Where the paper is silent: with the emission time unknown, the time that makes the alpha_i of the
 first leg agree best is taken; with the source unknown, the path starts in the entry pixel with
@@ -27,10 +29,9 @@ from lightflight.path import RESIDUAL_DTYPE, Goodness, LightPath
 from lightflight.reconstruct.freedom import view_end
 from lightflight.reconstruct.geometry import PathState, vertex_time_jacobian
 from lightflight.reconstruct.joint import Setting
-from lightflight.reconstruct.legs import ImageLeg, undistorted_px
+from lightflight.reconstruct.legs import ImageLeg, mean_focal_px, undistorted_px
 from lightflight.reconstruct.observation import Observation
 from lightflight.reconstruct.result import prior_in_words
-from lightflight.reconstruct.start import world_rays
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
@@ -44,9 +45,9 @@ class Projection:
     """What the paper takes of one leg: one pixel per position along it."""
 
     rows: Floats
-    """(k,), pixel row."""
+    """(k,), row of the point on the projected leg, px; whole where the leg runs on centres."""
     cols: Floats
-    """(k,), pixel column."""
+    """(k,), column of that point, px."""
     arrival_ps: Floats
     """(k,), arrival time; interpolated where the pixel was bad, ps."""
     interpolated: NDArray[np.bool_]
@@ -82,27 +83,46 @@ class PlaneLeg:
 
 
 def projection_of_leg(leg: ImageLeg, observation: Observation, camera: Camera) -> Projection:
-    """Brightest good pixel at every position along a leg; gaps are interpolated."""
+    """One good pixel per position along a leg, the brightest; gaps are interpolated."""
     arrivals = observation.arrivals
     members = leg.members[arrivals.photons[leg.members] > 0]
     points = undistorted_px(camera, arrivals.row[members], arrivals.col[members])
-    s = (points - leg.origin_px) @ leg.direction_px
-    position = np.rint(s * max(abs(leg.direction_px))).astype(int)
-    first, last = int(position.min()), int(position.max())
-    k = last - first + 1
-    rows, cols = np.full(k, np.nan), np.full(k, np.nan)
-    times, photons = np.full(k, np.nan), np.zeros(k)
-    for i in np.argsort(arrivals.photons[members]):
-        at, index = position[i] - first, members[i]
-        rows[at], cols[at] = arrivals.row[index], arrivals.col[index]
-        times[at], photons[at] = observation.arrival_ps[index], arrivals.photons[index]
-    # A single bright spot's neighbour rows may fill a position with wings only.
-    weak = photons < 0.05 * np.median(photons[photons > 0])
-    bad = ~np.isfinite(times) | weak
+    photons = arrivals.photons[members]
+    steep = abs(leg.direction_px[1]) > abs(leg.direction_px[0])
+    position = np.rint(points[:, 1] if steep else points[:, 0]).astype(int)
+    first, k = int(position.min()), int(np.ptp(position)) + 1
+    origin, direction = _line_through_centroids(position - first, points, photons, leg)
+    at = np.full(k, -1)
+    for i in np.argsort(photons):
+        at[position[i] - first] = i
+    brightest = np.where(at >= 0, photons[np.maximum(at, 0)], 0.0)
+    # Far in the wings of a neighbour's spot a position holds light, but not its own.
+    bad = (at < 0) | (brightest < 0.05 * np.median(brightest[at >= 0]))
     good = np.flatnonzero(~bad)
-    for values in (rows, cols, times):
+    along, times = np.empty(k), np.empty(k)
+    along[good] = (points[at[good]] - origin) @ direction
+    times[good] = observation.arrival_ps[members[at[good]]]
+    for values in (along, times):
         values[bad] = np.interp(np.flatnonzero(bad), good, values[good])
-    return Projection(rows, cols, times, bad, photons)
+    order = np.argsort(along)
+    on_line = origin + along[order, np.newaxis] * direction
+    focal = mean_focal_px(camera)
+    rows, cols = camera.pixels_from_normalized(on_line[:, 0] / focal, on_line[:, 1] / focal)
+    return Projection(rows, cols, times[order], bad[order], brightest[order])
+
+
+def _line_through_centroids(
+    position: NDArray[np.int64], points: Floats, photons: Floats, leg: ImageLeg
+) -> tuple[Floats, Floats]:
+    """(origin, unit direction) of the line through the light's centres of mass, px."""
+    total = np.bincount(position, photons)
+    lit = total > 0.05 * np.median(total[total > 0])
+    centroid = np.column_stack(
+        [np.bincount(position, photons * points[:, axis])[lit] / total[lit] for axis in (0, 1)]
+    )
+    origin = centroid.mean(axis=0)
+    direction = np.linalg.svd(centroid - origin, full_matrices=False)[2][0]
+    return origin, direction if direction @ leg.direction_px > 0 else -direction
 
 
 def _plane_axes(rays: Floats, start: Floats, camera: Camera) -> tuple[Floats, Floats]:
@@ -111,9 +131,8 @@ def _plane_axes(rays: Floats, start: Floats, camera: Camera) -> tuple[Floats, Fl
     # Viewing rays meet the reference plane (normal n, through the start) at the points E_i.
     depth = ((start - camera.center_mm) @ n) / (rays @ n)
     meeting = camera.center_mm + depth[:, np.newaxis] * rays
-    offset = meeting - start
-    axes = np.linalg.svd(offset - offset.mean(axis=0) if len(offset) > 2 else offset)[2]
-    along = axes[0]
+    # The projection starts at the start: its direction is that of the E_i seen from there.
+    along = np.linalg.svd(meeting - start, full_matrices=False)[2][0]
     along = along - (along @ n) * n
     along = along / np.linalg.norm(along)
     if along @ (meeting[-1] - meeting[0]) < 0:
@@ -172,12 +191,11 @@ def paper_path(
     projections = [_averaged(p, observations) for p in projections]
     start, start_time = _start(projections[0], setting)
     placed: list[PlaneLeg] = []
-    for number, (leg, seen) in enumerate(zip(legs, projections, strict=True)):
-        line = world_rays(camera, leg.points_px(np.linspace(*leg.extent_px, 32)))
-        if number:
-            start, start_time = _corner(placed[-1], line, camera, medium)
-        along, upright = _plane_axes(line, start, camera)
+    for number, seen in enumerate(projections):
         rays = camera.rays_from_pixels(seen.rows, seen.cols)
+        if number:
+            start, start_time = _corner(placed[-1], rays, camera, medium)
+        along, upright = _plane_axes(rays, start, camera)
 
         def angles_at(
             time: float,

@@ -203,12 +203,12 @@ def footprint_corrections(
     for k, (leg, fit) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         here = print_.leg == k
         slope[here] = fit.log_slope(leg.along_across(points[here])[0])
-    curvature = _arrival_curvature(print_, state=state, camera=camera, medium=medium)
+    curvature = arrival_curvature(print_, state=state, camera=camera, medium=medium)
     correction: Floats = variance * (print_.slope_ps_per_px * slope + 0.5 * curvature)
     return correction
 
 
-def _arrival_curvature(
+def arrival_curvature(
     print_: Footprint, *, state: PathState, camera: Camera, medium: Medium
 ) -> Floats:
     """d^2 t_a / d(picture length)^2 at each foot, ps per px^2."""

@@ -1,0 +1,143 @@
+"""Poisson likelihood of the counts of one pixel, with score and information, for `forward`.
+
+Local variables of a pixel with L legs, in this order: for each leg (ln photons, time, ln std of
+its pulse), then ln background. Everything the path, the brightness and the clock do to a pixel
+they do through these, so the kernel knows no geometry.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight._kernels.jit import jit
+
+Floats = NDArray[np.float64]
+
+_REACH = 7.0
+"""Half width of a pulse's window, in standard deviations."""
+_INV_SQRT_2 = 1.0 / math.sqrt(2.0)
+_INV_SQRT_2PI = 1.0 / math.sqrt(2.0 * math.pi)
+
+
+@jit
+def _pulse_share(offset: float, width: float, std: float, out: Floats) -> None:
+    """Share of a pulse in a code `offset` from its time: value, d/d time, d/d ln std."""
+    high = (offset + 0.5 * width) / std
+    low = (offset - 0.5 * width) / std
+    density_high = _INV_SQRT_2PI * math.exp(-0.5 * high * high)
+    density_low = _INV_SQRT_2PI * math.exp(-0.5 * low * low)
+    out[0] = 0.5 * (math.erf(high * _INV_SQRT_2) - math.erf(low * _INV_SQRT_2))
+    out[1] = -(density_high - density_low) / std
+    out[2] = -(high * density_high - low * density_low)
+
+
+@jit
+def _add_code(
+    observed: float,
+    mean: float,
+    gradient: Floats,
+    n_local: int,
+    expected_only: bool,
+    score: Floats,
+    information: Floats,
+) -> float:
+    """Add one code's term; returns its log-likelihood."""
+    ratio = 1.0 if expected_only else observed / mean
+    for i in range(n_local):
+        if gradient[i] != 0.0:
+            score[i] += gradient[i] * (ratio - 1.0)
+            for j in range(i + 1):
+                information[i, j] += gradient[i] * gradient[j] / mean
+    if expected_only:
+        return 0.0
+    return observed * math.log(mean) - mean
+
+
+@jit
+def photon_score(
+    counts: Floats,
+    lower: Floats,
+    upper: Floats,
+    period: float,
+    log_photons: Floats,
+    delays: Floats,
+    stds: Floats,
+    log_background: Floats,
+    use_outside: NDArray[np.bool_],
+    expected_only: bool,
+    score: Floats,
+    information: Floats,
+) -> float:
+    """Fill `score` (n, 3 L + 1) and Fisher `information` (n, 3 L + 1, 3 L + 1); log-likelihood.
+
+    counts, lower, upper: (n, codes); log_photons, delays, stds: (n, L), NaN delay: leg absent.
+    Codes outside every window are one term with the background alone, left out where
+    `use_outside` is False (something else flashes there). `expected_only`: information at the
+    expected counts, no data needed (bounds).
+    """
+    n, n_codes = counts.shape
+    n_legs = delays.shape[1]
+    n_local = 3 * n_legs + 1
+    gradient = np.zeros(n_local)
+    share = np.zeros(3)
+    total = 0.0
+    for p in range(n):
+        rate = math.exp(log_background[p])
+        outside_counts = 0.5
+        outside_width = 0.0
+        for k in range(n_codes):
+            width = upper[p, k] - lower[p, k]
+            if width <= 0.0:
+                continue
+            middle = 0.5 * (upper[p, k] + lower[p, k])
+            mean = rate * width
+            inside = False
+            for q in range(n_legs):
+                gradient[3 * q] = 0.0
+                gradient[3 * q + 1] = 0.0
+                gradient[3 * q + 2] = 0.0
+                if math.isnan(delays[p, q]):
+                    continue
+                offset = middle - delays[p, q]
+                if period > 0.0:
+                    offset -= period * np.rint(offset / period)
+                if abs(offset) < _REACH * stds[p, q] + width:
+                    inside = True
+                    photons = math.exp(log_photons[p, q])
+                    _pulse_share(offset, width, stds[p, q], share)
+                    mean += photons * share[0]
+                    gradient[3 * q] = photons * share[0]
+                    gradient[3 * q + 1] = photons * share[1]
+                    gradient[3 * q + 2] = photons * share[2]
+            if inside:
+                gradient[n_local - 1] = rate * width
+                total += _add_code(
+                    counts[p, k],
+                    mean + 1e-12,
+                    gradient,
+                    n_local,
+                    expected_only,
+                    score[p],
+                    information[p],
+                )
+            else:
+                outside_counts += counts[p, k]
+                outside_width += width
+        if not use_outside[p]:
+            outside_counts = 0.5
+            outside_width = 0.5 / rate
+        if outside_width > 0.0:
+            for i in range(n_local):
+                gradient[i] = 0.0
+            mean = rate * outside_width
+            gradient[n_local - 1] = mean
+            total += _add_code(
+                outside_counts, mean, gradient, n_local, expected_only, score[p], information[p]
+            )
+        for i in range(n_local):
+            for j in range(i):
+                information[p, j, i] = information[p, i, j]
+    return total

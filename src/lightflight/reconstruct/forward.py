@@ -1,0 +1,340 @@
+"""The forward model of all counts: what every pixel near the path should have recorded.
+
+Expected counts of pixel p in code k are
+
+    lambda_pk = sum_legs N_p [F(e_(k+1)) - F(e_k)] + b_p w_pk,
+
+F the pulse (laser, response, transit over the footprint) about the footprint's mean arrival time
+plus the pixel's delay, e the true code edges modulo the period. N_p is the strength of the light
+along the leg under the spot. The integral along the leg is collapsed into its zeroth, first
+and second moment (photons, mean time, variance), which is exact for a Gaussian spot and a curve
+that bends little within it; corners cut the footprint.
+
+Takes a path and the brightness along it, gives log-likelihood, score and information in a
+handful of parameters: `photon` climbs it, `cramer_rao` reads its curvature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from lightflight._kernels.photon_score import photon_score
+from lightflight.flight import Medium
+from lightflight.reconstruct.geometry import (
+    Indices,
+    PathState,
+    arrival_jacobian,
+    line_offsets,
+)
+from lightflight.reconstruct.legs import mean_focal_px, undistorted_px
+from lightflight.reconstruct.picture import LegInPicture, arrival_curvature
+
+if TYPE_CHECKING:
+    from lightflight.camera import Camera
+
+Floats = NDArray[np.float64]
+
+_NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(16)
+_SPOT_REACH = 4.0
+"""Half width of a footprint, in standard deviations of the spot."""
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """Everything about the light that is not the path."""
+
+    lines: tuple[LegInPicture, ...]
+    """Where along each leg's image the strength is measured."""
+    knots: tuple[Floats, ...]
+    """Knots of the cubic log-strength of each leg, px along its line."""
+    coefficients: tuple[Floats, ...]
+    """Spline coefficients of the log of photons per pixel on the line."""
+    log_spot_px: float
+    """Log of the spot's standard deviation, px."""
+    log_std_ps: float
+    """Log of the standard deviation of laser pulse and response, ps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """The pixels that take part: (n,) arrays, legs near each in columns (n, L)."""
+
+    rows: Indices
+    cols: Indices
+    near: NDArray[np.bool_]
+    """(n, L), True where the leg's light can reach the pixel."""
+    points_px: Floats
+    """(n, 2), undistorted (u, v)."""
+    skew_ps: Floats
+    """(n,), delay of the pixel."""
+    pixel_var: Floats
+    """(n,), variance of that delay from the calibration, ps^2."""
+    modes_ps: Floats
+    """(n, L, k), shared clock errors at the leg's arrival, one-sigma columns, ps."""
+
+
+@dataclass(frozen=True, eq=False)
+class CodeCounts:
+    """Counts and code intervals of the pixels that take part."""
+
+    counts: Floats
+    """(n, codes)."""
+    lower_ps: Floats
+    """(n, codes)."""
+    upper_ps: Floats
+    """(n, codes)."""
+    period_ps: float
+    """Laser period, ps; 0: none."""
+    use_outside: NDArray[np.bool_]
+    """(n,), False where something else flashes outside the windows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Local:
+    """Local variables of each pixel and leg, and how they follow from the global ones."""
+
+    log_photons: Floats
+    """(n, L)."""
+    arrival_ps: Floats
+    """(n, L), mean over the footprint; NaN where the leg is not near."""
+    std_ps: Floats
+    """(n, L), of the pulse with its transit."""
+    jacobian: Floats
+    """(n, 3 L, P), d(ln photons, time, ln std of each leg) / d(parameters)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where each kind of parameter sits in the vector of P."""
+
+    n_free: int
+    """Freedom of the path."""
+    n_modes: int
+    """Shared clock errors."""
+    spline_starts: tuple[int, ...]
+    """First coefficient of each leg's log-strength."""
+    size: int
+    """P; the last two are log spot and log std."""
+
+
+def layout_of(n_free: int, n_modes: int, light: Light) -> Layout:
+    """Order of the parameters: path, modes, splines leg by leg, log spot, log std."""
+    starts, at = [], n_free + n_modes
+    for coefficients in light.coefficients:
+        starts.append(at)
+        at += len(coefficients)
+    return Layout(n_free, n_modes, tuple(starts), at + 2)
+
+
+def moved_light(light: Light, step: Floats, layout: Layout) -> Light:
+    """The light after a step of the parameters; widths keep within sane bounds."""
+    coefficients = tuple(
+        c + step[start : start + len(c)]
+        for c, start in zip(light.coefficients, layout.spline_starts, strict=True)
+    )
+    return replace(
+        light,
+        coefficients=coefficients,
+        log_spot_px=float(np.clip(light.log_spot_px + step[-2], np.log(0.08), np.log(6.0))),
+        log_std_ps=float(light.log_std_ps + np.clip(step[-1], -0.5, 0.5)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Footing:
+    """Moments of one leg's footprint in each pixel near it."""
+
+    share: Floats
+    mean_offset_ps: Floats
+    variance_ps2: Floats
+    spot_share: Floats
+
+
+def _footing(
+    light: Light,
+    log_slope: Floats,
+    slope: Floats,
+    curvature: Floats,
+    before: Floats,
+    after: Floats,
+) -> _Footing:
+    """Moments over the footprint, cut at corners `before` and `after` (px from the foot)."""
+    spot = np.exp(light.log_spot_px)
+    low = np.maximum(-_SPOT_REACH * spot, before)
+    high = np.minimum(_SPOT_REACH * spot, after)
+    half = 0.5 * np.maximum(high - low, 0.0)
+    s = 0.5 * (low + high)[:, np.newaxis] + half[:, np.newaxis] * _NODES
+    log_slope = np.clip(log_slope, -3.0, 3.0)[:, np.newaxis]
+    # log_slope keeps the strength at the foot as the reference, as the spline does.
+    weight = _NODE_WEIGHTS * np.exp(-0.5 * (s / spot) ** 2 + log_slope * s)
+    weight *= half[:, np.newaxis] / (np.sqrt(2 * np.pi) * spot)
+    total = weight.sum(axis=1)
+    # The spline is the strength after the spot's smoothing: divide by what an uncut one holds.
+    uncut = np.exp(0.5 * (log_slope[:, 0] * spot) ** 2)
+    time = slope[:, np.newaxis] * s + 0.5 * curvature[:, np.newaxis] * s**2
+    safe = np.maximum(total, 1e-300)
+    mean = np.sum(weight * time, axis=1) / safe
+    variance = np.sum(weight * time**2, axis=1) / safe - mean**2
+    spread = np.sum(weight * s**2, axis=1) / safe / spot**2
+    return _Footing(np.maximum(total / uncut, 1e-12), mean, np.maximum(variance, 0.0), spread)
+
+
+def local_variables(
+    state: PathState,
+    light: Light,
+    pixels: Pixels,
+    layout: Layout,
+    *,
+    basis: Floats,
+    modes: Floats,
+    camera: Camera,
+    medium: Medium,
+) -> Local:
+    """Photons, time and width of every leg in every pixel, with their derivatives."""
+    n, n_legs = pixels.near.shape
+    log_photons = np.full((n, n_legs), -60.0)
+    arrival, std = np.full((n, n_legs), np.nan), np.ones((n, n_legs))
+    jacobian = np.zeros((n, 3 * n_legs, layout.size))
+    spot, focal = np.exp(light.log_spot_px), mean_focal_px(camera)
+    for k in range(n_legs):
+        here = np.flatnonzero(pixels.near[:, k])
+        legs = np.full(len(here), k)
+        print_, by_state = arrival_jacobian(
+            state,
+            camera=camera,
+            medium=medium,
+            legs=legs,
+            rows=pixels.rows[here].astype(float),
+            cols=pixels.cols[here].astype(float),
+        )
+        points = pixels.points_px[here]
+        across, across_by_state = line_offsets(
+            state, camera=camera, legs=legs, anchors=points, focal_px=focal
+        )
+        along = np.clip(
+            light.lines[k].along_across(points)[0], light.knots[k][3], light.knots[k][-4]
+        )
+        design = BSpline.design_matrix(along, light.knots[k], 3).toarray()
+        spline = BSpline(light.knots[k], light.coefficients[k], 3)
+        curvature = arrival_curvature(print_, state=state, camera=camera, medium=medium)
+        before, after = _corner_distances(print_.fraction, print_.px_per_leg, k, n_legs)
+        footing = _footing(
+            light, spline.derivative()(along), print_.slope_ps_per_px, curvature, before, after
+        )
+        log_photons[here, k] = (
+            design @ light.coefficients[k] + np.log(footing.share) - 0.5 * (across / spot) ** 2
+        )
+        log_photons[here, k] = np.maximum(log_photons[here, k], -60.0)
+        std_here = np.sqrt(np.exp(2 * light.log_std_ps) + footing.variance_ps2)
+        std[here, k] = std_here
+        arrival[here, k] = (
+            print_.arrival_ps + footing.mean_offset_ps + pixels.modes_ps[here, k] @ modes
+        )
+        at, splines = 3 * k, layout.spline_starts[k]
+        to_spline = slice(splines, splines + design.shape[1])
+        jacobian[here, at, : layout.n_free] = (
+            -(across / spot**2)[:, np.newaxis] * across_by_state @ basis
+        )
+        jacobian[here, at, to_spline] = design
+        jacobian[here, at, -2] = (across / spot) ** 2
+        jacobian[here, at + 1, : layout.n_free] = by_state @ basis
+        jacobian[here, at + 1, layout.n_free : layout.n_free + layout.n_modes] = pixels.modes_ps[
+            here, k
+        ]
+        jacobian[here, at + 2, -1] = np.exp(2 * light.log_std_ps) / std_here**2
+        jacobian[here, at + 2, -2] = footing.variance_ps2 / std_here**2
+    return Local(log_photons, arrival, std, jacobian)
+
+
+def _corner_distances(
+    fraction: Floats, px_per_leg: Floats, leg: int, n_legs: int
+) -> tuple[Floats, Floats]:
+    """Picture distance from each foot to the corners before and after it, px, signed."""
+    before = np.full(len(fraction), -np.inf)
+    after = np.full(len(fraction), np.inf)
+    if leg > 0:
+        before = -fraction * px_per_leg
+    if leg < n_legs - 1:
+        after = (1 - fraction) * px_per_leg
+    return before, after
+
+
+@dataclass(frozen=True, eq=False)
+class Likelihood:
+    """Log-likelihood of all counts at one set of parameters, pixel nuisances eliminated."""
+
+    value: float
+    """Log-likelihood, priors of the pixels' delays included."""
+    score: Floats
+    """(P,)."""
+    information: Floats
+    """(P, P), after the pixels' own nuisances (background, delay) are eliminated."""
+    nuisance_gain: Floats
+    """(n, 2, P): how much the nuisances follow a step of the parameters."""
+    nuisance_step: Floats
+    """(n, 2), their own step at fixed parameters."""
+    fisher: Floats
+    """(n, 3 L + 1, 3 L + 1), information of each pixel in its local variables."""
+
+
+def likelihood(
+    local: Local,
+    pixels: Pixels,
+    codes: CodeCounts,
+    *,
+    log_background: Floats,
+    delay_shift_ps: Floats,
+    expected_only: bool = False,
+) -> Likelihood:
+    """Evaluate the likelihood and eliminate each pixel's background and delay error."""
+    n, n_legs = pixels.near.shape
+    n_local = 3 * n_legs + 1
+    score, information = np.zeros((n, n_local)), np.zeros((n, n_local, n_local))
+    delays = local.arrival_ps + (pixels.skew_ps + delay_shift_ps)[:, np.newaxis]
+    value = photon_score(
+        codes.counts,
+        codes.lower_ps,
+        codes.upper_ps,
+        codes.period_ps,
+        local.log_photons,
+        delays,
+        local.std_ps,
+        log_background,
+        codes.use_outside,
+        expected_only,
+        score,
+        information,
+    )
+    # Nuisances of a pixel: ln background, and its delay error (moves all its legs alike).
+    to_nuisance = np.zeros((n_local, 2))
+    to_nuisance[-1, 0] = 1.0
+    to_nuisance[1:-1:3, 1] = 1.0
+    crossed = information @ to_nuisance
+    own = to_nuisance.T @ crossed
+    own_score = score @ to_nuisance
+    precision = 1.0 / np.maximum(pixels.pixel_var, 1e-12)
+    own[:, 1, 1] += precision
+    own[:, 0, 0] += 1e-9
+    own_score[:, 1] -= delay_shift_ps * precision
+    value -= 0.5 * float(np.sum(delay_shift_ps**2 * precision))
+    inverse = np.linalg.inv(own)
+    step = np.einsum("nij,nj->ni", inverse, own_score)
+    kept = information - np.einsum("nai,nij,nbj->nab", crossed, inverse, crossed)
+    kept_score = score - np.einsum("nai,ni->na", crossed, step)
+    outer = local.jacobian
+    half = kept[:, :-1, :-1] @ outer
+    size = outer.shape[2]
+    total = outer.reshape(-1, size).T @ half.reshape(-1, size)
+    return Likelihood(
+        value=value,
+        score=np.einsum("nap,na->p", outer, kept_score[:, :-1]),
+        information=0.5 * (total + total.T),
+        nuisance_gain=-np.einsum("nij,naj,nap->nip", inverse, crossed[:, :-1], outer),
+        nuisance_step=step,
+        fisher=information,
+    )

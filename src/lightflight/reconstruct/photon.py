@@ -1,0 +1,413 @@
+"""`photon`: the Poisson likelihood of every count, the limit of what the recording holds.
+
+Takes a path that is roughly right (from `joint`, or from pooled counts where no pixel can be
+fitted alone) and climbs the likelihood of `forward` by Fisher scoring with everything unknown at
+once: path, emission time, brightness along the legs, spot, pulse width, every pixel's background
+and clock error, shared clock errors. No pixel is interpolated and none is too dim.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from lightflight.errors import NothingFoundError
+from lightflight.path import Goodness, LightPath
+from lightflight.reconstruct.forward import (
+    CodeCounts,
+    Layout,
+    Light,
+    Likelihood,
+    Local,
+    Pixels,
+    layout_of,
+    likelihood,
+    local_variables,
+    moved_light,
+)
+from lightflight.reconstruct.freedom import Freedom, state_vector
+from lightflight.reconstruct.geometry import PathState, footprints, vertex_time_jacobian
+from lightflight.reconstruct.joint import Setting, freedom_at, with_ends
+from lightflight.reconstruct.lateral import KNOT_SPACING_PX
+from lightflight.reconstruct.legs import undistorted_px
+from lightflight.reconstruct.observation import Observation, pixel_counts
+from lightflight.reconstruct.picture import Picture, measure_picture
+from lightflight.reconstruct.result import prior_in_words
+
+Floats = NDArray[np.float64]
+
+_PASSES = 3
+_MOST_STEPS = 40
+_TOLERANCE = 0.01
+"""A step below this many standard errors ends a climb."""
+_SPOT_PRIOR = (np.log(0.4), 0.8)
+_BEND_PRIOR = 0.3
+"""How loosely neighbouring strengths are held together where no light tells (ln per knot^2)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Climb:
+    """Where a climb ended."""
+
+    state: PathState
+    light: Light
+    modes: Floats
+    freedom: Freedom
+    layout: Layout
+    pixels: Pixels
+    local: Local
+    result: Likelihood
+    prior: Floats
+    """(P, P), information of the shared priors (source, emission time, waypoints, modes)."""
+    hold: Floats
+    """(P, P), information of the weak holds on brightness and spot."""
+    converged: bool
+
+
+def merged(observations: list[Observation]) -> Observation:
+    """Repeats as one recording: counts of the same codes add, which loses nothing for one clock."""
+    if len(observations) == 1:
+        return observations[0]
+    first = observations[0]
+    counts = np.sum([o.histograms.counts.astype(np.int64) for o in observations], axis=0)
+    blind = np.logical_or.reduce([o.blind for o in observations])
+    return replace(
+        first, histograms=replace(first.histograms, counts=counts.astype(np.uint64)), blind=blind
+    )
+
+
+def light_from_picture(picture: Picture, std_ps: float) -> Light:
+    """Start of the brightness: the picture's splines, re-knotted over all that is in view."""
+    knots, coefficients = [], []
+    for leg, fit in zip(picture.legs, picture.fits, strict=True):
+        low, high = leg.span_px
+        inner = np.linspace(low, high, max(2, int(np.ceil((high - low) / KNOT_SPACING_PX)) + 1))
+        knot = np.concatenate((np.full(3, low), inner, np.full(3, high)))
+        grid = np.linspace(low, high, 12 * len(inner))
+        first, last = fit.spline.t[3], fit.spline.t[-4]
+        target = fit.spline(np.clip(grid, first, last))
+        target = np.maximum(target, target.max() - 12.0)
+        design = BSpline.design_matrix(grid, knot, 3).toarray()
+        knots.append(knot)
+        coefficients.append(np.linalg.lstsq(design, target, rcond=None)[0])
+    return Light(
+        picture.legs,
+        tuple(knots),
+        tuple(coefficients),
+        float(np.log(picture.spot_std_px)),
+        float(np.log(std_ps)),
+    )
+
+
+def pixels_near_path(
+    light: Light, setting: Setting, observation: Observation, state: PathState
+) -> Pixels:
+    """Pixels that a leg's light can reach, with what the calibration says of them."""
+    camera = setting.camera
+    rows, cols = (index.ravel() for index in np.indices(camera.shape))
+    points = undistorted_px(camera, rows, cols)
+    reach = max(2.5, 4.0 * np.exp(light.log_spot_px))
+    near = np.zeros((len(rows), len(light.lines)), dtype=bool)
+    for k, leg in enumerate(light.lines):
+        along, across = leg.along_across(points)
+        low, high = leg.span_px
+        near[:, k] = (along > low - 1.5) & (along < high + 1.5) & (np.abs(across) < reach)
+    keep = near.any(axis=1) & ~observation.blind.ravel()
+    rows, cols, near, points = rows[keep], cols[keep], near[keep], points[keep]
+    timing = observation.timing
+    modes = []
+    pixel_var = np.zeros(len(rows))
+    for k in range(len(light.lines)):
+        print_ = footprints(
+            state,
+            camera=camera,
+            medium=setting.medium,
+            legs=np.full(len(rows), k),
+            rows=rows.astype(float),
+            cols=cols.astype(float),
+        )
+        delay = print_.arrival_ps + timing.skew_ps[rows, cols]
+        delay = np.where(np.isfinite(delay) & near[:, k], delay, np.nanmedian(delay[near[:, k]]))
+        pixel_std, columns, _ = timing.arrival_errors_ps(rows, cols, delay)
+        pixel_var = np.where(near[:, k], np.maximum(pixel_var, pixel_std**2), pixel_var)
+        modes.append(columns)
+    return Pixels(
+        rows=rows,
+        cols=cols,
+        near=near,
+        points_px=points,
+        skew_ps=timing.skew_ps[rows, cols],
+        pixel_var=pixel_var,
+        modes_ps=np.stack(modes, axis=1),
+    )
+
+
+def codes_of_pixels(
+    pixels: Pixels, observation: Observation, state: PathState, setting: Setting, std_ps: float
+) -> CodeCounts:
+    """Counts and code intervals; pixels in which something else flashes are marked."""
+    found = pixel_counts(observation, pixels.rows, pixels.cols)
+    strange = _pixels_with_strangers(observation, state, setting, std_ps)
+    return CodeCounts(
+        counts=found.counts,
+        lower_ps=found.lower_ps,
+        upper_ps=found.upper_ps,
+        period_ps=float(observation.histograms.laser_period_ps or 0.0),
+        use_outside=~strange[pixels.rows, pixels.cols],
+    )
+
+
+def _pixels_with_strangers(
+    observation: Observation, state: PathState, setting: Setting, std_ps: float
+) -> NDArray[np.bool_]:
+    """(rows, cols), True where a pixel holds a pulse that belongs to no leg."""
+    arrivals = observation.arrivals
+    pulses = np.flatnonzero(np.isfinite(observation.arrival_ps))
+    explained = np.zeros(len(pulses), dtype=bool)
+    for k in range(state.n_legs):
+        print_ = footprints(
+            state,
+            camera=setting.camera,
+            medium=setting.medium,
+            legs=np.full(len(pulses), k),
+            rows=arrivals.row[pulses].astype(float),
+            cols=arrivals.col[pulses].astype(float),
+        )
+        gap = np.abs(observation.arrival_ps[pulses] - print_.arrival_ps)
+        explained |= (np.abs(print_.lateral_px) < 4.0) & (gap < 4.0 * std_ps)
+    strange = np.zeros(arrivals.shape, dtype=bool)
+    strange[arrivals.row[pulses[~explained]], arrivals.col[pulses[~explained]]] = True
+    return strange
+
+
+def _priors(
+    freedom: Freedom, layout: Layout, light: Light
+) -> tuple[Floats, Floats]:
+    """Information of the shared priors, and of the weak holds on brightness and spot; (P, P)."""
+    prior, hold = np.zeros((layout.size, layout.size)), np.zeros((layout.size, layout.size))
+    rows = freedom.prior_rows @ freedom.basis
+    prior[: layout.n_free, : layout.n_free] = rows.T @ rows
+    for k in range(layout.n_modes):
+        prior[layout.n_free + k, layout.n_free + k] = 1.0
+    for start, coefficients in zip(layout.spline_starts, light.coefficients, strict=True):
+        n = len(coefficients)
+        bend = _BEND_PRIOR * np.diff(np.eye(n), 2, axis=0) if n > 2 else np.zeros((0, n))
+        hold[start : start + n, start : start + n] = bend.T @ bend + 1e-9 * np.eye(n)
+    hold[-2, -2] = 1.0 / _SPOT_PRIOR[1] ** 2
+    return prior, hold
+
+
+def _prior_score(
+    state: PathState,
+    light: Light,
+    modes: Floats,
+    freedom: Freedom,
+    layout: Layout,
+    hold: Floats,
+) -> tuple[Floats, float]:
+    """Score and log-density of all priors at a point."""
+    misfit = freedom.prior_values - freedom.prior_rows @ state_vector(state)
+    score = np.zeros(layout.size)
+    score[: layout.n_free] = (freedom.prior_rows @ freedom.basis).T @ misfit
+    score[layout.n_free : layout.n_free + layout.n_modes] = -modes
+    held = np.zeros(layout.size)
+    for start, coefficients in zip(layout.spline_starts, light.coefficients, strict=True):
+        held[start : start + len(coefficients)] = coefficients
+    held[-2] = light.log_spot_px - _SPOT_PRIOR[0]
+    score -= hold @ held
+    value = -0.5 * float(misfit @ misfit + modes @ modes + held @ hold @ held)
+    return score, value
+
+
+def climb(
+    state: PathState,
+    light: Light,
+    freedom: Freedom,
+    pixels: Pixels,
+    codes: CodeCounts,
+    setting: Setting,
+) -> Climb:
+    """Fisher scoring with Levenberg damping to the top of the likelihood."""
+    layout = layout_of(freedom.basis.shape[1], pixels.modes_ps.shape[2], light)
+    prior, hold = _priors(freedom, layout, light)
+    modes = np.zeros(layout.n_modes)
+    background = np.log(_background_start(codes))
+    shift = np.zeros(len(pixels.rows))
+
+    def evaluate(
+        at: PathState, lit: Light, eta: Floats, log_b: Floats, delta: Floats
+    ) -> tuple[Local, Likelihood, Floats, float]:
+        local = local_variables(
+            at,
+            lit,
+            pixels,
+            layout,
+            basis=freedom.basis,
+            modes=eta,
+            camera=setting.camera,
+            medium=setting.medium,
+        )
+        found = likelihood(local, pixels, codes, log_background=log_b, delay_shift_ps=delta)
+        score, value = _prior_score(at, lit, eta, freedom, layout, hold)
+        return local, found, found.score + score, found.value + value
+
+    local, found, score, value = evaluate(state, light, modes, background, shift)
+    damping, converged = 1e-3, False
+    for _ in range(_MOST_STEPS):
+        total = found.information + prior + hold
+        scale = 1.0 / np.sqrt(np.diag(total) + 1e-30)
+        scaled = total * scale[:, np.newaxis] * scale + (damping + 1e-13) * np.eye(layout.size)
+        step = scale * np.linalg.solve(scaled, scale * score)
+        follow = found.nuisance_step + found.nuisance_gain @ step
+        trial = (
+            state.moved(freedom.basis @ step[: layout.n_free]),
+            moved_light(light, step, layout),
+            modes + step[layout.n_free : layout.n_free + layout.n_modes],
+            background + np.clip(follow[:, 0], -1.5, 1.5),
+            shift + follow[:, 1],
+        )
+        new = evaluate(*trial)
+        if np.isfinite(new[3]) and new[3] >= value - 1e-7 * (1 + abs(value)) * 1e-3:
+            small = float(step @ total @ step) < _TOLERANCE**2 * layout.n_free
+            state, light, modes, background, shift = trial
+            gained = new[3] - value
+            local, found, score, value = new
+            damping = max(damping / 10, 1e-9)
+            if small and damping < 0.1 or (0 <= gained < 1e-4 and damping < 1e-3):
+                converged = True
+                break
+        else:
+            damping = damping * 10
+            if damping > 1e10:
+                break
+    return Climb(
+        state, light, modes, freedom, layout, pixels, local, found, prior, hold, converged
+    )
+
+
+def _background_start(codes: CodeCounts) -> Floats:
+    """Counts per ps of each pixel: the median code, or the mean where that is empty."""
+    width = codes.upper_ps - codes.lower_ps
+    live = width > 0
+    rate = np.where(live, codes.counts / np.where(live, width, 1.0), np.nan)
+    low = np.nanquantile(rate, 0.9, axis=1)
+    quiet = np.where(rate <= low[:, np.newaxis] + 1e-30, codes.counts, 0.0).sum(axis=1)
+    span = np.where(rate <= low[:, np.newaxis] + 1e-30, width, 0.0).sum(axis=1)
+    return (quiet + 0.5) / np.maximum(span, 1e-9)
+
+
+def photon_path(
+    observations: list[Observation],
+    setting: Setting,
+    rough: LightPath,
+    *,
+    std_ps: float,
+) -> LightPath:
+    """Refine a rough path by the likelihood of all counts.
+
+    Raises
+    ------
+    NothingFoundError
+        Where no pixel lies near the path.
+    """
+    observation = merged(observations)
+    state = PathState(np.array(rough.vertices_mm), float(rough.vertex_times_ps[0]))
+    light: Light | None = None
+    ended: Climb | None = None
+    intrinsic = std_ps
+    for _ in range(_PASSES):
+        state, ends = with_ends(state, observations, setting, std_ps)
+        picture = measure_picture(
+            state, observation, camera=setting.camera, medium=setting.medium, std_ps=intrinsic
+        )
+        light = light_from_picture(picture, intrinsic)
+        pixels = pixels_near_path(light, setting, observation, state)
+        if len(pixels.rows) < 3:
+            raise NothingFoundError("fewer than three usable pixels lie near the path")
+        codes = codes_of_pixels(pixels, observation, state, setting, std_ps)
+        freedom = freedom_at(state, setting, ends)
+        previous = state
+        ended = climb(state, light, freedom, pixels, codes, setting)
+        state = ended.state
+        intrinsic = float(np.exp(ended.light.log_std_ps))
+        if np.abs(state.vertices_mm - previous.vertices_mm).max() < 0.02:
+            break
+    assert ended is not None
+    return _path_from_climb(ended, setting, rough)
+
+
+def _path_from_climb(ended: Climb, setting: Setting, rough: LightPath) -> LightPath:
+    total = ended.result.information + ended.prior + ended.hold
+    scale = 1.0 / np.sqrt(np.diag(total) + 1e-30)
+    inverse = np.linalg.pinv(total * scale[:, np.newaxis] * scale, rcond=1e-13, hermitian=True)
+    covariance = inverse * scale[:, np.newaxis] * scale
+    by_delay = ended.result.nuisance_gain[:, 1] / np.sqrt(
+        np.maximum(ended.pixels.pixel_var, 1e-12)
+    )[:, np.newaxis]
+    to_vertices = (
+        vertex_time_jacobian(ended.state.vertices_mm, setting.medium) @ ended.freedom.basis
+    )
+    n_free = ended.layout.n_free
+
+    def at_vertices(matrix: Floats) -> Floats:
+        block = (covariance @ matrix @ covariance)[:n_free, :n_free]
+        result: Floats = to_vertices @ block @ to_vertices.T
+        return result
+
+    pixel, shared = at_vertices(by_delay.T @ by_delay), at_vertices(ended.prior)
+    whole = to_vertices @ covariance[:n_free, :n_free] @ to_vertices.T
+    residuals = _updated_residuals(rough, ended, setting)
+    used = residuals["used"]
+    squared = (residuals["residual_ps"][used] / residuals["std_ps"][used]) ** 2
+    return replace(
+        rough,
+        vertices_mm=ended.state.vertices_mm,
+        vertex_times_ps=ended.state.vertex_times_ps(setting.medium),
+        covariance=whole,
+        method="photon",
+        goodness=Goodness(
+            chi2=float(np.sum(squared)),
+            dof=max(0, int(used.sum()) - n_free),
+            n_pulses=len(ended.pixels.rows),
+            n_rejected=int((~used).sum()),
+            residual_rms_ps=float(np.sqrt(np.mean(residuals["residual_ps"][used] ** 2)))
+            if used.any()
+            else float("nan"),
+            error_floor_ps=0.0,
+            converged=ended.converged,
+        ),
+        covariance_parts={"photon": whole - pixel - shared, "pixel": pixel, "shared": shared},
+        residuals=residuals,
+        prior=prior_in_words(setting.source),
+    )
+
+
+def _updated_residuals(
+    rough: LightPath, ended: Climb, setting: Setting
+) -> NDArray[np.void]:
+    """The pulses' residuals about the refined path."""
+    table = rough.residuals.copy()
+    legs = table["leg"].astype(np.int64)
+    print_ = footprints(
+        ended.state,
+        camera=setting.camera,
+        medium=setting.medium,
+        legs=legs,
+        rows=table["row"].astype(float),
+        cols=table["col"].astype(float),
+    )
+    at_pixel = {(int(r), int(c)): i for i, (r, c) in enumerate(zip(ended.pixels.rows, ended.pixels.cols, strict=True))}
+    model = print_.arrival_ps.copy()
+    for i, (row, col, leg) in enumerate(zip(table["row"], table["col"], legs, strict=True)):
+        place = at_pixel.get((int(row), int(col)))
+        if place is not None and np.isfinite(ended.local.arrival_ps[place, leg]):
+            model[i] = ended.local.arrival_ps[place, leg]
+    table["model_ps"] = model
+    table["residual_ps"] = table["arrival_ps"] - model
+    times = ended.state.vertex_times_ps(setting.medium)
+    table["event_time_ps"] = times[legs] + print_.fraction * np.diff(times)[legs]
+    return table
+
