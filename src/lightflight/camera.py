@@ -402,15 +402,11 @@ class Camera:
         k1, k2, _, _, k3, k4, k5, k6, *_ = self._coefficients
         above, below = np.array([k3, k2, k1, 1.0]), np.array([k6, k5, k4, 1.0])
         # With q = r^2 the radius is r N/D and its derivative (N D + 2 q (N' D - N D')) / D^2.
-        turn = np.polymul(
-            [2.0, 0.0],
-            np.polysub(np.polymul(np.polyder(above), below), np.polymul(above, np.polyder(below))),
-        )
-        roots = np.concatenate(
-            [np.roots(np.polyadd(np.polymul(above, below), turn)), np.roots(below)]
-        )
-        real = roots.real[(np.abs(roots.imag) < 1e-9 * (1.0 + np.abs(roots))) & (roots.real > 0.0)]
-        return float(real.min()) if real.size else np.inf
+        slope = np.convolve(np.polyder(above), below) - np.convolve(above, np.polyder(below))
+        turn = np.convolve(above, below) + np.append(2.0 * slope, 0.0)
+        roots = [complex(root) for root in (*np.roots(turn), *np.roots(below))]
+        real = [z.real for z in roots if abs(z.imag) < 1e-9 * (1.0 + abs(z)) and z.real > 0.0]
+        return min(real, default=np.inf)
 
     def _lens(
         self, x: NDArray[np.float64], y: NDArray[np.float64]
