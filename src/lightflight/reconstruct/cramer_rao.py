@@ -1,0 +1,450 @@
+"""What the photons allow: the Cramér-Rao bound of a path, and what the data leave open.
+
+Takes a scene or a path (anything with `vertices_mm`, `camera`, `source`, `medium`) and how much
+light there is; gives the smallest covariance any unbiased estimator can have, by the Fisher
+information of the counts under `forward`, with these nuisances: every pixel's background,
+emission time and source as far as unknown, log-strength along the legs (one knot per three
+pixels), spot width, and the clock errors given. Gauges are projected out: an unknown source is
+replaced by the entry into view, the end by the exit. No recording is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight.errors import GeometryError
+from lightflight.flight import Medium, Source
+from lightflight.path import Goodness, LightPath
+from lightflight.reconstruct.forward import (
+    CodeCounts,
+    Light,
+    Pixels,
+    layout_of,
+    likelihood,
+    local_variables,
+)
+from lightflight.reconstruct.freedom import Freedom, freedom_of_path, view_end
+from lightflight.reconstruct.geometry import PathState, footprints, vertex_time_jacobian
+from lightflight.reconstruct.lateral import KNOT_SPACING_PX
+from lightflight.reconstruct.legs import undistorted_px
+from lightflight.reconstruct.picture import leg_in_picture
+from lightflight.reconstruct.result import prior_in_words
+from lightflight.reconstruct.statements import statements_from_covariance
+from lightflight.units import std_from_fwhm
+
+Floats = NDArray[np.float64]
+
+_FIXED = 1e12
+"""Information that stands for "known exactly"."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """The smallest errors any unbiased estimator can reach."""
+
+    path: LightPath
+    """The path with the bound as its covariance: `path.sample`, `path.legs`, `vertex_std` ..."""
+    position_rms_mm: float
+    """rms error of the position in view, at equal event times, mm."""
+    event_time_rms_ps: float
+    """rms error of the event time on the path in view, ps."""
+    angle_std_deg: Floats
+    """(legs,), of the elevation of each leg, deg."""
+    photons: float
+    """Expected signal photons in all pixels."""
+    photons_per_pixel: float
+    """Expected signal photons in the brightest pixel."""
+    n_pixels: int
+    """Pixels that see at least one photon in a hundred recordings."""
+    prior: str
+    """What is taken as known, in words."""
+    statements: tuple[str, ...]
+    """What these data fix and what they do not, one sentence each."""
+    condition: float
+    """Condition number of the path's information matrix, parameters in their own errors' units."""
+
+    @property
+    def vertex_std(self) -> Floats:
+        """(m, 4), x, y, z (mm) and t (ps) of each vertex."""
+        return self.path.vertex_std
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """How a path is recorded, as far as the bound cares."""
+
+    photons_per_pixel: float
+    """Expected signal photons in the brightest pixel."""
+    spot_std_px: float
+    """Optics and active area, px."""
+    pulse_std_ps: float
+    """Laser pulse and response, ps."""
+    code_width_ps: float
+    """Width of a code, ps."""
+    background_per_ps: float
+    """Background counts per pixel and ps."""
+    pixel_std_ps: float
+    """Calibration error of each pixel, ps."""
+    strength: Callable[[Floats, int], Floats] | None
+    """Scattering strength per mm at path lengths on a leg; None: even."""
+
+
+def bounds(
+    subject: Any,
+    *,
+    photons_per_pixel: float = 40_000.0,
+    source: Source | None = None,
+    camera: Any = None,
+    medium: Medium | None = None,
+    spot_std_px: float | None = None,
+    pulse_std_ps: float | None = None,
+    code_width_ps: float | None = None,
+    background_per_code: float | None = None,
+    pixel_std_ps: float = 0.0,
+    waypoints: tuple[tuple[int, ArrayLike, float], ...] = (),
+) -> Bounds:
+    """Cramér-Rao bound of a scene or path.
+
+    Parameters
+    ----------
+    subject : a Scene, a LightPath, or anything with `vertices_mm` (m, 3), `camera`, `source`,
+        `medium`. Where it has a detector, spot, response and code width come from that.
+    photons_per_pixel : expected signal photons in the brightest pixel.
+    source, camera, medium : stand in for those of the subject.
+    spot_std_px : std of optics and active area, px (else from the detector, else 0.35).
+    pulse_std_ps : std of laser pulse and response, ps (else from source and detector, else 70).
+    code_width_ps : ps (else from the detector, else 55).
+    background_per_code : background counts per pixel and code (else from the scene, else 0.02).
+    pixel_std_ps : calibration error of each pixel, ps.
+    waypoints : (vertex index, position_mm, std_mm) of corners measured otherwise.
+
+    Raises
+    ------
+    GeometryError
+        Where the camera does not see the path.
+    ValueError
+        For a subject without vertices or camera, or a light level that is not positive.
+    """
+    source = source or getattr(subject, "source", None) or Source()
+    medium = medium or getattr(subject, "medium", None) or Medium()
+    camera = camera or getattr(subject, "camera", None)
+    if not hasattr(subject, "vertices_mm") or camera is None:
+        raise ValueError("bounds needs a Scene or a LightPath: vertices_mm and a camera")
+    if not photons_per_pixel > 0:
+        raise ValueError(f"photons_per_pixel must be positive, got {photons_per_pixel}")
+    conditions = _conditions(
+        subject,
+        source,
+        photons_per_pixel=photons_per_pixel,
+        spot_std_px=spot_std_px,
+        pulse_std_ps=pulse_std_ps,
+        code_width_ps=code_width_ps,
+        background_per_code=background_per_code,
+        pixel_std_ps=pixel_std_ps,
+    )
+    times = getattr(subject, "vertex_times_ps", None)
+    start = 0.0 if times is None else float(np.asarray(times)[0])
+    whole = PathState(np.array(subject.vertices_mm, dtype=float), start)
+    state, freedom = _state_in_view(whole, camera, medium, source, waypoints)
+    return _bounds(state, whole, freedom, conditions, camera=camera, source=source, medium=medium)
+
+
+def _conditions(
+    subject: Any,
+    source: Source,
+    *,
+    photons_per_pixel: float,
+    spot_std_px: float | None,
+    pulse_std_ps: float | None,
+    code_width_ps: float | None,
+    background_per_code: float | None,
+    pixel_std_ps: float,
+) -> Conditions:
+    detector = getattr(subject, "detector", None)
+    width = code_width_ps or getattr(detector, "bin_width_ps", None) or 55.0
+    if spot_std_px is None:
+        optics = getattr(detector, "psf_std_px", None)
+        active = getattr(detector, "active_width_px", 0.0)
+        spot_std_px = 0.35 if optics is None else float(np.hypot(optics, active / np.sqrt(12)))
+    if pulse_std_ps is None:
+        laser = source.pulse_fwhm_ps or getattr(subject, "pulse_fwhm_ps", None) or 68.0
+        response = getattr(detector, "response_fwhm_ps", 150.0)
+        jitter = getattr(detector, "trigger_jitter_fwhm_ps", 0.0)
+        pulse_std_ps = std_from_fwhm(float(np.sqrt(laser**2 + response**2 + jitter**2)))
+    if background_per_code is None:
+        period = getattr(detector, "laser_period_ps", None) or 50_000.0
+        whole = getattr(subject, "background", None)
+        background_per_code = 0.02 if whole is None else float(np.mean(whole)) * width / period
+    return Conditions(
+        photons_per_pixel=float(photons_per_pixel),
+        spot_std_px=float(spot_std_px),
+        pulse_std_ps=float(pulse_std_ps),
+        code_width_ps=float(width),
+        background_per_ps=max(float(background_per_code), 1e-9) / float(width),
+        pixel_std_ps=pixel_std_ps,
+        strength=getattr(subject, "strength", None),
+    )
+
+
+def _state_in_view(
+    whole: PathState,
+    camera: Any,
+    medium: Medium,
+    source: Source,
+    waypoints: tuple[tuple[int, ArrayLike, float], ...],
+) -> tuple[PathState, Freedom]:
+    """The path cut where it enters (unknown source) and leaves the view, and its freedom."""
+    vertices, start_time = whole.vertices_mm.copy(), whole.start_time_ps
+    last = _middle_in_view(vertices[-2], vertices[-1], camera, whole.n_legs)
+    step = vertices[-1] - vertices[-2]
+    end = view_end(camera, last, step / np.linalg.norm(step))
+    if end is not None:
+        beyond = (end.position_mm - vertices[-1]) @ step
+        vertices[-1] = end.position_mm if beyond < 0 else vertices[-1]
+    start_basis = None
+    if source.position_mm is None:
+        first = _middle_in_view(vertices[0], vertices[1], camera, 1)
+        step = vertices[1] - vertices[0]
+        direction = step / np.linalg.norm(step)
+        entry = view_end(camera, first, -direction)
+        if entry is not None and (entry.position_mm - vertices[0]) @ direction > 0:
+            cut = PathState(np.array([vertices[0], entry.position_mm]), start_time)
+            start_time = float(cut.vertex_times_ps(medium)[-1])
+            vertices[0] = entry.position_mm
+        start_basis = _plane(camera, vertices[0], vertices[1])
+    state = PathState(vertices, start_time)
+    freedom = freedom_of_path(
+        state,
+        source=source,
+        waypoints=waypoints,
+        start_basis=start_basis,
+        end_basis=_plane(camera, vertices[-1], vertices[-2]),
+    )
+    return state, freedom
+
+
+def _middle_in_view(start: Floats, end: Floats, camera: Any, leg: int) -> Floats:
+    fraction = np.linspace(0, 1, 2001)[:, np.newaxis]
+    points = (1 - fraction) * start + fraction * end
+    seen = np.flatnonzero(camera.sees(points))
+    if not len(seen):
+        raise GeometryError(f"the camera does not see leg {leg} of the path: check its pose")
+    middle: Floats = points[seen[len(seen) // 2]]
+    return middle
+
+
+def _plane(camera: Any, at: Floats, towards: Floats) -> Floats:
+    ray = at - camera.center_mm
+    ray = ray / np.linalg.norm(ray)
+    across = np.cross(ray, towards - at)
+    size = float(np.linalg.norm(across))
+    if size < 1e-9:
+        raise GeometryError("a leg points straight at the camera: its picture is a point")
+    return np.column_stack((ray, across / size))
+
+
+def _light_and_pixels(
+    state: PathState, whole: PathState, conditions: Conditions, camera: Any, medium: Medium
+) -> tuple[Light, Pixels]:
+    lines = tuple(leg_in_picture(state, k, camera) for k in range(state.n_legs))
+    rows, cols = (index.ravel() for index in np.indices(camera.shape))
+    points = undistorted_px(camera, rows, cols)
+    reach = max(2.5, 4.0 * conditions.spot_std_px)
+    near = np.zeros((len(rows), len(lines)), dtype=bool)
+    knots, coefficients, brightest = [], [], 0.0
+    starts = np.concatenate(
+        ([0.0], np.cumsum(np.linalg.norm(np.diff(whole.vertices_mm, axis=0), axis=1)))
+    )
+    for k, leg in enumerate(lines):
+        along, across = leg.along_across(points)
+        low, high = leg.span_px
+        near[:, k] = (along > low - 1.5) & (along < high + 1.5) & (np.abs(across) < reach)
+        inner = np.linspace(low, high, max(2, int(np.ceil((high - low) / KNOT_SPACING_PX)) + 1))
+        knot = np.concatenate((np.full(3, low), inner, np.full(3, high)))
+        from scipy.interpolate import BSpline
+
+        grid = np.linspace(low, high, 12 * len(inner))
+        log_strength = _log_strength(grid, leg, k, state, whole, starts, conditions, camera, medium)
+        design = BSpline.design_matrix(grid, knot, 3).toarray()
+        coefficient = np.linalg.lstsq(design, log_strength, rcond=None)[0]
+        in_view = near[:, k] & (along >= low) & (along <= high)
+        signal = np.exp(
+            BSpline(knot, coefficient, 3)(np.clip(along[in_view], low, high))
+            - 0.5 * (across[in_view] / conditions.spot_std_px) ** 2
+        )
+        brightest = max(brightest, float(signal.max(initial=0.0)))
+        knots.append(knot)
+        coefficients.append(coefficient)
+    scale = np.log(conditions.photons_per_pixel / brightest)
+    light = Light(
+        lines,
+        tuple(knots),
+        tuple(c + scale for c in coefficients),
+        float(np.log(conditions.spot_std_px)),
+        float(np.log(conditions.pulse_std_ps)),
+    )
+    keep = near.any(axis=1)
+    n = int(keep.sum())
+    pixels = Pixels(
+        rows=rows[keep],
+        cols=cols[keep],
+        near=near[keep],
+        points_px=points[keep],
+        skew_ps=np.zeros(n),
+        pixel_var=np.full(n, conditions.pixel_std_ps**2),
+        modes_ps=np.zeros((n, len(lines), 0)),
+    )
+    return light, pixels
+
+
+def _log_strength(
+    grid: Floats,
+    leg: Any,
+    k: int,
+    state: PathState,
+    whole: PathState,
+    starts: Floats,
+    conditions: Conditions,
+    camera: Any,
+    medium: Medium,
+) -> Floats:
+    """ln(light per px of picture) along a leg: strength per mm, dwell, and 1/r^2."""
+    from lightflight.reconstruct.legs import mean_focal_px
+
+    on_line = leg.origin_px + grid[:, np.newaxis] * leg.direction_px
+    focal = mean_focal_px(camera)
+    row, col = camera.pixels_from_normalized(on_line[:, 0] / focal, on_line[:, 1] / focal)
+    print_ = footprints(
+        state,
+        camera=camera,
+        medium=medium,
+        legs=np.full(len(grid), k),
+        rows=np.asarray(row, dtype=float),
+        cols=np.asarray(col, dtype=float),
+    )
+    length = float(np.linalg.norm(state.vertices_mm[k + 1] - state.vertices_mm[k]))
+    value = np.log(length / print_.px_per_leg) - 2 * np.log(print_.distance_mm)
+    if conditions.strength is not None:
+        skipped = float(np.linalg.norm(state.vertices_mm[k] - whole.vertices_mm[k]))
+        along = starts[k] + skipped + np.clip(print_.fraction, 0, 1) * length
+        with np.errstate(divide="ignore"):
+            strength = np.log(np.asarray(conditions.strength(along, k), dtype=float))
+        value = value + np.maximum(strength, strength.max() - 12.0)
+    return value
+
+
+def _bounds(
+    state: PathState,
+    whole: PathState,
+    freedom: Freedom,
+    conditions: Conditions,
+    *,
+    camera: Any,
+    source: Source,
+    medium: Medium,
+) -> Bounds:
+    light, pixels = _light_and_pixels(state, whole, conditions, camera, medium)
+    layout = layout_of(freedom.basis.shape[1], 0, light)
+    local = local_variables(
+        state,
+        light,
+        pixels,
+        layout,
+        basis=freedom.basis,
+        modes=np.zeros(0),
+        camera=camera,
+        medium=medium,
+    )
+    n = len(pixels.rows)
+    codes = _expected_codes(local.arrival_ps, conditions, n)
+    background = np.full(n, np.log(conditions.background_per_ps))
+    found = likelihood(
+        local,
+        pixels,
+        codes,
+        log_background=background,
+        delay_shift_ps=np.zeros(n),
+        expected_only=True,
+    )
+    prior = np.zeros_like(found.information)
+    rows = freedom.prior_rows @ freedom.basis
+    prior[: layout.n_free, : layout.n_free] = rows.T @ rows
+    prior[-1, -1] = _FIXED
+    total = found.information + prior
+    scale = 1.0 / np.sqrt(np.diag(total) + 1e-30)
+    scaled = total * scale[:, np.newaxis] * scale
+    inverse = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) * scale[:, np.newaxis] * scale
+    free = inverse[: layout.n_free, : layout.n_free]
+    to_vertices = vertex_time_jacobian(state.vertices_mm, medium) @ freedom.basis
+    path = LightPath(
+        state.vertices_mm,
+        state.vertex_times_ps(medium),
+        to_vertices @ free @ to_vertices.T,
+        camera=camera,
+        source=source,
+        medium=medium,
+        method="bound",
+        goodness=Goodness(float("nan"), 0, n, 0, float("nan"), 0.0, True),
+        prior=prior_in_words(source),
+    )
+    signal = np.exp(local.log_photons) * pixels.near
+    sampled = path.sample(1000)
+    seen = sampled["in_view"]
+    position = sum(sampled[name][seen] ** 2 for name in ("x_std_mm", "y_std_mm", "z_std_mm"))
+    std = np.sqrt(np.diag(free))
+    own = free / np.maximum(std[:, np.newaxis] * std, 1e-300)
+    return Bounds(
+        path=path,
+        position_rms_mm=float(np.sqrt(np.mean(position))),
+        event_time_rms_ps=_event_time_rms(path, sampled[seen], camera),
+        angle_std_deg=np.array([leg.angle_std_deg for leg in path.legs]),
+        photons=float(signal.sum()),
+        photons_per_pixel=conditions.photons_per_pixel,
+        n_pixels=int((signal.sum(axis=1) > 0.01).sum()),
+        prior=prior_in_words(source),
+        statements=statements_from_covariance(free, freedom.labels),
+        condition=float(np.linalg.cond(own)) if len(own) else 1.0,
+    )
+
+
+def _event_time_rms(path: LightPath, sampled: Any, camera: Any) -> float:
+    """rms error of the event time on a pixel's ray: the point slides along the ray, not the leg."""
+    variance = []
+    for row in sampled[:: max(1, len(sampled) // 100)]:
+        leg = int(row["leg"])
+        t0, t1 = path.vertex_times_ps[leg : leg + 2]
+        start, step = path.vertices_mm[leg], path.vertices_mm[leg + 1] - path.vertices_mm[leg]
+        f = (row["event_time_ps"] - t0) / (t1 - t0)
+        point = start + f * step
+        ray = point - camera.center_mm
+        ray = ray / np.linalg.norm(ray)
+        across = step - (step @ ray) * ray
+        slide = across / (across @ across)
+        jacobian = np.zeros(8)
+        jacobian[0:3] = -(1 - f) * slide * (t1 - t0)
+        jacobian[4:7] = -f * slide * (t1 - t0)
+        jacobian[3], jacobian[7] = 1 - f, f
+        block = np.arange(4 * leg, 4 * leg + 8)
+        variance.append(jacobian @ path.covariance[np.ix_(block, block)] @ jacobian)
+    return float(np.sqrt(np.mean(variance)))
+
+
+def _expected_codes(arrival_ps: Floats, conditions: Conditions, n: int) -> CodeCounts:
+    """Even codes that cover the whole flight; counts are not needed for expected information."""
+    low = float(np.nanmin(arrival_ps)) - 12 * conditions.pulse_std_ps
+    high = float(np.nanmax(arrival_ps)) + 12 * conditions.pulse_std_ps
+    k = int(np.ceil((high - low) / conditions.code_width_ps))
+    edges = low + conditions.code_width_ps * np.arange(k + 1)
+    shape = (n, k)
+    return CodeCounts(
+        counts=np.zeros(shape),
+        lower_ps=np.broadcast_to(edges[:-1], shape).copy(),
+        upper_ps=np.broadcast_to(edges[1:], shape).copy(),
+        period_ps=0.0,
+        use_outside=np.ones(n, dtype=bool),
+    )
