@@ -11,7 +11,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from lightflight.errors import FileFormatError
+from lightflight.errors import ConfigError, FileFormatError
 
 _MEMORY_WHEN_UNKNOWN = 8 << 30
 _MEMORY_SHARE = 0.8
@@ -87,14 +87,25 @@ def damage_as_format_error(
     """Turn whatever a library raises over a damaged file into one `FileFormatError`.
 
     Broad on purpose: on damaged input HDF5, zlib and the vendors' readers raise almost any
-    exception. `FileFormatError` and `ImportError` pass unchanged.
+    exception. `FileFormatError`, `ConfigError` and `ImportError` pass unchanged.
     """
     try:
         yield
-    except (FileFormatError, ImportError):
+    except (FileFormatError, ConfigError, ImportError):
         raise
     except Exception as error:
         raise FileFormatError(f"cannot be read ({_reason(error)}): {hint}", path=path) from error
+
+
+@contextlib.contextmanager
+def record_error_as_format_error(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Name the file where a record refuses what was found in it; its sentence stays."""
+    try:
+        yield
+    except (FileFormatError, ConfigError):
+        raise
+    except (ValueError, TypeError) as error:
+        raise FileFormatError(str(error), path=path) from error
 
 
 def _reason(error: BaseException) -> str:

@@ -177,7 +177,7 @@ class Recording:
         for name, values, end in (("row", rows, shape[0]), ("col", cols, shape[1])):
             _check_range(name, values, end)
         _check_range("code", codes, n_codes)
-        pixel = (rows.astype(np.int64) * shape[1] + cols).astype(_pixel_dtype(shape))
+        pixel = (rows.astype(np.int64) * shape[1] + cols).astype(pixel_dtype(shape))
         codes = codes.astype(np.uint16)
         starts = None
         if frame is not None:
@@ -201,7 +201,7 @@ class Recording:
         )
 
 
-_CLOCK_FIELDS = (
+CLOCK_FIELDS = (
     "bin_width_ps",
     "laser_period_ps",
     "n_frames",
@@ -214,7 +214,7 @@ _CLOCK_FIELDS = (
 
 
 def _clock_of(record: Recording | Histograms) -> dict[str, Any]:
-    return {name: getattr(record, name) for name in _CLOCK_FIELDS}
+    return {name: getattr(record, name) for name in CLOCK_FIELDS}
 
 
 def _empty_histograms(recording: Recording) -> Histograms:
@@ -223,7 +223,8 @@ def _empty_histograms(recording: Recording) -> Histograms:
     return Histograms(np.zeros((1, 1, recording.n_codes), np.uint8), **clock)
 
 
-def _pixel_dtype(shape: tuple[int, int]) -> type[np.unsignedinteger[Any]]:
+def pixel_dtype(shape: tuple[int, int]) -> type[np.unsignedinteger[Any]]:
+    """Smallest type that can number the pixels of a camera."""
     return np.uint16 if shape[0] * shape[1] <= 1 << 16 else np.uint32
 
 
@@ -441,18 +442,24 @@ def _count_frames(
         block = np.ascontiguousarray(source[first:last]).reshape(-1, slot.size)
         bad = count_frames(block, slot, absent, recording.n_codes, window.codes[0], counts)
         if bad >= 0:
-            frame, pixel = divmod(int(bad), slot.size)
-            row, col = divmod(pixel, recording.shape[1])
-            raise ValueError(
-                f"frame {first + frame}, pixel ({row}, {col}) holds code "
-                f"{block.ravel()[bad]}, but the recording has {recording.n_codes} codes: check "
-                "shape, footers and byte order"
-            )
+            raise bad_code_error(recording, block, first, int(bad))
         _release_pages(source)
         if progress is not None:
             progress(last - start, end - start)
     _fill_no_photon_code(recording, counts, window, end - start)
     return cube, end - start
+
+
+def bad_code_error(
+    recording: Recording, block: NDArray[Any], first_frame: int, index: int
+) -> ValueError:
+    """Error that says where frames (n, pixels) hold a code they cannot; `index` is flat."""
+    frame, pixel = divmod(index, block.shape[1])
+    row, col = divmod(pixel, recording.shape[1])
+    return ValueError(
+        f"frame {first_frame + frame}, pixel ({row}, {col}) holds code {block[frame, pixel]}, "
+        f"but the recording has {recording.n_codes} codes: check shape, footers and byte order"
+    )
 
 
 def _count_events(

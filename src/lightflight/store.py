@@ -6,6 +6,7 @@ Every record of the package (`Histograms`, `Recording`, `TimingCalibration`, `Pu
 - any file: `atomic_path`
 - a record at once: `save_record`, `load_record`, `kind_of_record`
 - a record piece by piece (recordings larger than memory): `new_record`, `open_record`
+- any HDF5 file, safe against a full disk: `new_hdf5`
 
 Layout of a file (schema version 1): root attributes `format` = "lightflight", `kind` and
 `schema_version`; the root dataset `attributes` holds everything that is not an array as JSON
@@ -42,6 +43,7 @@ SCHEMA_VERSION = 1
 _ATTRIBUTES = "attributes"
 _CHUNKED_FROM_BYTES = 4096
 _CHUNK_BYTES = 1 << 20
+_GROWING_CHUNK_BYTES = 1 << 16
 _SLAB_BYTES = 16 << 20
 _MAX_EXPANSION = 1100
 """Deflate shrinks at most 1032-fold: a dataset that claims more than this is damaged."""
@@ -219,34 +221,47 @@ def new_record(
     Takes and raises what `save_record` does; arrays are written, or grown, by the
     `RecordWriter` it yields.
     """
-    text = json.dumps(dict(attributes), default=_json_value, ensure_ascii=False).encode("utf-8")
+    text = json_text(attributes).encode("utf-8")
+    with new_hdf5(path) as record:
+        record.file.attrs["format"] = FORMAT_NAME
+        record.file.attrs["kind"] = kind
+        record.file.attrs["schema_version"] = SCHEMA_VERSION
+        record.write(_ATTRIBUTES, np.array(text, h5py.string_dtype("utf-8", len(text))))
+        yield record
+
+
+@contextlib.contextmanager
+def new_hdf5(path: str | os.PathLike[str]) -> Iterator[RecordWriter]:
+    """Open any HDF5 file for writing; it appears at `path` when the block ends well.
+
+    Raises OSError where the file cannot be written.
+    """
     with atomic_path(path) as fresh, _DiskFile(fresh, shown=path) as disk:
         with h5py.File(disk, "w", track_order=True) as file:
-            file.attrs["format"] = FORMAT_NAME
-            file.attrs["kind"] = kind
-            file.attrs["schema_version"] = SCHEMA_VERSION
-            file.create_dataset(
-                _ATTRIBUTES, data=np.array(text, h5py.string_dtype("utf-8", len(text)))
-            )
             yield RecordWriter(file, disk)
         disk.check()
 
 
+def json_text(attributes: Mapping[str, Any]) -> str:
+    """JSON of attributes that may hold NumPy values; TypeError for what JSON cannot say."""
+    return json.dumps(dict(attributes), default=_json_value, ensure_ascii=False)
+
+
 class RecordWriter:
-    """Puts arrays into a record that is being written; made by `new_record`."""
+    """Puts arrays into a file that is being written; made by `new_record` and `new_hdf5`."""
 
     def __init__(self, file: h5py.File, disk: _DiskFile) -> None:
-        self._file = file
+        self.file = file
         self._disk = disk
 
     def write(self, name: str, array: NDArray[Any]) -> None:
         """Write one array, compressed and with checksums where it is not small."""
         values = _storable(name, np.asarray(array))
         if values.ndim == 0 or values.nbytes < _CHUNKED_FROM_BYTES:
-            self._file.create_dataset(name, data=values)
+            self.file.create_dataset(name, data=values)
         else:
             chunks = _chunk_shape(values.shape, values.dtype.itemsize)
-            dataset = self._file.create_dataset(
+            dataset = self.file.create_dataset(
                 name, values.shape, values.dtype, chunks=chunks, **_FILTERS
             )
             row_bytes = values[0].nbytes
@@ -256,20 +271,22 @@ class RecordWriter:
                 self._disk.check()
         self._disk.check()
 
-    def append(self, name: str, values: NDArray[Any]) -> None:
+    def append(self, name: str, values: NDArray[Any], *, compress: bool = False) -> None:
         """Grow an array along its first axis; it is made on first use."""
         values = _storable(name, np.asarray(values))
-        if name not in self._file:
-            chunks = _chunk_shape((1 << 62, *values.shape[1:]), values.dtype.itemsize)
-            self._file.create_dataset(
+        if name not in self.file:
+            chunks = _chunk_shape(
+                (1 << 62, *values.shape[1:]), values.dtype.itemsize, _GROWING_CHUNK_BYTES
+            )
+            self.file.create_dataset(
                 name,
                 (0, *values.shape[1:]),
                 values.dtype,
                 maxshape=(None, *values.shape[1:]),
                 chunks=chunks,
-                fletcher32=True,
+                **(_FILTERS if compress else {"fletcher32": True}),
             )
-        dataset = self._file[name]
+        dataset = self.file[name]
         n_old = dataset.shape[0]
         dataset.resize(n_old + values.shape[0], axis=0)
         dataset[n_old:] = values
@@ -292,9 +309,11 @@ def _storable(name: str, values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
-def _chunk_shape(shape: tuple[int, ...], item_bytes: int) -> tuple[int, ...]:
-    """Blocks of about 1 MiB that are whole in the last axes."""
-    left = max(1, _CHUNK_BYTES // item_bytes)
+def _chunk_shape(
+    shape: tuple[int, ...], item_bytes: int, chunk_bytes: int = _CHUNK_BYTES
+) -> tuple[int, ...]:
+    """Blocks of about `chunk_bytes` that are whole in the last axes."""
+    left = max(1, chunk_bytes // item_bytes)
     chunks: list[int] = []
     for length in reversed(shape):
         chunks.append(max(1, min(length, left)))
@@ -456,7 +475,12 @@ def open_record(
 
 
 def kind_of_record(path: str | os.PathLike[str]) -> str | None:
-    """What one of our files holds ("histograms", "path" ...); None where it is not ours."""
+    """What one of our files holds ("histograms", "path" ...); None where it is not ours.
+
+    Raises FileFormatError for a missing, empty or damaged file.
+    """
+    if Path(path).is_dir():
+        return None
     file_path = readable_file(path)
     if not h5py.is_hdf5(file_path):
         return None
@@ -467,13 +491,33 @@ def kind_of_record(path: str | os.PathLike[str]) -> str | None:
 
 
 def read_array(dataset: Any, *, path: str | os.PathLike[str]) -> NDArray[Any]:
-    """Read a whole dataset after checking that its claimed size is true and fits into memory.
+    """Read a whole dataset of a record after `check_dataset`; raises FileFormatError."""
+    check_dataset(dataset, path=path)
+    size = dataset.size * dataset.dtype.itemsize
+    check_memory(size, path=path, what=f"array {dataset.name!r} {dataset.shape}")
+    values: NDArray[Any] = np.asarray(dataset[()])
+    values = values.astype(values.dtype.newbyteorder("="), copy=False)
+    if values.dtype.kind == "S":
+        values = np.strings.decode(values, "utf-8")
+    return values
+
+
+def check_dataset(dataset: Any, *, path: str | os.PathLike[str], ours: bool = True) -> None:
+    """Refuse what is no array of numbers or text, lies in another file, or cannot be its size.
+
+    Parameters
+    ----------
+    dataset : h5py object
+        What the file holds under the name.
+    path : path
+        The file, for the message.
+    ours : bool
+        Written by this package: its size is then held against the bytes that are stored.
 
     Raises
     ------
     FileFormatError
-        If it is no dataset of numbers or text, claims more than the file can hold, or lives
-        in another file.
+        In each of these cases.
     """
     name = str(getattr(dataset, "name", "?")).lstrip("/")
     if not isinstance(dataset, h5py.Dataset):
@@ -485,17 +529,11 @@ def read_array(dataset: Any, *, path: str | os.PathLike[str]) -> NDArray[Any]:
     size = dataset.size * dataset.dtype.itemsize
     stored = dataset.id.get_storage_size()
     chunk = math.prod(dataset.chunks or (0,)) * dataset.dtype.itemsize
-    if size > _MAX_EXPANSION * stored or chunk > max(size, 64 * _CHUNK_BYTES):
+    if chunk > max(size, 64 * _CHUNK_BYTES) or (ours and size > _MAX_EXPANSION * stored):
         raise FileFormatError(
             f"array {name!r} claims {size} bytes and stores {stored}: the file is damaged",
             path=path,
         )
-    check_memory(size, path=path, what=f"array {name!r} {dataset.shape}")
-    values: NDArray[Any] = np.asarray(dataset[()])
-    values = values.astype(values.dtype.newbyteorder("="), copy=False)
-    if values.dtype.kind == "S":
-        values = np.strings.decode(values, "utf-8")
-    return values
 
 
 def _check_is_hdf5(file_path: Path, path: str | os.PathLike[str]) -> None:

@@ -64,3 +64,33 @@ def count_events(
         if code != no_photon_code and slot[pixel] >= 0 and 0 <= k < n_kept:
             counts[slot[pixel], k] += 1
     return -1
+
+
+@jit
+def events_from_frames(
+    frames: NDArray[Any],
+    no_photon_code: int,
+    n_codes: int,
+    pixels: NDArray[Any],
+    codes: NDArray[Any],
+    photons_per_frame: NDArray[Any],
+) -> int:
+    """List the photons of frames (n, pixels), frame by frame, and count them per frame.
+
+    `pixels` and `codes` have room for every pixel of every frame. Returns how many photons were
+    listed, or -1 - index where that (flat) index holds a code that is not below `n_codes`.
+    """
+    n_frames, n_pixels = frames.shape
+    n = 0
+    for i in range(n_frames):
+        before = n
+        for pixel in range(n_pixels):
+            code = int(frames[i, pixel])
+            if code != no_photon_code:
+                if code >= n_codes:
+                    return -1 - (i * n_pixels + pixel)
+                pixels[n] = pixel
+                codes[n] = code
+                n += 1
+        photons_per_frame[i] = n - before
+    return n

@@ -1,0 +1,155 @@
+"""Arrays of others: which axis is which, and what they hold.
+
+Axis letters: `y` rows, `x` columns, `t` codes (time), `p` pixels row by row, `f` frames. An
+order that the file does not state must be given as `axes`; it is never guessed.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.errors import ConfigError, FileFormatError
+from lightflight.filecheck import record_error_as_format_error
+from lightflight.histogram import Histograms
+from lightflight.recording import Recording
+
+LETTERS = {"y": "rows", "x": "columns", "t": "codes", "p": "pixels", "f": "frames"}
+
+_HISTOGRAM_AXES = ({"y", "x", "t"}, {"p", "t"}, {"t"})
+_FRAME_AXES = ({"f", "y", "x"}, {"f", "p"})
+
+
+def check_axes_hint(axes: Any) -> None:
+    """Raise ConfigError where `axes` is not one of the orders there can be."""
+    valid = isinstance(axes, str) and set(axes) in (*_HISTOGRAM_AXES, *_FRAME_AXES)
+    if not valid or len(set(axes)) != len(axes):
+        raise ConfigError(
+            f"hint axes must be an order of 'yxt' (rows, columns, codes), 'pt' (pixels, codes), "
+            f"'fyx' (frames, rows, columns) or 'fp', got {axes!r}"
+        )
+
+
+def axes_needed(
+    found: Mapping[str, tuple[int, ...]], path: str | os.PathLike[str]
+) -> FileFormatError:
+    """Error that asks for the order of axes and shows what was found."""
+    return FileFormatError(
+        f"does not tell the order of its axes ({shapes_text(found)}): give axes=, a letter per "
+        "axis (y rows, x columns, t codes, f frames), like axes='yxt' or axes='tyx'",
+        path=path,
+    )
+
+
+def shapes_text(found: Mapping[str, tuple[int, ...]]) -> str:
+    """Names and shapes of what was found, for an error text."""
+    shown = [f"{name} {shape}" for name, shape in itertools.islice(found.items(), 8)]
+    return ", ".join(shown) + (", ..." if len(found) > 8 else "")
+
+
+def record_from_array(
+    values: Any,
+    axes: str,
+    clock: Mapping[str, Any],
+    *,
+    path: str | os.PathLike[str],
+    shape: tuple[int, int] | None = None,
+    n_codes: int | None = None,
+    poisson: bool = True,
+    settings: Mapping[str, Any] | None = None,
+    truth: Any = None,
+) -> Recording | Histograms:
+    """Histograms, or a recording of frames, from an array whose axes are known.
+
+    Parameters
+    ----------
+    values : array
+        One axis per letter of `axes`.
+    axes : str
+        Order of the axes; the letters are those of this module.
+    clock : mapping
+        Fields of the record that say how codes become times.
+    path : path
+        Where the array came from, for error texts.
+    shape : (rows, cols), optional
+        Needed for `p` (pixels row by row), which does not tell it.
+    n_codes : int, optional
+        Needed for frames, which do not tell how many codes the TDC has.
+    poisson : bool
+        False for scaled intensities.
+    settings, truth
+        Carried along.
+
+    Raises
+    ------
+    FileFormatError
+        If the array cannot be what `axes` says.
+    """
+    check_axes_hint(axes)
+    if values.dtype.kind not in "uifb":
+        raise FileFormatError(f"holds {values.dtype}, not real numbers", path=path)
+    if len(values.shape) != len(axes):
+        raise FileFormatError(
+            f"has an array of shape {tuple(values.shape)}, which axes={axes!r} does not describe: "
+            "give one letter per axis",
+            path=path,
+        )
+    carried = {"settings": dict(settings or {}), "truth": truth}
+    with record_error_as_format_error(path):
+        if "f" in axes:
+            if n_codes is None:
+                raise ConfigError(
+                    "frames of codes need n_codes=: how many codes the TDC has (PF32: 1024)"
+                )
+            frames = _ordered(values, axes, "fyx" if "y" in axes else "fp")
+            frames = _with_pixels(frames, 1, shape, path)
+            return Recording.from_frames(frames, n_codes=n_codes, **clock, **carried)
+        cube = _ordered(values, axes, "yxt" if "y" in axes else "pt" if "p" in axes else "t")
+        cube = _with_pixels(cube[None] if cube.ndim == 1 else cube, 0, shape, path)
+        return Histograms(cube, **clock, poisson=poisson, **carried)
+
+
+def _ordered(values: Any, axes: str, wanted: str) -> NDArray[Any]:
+    order = [axes.index(letter) for letter in wanted]
+    if order == sorted(order):
+        return values  # type: ignore[no-any-return]
+    return np.transpose(values, order)
+
+
+def _with_pixels(
+    values: NDArray[Any],
+    axis: int,
+    shape: tuple[int, int] | None,
+    path: str | os.PathLike[str],
+) -> NDArray[Any]:
+    """Split the axis of pixels into (rows, cols) where there is one; check `shape` otherwise."""
+    if values.ndim == 3:
+        found = tuple(values.shape[axis : axis + 2])
+        if shape is not None and found != tuple(shape):
+            raise FileFormatError(f"holds {found} pixels, not shape={tuple(shape)}", path=path)
+        return values
+    n_pixels = values.shape[axis]
+    if shape is None:
+        if n_pixels != 1:
+            raise ConfigError(f"{n_pixels} pixels row by row need shape=(rows, cols)")
+        shape = (1, 1)
+    if math.prod(shape) != n_pixels:
+        raise FileFormatError(f"holds {n_pixels} pixels, not shape={tuple(shape)}", path=path)
+    return values.reshape(*values.shape[:axis], *shape, *values.shape[axis + 1 :])
+
+
+def checked_shape(shape: Any) -> tuple[int, int]:
+    """(rows, cols) from a hint; raises ConfigError where it is none."""
+    try:
+        rows, cols = (int(length) for length in shape)
+    except (TypeError, ValueError):
+        rows = cols = 0
+    if rows < 1 or cols < 1:
+        raise ConfigError(f"hint shape must be (rows, cols), got {shape!r}")
+    return rows, cols

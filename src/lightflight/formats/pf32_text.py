@@ -1,0 +1,142 @@
+"""Histograms printed by the PF32 vendor's sample program (also gzipped).
+
+A line `Pixel <n>` and a line of counts for each pixel, n = 32 row + col; then, where the output
+was kept whole, the sync frequency in Hz and `frames = <n>`.
+"""
+
+from __future__ import annotations
+
+import gzip
+import re
+from collections.abc import Iterator, Mapping
+from io import BufferedIOBase
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.errors import FileFormatError
+from lightflight.filecheck import check_memory
+from lightflight.formats.clock import pf32_clock
+from lightflight.formats.cubes import checked_shape, record_from_array
+from lightflight.formats.registry import Format
+from lightflight.histogram import Histograms
+from lightflight.recording import Recording
+
+_PIXEL_LINE = re.compile(rb"^Pixel (\d+)\s*$", re.MULTILINE)
+_LONGEST_LINE = 1 << 20
+_GZIP_MAGIC = b"\x1f\x8b"
+
+
+def read(
+    path: Path, clock: Mapping[str, Any], *, shape: tuple[int, int] = (32, 32)
+) -> Recording | Histograms:
+    """Read printed histograms; `shape` is (rows, cols) where the camera is no 32 x 32 one."""
+    rows, cols = checked_shape(shape)
+    with _opened(path) as file:
+        counts, tail = _counts_and_tail(file, path, rows * cols)
+    totals = counts.sum(axis=1)
+    told: dict[str, Any] = {}
+    settings: dict[str, Any] = {"camera": "PF32"}
+    sync = [int(line) for line in tail if line.isdigit() and int(line) > 0]
+    if sync:
+        settings["sync_hz"] = sync[-1]
+    notes = []
+    if (totals == totals[0]).all() and counts[:, 0].any():
+        told["n_frames"] = int(totals[0])
+        notes.append(f"n_frames = {totals[0]}: what every pixel adds up to, empty frames included")
+    fields, pf32_notes = pf32_clock(
+        told | dict(clock), laser_period_ps=1e12 / sync[-1] if sync else None
+    )
+    settings["notes"] = pf32_notes + notes
+    small = counts.max() <= np.iinfo(np.uint32).max
+    cube = counts.astype(np.uint32 if small else np.uint64).reshape(rows, cols, -1)
+    return record_from_array(cube, "yxt", fields, path=path, settings=settings)
+
+
+def _opened(path: Path) -> BufferedIOBase:
+    with path.open("rb") as file:
+        zipped = file.read(2) == _GZIP_MAGIC
+    return gzip.open(path, "rb") if zipped else path.open("rb")
+
+
+def _counts_and_tail(
+    file: BufferedIOBase, path: Path, n_pixels: int
+) -> tuple[NDArray[np.uint64], list[str]]:
+    """Counts (pixels, codes) in the order of the pixel numbers, and the lines after them."""
+    counts: NDArray[np.uint64] | None = None
+    seen = 0
+    tail: list[str] = []
+    lines = _lines(file, path)
+    for line in lines:
+        pixel = _PIXEL_LINE.match(line)
+        if pixel is None:
+            tail = [*tail[-8:], line.decode("ascii", "replace").strip()]
+            continue
+        if int(pixel[1]) != seen:
+            raise FileFormatError(
+                f"pixel {int(pixel[1])} follows on pixel {seen - 1}: the file is damaged", path=path
+            )
+        row = _counts_of_line(next(lines, b""), path, seen)
+        if counts is None:
+            what = f"{n_pixels} pixels of {row.size} codes"
+            check_memory(8 * n_pixels * row.size, path=path, what=what)
+            counts = np.zeros((n_pixels, row.size), np.uint64)
+        if seen >= n_pixels:
+            raise FileFormatError(
+                f"holds more than {n_pixels} pixels: give shape=(rows, cols)", path=path
+            )
+        if row.size != counts.shape[1]:
+            raise FileFormatError(
+                f"pixel {seen} has {row.size} codes, those before it {counts.shape[1]}: the file "
+                "is truncated or damaged",
+                path=path,
+            )
+        counts[seen] = row
+        seen += 1
+        tail = []
+    if counts is None:
+        raise FileFormatError("holds no line 'Pixel <n>': it is no PF32 histogram", path=path)
+    if seen < n_pixels:
+        raise FileFormatError(
+            f"holds {seen} pixels of {n_pixels}: it is truncated, or give shape=(rows, cols)",
+            path=path,
+        )
+    return counts, tail
+
+
+def _lines(file: BufferedIOBase, path: Path) -> Iterator[bytes]:
+    """Lines of bounded length, so that a hostile file cannot take all memory."""
+    while line := file.readline(_LONGEST_LINE):
+        if len(line) == _LONGEST_LINE:
+            raise FileFormatError("has a line of over a million characters", path=path)
+        yield line
+
+
+def _counts_of_line(line: bytes, path: Path, pixel: int) -> NDArray[np.uint64]:
+    words = line.split()
+    if not words or not all(word.isdigit() and len(word) < 19 for word in words):
+        raise FileFormatError(
+            f"the line after 'Pixel {pixel}' is no list of counts: the file is damaged or cut",
+            path=path,
+        )
+    return np.array(words, dtype=np.uint64)
+
+
+def _matches(path: Path, start: bytes) -> bool:
+    if start.startswith(_GZIP_MAGIC):
+        with gzip.open(path, "rb") as file:
+            start = file.read(4096)
+    return _PIXEL_LINE.search(start) is not None
+
+
+FORMATS = (
+    Format(
+        name="pf32-text",
+        summary="histograms printed by the PF32 vendor's sample program, also .gz",
+        suffixes=(".txt", ".dat", ".txt.gz", ".dat.gz"),
+        matches=_matches,
+        read=read,
+    ),
+)

@@ -1,0 +1,53 @@
+"""Arrays that stay in an HDF5 file and are read in parts."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.filecheck import check_memory, damage_as_format_error
+from lightflight.store import check_dataset
+
+
+@dataclass(frozen=True, eq=False)
+class StoredArray:
+    """One dataset of an HDF5 file; slicing opens the file, reads that part and closes it.
+
+    Holds no open file: it can be pickled and used by several threads or workers at once.
+    """
+
+    path: str
+    """The file."""
+
+    name: str
+    """Dataset in it."""
+
+    shape: tuple[int, ...]
+    """Length of each axis."""
+
+    dtype: np.dtype[Any]
+    """Type of the elements, native byte order."""
+
+    @classmethod
+    def of(cls, dataset: Any, *, path: str | os.PathLike[str], ours: bool = True) -> StoredArray:
+        """Array of an open dataset; raises FileFormatError where `store.check_dataset` does."""
+        check_dataset(dataset, path=path, ours=ours)
+        dtype = dataset.dtype.newbyteorder("=")
+        return cls(os.path.abspath(path), dataset.name, dataset.shape, dtype)  # noqa: PTH100
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, key: Any) -> NDArray[Any]:
+        with damage_as_format_error(self.path), h5py.File(self.path, "r") as file:
+            return np.asarray(file[self.name][key], self.dtype)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        n_bytes = int(np.prod(self.shape)) * self.dtype.itemsize
+        check_memory(n_bytes, path=self.path, what=f"array {self.name} {self.shape}")
+        return np.asarray(self[()], dtype)
