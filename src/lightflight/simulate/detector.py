@@ -271,34 +271,38 @@ class Detector:
 # --- the defects of one array -----------------------------------------------------------
 
 
-def _given_map(name: str, given: ArrayLike, shape: tuple[int, ...]) -> Floats:
+def _given_map(
+    name: str, given: ArrayLike, shape: tuple[int, int], *, extra: int = 0, positive: bool = False
+) -> Floats:
+    """A map that the user gave, (rows, cols) and `extra` more axes."""
     values = np.array(given, dtype=float)
-    if values.shape[: len(shape)] != shape or values.ndim < len(shape):
+    if values.shape[:2] != shape or values.ndim != 2 + extra:
         raise ValueError(
-            f"{name} has shape {values.shape} but the camera has {shape} pixels: "
-            "give one value per pixel"
+            f"{name} has shape {values.shape} but the camera has {shape} pixels: give one value "
+            + ("and all code widths per pixel" if extra else "per pixel")
         )
     if not np.isfinite(values).all():
         raise ValueError(f"{name} holds NaN or inf: give finite values")
+    if positive and not (values > 0).all():
+        raise ValueError(f"{name} must be positive: it holds widths")
     return values
 
 
 def _gain(detector: Detector, shape: tuple[int, int], streams: Streams) -> Floats:
     if detector.gain_map is not None:
-        return _given_map("gain_map", detector.gain_map, shape)
+        return _given_map("gain_map", detector.gain_map, shape, positive=True)
     spread = streams.generator("gain").standard_normal(shape)
-    return 1.0 + detector.gain_rms * np.clip(spread, -5.0, 5.0)
+    return np.maximum(1.0 + detector.gain_rms * np.clip(spread, -5.0, 5.0), _SMALLEST_PHASE)
 
 
 def _phases(detector: Detector, shape: tuple[int, int], streams: Streams) -> Floats:
     if detector.phase_map is not None:
-        phases = _given_map("phase_map", detector.phase_map, shape)
+        phases = _given_map("phase_map", detector.phase_map, shape, extra=1, positive=True)
         return np.asarray(phases / phases.mean(axis=-1, keepdims=True))
     pattern = np.asarray(detector.phase_pattern, dtype=float)
     own = streams.generator("phase").standard_normal((*shape, len(pattern)))
     phases = np.maximum(pattern / pattern.mean() + detector.phase_rms * own, _SMALLEST_PHASE)
-    scaled: Floats = phases / phases.mean(axis=-1, keepdims=True)
-    return scaled
+    return np.asarray(phases / phases.mean(axis=-1, keepdims=True))
 
 
 def _skew(detector: Detector, shape: tuple[int, int], streams: Streams) -> Floats:
