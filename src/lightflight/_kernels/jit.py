@@ -6,11 +6,21 @@ Kernels are serial and release the interpreter lock; whoever calls them owns the
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _stamp_of_kernels() -> tuple[int, int]:
+    """Newest change and total size of all kernel files."""
+    files = [path.stat() for path in Path(__file__).parent.glob("*.py")]
+    return max(file.st_mtime_ns for file in files), sum(file.st_size for file in files)
+
+
+_STAMP = _stamp_of_kernels()
 
 
 def jit(function: F) -> F:
@@ -19,9 +29,15 @@ def jit(function: F) -> F:
     Numba refuses to decorate a cached function where neither the package's folder nor the
     user's cache folder can be written (a read-only install, a locked-down cluster node): the
     kernel is then compiled once per process. Types are found at the first call, never here.
+
+    Numba recompiles where the function's own file has changed, but not where a kernel it calls
+    has: every kernel therefore gets the stamp of all kernel files.
     """
     try:
         compiled = numba.njit(cache=True, nogil=True)(function)
     except RuntimeError:
         compiled = numba.njit(cache=False, nogil=True)(function)
+    index: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+    if hasattr(index, "_source_stamp"):
+        index._source_stamp = _STAMP
     return cast(F, compiled)

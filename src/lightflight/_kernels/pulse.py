@@ -1,10 +1,6 @@
-"""Pulse kernels: scan one pixel for a pulse, fit one or several pulses on a background.
+"""Pulse kernels: fit one or several pulses on a constant background to the bins of one pixel.
 
-A pixel is a row of *bins* in ascending time: edges (n + 1), counts (n), exposure (n). A bin's
-exposure is its width, or 0 where no light can be recorded (gaps between code intervals). With a
-period the bins cover the whole ring and the last edge is the first edge + period.
-
-Parameters of a fit with J pulses, `theta` (2 J + 2):
+Bins are those of `_kernels.bins`. Parameters of a fit with J pulses, `theta` (2 J + 2):
 centres c_0 ... c_{J-1}, photons A_0 ... A_{J-1}, one shared std s, background b per unit time.
 The expected counts of bin k are  sum_j A_j [Phi((e_{k+1} - c_j)/s) - Phi((e_k - c_j)/s)] + b w_k.
 """
@@ -14,161 +10,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from lightflight._kernels.bins import load_window
 from lightflight._kernels.jit import jit
-
-Floats = NDArray[np.float64]
 
 INV_SQRT_2 = math.sqrt(0.5)
 INV_SQRT_2PI = 1.0 / math.sqrt(2.0 * math.pi)
 REACH = 7.5  # a pulse is nothing (1e-13 of its photons) beyond this many std
 MAX_STEPS = 60
-TOLERANCE = 1e-6  # squared length of the last step in standard errors
+TOLERANCE = 1e-6  # stop where a step's squared length in standard errors is below this
+GOOD_ENOUGH = 1e-3  # and take it, out of steps, below this (a background that creeps to zero)
 MIN_EXPECTED = 0.01  # bins expected to hold fewer counts say nothing about goodness of fit
-
-
-@jit
-def bins_from_codes(counts, lower, upper, period, bins):
-    """Bins of one pixel in ascending time; returns how many, 0 where no code has a width.
-
-    Codes without width are dropped together with what they counted; time that no code covers
-    becomes a bin without exposure. `period` is inf where nothing folds; a code more than one
-    period from the start of code 0 (backward codes: from its end) cannot be reached.
-    """
-    bin_counts, edges, exposure = bins
-    n_codes = counts.size
-    backward = lower[0] > lower[n_codes - 1]
-    earliest = upper[0] - period if backward else -math.inf
-    latest = math.inf if backward else lower[0] + period
-    n = 0
-    for i in range(n_codes):
-        k = n_codes - 1 - i if backward else i
-        start, end = max(lower[k], earliest), min(upper[k], latest)
-        if n == 0:
-            edges[0] = start
-        if not end > max(start, edges[n]):
-            continue
-        if start > edges[n] + 1e-6 * (end - start):
-            bin_counts[n], exposure[n] = 0.0, 0.0
-            n += 1
-            edges[n] = start
-        bin_counts[n] = counts[k]
-        exposure[n] = end - edges[n]
-        edges[n + 1] = end
-        n += 1
-    if n > 0 and period < math.inf and edges[n] < edges[0] + period:
-        bin_counts[n], exposure[n] = 0.0, 0.0
-        edges[n + 1] = edges[0] + period
-        n += 1
-    return n
-
-
-@jit
-def log_excess(inside, total, expected):
-    """Chernoff's bound: counts in a window this high by chance have probability <= exp(-value).
-
-    `inside` of `total` counts fell into a window where `expected` were due.
-    """
-    if inside <= expected or expected <= 0.0:
-        return 0.0
-    value = inside * math.log(inside / expected)
-    if total > inside:
-        value += (total - inside) * math.log((total - inside) / (total - expected))
-    return value
-
-
-@jit
-def next_length(length):
-    """1, 2, 3, 4, 6, 8, 12, 16, 24 ...: window lengths of a scan."""
-    if length < 3:
-        return length + 1
-    return length * 3 // 2 if length % 3 else length * 4 // 3
-
-
-@jit
-def scan_for_pulse(bins, n, folds, double_code, sums, best):
-    """Find the window of bins whose counts chance explains least; returns all counts.
-
-    Windows of 1, 2, 3, 4, 6, 8, ... bins are tried at every position (across the fold where
-    `folds`). What is due in a window follows its exposure, raised by what an imperfect clock may
-    do: `double_code` bins' worth of light too much in a window, and 5 % of `double_code` more.
-
-    best: log excess over the number of windows tried (false alarms: exp(-that)), first bin,
-    number of bins.
-    """
-    counts, _, exposure = bins
-    cumulative, covered = sums
-    cumulative[0], covered[0] = 0.0, 0.0
-    for i in range(2 * n if folds else n):
-        k = i if i < n else i - n
-        cumulative[i + 1] = cumulative[i] + counts[k]
-        covered[i + 1] = covered[i] + exposure[k]
-    total, all_exposure = cumulative[n], covered[n]
-    best[0], best[1], best[2] = 0.0, 0.0, 1.0
-    n_lengths, length = 0, 1 if double_code < 0.5 else 2
-    while 2 * length <= n or n_lengths == 0:
-        n_lengths += 1
-        due = total * (1.0 + double_code * (1.0 / length + 0.05)) / all_exposure
-        for i in range(n if folds else n - length + 1):
-            inside = cumulative[i + length] - cumulative[i]
-            expected = due * (covered[i + length] - covered[i])
-            if inside > expected and expected < total:
-                value = log_excess(inside, total, expected)
-                if value > best[0]:
-                    best[0], best[1], best[2] = value, i, length
-        length = next_length(length)
-    best[0] -= math.log(n * n_lengths)
-    return total
-
-
-@jit
-def start_from_window(bins, n, period, sums, first, length, theta):
-    """Rough centre, photons, std, background from the window a scan found, into theta."""
-    counts, edges, exposure = bins
-    inside = sums[0][first + length] - sums[0][first]
-    covered = sums[1][first + length] - sums[1][first]
-    unlit = max(sums[1][n] - covered, 1e-3 * sums[1][n])
-    background = min(max(sums[0][n] - inside, 0.5) / unlit, 0.9 * inside / covered)
-    signal, moment = 0.0, 0.0
-    for i in range(first, first + length):
-        k, shift = (i, 0.0) if i < n else (i - n, period)
-        excess = counts[k] - background * exposure[k]
-        signal += excess
-        moment += excess * (0.5 * (edges[k] + edges[k + 1]) + shift)
-    last = first + length - 1
-    low = edges[first]
-    high = edges[last + 1] if last < n else edges[last - n + 1] + period
-    theta[0] = min(max(moment / signal, low), high)
-    theta[1] = 1.1 * signal
-    theta[2] = (high - low) / 3.2
-    theta[3] = background
-
-
-@jit
-def load_window(bins, n, period, low, high, window):
-    """Copy the bins that overlap [low, high), unfolded around it; returns how many."""
-    counts, edges, exposure = bins
-    w_counts, w_edges, w_exposure = window
-    shift = 0.0
-    if period < math.inf:
-        shift = math.floor((low - edges[0]) / period) * period
-    k = np.searchsorted(edges[: n + 1], low - shift, side="right") - 1
-    k = min(max(k, 0), n - 1)
-    m = 0
-    w_edges[0] = edges[k] + shift
-    while m < n and (m == 0 or w_edges[m] < high):
-        w_counts[m] = counts[k]
-        w_exposure[m] = exposure[k]
-        w_edges[m + 1] = edges[k + 1] + shift
-        m += 1
-        k += 1
-        if k == n:
-            if period == math.inf:
-                break
-            k = 0
-            shift += period
-    return m
 
 
 @jit
@@ -231,7 +83,8 @@ def bin_model(theta, n_pulses, low, high, width, sampled, slope):
 def evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info):
     """Objective (larger is better), its gradient and expected information at theta.
 
-    Poisson log-likelihood, or minus half the sum of squares. `outside` = (counts, exposure) of
+    Poisson log-likelihood (of densities: the same for every window), or minus half the sum of
+    squares. `outside` = (counts, exposure) of
     the bins beyond the window: there the model is b w, so two sums are all they contribute.
     """
     counts, edges, exposure = window
@@ -247,7 +100,7 @@ def evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info):
         if poisson:
             weight = 1.0 / expected
             pull = counts[k] * weight - 1.0
-            objective += counts[k] * math.log(expected) - expected
+            objective += counts[k] * math.log(expected / exposure[k]) - expected
         else:
             weight = 1.0
             pull = counts[k] - expected
@@ -316,7 +169,7 @@ def solve(factor, scale, free, size, right, solution):
 
 @jit
 def limited_step(theta, step, n_pulses, bounds, trial):
-    """Take a step from theta; std changes at most twofold, photons shrink threefold, centres move 2 std."""
+    """Take a step: std at most doubles or halves, photons shrink to a third, centres move 2 std."""
     min_std, max_std, min_background = bounds
     std = theta[2 * n_pulses]
     for j in range(n_pulses):
@@ -380,7 +233,7 @@ def fit_bins(bins, n, period, theta, n_pulses, model, fit_std, window, scratch, 
     theta[size - 1] = max(theta[size - 1], bounds[2])
     m = load_around(bins, n, period, theta, n_pulses, reach, window, outside)
     objective = evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info)
-    damping, length2, steps, converged = 0.0, math.inf, 0, False
+    damping, length2, unit, steps, converged = 0.0, math.inf, 1.0, 0, False
     while steps < MAX_STEPS and not converged and damping < 1e10:
         steps += 1
         free_parameters(theta, grad, n_pulses, bounds, fit_std, free)
@@ -399,13 +252,15 @@ def fit_bins(bins, n, period, theta, n_pulses, model, fit_std, window, scratch, 
         theta[:size], grad[:size] = trial[:size], new_grad[:size]
         info[:size, :size] = new_info[:size, :size]
         objective = new
-        unit = 1.0 if model[0] else max(-2.0 * objective / max(m - size, 1), 1e-300)
+        if not model[0]:
+            unit = max(-2.0 * objective / max(m - size, 1), 1e-300)
         converged = length2 < TOLERANCE * unit and damping < 1.0
         damping = 0.0 if damping < 1e-2 else 0.1 * damping
         if m < n and not window_holds(theta, n_pulses, window, m):
             m = load_around(bins, n, period, theta, n_pulses, reach, window, outside)
             objective = evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info)
     free_parameters(theta, grad, n_pulses, bounds, fit_std, free)
+    converged = converged or length2 < GOOD_ENOUGH * unit
     outcome[0], outcome[1], outcome[2], outcome[3] = objective, converged, length2, steps
     return m
 
@@ -546,11 +401,16 @@ def covariance_of_fit(theta, n_pulses, model, whole_exposure, window, m, scratch
 
 @jit
 def new_scratch(n_bins, max_pulses):
-    """Work space for pixels of up to `n_bins` bins: bins, window, running sums, small arrays."""
+    """Work space for pixels of up to `n_bins` bins.
+
+    bins; window; running sums of counts, exposure, expected counts, and the latter themselves;
+    small arrays (vectors, matrices, free parameters, sums outside the window).
+    """
     size = 2 * max_pulses + 2
     bins = (np.empty(n_bins), np.empty(n_bins + 1), np.empty(n_bins))
     window = (np.empty(n_bins), np.empty(n_bins + 1), np.empty(n_bins))
-    sums = (np.empty(2 * n_bins + 1), np.empty(2 * n_bins + 1))
+    twice = 2 * n_bins + 1
+    sums = (np.empty(twice), np.empty(twice), np.empty(twice), np.empty(n_bins))
     vectors = (
         np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size),
         np.empty(size),
@@ -558,59 +418,3 @@ def new_scratch(n_bins, max_pulses):
     matrices = (np.empty((size, size)), np.empty((size, size)), np.empty((size, size)))
     small = (vectors, matrices, np.ones(size, np.bool_), np.zeros(2))
     return bins, window, sums, small
-
-
-@jit
-def fit_tile(
-    counts: Floats,
-    lower: Floats,
-    upper: Floats,
-    period: float,
-    todo: NDArray[np.bool_],
-    double_code: Floats,
-    log_alarms: float,
-    model: tuple[bool, bool, bool],
-    thetas: Floats,
-    covariances: Floats,
-    table: Floats,
-) -> None:
-    """Fit the one strongest pulse of each pixel of a tile.
-
-    counts (m, codes); lower, upper (m or 1, codes); todo (m,) bool; double_code (m,), see
-    `scan_for_pulse`; log_alarms: a pulse must be less likely by chance than exp(-that).
-
-    thetas (m, 4) centre, photons, std, background; covariances (m, 4, 4) in that order;
-    table (m, 12): counts, exposure, log excess, pulses found, objective, converged, squared
-    last step, steps, chi2, its bins, chi2 excess in std, share of the pulse in live bins.
-    """
-    n_codes = counts.shape[1]
-    bins, window, sums, small = new_scratch(2 * n_codes + 2, 1)
-    best, outcome, summary = np.empty(3), np.empty(4), np.empty(4)
-    shared = lower.shape[0] == 1
-    for i in range(counts.shape[0]):
-        thetas[i], covariances[i], table[i] = math.nan, math.nan, math.nan
-        if not todo[i]:
-            continue
-        edge_row = 0 if shared else i
-        n = bins_from_codes(counts[i], lower[edge_row], upper[edge_row], period, bins)
-        if n == 0:
-            continue
-        total = scan_for_pulse(bins, n, period < math.inf, double_code[i], sums, best)
-        whole_exposure = sums[1][n]
-        table[i, 0], table[i, 1], table[i, 2] = total, whole_exposure, best[0]
-        table[i, 3] = 0.0
-        if total <= 0.0 or (model[2] and best[0] < log_alarms):
-            thetas[i, 3] = total / whole_exposure
-            continue
-        theta = thetas[i]
-        start_from_window(bins, n, period, sums, int(best[1]), int(best[2]), theta)
-        m = fit_bins(bins, n, period, theta, 1, model, True, window, small, outcome)
-        covered = covariance_of_fit(
-            theta, 1, model, whole_exposure, window, m, small, covariances[i]
-        )
-        describe_fit(bins, n, theta, 1, model, window, m, small, summary)
-        table[i, 3] = 1.0
-        table[i, 4:8] = outcome
-        table[i, 8:12] = summary
-        if not covered:
-            covariances[i] = math.nan

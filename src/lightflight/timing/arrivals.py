@@ -124,7 +124,8 @@ def arrivals_from_pulses(pulses: Pulses, *, timing: TimingCalibration | None) ->
     std_of = np.sqrt(np.diagonal(pulses.covariance, axis1=1, axis2=2))
     if timing is None:
         skew, flags = np.zeros(n), pulses.flags | np.uint32(fl.UNCALIBRATED)
-        pixel_std, modes, names = np.where(np.isnan(pulses.delay_ps), np.nan, 0.0), None, ()
+        pixel_std = np.where(np.isnan(pulses.delay_ps), np.nan, 0.0)
+        modes, names = np.zeros((n, 0)), tuple[str, ...]()
     else:
         if tuple(timing.shape) != tuple(pulses.shape):
             raise ValueError(
@@ -140,7 +141,7 @@ def arrivals_from_pulses(pulses: Pulses, *, timing: TimingCalibration | None) ->
         arrival_ps=pulses.delay_ps - skew,
         photon_std_ps=std_of[:, 0],
         pixel_std_ps=pixel_std,
-        shared_modes_ps=np.zeros((n, 0)) if modes is None else modes,
+        shared_modes_ps=modes,
         shared_names=names,
         std_ps=pulses.std_ps,
         std_error_ps=std_of[:, 1],

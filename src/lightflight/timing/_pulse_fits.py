@@ -1,0 +1,289 @@
+"""Run the pulse kernels over all pixels: in tiles, on threads, then again where one pulse fails.
+
+Pixels are independent, so neither tiles nor threads change a result. Everything here is in the
+unit of the code intervals (ps, or codes).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight import flags as fl
+from lightflight._kernels import pulse_split, pulse_tile
+from lightflight.histogram import Histograms
+
+if TYPE_CHECKING:
+    from lightflight.timing.calibration import TimingCalibration
+
+Floats = NDArray[np.float64]
+
+LOG_FALSE_PULSES = math.log(1e4) - 2.0
+"""Threshold of the scan: background alone passes in fewer than one pixel in 10,000 (the scan's
+own bound is 7 times that; tests/recover/test_pulse_recovery.py counts)."""
+
+LOG_FALSE_SECOND = math.log(1e3)
+"""Threshold of a further pulse: one in 1,000 pixels that hold a single one."""
+
+TILE_CODES = 1 << 19
+"""Pixels times codes in work at once, per thread: some 20 MB."""
+
+MIN_PIXELS = 8
+"""Fewer good pulses than this say nothing about the array's typical width."""
+
+MAX_SPREAD = 0.2
+"""Relative spread (robust standard deviation) of widths beyond which none is typical."""
+
+_ORDER = [0, 2, 1, 3]  # kernel: centre, photons, std, background; table: centre, std, photons ...
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Where the codes of each pixel lie: shared intervals, or those of a calibration."""
+
+    timing: TimingCalibration | None
+    lower: Floats
+    upper: Floats
+    period: float
+    """Period of the ring, inf where nothing folds."""
+
+    def intervals(self, rows: NDArray[Any], cols: NDArray[Any]) -> tuple[Floats, Floats]:
+        """(lower, upper), each (n or 1, codes)."""
+        if self.timing is None:
+            return self.lower, self.upper
+        lower, upper = self.timing.code_intervals_ps(rows, cols)
+        return (
+            np.ascontiguousarray(lower, dtype=np.float64),
+            np.ascontiguousarray(upper, dtype=np.float64),
+        )
+
+    def double_code(self, n_pixels: int) -> Floats:
+        """(pixels,), how many codes' worth of light a clock like this may misplace in a window.
+
+        A nominal clock does not know of the first live code, which holds 1.8 codes of time.
+        """
+        if self.timing is None:
+            return np.ones(n_pixels)
+        unknown = (self.timing.flags.ravel() & fl.UNCALIBRATED) != 0
+        nominal = bool(np.all(self.timing.gain_std == 0) and np.all(self.timing.phase_std == 0))
+        return np.where(unknown | nominal, 1.0, 0.1)
+
+
+def clock_of(hist: Histograms, timing: TimingCalibration | None) -> Clock:
+    """The clock to fit on: the calibration's, else the nominal codes, else codes as the unit."""
+    none = np.empty((0, 0))
+    if timing is not None:
+        timing.check_matches(hist)
+        return Clock(timing, none, none, timing.laser_period_ps or math.inf)
+    if hist.bin_width_ps is not None:
+        lower, upper = hist.code_intervals_ps()
+        period = hist.laser_period_ps or math.inf
+    else:
+        code = np.arange(hist.n_codes, dtype=np.float64)
+        lower, upper = (-code - 1.0, -code) if hist.reversed_codes else (code, code + 1.0)
+        upper = np.where(hist.photon_codes, upper, lower)
+        period = math.inf
+    return Clock(None, lower[None, :].copy(), upper[None, :].copy(), period)
+
+
+@dataclass(frozen=True)
+class Fits:
+    """Fitted pulses, one row per pulse and at least one per pixel, and a table of the pixels."""
+
+    pixel: NDArray[np.int64]
+    """(n,), flat index, ascending; within a pixel in the order of the recorded sweep."""
+
+    values: Floats
+    """(n, 4), centre, std, photons, background per unit of time."""
+
+    covariance: Floats
+    """(n, 4, 4), in that order."""
+
+    table: Floats
+    """(pixels, N_COLUMNS), see `pulse_tile.fit_tile`."""
+
+    std_of: Floats
+    """(n, 4), standard errors."""
+
+    typical_std: float
+    """Typical std of the array's pulses; NaN where there are too few or no typical one."""
+
+
+class _Job:
+    """One recording on one clock: what every tile needs."""
+
+    def __init__(self, hist: Histograms, clock: Clock, threads: int) -> None:
+        self.clock, self.threads = clock, threads
+        self.n_codes = hist.n_codes
+        self.counts = hist.counts.reshape(-1, hist.n_codes)
+        self.rows, self.cols = np.divmod(np.arange(len(self.counts)), hist.shape[1])
+        self.double_code = clock.double_code(len(self.counts))
+
+    def run(self, pixels: NDArray[np.int64], work: Callable[..., None]) -> None:
+        """Call work(slice of pixels, counts, lower, upper) for every tile."""
+        step = max(1, TILE_CODES // self.n_codes)
+
+        def one(first: int) -> None:
+            part = slice(first, min(first + step, len(pixels)))
+            tile = pixels[part]
+            lower, upper = self.clock.intervals(self.rows[tile], self.cols[tile])
+            work(part, self.counts[tile].astype(np.float64), lower, upper)
+
+        starts = range(0, len(pixels), step)
+        if self.threads == 1:
+            for first in starts:
+                one(first)
+        else:
+            with ThreadPoolExecutor(self.threads) as pool:
+                list(pool.map(one, starts))
+
+
+def fit_all(
+    hist: Histograms,
+    clock: Clock,
+    todo: NDArray[np.bool_],
+    *,
+    method: str,
+    max_pulses: int,
+    threads: int,
+) -> Fits:
+    """Every pixel's pulses: one each, then more where one does not explain the counts."""
+    job = _Job(hist, clock, threads)
+    model = (
+        method == "likelihood" and hist.poisson,
+        method == "least_squares" and hist.poisson,
+        hist.poisson,
+    )
+    n_pixels = todo.size
+    thetas, covariances = np.empty((n_pixels, 4)), np.empty((n_pixels, 4, 4))
+    table = np.empty((n_pixels, pulse_tile.N_COLUMNS))
+    wanted = todo.ravel()
+
+    def fit(part: slice, counts: Floats, lower: Floats, upper: Floats) -> None:
+        pulse_tile.fit_tile(
+            counts, lower, upper, clock.period, wanted[part], job.double_code[part],
+            LOG_FALSE_PULSES, model, thetas[part], covariances[part], table[part],
+        )  # fmt: skip
+
+    job.run(np.arange(n_pixels), fit)
+    single = _single_rows(thetas, covariances, table)
+    if max_pulses == 1 or not model[0]:
+        return single
+    return _with_more_pulses(single, job, max_pulses)
+
+
+def _rows(pixel: NDArray[np.int64], values: Floats, covariance: Floats, table: Floats) -> Fits:
+    with np.errstate(invalid="ignore"):
+        std_of = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    typical = typical_std_of(values, std_of, table[pixel])
+    return Fits(pixel, values, covariance, table, std_of, typical)
+
+
+def _single_rows(thetas: Floats, covariances: Floats, table: Floats) -> Fits:
+    covariance = covariances[:, _ORDER][:, :, _ORDER]
+    return _rows(np.arange(len(thetas)), thetas[:, _ORDER], covariance, table)
+
+
+def typical_std_of(values: Floats, std_of: Floats, table: Floats) -> float:
+    """Typical std of the array's pulses: the median over good rows, weighted by photons.
+
+    No pixel weighs more than ten median ones. NaN where fewer than MIN_PIXELS rows are good or
+    widths scatter by more than MAX_SPREAD: then no width is typical.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        good = (
+            (table[:, pulse_tile.CONVERGED] == 1)
+            & (table[:, pulse_tile.HELD_SHARE] > 0.9)
+            & (std_of[:, 1] < 0.5 * values[:, 1])
+            & (values[:, 2] > 3.0 * std_of[:, 2])
+        )
+    if np.count_nonzero(good) < MIN_PIXELS:
+        return math.nan
+    width, photons = np.log(values[good, 1]), values[good, 2]
+    weight = np.minimum(photons, 10.0 * np.median(photons))
+    middle = _weighted_median(width, weight)
+    spread = 1.4826 * _weighted_median(np.abs(width - middle), weight)
+    return math.exp(middle) if spread < MAX_SPREAD else math.nan
+
+
+def _weighted_median(values: Floats, weights: Floats) -> float:
+    order = np.argsort(values, kind="stable")
+    half = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(half, 0.5 * half[-1])]])
+
+
+def pixels_to_split(fits: Fits) -> NDArray[np.int64]:
+    """Pixels whose single pulse does not explain the counts, or is wider than the array's."""
+    table, values, std_of = fits.table, fits.values, fits.std_of
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = table[:, pulse_tile.N_PULSES] == 1
+        elsewhere = table[:, pulse_tile.RESIDUAL] > LOG_FALSE_SECOND - 4.0
+        widened = pulse_split.WIDER * fits.typical_std
+        wide = values[:, 1] - 2.0 * std_of[:, 1] > widened
+        chi2_excess = table[:, pulse_tile.CHI2_EXCESS]
+        misfit = (table[:, pulse_tile.CHI2] - table[:, pulse_tile.CHI2_BINS]) / values[:, 2]
+        misshapen = (chi2_excess > 4.0) & (misfit > 0.02)
+        failed = table[:, pulse_tile.CONVERGED] == 0
+    return np.flatnonzero(found & (elsewhere | wide | misshapen | failed))
+
+
+def _with_more_pulses(single: Fits, job: _Job, max_pulses: int) -> Fits:
+    """Fits with the pixels of `pixels_to_split` fitted by as many pulses as they need."""
+    pixels = pixels_to_split(single)
+    size = 2 * max_pulses + 2
+    thetas = np.full((len(pixels), size), np.nan)
+    thetas[:, :4] = single.values[pixels][:, _ORDER]
+    covariances = np.full((len(pixels), size, size), np.nan)
+    table = single.table[pixels]
+
+    def split(part: slice, counts: Floats, lower: Floats, upper: Floats) -> None:
+        pulse_tile.split_tile(
+            counts, lower, upper, job.clock.period, single.typical_std,
+            job.double_code[pixels[part]], LOG_FALSE_SECOND,
+            thetas[part], covariances[part], table[part],
+        )  # fmt: skip
+
+    job.run(pixels, split)
+    several = table[:, pulse_tile.N_PULSES] > 1
+    if not several.any():
+        return single
+    pixels, thetas, covariances = pixels[several], thetas[several], covariances[several]
+    whole = single.table.copy()
+    whole[pixels] = table[several]
+    kept = ~np.isin(single.pixel, pixels)
+    parts = [(single.pixel[kept], single.values[kept], single.covariance[kept])]
+    parts += _several_rows(pixels, thetas, covariances, whole[pixels, pulse_tile.N_PULSES], job)
+    pixel, values, covariance = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    order = np.argsort(pixel, kind="stable")
+    return _rows(pixel[order], values[order], covariance[order], whole)
+
+
+def _several_rows(
+    pixels: NDArray[np.int64], thetas: Floats, covariances: Floats, n_pulses: Floats, job: _Job
+) -> list[tuple[NDArray[np.int64], Floats, Floats]]:
+    """Rows of pixels with several pulses, each in the order of its sweep."""
+    start = np.full(len(pixels), -math.inf)
+    if math.isfinite(job.clock.period):
+        for first in range(0, len(pixels), 1024):
+            tile = pixels[first : first + 1024]
+            lower, _ = job.clock.intervals(job.rows[tile], job.cols[tile])
+            start[first : first + 1024] = np.nanmin(lower, axis=1)
+    parts = []
+    for i, pixel in enumerate(pixels):
+        j = int(n_pulses[i])
+        centre = thetas[i, :j].copy()
+        if math.isfinite(job.clock.period):
+            centre = start[i] + np.mod(centre - start[i], job.clock.period)
+        order = np.argsort(centre, kind="stable")
+        columns = np.stack([order, np.full(j, 2 * j), j + order, np.full(j, 2 * j + 1)], axis=1)
+        values = thetas[i][columns]
+        values[:, 0] = centre[order]
+        covariance = covariances[i][columns[:, :, None], columns[:, None, :]]
+        parts.append((np.full(j, pixel), values, covariance))
+    return parts
