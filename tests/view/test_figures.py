@@ -5,11 +5,12 @@ from __future__ import annotations
 import io
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
 from lightflight import flags as fl
@@ -35,6 +36,16 @@ from lightflight.view.figures_timing import (
 )
 from lightflight.view.trace import trace_from_path
 from tests.view import fakes
+
+
+def xs(line: Any) -> Any:
+    """Horizontal values of a line."""
+    return np.asarray(line.get_xdata(), dtype=float)
+
+
+def ys(line: Any) -> Any:
+    """Vertical values of a line."""
+    return np.asarray(line.get_ydata(), dtype=float)
 
 
 def words_in(figure: Any) -> str:
@@ -128,10 +139,10 @@ def test_times_start_at_zero_and_follow_both_clocks() -> None:
     ax = draw_times(path)
     lines = {line.get_label(): line for line in ax.lines}
     trace = trace_from_path(path)
-    frame, event = lines["event time $t$"].get_data()
+    frame, event = xs(lines["event time $t$"]), ys(lines["event time $t$"])
     np.testing.assert_allclose(frame, (trace.arrival_ps - trace.arrival_ps[0]) / 55.0)
     np.testing.assert_allclose(event, trace.event_time_ps - trace.event_time_ps[0])
-    arrival = lines["arrival time $t_a$"].get_ydata()
+    arrival = ys(lines["arrival time $t_a$"])
     assert arrival[0] == 0.0
     assert "truth" in lines
 
@@ -140,7 +151,7 @@ def test_time_errors_are_against_the_truth() -> None:
     path = fakes.fake_path()
     late = replace(path, vertices_mm=fakes.VERTICES_MM, vertex_times_ps=path.truth.vertex_times_ps)
     ax = draw_time_errors(late, points=False)
-    error = next(line for line in ax.lines if "sigma" in str(line.get_label())).get_ydata()
+    error = ys(next(line for line in ax.lines if "sigma" in str(line.get_label())))
     assert np.nanmax(np.abs(error)) < 1e-6
     assert np.isnan(error).any()  # nothing is claimed outside the picture
     assert "truth is not known" in words_in(
@@ -156,11 +167,11 @@ def test_residual_figures_mark_what_was_left_out() -> None:
     assert "ps" in text
     assert max(abs(v) for v in ax.get_ylim()) < 5  # one outlier of 9 ps does not set the scale
     ax = draw_residual_map(path)
-    picture = ax.images[0].get_array()
+    picture = np.asarray(ax.images[0].get_array(), dtype=float)
     used = path.residuals[path.residuals["used"]]
     assert np.isfinite(picture).sum() == len(np.unique(used[["row", "col"]]))
     negative = next(line for line in ax.lines if line.get_marker() == ".")
-    assert len(negative.get_xdata()) == (np.asarray(picture) < 0).sum()
+    assert len(xs(negative)) == (np.asarray(picture) < 0).sum()
 
 
 def test_pulls_state_their_spread() -> None:
@@ -169,7 +180,7 @@ def test_pulls_state_their_spread() -> None:
     spread = np.std(used["residual_ps"] / used["std_ps"], ddof=1)
     ax = draw_pulls(path)
     assert f"{spread:.3f}" in words_in(ax.get_figure())
-    assert sum(p.get_height() for p in ax.patches) == len(used)
+    assert sum(cast(Rectangle, p).get_height() for p in ax.patches) == len(used)
 
 
 def test_path_figure_states_its_magnification() -> None:
@@ -208,7 +219,7 @@ def test_the_camera_picture_shows_times_from_the_first() -> None:
     assert picture[table["row"][k], table["col"][k]] == pytest.approx(span)
     assert np.nanmin(picture) == 0.0
     crosses = next(line for line in ax.lines if line.get_marker() == "x")
-    assert len(crosses.get_xdata()) == 2  # screaming and too wide; silent pixels stay blank
+    assert len(xs(crosses)) == 2  # screaming and too wide; silent pixels stay blank
 
 
 def test_a_flight_across_the_laser_period_is_shown_in_one_piece() -> None:
@@ -218,7 +229,7 @@ def test_a_flight_across_the_laser_period_is_shown_in_one_piece() -> None:
     arrivals.arrival_ps = np.mod(arrivals.arrival_ps + shift, 50_000.0)
     ax = draw_camera_picture(arrivals)
     span = np.ptp(path.residuals["arrival_ps"])
-    assert np.nanmax(ax.images[0].get_array()) == pytest.approx(span)
+    assert np.nanmax(np.asarray(ax.images[0].get_array())) == pytest.approx(span)
 
 
 @pytest.mark.parametrize("case", ["all", "no arrivals", "no truth"])
@@ -256,9 +267,9 @@ def test_a_path_lies_on_the_photo_where_its_camera_sees_it() -> None:
     ax = draw_path_on_photo(path, np.zeros((32, 32)), camera)
     row, col = camera.pixels_from_points(path.vertices_mm)
     line = max(ax.lines, key=lambda one: one.get_linewidth())
-    assert np.nanmin(np.abs(line.get_xdata() - 31.5)) < 1.0  # it reaches the picture's edge
-    assert ax.lines[-1].get_xdata()[0] == pytest.approx(col[0])
-    assert ax.lines[-1].get_ydata()[0] == pytest.approx(row[0])
+    assert np.nanmin(np.abs(xs(line) - 31.5)) < 1.0  # it reaches the picture's edge
+    assert xs(ax.lines[-1])[0] == pytest.approx(col[0])
+    assert ys(ax.lines[-1])[0] == pytest.approx(row[0])
     with pytest.raises(ValueError, match="give the camera of this photo"):
         draw_path_on_photo(path, np.zeros((10, 32)), camera)
 
@@ -306,7 +317,7 @@ def test_bad_pixels_are_drawn_where_they_are(rng: np.random.Generator) -> None:
     timing = fake_timing(rng)
     ax = draw_bad_pixels(timing)
     dead = next(line for line in ax.lines if str(line.get_label()).startswith("dead"))
-    assert (dead.get_xdata()[0], dead.get_ydata()[0]) == (4, 3)
+    assert (xs(dead)[0], ys(dead)[0]) == (4, 3)
 
 
 def fake_leg(members: Any, slope: float) -> Any:

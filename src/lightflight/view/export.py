@@ -1,44 +1,98 @@
-"""Paths and figures as files that other programs read; they appear whole or not at all."""
+"""Results in files that other programs open: pictures and tables.
+
+Takes a Figure or a LightPath, gives a file that appears whole or not at all.
+"""
 
 from __future__ import annotations
 
 import csv
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from lightflight.store import atomic_path
 
 if TYPE_CHECKING:
-    from lightflight.path import LightPath
+    from matplotlib.figure import Figure
 
-_DIGITS = 9
-"""Significant digits in text: a nanometre in a metre, a femtosecond in a microsecond."""
+FIGURE_SUFFIXES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".eps")
+"""Formats a figure can be written in; pdf, svg and eps are vectors."""
+
+SAMPLES = 1000
+"""Points along a path in a table, unless asked otherwise."""
+
+# Without dates the same figure gives the same bytes.
+_METADATA: dict[str, dict[str, Any]] = {
+    ".pdf": {"CreationDate": None},
+    ".svg": {"Date": None},
+}
 
 
-def write_csv(path: LightPath, file: str | os.PathLike[str], *, n: int = 1000) -> None:
-    """Write `n` points of a path at equal event times as a table with one header line.
+def _check_suffix(path: Path, allowed: tuple[str, ...], what: str) -> str:
+    suffix = path.suffix.lower()
+    if suffix not in allowed:
+        raise ValueError(
+            f"cannot write {what} to {path.name}: its name must end in {', '.join(allowed)}"
+        )
+    return suffix
 
-    Columns as in `LightPath.sample`, units in their names; unknown values are left empty.
+
+def write_figure(
+    figure: Figure, path: str | os.PathLike[str], *, dots_per_inch: float | None = None
+) -> None:
+    """Write a figure; the format follows the suffix (png, pdf, svg ...).
+
+    Parameters
+    ----------
+    dots_per_inch : of pixel formats; None: 200.
 
     Raises
     ------
-    OSError
-        Where the file cannot be written; an old one stays as it was.
+    ValueError
+        For a suffix that is no picture's.
     """
-    samples = path.sample(n)
-    with atomic_path(file) as fresh, fresh.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(samples.dtype.names or ())
-        writer.writerows([_text(value) for value in row.tolist()] for row in samples)
+    from lightflight.view.style import figure_style
+
+    target = Path(path)
+    suffix = _check_suffix(target, FIGURE_SUFFIXES, "a figure")
+    with figure_style(), atomic_path(target) as fresh:
+        figure.savefig(
+            fresh,
+            format=suffix[1:],
+            dpi="figure" if dots_per_inch is None and suffix == ".eps" else dots_per_inch or 200.0,
+            metadata=_METADATA.get(suffix),
+        )
 
 
-def _text(value: Any) -> str:
-    if isinstance(value, bool | int):
-        return str(int(value))
-    return "" if value != value else f"{value:.{_DIGITS}g}"  # NaN alone differs from itself
+def write_csv(light_path: Any, path: str | os.PathLike[str], *, samples: int = SAMPLES) -> None:
+    """Write a path as a table: equal event times, one row per point, a header with units.
+
+    Columns are those of `LightPath.sample`: leg (from 0), x_mm, y_mm, z_mm, event_time_ps,
+    arrival_time_ps, their one-sigma errors, and whether the camera sees the point (0 or 1).
+
+    Parameters
+    ----------
+    light_path : LightPath.
+    samples : number of points, at least 2.
+
+    Raises
+    ------
+    ValueError
+        For fewer than two samples, or a name that does not end in .csv.
+    """
+    target = Path(path)
+    _check_suffix(target, (".csv",), "a table")
+    table = light_path.sample(samples)
+    names = table.dtype.names
+    with atomic_path(target) as fresh, fresh.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(names)
+        writer.writerows([_cell(row[name]) for name in names] for row in table)
 
 
-def write_figure(figure: Any, file: str | os.PathLike[str], *, dpi: float = 200.0) -> None:
-    """Write a Matplotlib figure in the format of the file's suffix (.png, .pdf, .svg)."""
-    with atomic_path(file) as fresh:
-        figure.savefig(fresh, dpi=dpi)
+def _cell(value: Any) -> str:
+    if isinstance(value, np.floating):
+        return f"{value:.9g}"
+    return str(int(value))

@@ -115,7 +115,7 @@ def shade_out_of_view(ax: Axes, x: Floats, in_view: NDArray[np.bool_]) -> None:
 
 def _draw_measured(ax: Axes, path: Any, trace: Trace, frame_ps: float) -> None:
     places = places_from_path(path)
-    good = places.used & np.isfinite(places.measured_event_time_ps)
+    good = precise_pulses(places) & np.isfinite(places.measured_event_time_ps)
     if not good.any():
         return
     frame = _frames(trace, places.arrival_ps[good], frame_ps)
@@ -144,7 +144,8 @@ def draw_time_errors(
 ) -> Axes:
     """Estimated minus true event time on the camera's rays, at every frame.
 
-    The band is one sigma of the path; dots are single pulses with their error bars.
+    The band is one sigma of the path; dots are single pulses with their error bars (those with
+    more than three times the median error are not shown).
 
     Parameters
     ----------
@@ -207,7 +208,7 @@ def _gaps(values: Floats, in_view: NDArray[np.bool_]) -> Floats:
 
 def _draw_pulse_errors(ax: Axes, path: Any, trace: Trace, truth: Any, frame_ps: float) -> None:
     places = places_from_path(path)
-    good = places.used & np.isfinite(places.measured_event_time_ps)
+    good = precise_pulses(places) & np.isfinite(places.measured_event_time_ps)
     if not good.any():
         return
     nodes = Trace(
@@ -235,8 +236,8 @@ def draw_residuals_along(
 ) -> Axes:
     """Arrival-time residuals with error bars against the length of path behind the pulse.
 
-    Marks tell the legs apart; crosses are pulses the fit left out; arrows at the edge are pulses
-    beyond it.
+    Marks tell the legs apart, hollow ones are imprecise (more than three times the median
+    error), crosses are pulses the fit left out. The scale follows the precise ones.
     """
     del truth
     ax = style.axes_or_new(ax, 120, 60)
@@ -247,26 +248,24 @@ def draw_residuals_along(
     limit = _residual_limit(places, shown) if limit_ps is None else limit_ps
     _draw_leg_bands(ax, path)
     ax.axhline(0.0, color=style.INK, lw=0.7, zorder=1)
+    precise = precise_pulses(places)
     for leg in np.unique(places.leg[shown]):
         of_leg = shown & (places.leg == leg) & places.used
-        ax.errorbar(
-            places.length_mm[of_leg], places.residual_ps[of_leg], yerr=places.std_ps[of_leg],
-            ls="none", marker=leg_mark(leg), ms=2.8, mfc=style.ARRIVAL, mec=style.ARRIVAL,
-            mew=0.5, ecolor="#8fa3c8", elinewidth=0.7, zorder=3,
-        )  # fmt: skip
+        _draw_residual_points(ax, places, of_leg & ~precise, leg_mark(leg), faint=True)
+        _draw_residual_points(ax, places, of_leg & precise, leg_mark(leg), faint=False)
     left_out = shown & ~places.used
     clipped = np.clip(places.residual_ps, -0.86 * limit, 0.86 * limit)
     ax.plot(
-        places.length_mm[left_out], clipped[left_out], "x", color=style.EVENT, ms=4.5, mew=1.1,
-        zorder=4, label=f"left out ({int(left_out.sum())})" if left_out.any() else None,
-    )  # fmt: skip
-    for k in np.flatnonzero(shown & (np.abs(places.residual_ps) > limit)):
-        side = np.sign(places.residual_ps[k])
-        ax.annotate(
-            style.number(places.residual_ps[k], 2, sign=True) + " ps",
-            (places.length_mm[k], 0.86 * limit * side), xytext=(5, 0),
-            textcoords="offset points", fontsize=6.0, color=style.EVENT, va="center",
-        )  # fmt: skip
+        places.length_mm[left_out],
+        clipped[left_out],
+        "x",
+        color=style.EVENT,
+        ms=4.5,
+        mew=1.1,
+        zorder=4,
+        label=f"left out ({int(left_out.sum())})" if left_out.any() else None,
+    )
+    _label_far_pulses(ax, places, left_out, limit)
     ax.set_ylim(-limit, limit)
     vertices = np.asarray(path.vertices_mm, dtype=float)
     ax.set_xlim(0, float(np.linalg.norm(np.diff(vertices, axis=0), axis=1).sum()))
@@ -277,11 +276,59 @@ def draw_residuals_along(
     return ax
 
 
+def precise_pulses(places: PulsePlaces) -> NDArray[np.bool_]:
+    """(n,), True where the error is at most three times the median one: they carry the fit."""
+    used = places.used & np.isfinite(places.std_ps)
+    if not used.any():
+        return used
+    return used & (places.std_ps <= 3.0 * float(np.median(places.std_ps[used])))
+
+
+def _draw_residual_points(
+    ax: Axes, places: PulsePlaces, which: NDArray[np.bool_], mark: str, *, faint: bool
+) -> None:
+    """Pulses with error bars; imprecise ones step back."""
+    if not which.any():
+        return
+    color = "#a9b9d6" if faint else style.ARRIVAL
+    ax.errorbar(
+        places.length_mm[which],
+        places.residual_ps[which],
+        yerr=places.std_ps[which],
+        ls="none",
+        marker=mark,
+        ms=2.0 if faint else 2.8,
+        mfc=style.PAPER if faint else color,
+        mec=color,
+        mew=0.5,
+        ecolor="#d3dbea" if faint else "#8fa3c8",
+        elinewidth=0.6 if faint else 0.7,
+        zorder=2 if faint else 3,
+    )
+
+
+def _label_far_pulses(
+    ax: Axes, places: PulsePlaces, left_out: NDArray[np.bool_], limit: float
+) -> None:
+    """Write beside the farthest few left-out pulses how far they are."""
+    far = np.flatnonzero(left_out & (np.abs(places.residual_ps) > limit))
+    for k in far[np.argsort(-np.abs(places.residual_ps[far]))][:4]:
+        ax.annotate(
+            style.number(places.residual_ps[k], 2, sign=True) + " ps",
+            (places.length_mm[k], 0.86 * limit * np.sign(places.residual_ps[k])),
+            xytext=(5, 0),
+            textcoords="offset points",
+            fontsize=6.0,
+            color=style.EVENT,
+            va="center",
+        )
+
+
 def _residual_limit(places: PulsePlaces, shown: NDArray[np.bool_]) -> float:
-    used = shown & places.used
-    basis = used if used.any() else shown
+    precise = shown & precise_pulses(places)
+    basis = precise if precise.any() else shown
     reach = np.abs(places.residual_ps[basis]) + np.nan_to_num(places.std_ps[basis])
-    return 1.12 * style.robust_limit(reach, percentile=99.0)
+    return 1.15 * style.robust_limit(reach, percentile=99.0)
 
 
 def _draw_leg_bands(ax: Axes, path: Any) -> None:
