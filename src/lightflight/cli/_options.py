@@ -69,6 +69,21 @@ def lab_options(command: Command) -> Command:
     return command
 
 
+def _hints_from_texts(
+    _context: click.Context, _option: click.Parameter, texts: Iterable[str]
+) -> dict[str, Any]:
+    """Reading hints from `key=value` texts; values are written as in TOML."""
+    from lightflight.config import value_from_text
+
+    hints = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not (equals and key.strip()):
+            raise click.UsageError(f"--hint {text!r}: write key=value, for example bin_width_ps=55")
+        hints[key.strip()] = value_from_text(value)
+    return hints
+
+
 def hint_option(command: Command) -> Command:
     """Add the option --hint, which says what a file does not say about itself."""
     return click.option(
@@ -76,22 +91,10 @@ def hint_option(command: Command) -> Command:
         "hints",
         metavar="KEY=VALUE",
         multiple=True,
+        callback=_hints_from_texts,
         help="What the recording does not say itself, for example bin_width_ps=55 or axes=tyx; "
         "stands over [recording] of the set-up.",
     )(command)
-
-
-def hints_from_text(hints: Iterable[str]) -> dict[str, Any]:
-    """Reading hints from `key=value` texts; values are written as in TOML."""
-    from lightflight.config import value_from_text
-
-    out = {}
-    for hint in hints:
-        key, equals, value = hint.partition("=")
-        if not (equals and key.strip()):
-            raise click.UsageError(f"--hint {hint!r}: write key=value, for example bin_width_ps=55")
-        out[key.strip()] = value_from_text(value)
-    return out
 
 
 def check_outputs(

@@ -11,8 +11,6 @@ from lightflight.cli._options import RECORD_SUFFIXES
 if TYPE_CHECKING:
     from lightflight.path import LightPath
 
-_SAMPLES_IN_CSV = 1000
-
 
 def path_facts(path: LightPath) -> list[Fact]:
     """How a path was found and how well it explains the recording."""
@@ -122,7 +120,7 @@ def write_path(path: LightPath, output: Path) -> None:
     elif suffix == ".csv":
         from lightflight.view.export import write_csv
 
-        write_csv(path, output, n=_SAMPLES_IN_CSV)
+        write_csv(path, output)
     else:
         from lightflight.view.export import write_figure
         from lightflight.view.figures_demo import demo_figure

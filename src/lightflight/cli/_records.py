@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lightflight.cli._console import Fact, step
-from lightflight.cli._options import hints_from_text
 
 if TYPE_CHECKING:
     from lightflight.histogram import Histograms
@@ -34,15 +33,15 @@ def print_lab(lab: Lab) -> None:
         click.echo(f"# no camera yet: [camera] lacks {' and '.join(lab.camera_needs)}")
 
 
-def read_hinted(path: Path, lab: Lab, hints: Iterable[str]) -> Recording | Histograms:
+def read_hinted(path: Path, lab: Lab, hints: Mapping[str, Any]) -> Recording | Histograms:
     """Recording or histograms from a file, with [recording] and --hint telling what it does not."""
     from lightflight.recording import read
 
     with step(f"reading {path.name}"):
-        return read(path, **{**lab.recording, **hints_from_text(hints)})
+        return read(path, **{**lab.recording, **hints})
 
 
-def read_histograms(path: Path, lab: Lab, hints: Iterable[str]) -> Histograms:
+def read_histograms(path: Path, lab: Lab, hints: Mapping[str, Any]) -> Histograms:
     """Histograms from a file; recordings are counted."""
     from lightflight.recording import histogram
 

@@ -28,6 +28,7 @@ from lightflight.cli._options import (
 )
 
 if TYPE_CHECKING:
+    from lightflight.histogram import Histograms
     from lightflight.timing.calibration import TimingCalibration
 
 
@@ -69,7 +70,7 @@ def command(
     outputs: tuple[Path, ...],
     lab_path: Path | None,
     assignments: tuple[str, ...],
-    hints: tuple[str, ...],
+    hints: dict[str, Any],
     dry_run: bool,
     as_json: bool,
 ) -> None:
@@ -98,8 +99,13 @@ def command(
         for name, path in (("code_density", code_density), ("flat", flat), ("dark", dark))
         if path is not None
     }
+    notes: tuple[str, ...] = ()
+    if "flat" in recordings and "flat_arrival_ps" not in options:
+        options["flat_arrival_ps"], notes = _flat_arrival(recordings["flat"])
+        lab = replace(lab, timing=options)
     with step("calibrating the clock"):
         calibration = calibrate_timing(**recordings, **options)
+    calibration = replace(calibration, notes=(*calibration.notes, *notes))
     calibration = replace(calibration, provenance=provenance("calibrate", inputs, lab))
     for output in outputs:
         with step(f"writing {output.name}"):
@@ -114,6 +120,16 @@ def command(
     print_facts(facts, title="Clock")
     print_sentences(calibration.notes)
     print_sentences([f"Written: {', '.join(map(str, outputs))}"])
+
+
+def _flat_arrival(flat: Histograms) -> tuple[float, tuple[str, ...]]:
+    """When the flat's light arrived, where nobody said: a simulation knows, a lab sets its zero."""
+    known = getattr(flat.truth, "flat_arrival_ps", None)
+    if known is None or getattr(known, "ndim", 0):
+        return 0.0, (
+            "the clock's zero is the arrival of the flat's light (--flat-arrival-ps sets another)",
+        )
+    return float(known), (f"the flat is simulated: its light arrived at {float(known):g} ps",)
 
 
 def _write(calibration: TimingCalibration, output: Path) -> None:

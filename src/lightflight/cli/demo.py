@@ -65,10 +65,10 @@ def command(*, output: Path, photons: float, seed: int, as_json: bool) -> None:
     started = time.perf_counter()
     output.mkdir(parents=True, exist_ok=True)
     recordings = record_three_legs(photons_per_pixel=photons, seed=seed, step=_shown)
-    timing = calibrate_three_legs(recordings, step=_shown)
-    estimates = estimate_three_legs(recordings, timing, step=_shown)
+    timings = calibrate_three_legs(recordings, step=_shown)
+    estimates = estimate_three_legs(recordings, timings, step=_shown)
     with _shown(f"writing {output}"):
-        _write_results(recordings, timing, estimates, output)
+        _write_results(recordings, timings[_REFERENCE[1]], estimates, output)
     seconds = time.perf_counter() - started
     if as_json:
         print_json(json_from_demo(recordings, estimates) | {"seconds": round(seconds, 1)})

@@ -32,7 +32,7 @@ def command(
     file: Path,
     lab_path: Path | None,
     assignments: tuple[str, ...],
-    hints: tuple[str, ...],
+    hints: dict[str, Any],
     dry_run: bool,
     as_json: bool,
 ) -> None:
@@ -58,7 +58,7 @@ def command(
     print_sentences(sentences)
 
 
-def _facts_of(file: Path, lab: Lab, hints: tuple[str, ...]) -> tuple[list[Fact], list[str]]:
+def _facts_of(file: Path, lab: Lab, hints: dict[str, Any]) -> tuple[list[Fact], list[str]]:
     from lightflight.store import kind_of_record
 
     match kind_of_record(file):
@@ -71,7 +71,7 @@ def _facts_of(file: Path, lab: Lab, hints: tuple[str, ...]) -> tuple[list[Fact],
     return _recording_facts(file, lab, hints)
 
 
-def _recording_facts(file: Path, lab: Lab, hints: tuple[str, ...]) -> tuple[list[Fact], list[str]]:
+def _recording_facts(file: Path, lab: Lab, hints: dict[str, Any]) -> tuple[list[Fact], list[str]]:
     from lightflight.cli._records import clock_facts, count_facts, read_hinted
     from lightflight.histogram import Histograms
     from lightflight.recording import histogram

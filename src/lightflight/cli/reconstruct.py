@@ -65,7 +65,7 @@ def command(
     outputs: tuple[Path, ...],
     lab_path: Path | None,
     assignments: tuple[str, ...],
-    hints: tuple[str, ...],
+    hints: dict[str, Any],
     dry_run: bool,
     as_json: bool,
 ) -> None:

@@ -6,10 +6,12 @@ stated size, and gives the stated difference between arrival and propagation tim
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from lightflight.flight import Source
 from lightflight.histogram import Histograms
@@ -32,10 +34,19 @@ FLAT_PER_PIXEL = 4e5
 PRIORS: Mapping[str, str] = {
     "known": "source and emission time known",
     "fitted": "source known, emission time fitted",
+    "unsure": "as above, and the clock's scale not known: dead codes absorbed or lost",
 }
-"""What is taken as known, by short name."""
+"""What is taken as known, by short name. Unless it says otherwise, whether the time of the
+camera's dead codes is absorbed or lost is known."""
 
-METHODS = ("paper", "joint")
+COMBINATIONS = (
+    ("paper", "known"),
+    ("joint", "known"),
+    ("paper", "fitted"),
+    ("joint", "fitted"),
+    ("joint", "unsure"),
+)
+"""(method, prior) of the comparison with the paper, in its order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,20 +105,29 @@ def record_three_legs(
     return Recordings(scene, hist, code_density, flat, photons_per_pixel, seed)
 
 
-def calibrate_three_legs(recordings: Recordings, *, step: Step = nullcontext) -> TimingCalibration:
-    """Calibrate the clock from the two calibration recordings."""
-    with step("calibrating the clock"):
+def calibrate_three_legs(
+    recordings: Recordings, *, step: Step = nullcontext
+) -> dict[str, TimingCalibration]:
+    """Calibrate the clock from the two calibration recordings; one clock for every prior."""
+
+    def calibrated(dead_codes: str | None) -> TimingCalibration:
         return calibrate_timing(
             code_density=recordings.code_density,
             flat=recordings.flat,
             flat_arrival_ps=recordings.flat.truth.flat_arrival_ps,
+            dead_codes=dead_codes,
         )
+
+    with step("calibrating the clock"):
+        sure = calibrated("lost" if recordings.scene.detector.dead_time_is_lost else "absorbed")
+    with step("calibrating it again, the dead codes unknown"):
+        unsure = calibrated(None)
+    return {prior: unsure if prior == "unsure" else sure for prior in PRIORS}
 
 
 def source_from_prior(scene: Scene, prior: str) -> Source:
     """What an experimenter knows of the source under one of `PRIORS`."""
-    position = tuple(float(x) for x in scene.vertex_zero_mm)
-    known = Source(position, pulse_fwhm_ps=scene.pulse_fwhm_ps)
+    known = Source(np.asarray(scene.vertices_mm)[0], pulse_fwhm_ps=scene.pulse_fwhm_ps)
     if prior == "known":
         return replace(known, emission_time_ps=scene.emission_time_ps)
     return known
@@ -115,33 +135,43 @@ def source_from_prior(scene: Scene, prior: str) -> Source:
 
 def estimate_three_legs(
     recordings: Recordings,
-    timing: TimingCalibration,
+    timings: Mapping[str, TimingCalibration],
     *,
-    methods: tuple[str, ...] = METHODS,
-    priors: tuple[str, ...] = tuple(PRIORS),
+    combinations: Sequence[tuple[str, str]] = COMBINATIONS,
     step: Step = nullcontext,
 ) -> list[Estimate]:
-    """Reconstruct with every estimator under every prior, and compare with the truth."""
+    """Reconstruct by each (method, prior), and compare with the truth.
+
+    Parameters
+    ----------
+    timings : clock by prior, from `calibrate_three_legs`.
+    """
     scene = recordings.scene
     estimates = []
-    for prior in priors:
-        for method in methods:
-            with step(f"reconstructing: {method}, {PRIORS[prior]}"):
-                path = reconstruct(
-                    recordings.hist,
-                    camera=scene.camera,
-                    source=source_from_prior(scene, prior),
-                    medium=scene.medium,
-                    timing=timing,
-                    method=method,
-                )
-            estimates.append(
-                Estimate(
-                    method,
-                    prior,
-                    path,
-                    path_error(path, scene, scene.camera),
-                    path_error(path, scene, scene.camera, whole=True),
-                )
+    for method, prior in combinations:
+        with step(f"reconstructing: {method}, {_SHORT[prior]}"):
+            path = reconstruct(
+                recordings.hist,
+                camera=scene.camera,
+                source=source_from_prior(scene, prior),
+                medium=scene.medium,
+                timing=timings[prior],
+                method=method,
             )
+        estimates.append(
+            Estimate(
+                method,
+                prior,
+                path,
+                path_error(path, scene, scene.camera),
+                path_error(path, scene, scene.camera, whole=True),
+            )
+        )
     return estimates
+
+
+_SHORT = {
+    "known": "emission time known",
+    "fitted": "emission time fitted",
+    "unsure": "clock's scale unknown",
+}

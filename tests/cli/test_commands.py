@@ -1,0 +1,220 @@
+"""Every command, used as the README says, and what its output holds."""
+
+import csv
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+import lightflight as lf
+from lightflight.lab import lab_from_toml
+
+
+def test_simulate_writes_a_recording_that_read_takes(lab_folder):
+    hist = lf.histogram(lf.read(lab_folder / "recording.h5"))
+    assert hist.shape == (32, 32)
+    assert hist.reversed_codes
+    assert hist.photons.max() > 1000
+
+
+def test_simulate_gives_the_same_photons_for_the_same_seed(run, tmp_path):
+    for name, seed in (("a.h5", 5), ("b.h5", 5), ("c.h5", 6)):
+        done = run("simulate", "--photons", 500, "--seed", seed, "-o", tmp_path / name)
+        assert done.exit_code == 0, done.stderr
+    a, b, c = (lf.read(tmp_path / name).counts for name in ("a.h5", "b.h5", "c.h5"))
+    np.testing.assert_array_equal(a, b)
+    assert (a != c).any()
+
+
+def test_simulate_follows_the_set_up(run, tmp_path):
+    lab = tmp_path / "lab.toml"
+    lab.write_text(
+        """
+        [camera]
+        shape = [8, 12]
+        distance_mm = 500.0
+        field_of_view_mm = [240.0, 160.0]
+        [scene]
+        vertices_mm = [[-150.0, 0.0, 0.0], [150.0, 0.0, 0.0]]
+        photons_per_pixel = 300.0
+        [detector]
+        preset = "ideal"
+        bin_width_ps = 100.0
+        n_codes = 500
+        """
+    )
+    done = run("simulate", "--lab", lab, "-o", tmp_path / "r.h5", "--json")
+    assert done.exit_code == 0, done.stderr
+    facts = json.loads(done.stdout)
+    assert facts["shape"] == [8, 12]
+    assert facts["bin_width_ps"] == 100.0
+    assert 200 < facts["most_photons_per_pixel"] < 400
+
+
+def test_dry_run_prints_a_set_up_that_reads_back(run, lab_folder, tmp_path):
+    done = run(
+        "reconstruct", "nowhere.h5", "--lab", lab_folder / "lab.toml", "--dry-run",
+        "--set", "medium.path_group_index=1.47", "--n-legs", 3,
+    )  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    table = tomllib.loads(done.stdout)
+    assert table["medium"]["path_group_index"] == 1.47
+    assert table["reconstruct"] == {"n_legs": 3}
+    printed = tmp_path / "printed.toml"
+    printed.write_text(done.stdout)
+    again, first = lab_from_toml(printed), lab_from_toml(lab_folder / "lab.toml")
+    np.testing.assert_array_equal(again.camera.world_from_camera, first.camera.world_from_camera)
+
+
+@pytest.mark.parametrize(
+    ("name", "holds"),
+    [
+        ("recording.h5", "recording (histograms)"),
+        ("bright.h5", "recording (histograms)"),
+        ("calibration.h5", "calibration of a clock"),
+    ],
+)
+def test_info_says_what_a_file_holds(run, lab_folder, name, holds):
+    done = run("info", lab_folder / name)
+    assert done.exit_code == 0, done.stderr
+    assert name in done.stdout
+    assert holds in done.stdout
+    assert done.stderr == ""
+
+
+def test_info_for_programs_is_strict_json_with_units(run, lab_folder):
+    done = run("info", lab_folder / "recording.h5", "--json")
+    facts = json.loads(done.stdout, parse_constant=lambda word: pytest.fail(word))
+    assert facts["kind"] == "histograms"
+    assert facts["laser_period_ps"] == 50_000.0
+    assert facts["reversed_codes"] is True
+    assert facts["photons"] == int(lf.read(lab_folder / "recording.h5").photons.sum())
+
+
+def test_calibrate_reports_the_clock_it_found(run, lab_folder, tmp_path):
+    done = run(
+        "calibrate", "--code-density", lab_folder / "bright.h5", "--flat", lab_folder / "flat.h5",
+        "--json", "-o", tmp_path / "c.h5", "-o", tmp_path / "c.png",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    facts = json.loads(done.stdout)
+    # 0.7 % lies between dead codes absorbed and lost, and nobody said which
+    assert facts["bin_width_ps"] == pytest.approx(55.0, rel=0.005)
+    assert facts["scale_std"] > 0.001
+    assert len(facts["phases"]) == 8
+    assert (tmp_path / "c.png").read_bytes().startswith(b"\x89PNG")
+    assert (
+        lf.TimingCalibration.load(tmp_path / "c.h5").provenance["inputs"][0]["name"] == "bright.h5"
+    )
+
+
+def test_reconstruct_writes_path_table_and_figure(run, lab_folder, tmp_path):
+    outputs = [tmp_path / name for name in ("path.h5", "path.csv", "path.png")]
+    done = run(
+        "reconstruct", lab_folder / "recording.h5", "--lab", lab_folder / "lab.toml",
+        "--timing", lab_folder / "calibration.h5", *(w for o in outputs for w in ("-o", o)),
+    )  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    assert "corner" in done.stdout
+    path = lf.LightPath.load(outputs[0])
+    assert path.n_legs == 3
+    assert {i["name"] for i in path.provenance["inputs"]} >= {"recording.h5", "calibration.h5"}
+    assert path.provenance["settings"]["source"]["position_mm"] == [0.0, 0.0, 0.0]
+    rows = list(csv.DictReader(outputs[1].read_text().splitlines()))
+    assert len(rows) == 1000
+    assert float(rows[0]["x_mm"]) == pytest.approx(path.vertices_mm[0, 0], abs=1e-6)
+    assert outputs[2].read_bytes().startswith(b"\x89PNG")
+
+
+def test_reconstruct_for_programs(run, lab_folder):
+    done = run(
+        "reconstruct", lab_folder / "recording.h5", "--lab", lab_folder / "lab.toml",
+        "--timing", lab_folder / "calibration.h5", "--json",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    facts = json.loads(done.stdout)
+    assert np.shape(facts["vertices_mm"]) == (4, 3)
+    assert len(facts["legs"]) == 3
+    assert facts["converged"] is True
+    # 20,000 photons, source known: some 0.2 mm; a millimetre is a failure, not bad luck
+    assert facts["position_rms_mm"] < 1.0
+
+
+def test_reconstruct_takes_repeats(run, lab_folder):
+    recording = lab_folder / "recording.h5"
+    done = run(
+        "reconstruct", recording, recording, "--lab", lab_folder / "lab.toml",
+        "--timing", lab_folder / "calibration.h5", "--json",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+
+
+def test_info_of_a_path(run, lab_folder, tmp_path):
+    done = run(
+        "reconstruct", lab_folder / "recording.h5", "--lab", lab_folder / "lab.toml",
+        "--timing", lab_folder / "calibration.h5", "-o", tmp_path / "path.h5",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    done = run("info", tmp_path / "path.h5")
+    assert "path of a pulse" in done.stdout
+    assert "joint" in done.stdout
+
+
+def test_without_a_calibration_one_line_of_warning_says_what_it_costs(run, lab_folder):
+    done = run(
+        "reconstruct", lab_folder / "recording.h5", "--lab", lab_folder / "lab.toml", "--json"
+    )
+    lines = done.stderr.splitlines()
+    assert any(line.startswith("warning: no timing calibration") for line in lines)
+    assert all(line.startswith(("warning: ", "lightflight: ")) for line in lines)
+
+
+def test_without_a_camera_the_legs_stay_in_the_picture(run, lab_folder):
+    done = run(
+        "reconstruct", lab_folder / "recording.h5", "--timing", lab_folder / "calibration.h5"
+    )
+    assert done.exit_code == 0, done.stderr
+    assert "Legs in the picture" in done.stdout
+    assert "[camera] distance_mm and field_of_view_mm" in done.stdout
+    done = run(
+        "reconstruct", lab_folder / "recording.h5", "--timing", lab_folder / "calibration.h5",
+        "--json",
+    )  # fmt: skip
+    facts = json.loads(done.stdout)
+    assert len(facts["legs"]) == 3
+    assert len(facts["needs"]) == 1
+
+
+def test_without_a_camera_no_path_is_written(run, lab_folder, tmp_path):
+    done = run(
+        "reconstruct", lab_folder / "recording.h5", "--timing", lab_folder / "calibration.h5",
+        "-o", tmp_path / "path.h5",
+    )  # fmt: skip
+    assert done.exit_code == 2
+    assert "path.h5 not written" in done.stderr
+    assert not (tmp_path / "path.h5").exists()
+
+
+def test_demo_compares_with_the_paper(run, tmp_path):
+    done = run("demo", "-o", tmp_path / "demo", "--photons", 20_000, "--json")
+    assert done.exit_code == 0, done.stderr
+    rows = json.loads(done.stdout)["rows"]
+    assert (rows[0]["position_rms_mm"], rows[0]["event_time_rms_ps"]) == (1.75, 3.84)
+    assert [r["method"] for r in rows[1:]] == ["paper", "joint", "paper", "joint", "joint"]
+    assert all(r["prior"] and r["photons_per_pixel"] == 20_000 for r in rows[1:])
+    assert "emission time fitted" in rows[4]["prior"]
+    # 20,000 photons, defects on and calibrated: 0.1 to 0.2 mm; the goal for twice as many is 0.4
+    assert rows[2]["position_rms_mm"] < 0.6
+    assert rows[4]["position_rms_mm"] < 0.6
+    for name in ("recording.h5", "calibration.h5", "path.h5", "path.csv", "demo.png"):
+        assert (tmp_path / "demo" / name).stat().st_size > 1000
+    assert "calibrating the clock" in done.stderr
+
+
+def test_versions_names_what_a_bug_report_needs(run):
+    done = run("versions")
+    for word in ("lightflight", "python", "numpy", "numba"):
+        assert word in done.stdout
+    assert json.loads(run("versions", "--json").stdout)["lightflight"] == lf.__version__
+    assert lf.__version__ in run("--version").stdout
