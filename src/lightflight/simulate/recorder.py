@@ -23,7 +23,8 @@ Ints = NDArray[np.int64]
 
 _LARGEST_HYPERGEOMETRIC = 10**9 - 1
 _FEW_LOST = 50.0
-_FEW_PHOTONS = 100_000
+_FEW_PHOTONS = 2_000
+_SPARSE = 0.05
 
 
 @dataclass(frozen=True)
@@ -52,26 +53,29 @@ def with_crosstalk(rate: Floats, probability: float) -> Floats:
 def occupied_frames(photons: Ints, n_frames: int, rng: np.random.Generator) -> Ints:
     """Frames that hold at least one of `photons` thrown into `n_frames` at random; (pixels,).
 
-    Few photons are thrown one by one. For many, the law is replaced by one of the same mean and
-    variance: the number of photons lost is Poisson where it is small, the number of frames
-    Gaussian where it is not.
+    Few photons in few frames are thrown one by one. Otherwise the law is replaced by one of the
+    same mean: the number of photons lost is Poisson where it is small (its variance then is
+    right to 7 %), the number of frames Gaussian with the exact variance where it is not.
     """
-    total = int(photons.sum())
-    if total <= _FEW_PHOTONS:
-        pixel = np.repeat(np.arange(len(photons)), photons)
-        hit = np.unique(pixel * n_frames + rng.integers(0, n_frames, total))
-        return np.bincount(hit // n_frames, minlength=len(photons)).astype(np.int64)
     m, n = photons.astype(float), float(n_frames)
     filled = n * -np.expm1(m * np.log1p(-1.0 / n)) if n > 1 else np.minimum(m, 1.0)
-    lost = m - filled
-    share = m / n
+    lost, share = m - filled, m / n
     variance = n * np.exp(-share) * -np.expm1(np.log1p(share) - share)
     frames = np.rint(filled + np.sqrt(np.maximum(variance, 0.0)) * rng.standard_normal(len(m)))
-    few = lost < _FEW_LOST
+    few = (lost < _FEW_LOST) & (share < _SPARSE)
     frames[few] = m[few] - rng.poisson(np.maximum(lost[few], 0.0))
     limit = np.minimum(photons, n_frames)
-    clipped: Ints = np.clip(frames.astype(np.int64), np.minimum(limit, 1), limit)
-    return clipped
+    drawn: Ints = np.clip(frames.astype(np.int64), np.minimum(limit, 1), limit)
+    thrown = np.flatnonzero((photons <= _FEW_PHOTONS) & (share >= _SPARSE))
+    drawn[thrown] = _thrown_frames(photons[thrown], n_frames, rng)
+    return drawn
+
+
+def _thrown_frames(photons: Ints, n_frames: int, rng: np.random.Generator) -> Ints:
+    """As `occupied_frames`, by throwing every photon."""
+    pixel = np.repeat(np.arange(len(photons)), photons)
+    hit = np.unique(pixel * n_frames + rng.integers(0, n_frames, len(pixel)))
+    return np.bincount(hit // n_frames, minlength=len(photons)).astype(np.int64)
 
 
 def recorded_counts(
