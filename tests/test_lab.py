@@ -64,9 +64,8 @@ def test_a_set_up_file_becomes_records(tmp_path):
     )
     np.testing.assert_array_equal(lab.camera.matrix, reference.matrix)
     np.testing.assert_array_equal(lab.camera.world_from_camera, reference.world_from_camera)
-    np.testing.assert_allclose(
-        np.sqrt(np.diag(lab.camera.pose_covariance)), [0, 0, 0, 0.1, 0.2, 0.3]
-    )
+    variances = np.square([0, 0, 0, 0.1, 0.2, 0.3])
+    np.testing.assert_allclose(lab.camera.pose_covariance, np.diag(variances))
     assert lab.source == Source((0, 0, 0), position_std_mm=1.0)
     assert lab.medium == Medium(1.47)
     assert lab.detector.gain_rms == 0.006

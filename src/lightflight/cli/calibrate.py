@@ -94,7 +94,7 @@ def command(
     if dry_run:
         print_lab(lab)
         return
-    recordings = {
+    recordings: dict[str, Any] = {
         name: read_histograms(path, lab, hints)
         for name, path in (("code_density", code_density), ("flat", flat), ("dark", dark))
         if path is not None
@@ -124,8 +124,10 @@ def command(
 
 def _flat_arrival(flat: Histograms) -> tuple[float, tuple[str, ...]]:
     """When the flat's light arrived, where nobody said: a simulation knows, a lab sets its zero."""
+    import numpy as np
+
     known = getattr(flat.truth, "flat_arrival_ps", None)
-    if known is None or getattr(known, "ndim", 0):
+    if known is None or np.ndim(known):
         return 0.0, (
             "the clock's zero is the arrival of the flat's light (--flat-arrival-ps sets another)",
         )
