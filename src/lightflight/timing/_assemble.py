@@ -95,13 +95,18 @@ def _widths_without_end(
             "the code-density recording shows no end of the laser period and has no bin_width_ps: "
             "give bin_width_ps (or laser_period_ps, where the codes cover the period)"
         )
+    gain_std = ASSUMED_GAIN_STD
+    if code_density.laser_period_ps is not None:
+        # Codes that stop just short of the period: an end in no pixel bounds the gains' spread.
+        hidden = code_density.laser_period_ps / width - code_density.n_codes
+        gain_std = min(gain_std, (abs(hidden) + 1.0) / code_density.n_codes)
     text = (
         "the codes show no end of the laser period, so gains cannot be measured: nominal ones are "
-        f"used, which costs {1000 * ASSUMED_GAIN_STD:.1f} ps per ns between flat and recording"
+        f"used, which costs {1000 * gain_std:.1f} ps per ns between flat and recording"
     )
     warnings.warn(text, UncalibratedWarning, stacklevel=5)
     image = np.ones(fit.flux.shape)
-    return width * image, ASSUMED_GAIN_STD * image, ASSUMED_SCALE_STD, [text]
+    return width * image, gain_std * image, min(ASSUMED_SCALE_STD, gain_std), [text]
 
 
 def _fit_notes(
@@ -127,7 +132,7 @@ def _fit_notes(
             f"own: {fit.n_phases} numbers where a pattern needs 9, and as many times the photons "
             "for the same error"
         )
-        warnings.warn(text, SuspectDataWarning, stacklevel=5)
+        warnings.warn(text, SuspectDataWarning, stacklevel=4)
         notes.append(text)
     if fit.first_live_code > 0:
         notes.append(
@@ -152,7 +157,7 @@ def clock_without_code_density(flat: Histograms) -> TimingCalibration:
         f"{1000 * ASSUMED_GAIN_STD:.1f} ps per ns between flat and recording on a camera like the "
         "PF32 (about 0.1-0.2 deg in a leg's angle)"
     )
-    warnings.warn(text, UncalibratedWarning, stacklevel=4)
+    warnings.warn(text, UncalibratedWarning, stacklevel=3)
     return replace(
         nominal, gain_std=image + ASSUMED_GAIN_STD, scale_std=ASSUMED_SCALE_STD,
         phases=np.ones((*flat.shape, 8)), phase_std=np.full((*flat.shape, 8), ASSUMED_PHASE_STD),
@@ -168,7 +173,7 @@ def with_assumed_delays(clock: TimingCalibration, assumed_skew_std_ps: float) ->
         f"{assumed_skew_std_ps:g} ps; arrays differ by 300-2,000 ps, and 1 ps per pixel costs "
         "0.02-0.03 deg in a leg's angle"
     )
-    warnings.warn(text, UncalibratedWarning, stacklevel=4)
+    warnings.warn(text, UncalibratedWarning, stacklevel=3)
     return replace(
         clock,
         skew_std_ps=np.full(clock.shape, float(assumed_skew_std_ps)),
@@ -184,6 +189,7 @@ def with_flat(
     *,
     flat_arrival_ps: ArrayLike,
     assumed_skew_std_ps: float,
+    nominal_codes: bool,
 ) -> TimingCalibration:
     """The clock with the delays that a flat recording shows."""
     delays = delays_from_flat(flat, timing=clock, flat_arrival_ps=flat_arrival_ps)
@@ -195,6 +201,8 @@ def with_flat(
     words = clock.flags.copy()
     words[~seen] |= flags.UNCALIBRATED
     words |= delays.flags & np.uint32(flags.NO_PHOTONS)
+    if nominal_codes:
+        clock = _with_misfit_of_flat(clock, delays.chi2_excess)
     notes = [
         f"flat: {np.nanmedian(delays.photons):.3g} photons per pixel, delays known to "
         f"{np.nanmedian(std[seen]):.2f} ps, spread {spread:.1f} ps rms, pulse "
@@ -207,6 +215,13 @@ def with_flat(
         response_std_ps=delays.response_std_ps, flags=words,
         assumed_skew_std_ps=float(assumed_skew_std_ps), notes=(*clock.notes, *notes),
     )  # fmt: skip
+
+
+def _with_misfit_of_flat(clock: TimingCalibration, chi2_excess: float) -> TimingCalibration:
+    """Uncalibrated code widths are as unequal as the flat's misfit with equal ones says."""
+    rms = min(float(np.sqrt(max(chi2_excess, 0.0))), 0.3)
+    note = f"with equal codes the flat leaves a misfit of {100 * rms:.1f} % rms of a code's width"
+    return replace(clock, phase_std=np.full(clock.phases.shape, rms), notes=(*clock.notes, note))
 
 
 def with_dark(clock: TimingCalibration, dark: Histograms) -> TimingCalibration:

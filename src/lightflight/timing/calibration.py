@@ -502,8 +502,9 @@ def calibrate_timing(
         clock = _assemble.clock_without_code_density(flat)
     if flat is not None:
         clock = _assemble.with_flat(
-            clock, flat, flat_arrival_ps=flat_arrival_ps, assumed_skew_std_ps=assumed_skew_std_ps
-        )
+            clock, flat, flat_arrival_ps=flat_arrival_ps, assumed_skew_std_ps=assumed_skew_std_ps,
+            nominal_codes=code_density is None,
+        )  # fmt: skip
     else:
         clock = _assemble.with_assumed_delays(clock, assumed_skew_std_ps)
     return clock if dark is None else _assemble.with_dark(clock, dark)

@@ -18,6 +18,7 @@ Takes `Histograms`, gives a `CodeDensityFit`; `calibration.py` turns that into p
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight import flags
-from lightflight.errors import CalibrationError
+from lightflight.errors import CalibrationError, SuspectDataWarning
 from lightflight.histogram import Histograms
 from lightflight.timing.code_edges import edges_and_end, relative_widths
 from lightflight.timing.code_pattern import (
@@ -38,13 +39,15 @@ from lightflight.timing.code_pattern import (
     pattern_goodness,
     pixel_blocks,
 )
-from lightflight.timing.period_end import PeriodEnd, fit_period_end
+from lightflight.timing.period_end import FARTHEST_FROM_END, PeriodEnd, fit_period_end
 
 SCREAMING_OCCUPANCY = 0.6
 """A pixel that fires in more frames than this, and 3 times as fast as its peers, screams."""
 
 _FEWEST_PHOTONS = 200
 _MOST_SPECIAL_CODES = 16
+_PULSE_HEIGHT = 1.6
+_MOST_PHOTONS_PER_PERIOD = 0.02
 
 Counts = NDArray[np.unsignedinteger]
 Floats = NDArray[np.float64]
@@ -160,6 +163,7 @@ def fit_code_density(hist: Histograms, *, free_widths: bool | None = None) -> Co
         counts[:, hist.no_photon_code] = 0
     photons = counts.sum(axis=1, dtype=np.float64)
     words = pixel_flags(photons, n_frames=hist.n_frames)
+    _warn_of_pile_up(hist, photons)
     good = words == 0
     if not good.any():
         raise CalibrationError(
@@ -176,6 +180,21 @@ def fit_code_density(hist: Histograms, *, free_widths: bool | None = None) -> Co
     if free_widths is None and fit.structured and _pattern_fails(fit, good.reshape(hist.shape)):
         fit = _fit(counts, hist, words, plateau, hist.n_codes)
     return fit
+
+
+def _warn_of_pile_up(hist: Histograms, photons: Floats) -> None:
+    """Say so where first photons of a frame crowd out later ones within one laser period."""
+    if hist.n_frames is None or hist.periods_per_frame is None:
+        return
+    share = np.minimum(np.median(photons) / hist.n_frames, 1.0 - 1e-6)
+    per_period = -np.log1p(-share) / hist.periods_per_frame
+    if per_period > _MOST_PHOTONS_PER_PERIOD:
+        warnings.warn(
+            f"the code-density recording has {per_period:.2g} photons per pixel and laser period: "
+            "only the first is recorded, so early codes look wider than they are; use less light",
+            SuspectDataWarning,
+            stacklevel=5,
+        )
 
 
 def pixel_flags(photons: Floats, *, n_frames: int | None) -> NDArray[np.uint32]:
@@ -218,21 +237,36 @@ def _find_plateau(summed: Floats) -> Plateau:
     alive = np.flatnonzero(summed > 0.3 * level)
     first_live = int(alive[0])
     last = int(alive[-1])
-    end_seen = last < len(summed) - 1
-    stop = len(summed)
+    end_seen = last < len(summed) - 1 or bool(summed[-9:].mean() < 0.9 * level)
+    fall = len(summed)
     if end_seen:
         # Pixels end at different codes: the fall of the sum shows how far apart.
         smooth = np.convolve(summed, np.ones(9) / 9.0, mode="same")
         above = np.flatnonzero(smooth > 0.9 * level)[-1]
         below = np.flatnonzero(smooth > 0.1 * level)[-1]
-        stop = int(max(above - 2 * (below - above) - 8, first_live + 1))
+        fall = int(max(above - 2 * (below - above) - 8, first_live + 1))
+    stop = fall - min(FARTHEST_FROM_END, (fall - first_live) // 4) if end_seen else fall
     start = min(first_live + _MOST_SPECIAL_CODES, (first_live + stop) // 2)
     if stop - start < 8:
         raise CalibrationError(
             f"the code-density recording has only {stop - start} codes of even height: "
             "it holds a pulse, or its light is not uncorrelated with the laser"
         )
-    return Plateau(first_live, start, stop, end_seen)
+    _check_no_pulse(summed, start, last)
+    return Plateau(first_live, start, stop, fall, end_seen)
+
+
+def _check_no_pulse(summed: Floats, start: int, stop: int) -> None:
+    """Raise where neighbouring codes together hold far more counts than the rest."""
+    size = min(9, stop - start)
+    smooth = np.convolve(summed[start:stop], np.ones(size) / size, mode="valid")
+    level = float(np.median(summed[start:stop]))
+    high = float(smooth.max())
+    if high > _PULSE_HEIGHT * level and high - level > 8.0 * np.sqrt(high / size):
+        raise CalibrationError(
+            f"the code-density recording holds a pulse near code {start + size // 2 + int(np.argmax(smooth))}: "
+            "its light must not know of the laser (is this the flat recording?)"
+        )
 
 
 def _fit(
@@ -256,7 +290,7 @@ def _fit(
         if plateau.end_seen:
             end = fit_period_end(
                 counts, flux=pattern.flux, phases=pattern.phases, regular=pattern.regular,
-                good=good, start=plateau.stop,
+                good=good, start=plateau.fall,
             )  # fmt: skip
     words = words.copy()
     words[good & (z_score > 6.0)] |= flags.POOR_FIT
@@ -315,10 +349,18 @@ def _codes_per_period(
 
 def _typical_where_unusable(fit: CodeDensityFit) -> CodeDensityFit:
     """Replace numbers of pixels that could not be measured by the array's, with its spread."""
+    n_codes = len(fit.code_widths)
+    open_end = fit.period_end_seen & fit.structured & (fit.end_code > n_codes - 0.5)
     unusable = (fit.flags & (flags.NO_PHOTONS | flags.DEAD | flags.TOO_FEW)) != 0
+    unusable = unusable | open_end
     if not unusable.any():
         return fit
-    good = (fit.flags & flags.EXCLUDING) == 0
+    good = flags.is_usable(fit.flags) & ~unusable
+    if not good.any():
+        raise CalibrationError(
+            "the end of the laser period lies beyond the last code in every pixel of the "
+            "code-density recording: use more codes, or a shorter period"
+        )
     words = fit.flags.copy()
     words[unusable] |= flags.UNCALIBRATED
     changed: dict[str, Any] = {"flags": words}

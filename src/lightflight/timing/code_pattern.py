@@ -22,12 +22,22 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Plateau:
-    """Codes between the first live ones and the first end of a period in any pixel."""
+    """Codes from `start` to `stop` are all alike; they decide flux and pattern."""
 
     first_live: int
+    """First code that is not dead."""
+
     start: int
+    """First code after those that may take up the dead ones' time."""
+
     stop: int
+    """First code that the end of the period may disturb."""
+
+    fall: int
+    """First code that may lie beyond the end of the period in some pixel."""
+
     end_seen: bool
+    """False where codes stop before the period does."""
 
     @property
     def codes(self) -> NDArray[np.intp]:
@@ -76,14 +86,29 @@ def _pattern_excess(table: Floats, n_phases: int) -> float:
 class CodePattern:
     """Shared and per-pixel parts of the structured model, pixels along the first axis."""
 
-    flux: Floats  # (n,)
-    raw_phases: Floats  # (n, n_phases), before they are drawn towards the mean
-    phases: Floats  # (n, n_phases)
-    phase_std: Floats  # (n, n_phases)
+    flux: Floats
+    """(n,), counts in a plateau code."""
+
+    raw_phases: Floats
+    """(n, n_phases), each pixel's own relative widths."""
+
+    phases: Floats
+    """(n, n_phases), the same drawn towards the array's mean as far as their noise demands."""
+
+    phase_std: Floats
+    """(n, n_phases), standard error of `phases`."""
+
     phase_spread: float
-    regular: Floats  # (codes,)
-    widths: Floats  # (codes,)
-    start_excess: float = 0.0  # free widths: time of the first live codes beyond the plateau's
+    """True spread (rms) of `raw_phases` between pixels, the noise taken off."""
+
+    regular: Floats
+    """(codes,), shared relative widths without dead and first live codes' own."""
+
+    widths: Floats
+    """(codes,), shared relative widths; 0 for dead codes."""
+
+    start_excess: float = 0.0
+    """Free widths only: time of the first live codes beyond that of as many plateau codes."""
 
 
 def fit_pattern(
@@ -260,5 +285,6 @@ def pattern_goodness(
 
 
 def pixel_blocks(n_pixels: int) -> Iterator[slice]:
+    """Ranges of pixels small enough to work on at once."""
     for start in range(0, n_pixels, _BLOCK):
         yield slice(start, min(start + _BLOCK, n_pixels))

@@ -20,7 +20,8 @@ Counts = NDArray[np.unsignedinteger]
 Floats = NDArray[np.float64]
 
 _BLOCK = 2048
-_FARTHEST_FROM_END = 128
+FARTHEST_FROM_END = 64
+"""Codes before the end of the period that the sync may disturb."""
 _BRIGHTEST = 200
 """Pixels that decide the blur and the stray counts, which are common to all."""
 
@@ -159,12 +160,12 @@ def _widths_near_end(
     """Relative widths of codes by distance from the end, from all usable pixels: (m,).
 
     Kept out to the last distance at which five codes together stand out by 5.5 standard
-    deviations (chance in 128 distances: 5e-6); the codes that the blurred end itself touches
+    deviations (chance in 64 distances: 2e-6); the codes that the blurred end itself touches
     take the width of those next to them.
     """
     nearest = int(np.ceil(1.0 + 3.0 * found.blur_codes))
     end = found.end_code[good]
-    farthest = min(_FARTHEST_FROM_END, int(end.min()) // 2)
+    farthest = min(FARTHEST_FROM_END, int(end.min()) // 2)
     observed, expected = np.zeros(farthest), np.zeros(farthest)
     undisturbed = replace(full, end_widths=np.zeros(0))
     pixels = np.flatnonzero(good)
