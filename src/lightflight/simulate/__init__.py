@@ -1,13 +1,14 @@
 """The digital twin: from a scene to what the camera would have written.
 
 Scene and detector: `Scene`, `Detector`; ready-made ones: `ideal`, `pf32`, `spad256`, `streak`,
-`paper_scene`, `angle_scene`. Recording: `simulate`, which attaches a `Truth`.
+`paper_scene`, `angle_scene`; `vertices_from_mirrors`, `dust`. Recording: `simulate`, which attaches a `Truth`.
 
 Shares camera, flight and path constants with `reconstruct`, and nothing else: light is drawn
 photon by photon here and computed as a mean there.
 """
 
 from lightflight.simulate.detector import Detector, PixelDefects
+from lightflight.simulate.mirrors import Mirror, dust, vertices_from_mirrors
 from lightflight.simulate.presets import angle_scene, ideal, paper_scene, pf32, spad256, streak
 from lightflight.simulate.run import simulate
 from lightflight.simulate.scene import Scene
@@ -15,14 +16,17 @@ from lightflight.simulate.truth import Truth
 
 __all__ = [
     "Detector",
+    "Mirror",
     "PixelDefects",
     "Scene",
     "Truth",
     "angle_scene",
+    "dust",
     "ideal",
     "paper_scene",
     "pf32",
     "simulate",
     "spad256",
     "streak",
+    "vertices_from_mirrors",
 ]
