@@ -42,8 +42,8 @@ format: $(VENV)/.installed-dev ## let ruff order and format the code
 	@$(BIN)/ruff check --fix .
 	@$(BIN)/ruff format .
 
-fuzz: $(VENV)/.installed-dev ## the property tests at length (HYPOTHESIS_PROFILE=fuzz)
-	@HYPOTHESIS_PROFILE=fuzz NUMBA_NUM_THREADS=1 $(BIN)/python -m pytest $(PYTEST_FLAGS) -m fuzz --timeout=3600
+fuzz: $(VENV)/.installed-dev ## the property tests with new random input, at length
+	@HYPOTHESIS_PROFILE=fuzz NUMBA_NUM_THREADS=1 $(BIN)/python -m pytest $(PYTEST_FLAGS) -m hypothesis --timeout=3600
 
 clean: ## remove the environment, results and caches
 	@rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -1,0 +1,119 @@
+"""Write docs/reference/*.md from the code: set-up keys, flags, exit codes, commands.
+
+    .venv/bin/python tools/write_reference.py            # writes the pages
+    .venv/bin/python tools/write_reference.py --check    # fails where a page is out of date
+
+Nothing on these pages is typed twice: `tests/contracts/test_reference.py` runs the check.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+from pathlib import Path
+
+import click
+
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "reference"
+_MARK = "<!-- written by tools/write_reference.py; change the code instead -->\n"
+
+
+def setup_page() -> str:
+    """Every section and key of a set-up file."""
+    from lightflight.lab import SECTIONS
+
+    lines = [
+        _MARK,
+        "# The set-up file\n",
+        "TOML; every section and key may be left out. An unknown key is an error that names the "
+        "nearest valid one. `--dry-run` prints what was understood, `--set section.key=value` "
+        'changes one key for one command. Where None is not the default, the word `"none"` says '
+        "it.\n",
+    ]
+    for section, keys in SECTIONS.items():
+        lines.append(f"## [{section}]\n")
+        if keys is None:
+            lines.append(
+                "Hints for `lightflight.read`: what recordings do not say themselves, such as "
+                "`bin_width_ps`, `laser_period_ps`, `reversed_codes` or `axes`. Which there are "
+                "depends on the format.\n"
+            )
+            continue
+        lines += ["| key | meaning |", "|---|---|"]
+        lines += [f"| `{key.name}` | {key.meaning.replace('|', chr(92) + '|')} |" for key in keys]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def flags_page() -> str:
+    """Everything that can be wrong with a pixel or a pulse."""
+    from lightflight.flags import REGISTRY
+
+    lines = [_MARK, "# Flags\n", "| bit | name | meaning | takes no part |", "|---:|---|---|---|"]
+    lines += [
+        f"| {flag.value.bit_length() - 1} | `{flag.name}` | {flag.meaning} "
+        f"| {'yes' if flag.excludes else ''} |"
+        for flag in REGISTRY
+    ]
+    return "\n".join([*lines, ""])
+
+
+def commands_page() -> str:
+    """What every command does and takes, and the exit codes."""
+    from lightflight.cli import main
+    from lightflight.cli._errors import EXIT_CODES
+
+    lines = [_MARK, "# The command line\n"]
+    for name, command in sorted(main.commands.items()):
+        text = inspect.cleandoc(command.help or "")
+        prose, _, examples = text.partition("\b\n")
+        lines += [f"## lightflight {name}\n", prose.strip(), ""]
+        lines += ["```text", *examples.splitlines()[1:], "```\n"]
+        lines += ["| option | meaning |", "|---|---|"]
+        lines += [f"| {_spelling(option)} | {_meaning(option)} |" for option in command.params]
+        lines.append("")
+    lines += ["## Exit codes\n", "| code | meaning |", "|---:|---|"]
+    lines += [f"| {code} | {meaning} |" for code, meaning in EXIT_CODES.items()]
+    return "\n".join([*lines, ""])
+
+
+def _spelling(parameter: click.Parameter) -> str:
+    if isinstance(parameter, click.Argument):
+        return f"`{(parameter.name or '').upper()}`"
+    spelled = ", ".join(f"`{word}`" for word in parameter.opts)
+    choices = getattr(parameter.type, "choices", ())
+    return spelled + (f" {' &#124; '.join(choices)}" if choices else "")
+
+
+def _meaning(parameter: click.Parameter) -> str:
+    return " ".join((getattr(parameter, "help", None) or "").split()).replace("|", "&#124;")
+
+
+PAGES = {"setup-file.md": setup_page, "flags.md": flags_page, "commands.md": commands_page}
+
+
+def outdated_pages() -> list[str]:
+    """Names of the pages that do not say what the code says."""
+    return [
+        name
+        for name, page in PAGES.items()
+        if not (FOLDER / name).is_file() or (FOLDER / name).read_text(encoding="utf-8") != page()
+    ]
+
+
+def main() -> None:
+    """Write the pages, or check them."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--check", action="store_true", help="change nothing")
+    if parser.parse_args().check:
+        outdated = outdated_pages()
+        if outdated:
+            raise SystemExit(f"out of date, run tools/write_reference.py: {', '.join(outdated)}")
+        return
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for name, page in PAGES.items():
+        (FOLDER / name).write_text(page(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
