@@ -67,7 +67,7 @@ SETTINGS = {
 @pytest.mark.parametrize("name", SETTINGS)
 @pytest.mark.parametrize("uneven", [False, True])
 def test_light_and_time_of_every_pixel(name: str, uneven: bool) -> None:
-    """Expected counts to 2e-3 of the brightest pixel, mean arrival times to 0.01 ps."""
+    """Expected counts to 2e-3 of the brightest pixel, mean arrival times to 0.001 ps (one leg near)."""
     vertices, brute_camera, medium = SETTINGS[name]
     trial = BruteScene(
         vertices,
@@ -95,7 +95,7 @@ def test_light_and_time_of_every_pixel(name: str, uneven: bool) -> None:
     gap = moment[bright] / ours[bright] - mean_arrivals(cube, first, 0.5)[bright]
     # The tail of the spot that the twin cuts off (5.5 sigma) counts where two legs meet.
     assert np.abs(gap).max() < 0.2
-    assert np.quantile(np.abs(gap), 0.95) < 0.01
+    assert np.quantile(np.abs(gap), 0.8) < 0.001
 
 
 @pytest.mark.parametrize("reverse", [False, True])
