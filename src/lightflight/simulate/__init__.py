@@ -1,7 +1,8 @@
 """The digital twin: from a scene to what the camera would have written.
 
-Scene and detector: `Scene`, `Detector`; ready-made ones: `ideal`, `pf32`, `spad256`, `streak`,
-`paper_scene`, `angle_scene`; `vertices_from_mirrors`, `dust`. Recording: `simulate`, which attaches a `Truth`.
+Scene and detector: `Scene`, `Detector`; ready-made ones: `paper_scene`, `angle_scene`; `ideal`,
+`pf32`, `spad256`, `streak`. Paths and air: `Mirror`, `vertices_from_mirrors`, `dust`.
+Recording: `simulate`, which attaches a `Truth`.
 
 Shares camera, flight and path constants with `reconstruct`, and nothing else: light is drawn
 photon by photon here and computed as a mean there.

@@ -76,9 +76,9 @@ class TrueClock:
     def _lower_edges(self, pixel: Ints, code: Ints) -> Floats:
         """Interval s at which a code of a pixel starts; `code` >= k1; broadcast; ps."""
         n = self.phases.shape[1]
-        whole, rest = np.divmod(code, n)
+        rest = code % n
         start = np.minimum(code - self.first_live_code, self._start_excess.shape[1] - 1)
-        codes = whole * n + self._phase_sums[pixel, rest] + self._start_excess[pixel, start]
+        codes = (code - rest) + self._phase_sums[pixel, rest] + self._start_excess[pixel, start]
         edges: Floats = self._base[pixel] + self.width_ps[pixel] * codes
         return edges
 
@@ -122,10 +122,7 @@ class TrueClock:
         code = np.clip(guess, self.first_live_code, self.n_codes).astype(np.int64)
         pending = np.arange(len(code))
         for _ in range(4 * n + 2 * len(self.start_widths) + 8):
-            k, p, s = code[pending], pixel[pending], interval[pending]
-            above = (s >= self._lower_edges(p, k + 1)) & (k < self.n_codes)
-            below = (s < self._lower_edges(p, k)) & (k > self.first_live_code)
-            step = above.astype(np.int64) - below
+            step = self._step_towards(interval[pending], pixel[pending], code[pending])
             moved = step != 0
             pending = pending[moved]
             if not len(pending):
@@ -133,6 +130,14 @@ class TrueClock:
             code[pending] += step[moved]
         else:
             raise RuntimeError("a code search did not end: the phases are far from even")
-        too_early = interval < self._lower_edges(pixel, np.full_like(code, self.first_live_code))
-        code[too_early | (code >= self.n_codes)] = LOST
+        first = np.flatnonzero(code == self.first_live_code)
+        too_early = interval[first] < self._lower_edges(pixel[first], code[first])
+        code[first[too_early]] = LOST
+        code[code >= self.n_codes] = LOST
         return code
+
+    def _step_towards(self, interval: Floats, pixel: Ints, code: Ints) -> Ints:
+        """+1 where a code ends before the interval, -1 where it starts after it, else 0."""
+        above = (interval >= self._lower_edges(pixel, code + 1)) & (code < self.n_codes)
+        below = (interval < self._lower_edges(pixel, code)) & (code > self.first_live_code)
+        return above.astype(np.int64) - below
