@@ -276,11 +276,23 @@ def window_holds(theta, n_pulses, window, m):
 
 
 @jit
+def normal_from_chi2(chi2, expected, variance):
+    """Standard normal deviate as unlikely as a chi2 of given mean and variance.
+
+    Wilson & Hilferty (1931) on the scaled chi2 of the same two moments.
+    """
+    if expected <= 0.0:
+        return 0.0
+    narrow = variance / (9.0 * expected * expected)
+    return ((chi2 / expected) ** (1.0 / 3.0) - (1.0 - narrow)) / math.sqrt(narrow)
+
+
+@jit
 def describe_fit(bins, n, theta, n_pulses, model, window, m, scratch, summary):
     """Goodness of fit, and the share of the pulses the live bins could record.
 
-    summary: Pearson chi2, its bins, chi2 over bins with >= 1 expected count in units of its own
-    standard deviation above expectation, smallest share of a pulse inside live bins.
+    summary: Pearson chi2, its bins, how unlikely chi2 over the bins with >= 1 expected count is
+    (as a standard normal deviate), smallest share of a pulse inside live bins.
     """
     counts, edges, exposure = window
     vectors, outside = scratch[0], scratch[3]
@@ -314,7 +326,7 @@ def describe_fit(bins, n, theta, n_pulses, model, window, m, scratch, summary):
             rich_bins += n_out
             rich_variance += 2.0 * n_out + inverse / background
     summary[0], summary[1] = chi2, n_bins
-    summary[2] = (rich_chi2 - rich_bins) / math.sqrt(max(rich_variance, 1.0))
+    summary[2] = normal_from_chi2(rich_chi2, rich_bins, rich_variance)
     summary[3] = held[:n_pulses].min()
 
 

@@ -19,7 +19,7 @@ N_COLUMNS = 14
 
 (
     COUNTS, EXPOSURE, LOG_EXCESS, N_PULSES, OBJECTIVE, CONVERGED, LAST_STEP, STEPS, CHI2, CHI2_BINS,
-    CHI2_EXCESS, HELD_SHARE, RESIDUAL, STD_FREE,
+    CHI2_DEVIATE, HELD_SHARE, RESIDUAL, STD_FREE,
 ) = range(N_COLUMNS)  # fmt: skip
 
 
@@ -45,7 +45,7 @@ def fit_tile(
 
     thetas (m, 4) centre, photons, std, background; covariances (m, 4, 4) in that order; table
     (m, N_COLUMNS): counts, exposure, log excess of the scan, pulses found, objective, converged,
-    squared last step, steps, chi2, its bins, chi2 excess in std, share of the pulse in live bins,
+    squared last step, steps, chi2, its bins, its deviate, share of the pulse in live bins,
     log excess of the residuals far from the pulse, 1 where std is not at a bound.
     """
     bins, window, sums, small = new_scratch(2 * counts.shape[1] + 2, 1)

@@ -28,8 +28,8 @@ PERIOD_PULSES = 6.0
 HELD_SHARE = 0.9
 """Least share of a pulse that live codes must cover."""
 
-POOR_FIT_STD = 5.0
-"""Excess of chi2, in its own standard deviations, from which a fit is called poor."""
+POOR_FIT_STD = 4.5
+"""Deviate of chi2 (standard normal: one in 300,000) from which a fit is called poor."""
 
 FEW_COUNTS = 8
 """A pixel with fewer counts than this and no pulse may well have one: too few to tell."""
@@ -68,7 +68,7 @@ def _pixel_flags(fits: Fits, hist: Histograms, todo: NDArray[np.bool_]) -> NDArr
     flags[missed & ~few] |= fl.NO_PULSE
     with np.errstate(invalid="ignore"):
         flags[found & (table[:, col.CONVERGED] == 0)] |= fl.NOT_CONVERGED
-        flags[found & (table[:, col.CHI2_EXCESS] > POOR_FIT_STD)] |= fl.POOR_FIT
+        flags[found & (table[:, col.CHI2_DEVIATE] > POOR_FIT_STD)] |= fl.POOR_FIT
         flags[found & (table[:, col.HELD_SHARE] < HELD_SHARE)] |= fl.NEAR_GATE_EDGE
     flags[table[:, col.N_PULSES] > 1] |= fl.MULTIPLE_PULSES
     if hist.poisson:
@@ -88,7 +88,7 @@ def _count_flags(
     photons = np.nan_to_num(fits.values[:, 2])
     signal = np.minimum(np.bincount(fits.pixel, photons, minlength=len(counts)), counts)
     dark = counts - signal
-    lit = todo & (counts > 0)
+    lit = todo & (counts > 0) & np.isfinite(fits.table[:, col.EXPOSURE])
     if not lit.any():
         return flags
     flat = signal < 0.2 * dark

@@ -226,9 +226,9 @@ def pixels_to_split(fits: Fits) -> NDArray[np.int64]:
         elsewhere = table[:, pulse_tile.RESIDUAL] > LOG_FALSE_SECOND - 4.0
         widened = pulse_split.WIDER * fits.typical_std
         wide = values[:, 1] - 2.0 * std_of[:, 1] > widened
-        chi2_excess = table[:, pulse_tile.CHI2_EXCESS]
+        deviate = table[:, pulse_tile.CHI2_DEVIATE]
         misfit = (table[:, pulse_tile.CHI2] - table[:, pulse_tile.CHI2_BINS]) / values[:, 2]
-        misshapen = (chi2_excess > 4.0) & (misfit > 0.02)
+        misshapen = (deviate > 4.0) & (misfit > 0.02)
         failed = table[:, pulse_tile.CONVERGED] == 0
     return np.flatnonzero(found & (elsewhere | wide | misshapen | failed))
 
