@@ -123,11 +123,15 @@ class BruteClock:
     reversed: bool = False
     first_edge: float = 0.0
     no_photon_code: int | None = None
+    ends_with_period: bool = False
+    """True: the next sync stops the clock, so that codes beyond the period stay empty."""
 
     def interval(self, code: int) -> tuple[float, float]:
         """Delays that give one code, before folding into the period."""
         near = self.first_edge + code * self.width
         far = self.first_edge + (code + 1) * self.width
+        if self.ends_with_period:
+            near, far = min(near, self.period), min(far, self.period)
         return (self.period - far, self.period - near) if self.reversed else (near, far)
 
 
