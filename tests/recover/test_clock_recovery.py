@@ -42,7 +42,7 @@ def test_arrival_errors_are_small_and_as_stated(seed, distance_ps, most_ps):
     assert error.std() < most_ps
     assert (error / stated).std() == pytest.approx(1.0, abs=0.15)
     assert modes.shape[1] == 0
-    # the array's mean gain is itself measured: its error is the pixels' over the root of their number
+    # the array's mean gain is measured too: the error of a pixel over the root of their number
     assert abs(error.mean()) < 5.0 * np.sqrt(np.mean(stated**2) / len(error))
 
 

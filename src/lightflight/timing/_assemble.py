@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,24 +19,27 @@ from lightflight.timing.calibration import (
     ASSUMED_SCALE_STD,
     TimingCalibration,
 )
-from lightflight.timing.code_density import CodeDensityFit, fit_code_density, pixel_flags
-from lightflight.timing.delays import delays_from_flat
+from lightflight.timing.code_density import CodeDensityFit, pixel_flags
+from lightflight.timing.delay_scan import DelayScan, fit_scan
+from lightflight.timing.delays import FlatDelays, delays_from_flat, skews_near_median
 
 Floats = NDArray[np.float64]
 
+_SCAN_TOLERANCE = 5e-4
+"""Relative error of delays that people can set and know."""
+
 
 def clock_from_code_density(
-    code_density: Histograms, *, dead_codes: str | None, fit: CodeDensityFit | None = None
+    code_density: Histograms, fit: CodeDensityFit, *, dead_codes: str | None
 ) -> TimingCalibration:
     """Code edges of every pixel; delays are not known yet.
 
     Parameters
     ----------
     code_density : recording of light that ignores the laser.
+    fit : what `fit_code_density` says of it.
     dead_codes : "absorbed", "lost" or None, see `calibrate_timing`.
-    fit : its fit, where it is at hand.
     """
-    fit = fit_code_density(code_density) if fit is None else fit
     good = flags.is_usable(fit.flags)
     width, gain_std, scale_std, notes = _widths_ps(code_density, fit, dead_codes, good)
     mean_width = float(width[good].mean())
@@ -183,38 +188,146 @@ def with_assumed_delays(clock: TimingCalibration, assumed_skew_std_ps: float) ->
     )
 
 
-def with_flat(
+def with_flats(
     clock: TimingCalibration,
-    flat: Histograms,
+    flats: Sequence[Histograms],
+    arrivals_ps: Sequence[ArrayLike],
     *,
-    flat_arrival_ps: ArrayLike,
     assumed_skew_std_ps: float,
     nominal_codes: bool,
 ) -> TimingCalibration:
-    """The clock with the delays that a flat recording shows."""
-    delays = delays_from_flat(flat, timing=clock, flat_arrival_ps=flat_arrival_ps)
-    seen = np.isfinite(delays.skew_ps)
-    skew, std = delays.skew_ps.copy(), delays.skew_std_ps.copy()
-    middle = float(np.median(skew[seen]))
-    spread = float(np.std(skew[seen]))
+    """The clock with the delays that flat recordings show, and what several say of its gains."""
+    seen_by = [
+        delays_from_flat(flat, timing=clock, flat_arrival_ps=arrival)
+        for flat, arrival in zip(flats, arrivals_ps, strict=True)
+    ]
+    if nominal_codes:
+        clock = _with_misfit_of_flat(clock, float(np.mean([x.chi2_excess for x in seen_by])))
+    scan = scan_of_flats(clock, flats, arrivals_ps, seen_by)
+    seen = np.isfinite(scan.skew_ps)
+    skew, std = scan.skew_ps.copy(), scan.skew_std_ps.copy()
+    middle, spread = float(np.median(skew[seen])), float(np.std(skew[seen]))
     skew[~seen], std[~seen] = middle, max(spread, assumed_skew_std_ps)
     words = clock.flags.copy()
     words[~seen] |= flags.UNCALIBRATED
-    words |= delays.flags & np.uint32(flags.NO_PHOTONS)
-    if nominal_codes:
-        clock = _with_misfit_of_flat(clock, delays.chi2_excess)
+    for flat, delays in zip(flats, seen_by, strict=True):
+        words |= _pixels_that_scream(flat) | (delays.flags & np.uint32(flags.NO_PHOTONS))
+    response = np.stack([x.response_std_ps for x in seen_by])
+    photons = [float(np.nanmedian(x.photons)) for x in seen_by]
     notes = [
-        f"flat: {np.nanmedian(delays.photons):.3g} photons per pixel, delays known to "
-        f"{np.nanmedian(std[seen]):.2f} ps, spread {spread:.1f} ps rms, pulse "
-        f"{np.nanmedian(delays.response_std_ps):.1f} ps (std)"
+        f"flat: {' + '.join(f'{n:.3g}' for n in photons)} photons per pixel, delays known to "
+        f"{np.median(std[seen]):.2f} ps, spread {spread:.1f} ps rms, pulse "
+        f"{np.nanmedian(response):.1f} ps (std)"
     ]
     if not seen.all():
         notes.append(f"{int((~seen).sum())} pixels show no pulse in the flat: the array's delay")
-    return replace(
-        clock, skew_ps=skew, skew_std_ps=std, anchor_delay_ps=delays.pulse_delay_ps,
-        response_std_ps=delays.response_std_ps, flags=words,
+    clock = replace(
+        clock, skew_ps=skew, skew_std_ps=std, anchor_delay_ps=scan.anchor_delay_ps,
+        response_std_ps=_mean_where_seen(response), flags=words,
         assumed_skew_std_ps=float(assumed_skew_std_ps), notes=(*clock.notes, *notes),
     )  # fmt: skip
+    return _with_gains_of_scan(clock, scan) if len(flats) > 1 else clock
+
+
+def scan_of_flats(
+    clock: TimingCalibration,
+    flats: Sequence[Histograms],
+    arrivals_ps: Sequence[ArrayLike],
+    seen_by: Sequence[FlatDelays],
+) -> DelayScan:
+    """Line through the delays of several flats in each pixel (one flat: its delay alone)."""
+    period, shape = clock.laser_period_ps, clock.shape
+    delay = np.stack([x.pulse_delay_ps for x in seen_by])
+    std = np.stack([x.skew_std_ps for x in seen_by])
+    skew = np.stack([x.skew_ps for x in seen_by])
+    if period is not None:
+        skew = skews_near_median(skew, period)
+    if len(flats) > 1:
+        bare = replace(
+            clock, gain_std=np.zeros(shape), skew_std_ps=np.zeros(shape), scale_std=0.0,
+            anchor_delay_ps=np.full(shape, np.nan), flat_mode_names=(),
+        )  # fmt: skip
+        rows, cols = (grid.ravel() for grid in np.indices(shape))
+        widths = [bare.arrival_errors_ps(rows, cols, x.ravel())[0].reshape(shape) for x in delay]
+        std = np.hypot(std, np.stack(widths))
+    return fit_scan(delay, delay - skew, std, clock.gain_std / clock.gain)
+
+
+def _mean_where_seen(values: Floats) -> Floats:
+    """(rows, cols), mean over the first axis, without NaN."""
+    seen = np.isfinite(values)
+    count = seen.sum(axis=0)
+    total = np.where(seen, values, 0.0).sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _with_gains_of_scan(clock: TimingCalibration, scan: DelayScan) -> TimingCalibration:
+    """Scale and gains drawn to what a delay scan says, each as far as its error allows.
+
+    Times stretch about the end of the period; anchors and skews stretch with them. A scale that
+    the period itself gives is kept: the scan then only moves gains against each other.
+    """
+    prior, found, std = clock.scale_std, scan.scale, scan.scale_std
+    if not np.isfinite(std):
+        return clock
+    note = f"delay scan: scale {100 * found:+.3f} +- {100 * std:.3f} %"
+    if abs(found) > 5.0 * np.hypot(prior, std) and abs(found) > _SCAN_TOLERANCE:
+        text = (
+            f"{note} against the code density, more than their errors allow: check the delays "
+            "given with the flats, and dead_codes"
+        )
+        warnings.warn(text, SuspectDataWarning, stacklevel=4)
+    scale = found * prior**2 / (prior**2 + std**2)
+    scale_std = prior * std / np.hypot(prior, std)
+    information = (scan.lever_ps * clock.gain_std / clock.gain) ** 2
+    kept = information / (1.0 + information)
+    own = np.nan_to_num(kept * (scan.slope - (scale if prior > 0 else found)))
+    stretch = 1.0 + scale + own
+    good = flags.is_usable(clock.flags)
+    mean = float(np.mean((clock.gain * stretch)[good if good.any() else slice(None)]))
+    anchor = clock.end_delay_ps + stretch * (clock.anchor_delay_ps - clock.end_delay_ps)
+    moved = np.nan_to_num(anchor - clock.anchor_delay_ps)
+    return replace(
+        clock, bin_width_ps=clock.bin_width_ps * mean, gain=clock.gain * stretch / mean,
+        # What a pixel's own slope tells, the shared error no longer holds.
+        scale_std=float(scale_std * np.median(1.0 - kept)),
+        gain_std=clock.gain_std * np.sqrt(1.0 - kept) * stretch / mean,
+        anchor_delay_ps=anchor, skew_ps=clock.skew_ps + moved, notes=(*clock.notes, note),
+    )  # fmt: skip
+
+
+def with_dead_codes_of_scan(
+    clock: TimingCalibration,
+    code_density: Histograms,
+    fit: CodeDensityFit,
+    flats: Sequence[Histograms],
+    arrivals_ps: Sequence[ArrayLike],
+) -> TimingCalibration:
+    """The clock under the hypothesis of the dead codes that flats at known delays bear out."""
+    seen_by = [
+        delays_from_flat(flat, timing=clock, flat_arrival_ps=arrival)
+        for flat, arrival in zip(flats, arrivals_ps, strict=True)
+    ]
+    scan = scan_of_flats(clock, flats, arrivals_ps, seen_by)
+    dead_codes = dead_codes_from_scan(clock, scan)
+    if dead_codes is None:
+        return clock
+    clock = clock_from_code_density(code_density, fit, dead_codes=dead_codes)
+    return replace(clock, notes=(*clock.notes, "the delay scan says so"))
+
+
+def dead_codes_from_scan(clock: TimingCalibration, scan: DelayScan) -> str | None:
+    """Which hypothesis of the dead codes a delay scan bears out; None where it cannot tell."""
+    half = clock.scale_std
+    if not (half > 0 and np.isfinite(scan.scale_std)):
+        return None
+    std = np.hypot(scan.scale_std, 0.02 * half)
+    from_absorbed, from_lost = abs(scan.scale - half) / std, abs(scan.scale + half) / std
+    if from_absorbed < 4.0 and from_lost > 6.0:
+        return "absorbed"
+    if from_lost < 4.0 and from_absorbed > 6.0:
+        return "lost"
+    return None
 
 
 def _with_misfit_of_flat(clock: TimingCalibration, chi2_excess: float) -> TimingCalibration:
@@ -226,28 +339,60 @@ def _with_misfit_of_flat(clock: TimingCalibration, chi2_excess: float) -> Timing
 
 def with_dark(clock: TimingCalibration, dark: Histograms) -> TimingCalibration:
     """The clock with pixels flagged that scream in the dark."""
-    photons = dark.photons.astype(np.float64)
-    words = pixel_flags(photons.ravel(), n_frames=dark.n_frames).reshape(dark.shape)
-    screaming = words & np.uint32(flags.SCREAMING)
+    screaming = _pixels_that_scream(dark)
     note = f"dark: {int(np.count_nonzero(screaming))} pixels scream"
     return replace(clock, flags=clock.flags | screaming, notes=(*clock.notes, note))
 
 
+def _pixels_that_scream(hist: Histograms) -> NDArray[np.uint32]:
+    """(rows, cols), the flag `screaming` where a pixel fires far more often than its peers."""
+    photons = hist.photons.astype(np.float64)
+    words = pixel_flags(photons.ravel(), n_frames=hist.n_frames).reshape(hist.shape)
+    return words & np.uint32(flags.SCREAMING)
+
+
+def checked_flats(
+    flat: Histograms | Sequence[Histograms] | None, flat_arrival_ps: Any
+) -> tuple[list[Histograms], list[ArrayLike]]:
+    """Flats and their arrival times as two lists of one length."""
+    if flat is None:
+        return [], []
+    if isinstance(flat, Histograms):
+        return [flat], [flat_arrival_ps]
+    flats = list(flat)
+    if not flats:
+        raise ValueError("flat is an empty list: give one flat recording or several")
+    arrivals = (
+        list(flat_arrival_ps) if np.ndim(flat_arrival_ps) or _is_list(flat_arrival_ps) else []
+    )
+    if len(arrivals) != len(flats):
+        raise ValueError(
+            f"{len(flats)} flats need as many flat_arrival_ps, got {len(arrivals)}: give the known "
+            "arrival time (or map of times) of each"
+        )
+    return flats, arrivals
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, list | tuple)
+
+
 def check_parts(
     code_density: Histograms | None,
-    flat: Histograms | None,
+    flats: Sequence[Histograms],
     dark: Histograms | None,
     dead_codes: str | None,
     assumed_skew_std_ps: float,
 ) -> None:
     """Raise for parts that are missing, of the wrong kind or of different cameras."""
-    if code_density is None and flat is None:
+    if code_density is None and not flats:
         raise ValueError("nothing to calibrate from: give code_density, flat, or both")
     if dead_codes not in (None, "absorbed", "lost"):
         raise ValueError(f'dead_codes must be "absorbed", "lost" or None, got {dead_codes!r}')
     if not (np.isfinite(assumed_skew_std_ps) and assumed_skew_std_ps >= 0):
         raise ValueError(f"assumed_skew_std_ps must be >= 0, got {assumed_skew_std_ps}")
-    named = {"code_density": code_density, "flat": flat, "dark": dark}
+    named = {"code_density": code_density, "dark": dark}
+    named |= {f"flat {i + 1}" if len(flats) > 1 else "flat": x for i, x in enumerate(flats)}
     parts = {name: part for name, part in named.items() if part is not None}
     for name, part in parts.items():
         if not isinstance(part, Histograms):

@@ -11,7 +11,7 @@ a reversed clock is zero: that edge is visible in every code-density recording.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -453,8 +453,8 @@ def _agree(ours: float | None, theirs: float | None, tolerance: float) -> bool:
 def calibrate_timing(
     code_density: Histograms | None = None,
     *,
-    flat: Histograms | None = None,
-    flat_arrival_ps: ArrayLike = 0.0,
+    flat: Histograms | Sequence[Histograms] | None = None,
+    flat_arrival_ps: ArrayLike | Sequence[ArrayLike] = 0.0,
     dead_codes: str | None = None,
     dark: Histograms | None = None,
     assumed_skew_std_ps: float = 0.0,
@@ -466,12 +466,13 @@ def calibrate_timing(
     code_density : Histograms or None
         Light that ignores the laser: gain, pattern of code widths, dead codes. None: nominal
         codes, with a warning that says what that costs.
-    flat : Histograms or None
-        A pulse that reaches every pixel at a known time: delays, response. None: equal delays,
-        with a warning.
-    flat_arrival_ps : float or (rows, cols)
+    flat : Histograms, list of Histograms, or None
+        A pulse that reaches every pixel at a known time: delays, response. Several at known extra
+        delays (a delay scan) also measure the scale of the clock, and tell where the dead codes'
+        time went. None: equal delays, with a warning.
+    flat_arrival_ps : float or (rows, cols), or a list of them, one for each flat
         When the flat's pulse reached each pixel, ps, on the clock that this defines. What is
-        common to all pixels only shifts that clock.
+        common to all pixels and flats only shifts that clock.
     dead_codes : "absorbed", "lost" or None
         Where the time of the dead first codes went: into the first live ones, or nowhere. None:
         unknown, which is a scale error that all pixels share.
@@ -493,16 +494,20 @@ def calibrate_timing(
         If a recording cannot be what it is called, or the recordings do not belong together.
     """
     from lightflight.timing import _assemble
+    from lightflight.timing.code_density import fit_code_density
 
-    _assemble.check_parts(code_density, flat, dark, dead_codes, assumed_skew_std_ps)
+    flats, arrivals = _assemble.checked_flats(flat, flat_arrival_ps)
+    _assemble.check_parts(code_density, flats, dark, dead_codes, assumed_skew_std_ps)
     if code_density is not None:
-        clock = _assemble.clock_from_code_density(code_density, dead_codes=dead_codes)
+        fit = fit_code_density(code_density)
+        clock = _assemble.clock_from_code_density(code_density, fit, dead_codes=dead_codes)
+        if dead_codes is None and len(flats) > 1:
+            clock = _assemble.with_dead_codes_of_scan(clock, code_density, fit, flats, arrivals)
     else:
-        assert flat is not None
-        clock = _assemble.clock_without_code_density(flat)
-    if flat is not None:
-        clock = _assemble.with_flat(
-            clock, flat, flat_arrival_ps=flat_arrival_ps, assumed_skew_std_ps=assumed_skew_std_ps,
+        clock = _assemble.clock_without_code_density(flats[0])
+    if flats:
+        clock = _assemble.with_flats(
+            clock, flats, arrivals, assumed_skew_std_ps=assumed_skew_std_ps,
             nominal_codes=code_density is None,
         )  # fmt: skip
     else:

@@ -263,9 +263,10 @@ def _check_no_pulse(summed: Floats, start: int, stop: int) -> None:
     level = float(np.median(summed[start:stop]))
     high = float(smooth.max())
     if high > _PULSE_HEIGHT * level and high - level > 8.0 * np.sqrt(high / size):
+        code = start + size // 2 + int(np.argmax(smooth))
         raise CalibrationError(
-            f"the code-density recording holds a pulse near code {start + size // 2 + int(np.argmax(smooth))}: "
-            "its light must not know of the laser (is this the flat recording?)"
+            f"the code-density recording holds a pulse near code {code}: its "
+            "light must not know of the laser (is this the flat recording?)"
         )
 
 
