@@ -125,7 +125,8 @@ class Detector:
     length of this tuple; scaled to mean 1."""
 
     phase_rms: float = 0.0
-    """Relative spread of a pixel's own widths about the pattern. 0: the pattern alone."""
+    """Relative spread of a pixel's own widths about the pattern. 0: the pattern alone. A pattern
+    of one width has no phases to spread."""
 
     skew_range_ps: float = 0.0
     """Pixel delays are uniform in +- this, ps. 0: none."""
@@ -301,7 +302,9 @@ def _phases(detector: Detector, shape: tuple[int, int], streams: Streams) -> Flo
         return np.asarray(phases / phases.mean(axis=-1, keepdims=True))
     pattern = np.asarray(detector.phase_pattern, dtype=float)
     own = streams.generator("phase").standard_normal((*shape, len(pattern)))
-    phases = np.maximum(pattern / pattern.mean() + detector.phase_rms * own, _SMALLEST_PHASE)
+    # scaling to mean 1 takes one of n degrees of freedom: give it back beforehand
+    spread = detector.phase_rms * np.sqrt(len(pattern) / max(len(pattern) - 1, 1))
+    phases = np.maximum(pattern / pattern.mean() + spread * own, _SMALLEST_PHASE)
     return np.asarray(phases / phases.mean(axis=-1, keepdims=True))
 
 

@@ -23,6 +23,10 @@ PULSE_FWHM_PS = 68.0
 PF32_PHASES = (1.036, 0.922, 0.990, 1.096, 0.968, 0.982, 0.936, 1.069)
 """Relative width of the codes modulo 8, mean over a real PF32's array."""
 
+PF32_PHASE_RMS = 0.030
+"""Spread of a pixel's own eight widths about that mean, as the covariance between the even and
+the odd periods of eight tells (Poisson noise drops out)."""
+
 PF32_START_WIDTHS = (1.76, 1.53, 1.13)
 """Relative widths of its first three live codes (8, 9, 10), the eight phases taken off."""
 
@@ -77,7 +81,7 @@ def pf32(
         "dead_time_is_lost": lost,
         "gain_rms": 0.0065,
         "phase_pattern": PF32_PHASES,
-        "phase_rms": 0.064,
+        "phase_rms": PF32_PHASE_RMS,
         "skew_range_ps": 300.0,
         "response_fwhm_ps": 150.0,
         "periods_per_frame": 4000,
