@@ -129,7 +129,7 @@ def _with_pixels(
     path: str | os.PathLike[str],
 ) -> NDArray[Any]:
     """Split the axis of pixels into (rows, cols) where there is one; check `shape` otherwise."""
-    if values.ndim == 3:
+    if len(values.shape) == 3:
         found = tuple(values.shape[axis : axis + 2])
         if shape is not None and found != tuple(shape):
             raise FileFormatError(f"holds {found} pixels, not shape={tuple(shape)}", path=path)

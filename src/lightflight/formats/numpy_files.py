@@ -6,7 +6,6 @@ PF32 (`hist` with `sync_hz`, `mode` ...), and any that holds an `axes` text. Nev
 
 from __future__ import annotations
 
-import json
 import math
 import zipfile
 from collections.abc import Mapping
@@ -20,9 +19,10 @@ from lightflight.errors import ConfigError, FileFormatError
 from lightflight.filecheck import check_memory
 from lightflight.formats.clock import pf32_clock
 from lightflight.formats.cubes import axes_needed, checked_shape, record_from_array, shapes_text
+from lightflight.formats.metadata import fields_from_text, text_from_histograms
 from lightflight.formats.registry import Format
 from lightflight.histogram import Histograms
-from lightflight.recording import CLOCK_FIELDS, Recording
+from lightflight.recording import Recording
 
 _LARGEST_HEADER = 1 << 16
 _PF32_KEYS = {"hist", "sync_hz", "mode"}
@@ -115,7 +115,7 @@ def read_npz(
     settings = {name: array.item() for name, array in small.items()}
     fields: dict[str, Any] = {}
     if "lightflight" in texts:
-        fields, settings = _our_metadata(texts["lightflight"], path)
+        fields, settings = fields_from_text(texts["lightflight"], path)
         poisson = bool(fields.pop("poisson", True)) if poisson is None else poisson
     elif found.keys() >= _PF32_KEYS and key == "hist":
         clock, settings = _pf32_metadata(clock, settings)
@@ -191,18 +191,6 @@ def _npz_array(archive: zipfile.ZipFile, key: str, path: Path) -> NDArray[Any]:
     return values
 
 
-def _our_metadata(text: str, path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    try:
-        known = json.loads(text)
-        settings = dict(known.pop("settings"))
-        names = (*CLOCK_FIELDS, "poisson")
-        return {name: known[name] for name in names if name in known}, settings
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise FileFormatError(
-            "its metadata are not readable: the file is damaged", path=path
-        ) from error
-
-
 def _pf32_metadata(
     clock: Mapping[str, Any], settings: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -224,14 +212,13 @@ def _pf32_metadata(
 
 def write_npz(record: Recording | Histograms, path: Path, *, compress: bool = True) -> None:
     """Write histograms as `hist`, with `axes` and all metadata as texts."""
-    from lightflight.store import atomic_path, json_text
+    from lightflight.store import atomic_path
 
     if not isinstance(record, Histograms):
         raise ValueError(
             "npz holds histograms: use histogram() first, or write .h5 to keep photons"
         )
-    known = {name: getattr(record, name) for name in (*CLOCK_FIELDS, "poisson")}
-    text = json_text({**known, "settings": dict(record.settings)})
+    text = text_from_histograms(record)
     save = np.savez_compressed if compress else np.savez
     with atomic_path(path) as fresh, fresh.open("wb") as file:
         save(file, hist=record.counts, axes=np.array("yxt"), lightflight=np.array(text))

@@ -9,7 +9,7 @@ import importlib
 import inspect
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -28,16 +28,16 @@ ENTRY_POINT_GROUP = "lightflight.formats"
 _START_BYTES = 4096
 _MODULES: tuple[str, ...] = (
     "lightflight_hdf5",
-    # "photon_hdf5",
-    # "matlab",
+    "photon_hdf5",
+    "matlab",
     "numpy_files",
     "pf32_text",
-    # "ptu",
-    # "sdt",
-    # "zarr_cube",
-    # "hdf5_dataset",
+    "ptu",
+    "sdt",
+    "zarr_cube",
+    "hdf5_dataset",
     "pf32_frames",
-    # "spc",
+    "spc",
 )
 """Asked in this order: formats that know themselves by content before those that cannot."""
 
@@ -153,9 +153,9 @@ def _format_of(path: Path, start: bytes) -> Format:
     for file_format in readers:
         if _matches(file_format, path, start):
             return file_format
-    for file_format in readers:
-        if path.name.lower().endswith(file_format.suffixes):
-            return file_format
+    by_suffix = _format_by_suffix(path, readers)
+    if by_suffix is not None and not path.is_dir():
+        return by_suffix
     if path.is_dir():
         raise FileFormatError("is a folder, and no Zarr array: name a file in it", path=path)
     names = ", ".join(file_format.name for file_format in readers)
@@ -163,6 +163,18 @@ def _format_of(path: Path, start: bytes) -> Format:
         f"is of no known format (it starts with {start[:8]!r}): say which with format= ({names})",
         path=path,
     )
+
+
+def _format_by_suffix(path: Path, formats: Iterable[Format]) -> Format | None:
+    """Format with the longest suffix that `path` ends in (".photon.h5" before ".h5")."""
+    name = path.name.lower()
+    fitting = [
+        (len(suffix), file_format)
+        for file_format in formats
+        for suffix in file_format.suffixes
+        if name.endswith(suffix)
+    ]
+    return max(fitting, key=lambda pair: pair[0])[1] if fitting else None
 
 
 def _matches(file_format: Format, path: Path, start: bytes) -> bool:
@@ -196,8 +208,8 @@ def write_file(
 
 def _format_to_write(path: Path) -> Format:
     writers = [file_format for file_format in known_formats() if file_format.write]
-    for file_format in writers:
-        if path.name.lower().endswith(file_format.suffixes):
-            return file_format
+    by_suffix = _format_by_suffix(path, writers)
+    if by_suffix is not None:
+        return by_suffix
     suffixes = ", ".join(suffix for writer in writers for suffix in writer.suffixes)
     raise ValueError(f"cannot tell the format of {path.name!r}: end its name in one of {suffixes}")

@@ -1,0 +1,147 @@
+"""Any other HDF5 file: one dataset of it, as a cube or as frames.
+
+Datasets labelled with their axes (HDF5 dimension labels, an attribute `axes`, or a name that
+ends in the letters, like `cube_t_y_x`) state their order; all others need `axes`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.errors import ConfigError, FileFormatError
+from lightflight.filecheck import check_memory
+from lightflight.formats.cubes import (
+    LETTERS,
+    axes_needed,
+    checked_shape,
+    record_from_array,
+    shapes_text,
+)
+from lightflight.formats.registry import Format
+from lightflight.formats.stored import StoredArray
+from lightflight.histogram import Histograms
+from lightflight.recording import Recording
+from lightflight.store import check_dataset
+
+_MOST_DATASETS = 10_000
+_NAMED_AXES = re.compile(r"_([yxtf])_([yxtf])_([yxtf])$")
+
+
+def read(
+    path: Path,
+    clock: Mapping[str, Any],
+    *,
+    dataset: str | None = None,
+    axes: str | None = None,
+    shape: tuple[int, int] | None = None,
+    n_codes: int | None = None,
+    poisson: bool = True,
+) -> Recording | Histograms:
+    """Read one dataset; `dataset` is its path in the file ("LinearFiber/cube_t_y_x")."""
+    if not h5py.is_hdf5(path):
+        raise FileFormatError("is not an HDF5 file: check the name, or copy it again", path=path)
+    with h5py.File(path, "r", locking="best-effort") as file:
+        nodes = datasets_in(file)
+        name = _chosen({key: node.shape for key, node in nodes.items()}, dataset, path)
+        node = nodes[name]
+        axes = axes or _stated_axes(node)
+        if axes is None:
+            raise axes_needed({name: node.shape}, path)
+        settings = {"dataset": name, **_attributes_of(node)}
+        stored = StoredArray.of(node, path=path, ours=False)
+    return record_from_array(
+        stored if axes == "fyx" else cube_of(path, name),
+        axes,
+        clock,
+        path=path,
+        shape=checked_shape(shape) if shape is not None else None,
+        n_codes=n_codes,
+        poisson=poisson,
+        settings=settings,
+    )
+
+
+def datasets_in(file: h5py.File) -> dict[str, Any]:
+    """All datasets of numbers, by their path in the file."""
+    found: dict[str, Any] = {}
+
+    def note(name: str, node: Any) -> bool | None:
+        is_numbers = isinstance(node, h5py.Dataset) and node.dtype.kind in "uifb"
+        if is_numbers and node.shape is not None:
+            found[name] = node
+        return True if len(found) > _MOST_DATASETS else None
+
+    file.visititems(note)
+    return found
+
+
+def cube_of(path: Path, name: str) -> NDArray[Any]:
+    """A whole dataset of numbers, after checking that it fits into memory."""
+    with h5py.File(path, "r", locking="best-effort") as file:
+        node = file[name]
+        check_dataset(node, path=path, ours=False)
+        n_bytes = node.size * node.dtype.itemsize
+        check_memory(n_bytes, path=path, what=f"dataset {name!r} {node.shape}")
+        return np.asarray(node[()], node.dtype.newbyteorder("="))
+
+
+def _chosen(shapes: Mapping[str, tuple[int, ...]], wanted: str | None, path: Path) -> str:
+    if wanted is not None:
+        wanted = wanted.strip("/")
+        if wanted not in shapes:
+            raise ConfigError(
+                f"dataset={wanted!r} is no array of numbers in {path.name}: it holds "
+                f"{shapes_text(shapes)}"
+            )
+        return wanted
+    cubes = {name: found for name, found in shapes.items() if len(found) == 3}
+    if len(cubes) == 1:
+        return next(iter(cubes))
+    if not shapes:
+        raise FileFormatError("holds no array of numbers", path=path)
+    raise FileFormatError(
+        f"holds several arrays ({shapes_text(cubes or shapes)}): name one with dataset=", path=path
+    )
+
+
+def _stated_axes(node: Any) -> str | None:
+    """Order of the axes as the file states it; None where it does not."""
+    labels = [str(dimension.label) for dimension in node.dims]
+    stated = node.attrs.get("axes")
+    named = _NAMED_AXES.search(node.name)
+    for order in (labels, stated if isinstance(stated, str) else None, named and named.groups()):
+        if order and len(order) == len(node.shape) and set(order) <= LETTERS.keys():
+            return "".join(order)
+    return None
+
+
+def _attributes_of(node: Any) -> dict[str, Any]:
+    """Attributes of the dataset and its group that are single numbers or texts."""
+    kept: dict[str, Any] = {}
+    for name, value in [*node.parent.attrs.items(), *node.attrs.items()]:
+        plain = value.item() if isinstance(value, np.generic) else value
+        if isinstance(plain, bool | int | float | str):
+            kept[name] = plain
+    return kept
+
+
+def _matches(path: Path, start: bytes) -> bool:
+    return bool(start) and h5py.is_hdf5(path)
+
+
+FORMATS = (
+    Format(
+        name="hdf5",
+        summary="any dataset of an HDF5 file, its axes by hint",
+        suffixes=(".h5", ".hdf5", ".hdf"),
+        matches=_matches,
+        read=read,
+    ),
+)

@@ -1,0 +1,125 @@
+"""Readers of others, run in a process of their own.
+
+A vendor's reader that meets a damaged or hostile file may hang, crash or take all memory. Here
+it does so in a child process with a time limit and a memory limit, and the caller gets one
+`FileFormatError`. The reader's function takes the path and keyword arguments and returns
+(arrays, values): named NumPy arrays and whatever JSON can say. It runs when the module is
+started as `python -m lightflight.formats.isolation`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.errors import FileFormatError, MissingExtraError
+from lightflight.filecheck import free_memory_bytes
+
+TIME_LIMIT_S = 60.0
+"""Seconds a reader may take for a small file; large ones get a second per megabyte more."""
+
+_MEMORY_SHARE = 0.8
+_LIBRARIES_BYTES = 1 << 30
+_BYTES_PER_S = 1e6
+_REFUSED, _MISSING = 3, 4
+
+
+def run_isolated(
+    function: str, path: Path, arguments: Mapping[str, Any]
+) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Call `function` ("module:name") on a file in a child process.
+
+    Returns
+    -------
+    arrays : dict of str to array
+    values : dict
+        What the function returned.
+
+    Raises
+    ------
+    FileFormatError
+        If the reader refuses the file, crashes, hangs or runs out of memory.
+    MissingExtraError
+        If the reader is not installed.
+    """
+    with tempfile.TemporaryDirectory(prefix="lightflight-") as folder:
+        command = [sys.executable, "-m", __name__, function, str(path.resolve()), folder]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        limit = TIME_LIMIT_S + path.stat().st_size / _BYTES_PER_S
+        try:
+            done = subprocess.run(  # noqa: S603  (our own module, no shell)
+                command,
+                input=json.dumps(dict(arguments)),
+                capture_output=True,
+                text=True,
+                errors="replace",
+                timeout=limit,
+                env=environment,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            raise FileFormatError(
+                f"its reader did not finish in {limit:.0f} s: the file is damaged", path=path
+            ) from None
+        last_line = (done.stderr.strip().splitlines() or [""])[-1]
+        if done.returncode == _MISSING:
+            raise MissingExtraError(last_line)
+        if done.returncode == _REFUSED:
+            raise FileFormatError(last_line, path=path)
+        if done.returncode != 0:
+            raise FileFormatError(
+                f"its reader crashed (exit code {done.returncode}): the file is damaged", path=path
+            )
+        values = json.loads(Path(folder, "values.json").read_text("utf-8"))
+        return _arrays_in(Path(folder)), values
+
+
+def _arrays_in(folder: Path) -> dict[str, NDArray[Any]]:
+    return {file.stem: np.load(file, allow_pickle=False) for file in folder.glob("*.npy")}
+
+
+def _limit_memory() -> None:
+    try:
+        import resource
+    except ImportError:  # not on Windows
+        return
+    limit = int(_MEMORY_SHARE * free_memory_bytes()) + _LIBRARIES_BYTES
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    if hard == resource.RLIM_INFINITY or limit < hard:
+        resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
+
+
+def _main(function: str, path: str, folder: str) -> int:
+    module, _, name = function.partition(":")
+    arguments = json.loads(sys.stdin.read())
+    _limit_memory()
+    try:
+        arrays, values = getattr(importlib.import_module(module), name)(Path(path), **arguments)
+    except ImportError as error:
+        sys.stderr.write(f"{error}\n")
+        return _MISSING
+    except FileFormatError as error:
+        sys.stderr.write(f"{error}\n")
+        return _REFUSED
+    except Exception as error:  # noqa: BLE001  (whatever the reader of others raises)
+        first_line = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        sys.stderr.write(f"cannot be read ({first_line[:120]}): the file is damaged\n")
+        return _REFUSED
+    for key, array in arrays.items():
+        np.save(Path(folder, f"{key}.npy"), array, allow_pickle=False)
+    Path(folder, "values.json").write_text(json.dumps(values), "utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main(*sys.argv[1:]))

@@ -1,0 +1,234 @@
+"""Photon-HDF5 (version 0.5): photon events with time stamps and detector numbers.
+
+A detector is a pixel, row by row; its `nanotimes` are the codes. Recordings are written with
+the frame as the time stamp, and everything of ours in `/user/lightflight`, from which frames
+and clock come back.
+
+Format: https://photon-hdf5.readthedocs.io/en/latest/phdata.html
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight._version import __version__
+from lightflight.errors import FileFormatError
+from lightflight.filecheck import record_error_as_format_error
+from lightflight.formats.cubes import checked_shape
+from lightflight.formats.photon_hdf5_titles import TITLES
+from lightflight.formats.photons import photon_blocks
+from lightflight.formats.registry import Format
+from lightflight.formats.stored import StoredArray
+from lightflight.histogram import Histograms
+from lightflight.recording import CLOCK_FIELDS, Recording
+
+_FORMAT = "Photon-HDF5"
+_ROOT_TEXTS = {
+    "format_name": _FORMAT,
+    "format_version": "0.5",
+    "format_url": "http://photon-hdf5.org/",
+}
+_OURS = "user/lightflight"
+_TIMESTAMPS_AT_ONCE = 1 << 20
+
+
+# --- reading ----------------------------------------------------------------------------
+
+
+def read(
+    path: Path, clock: Mapping[str, Any], *, shape: tuple[int, int] | None = None
+) -> Recording:
+    """Read photon events; `shape` is (rows, cols) where detectors are the pixels of a camera."""
+    if not h5py.is_hdf5(path):
+        raise FileFormatError("is not an HDF5 file: check the name, or copy it again", path=path)
+    with h5py.File(path, "r", locking="best-effort") as file:
+        if not isinstance(file.get("photon_data"), h5py.Group):
+            raise FileFormatError("holds no /photon_data of a single spot", path=path)
+        photons = file["photon_data"]
+        if "nanotimes" not in photons:
+            raise FileFormatError("holds no nanotimes: it was not recorded with TCSPC", path=path)
+        code = _unsigned(photons["nanotimes"], path)
+        pixel = _detectors(photons, code, path)
+        ours = file.get(_OURS)
+        attributes = dict(ours.attrs) if isinstance(ours, h5py.Group) else {}
+        settings = json.loads(ours["settings"][()]) if attributes else {}
+        told = _clock_in(file, path)
+        if "n_frames" in attributes:
+            told["n_frames"] = int(attributes["n_frames"])
+            starts = _frame_starts(photons["timestamps"], told["n_frames"], path)
+        else:
+            starts = None
+    n_codes = told.pop("n_codes")
+    if shape is None:
+        shape = attributes.get("shape", (1, _largest(pixel) + 1))
+    for name in CLOCK_FIELDS:
+        if name in attributes:
+            told[name] = attributes[name].item()
+    with record_error_as_format_error(path):
+        return Recording(
+            checked_shape(shape),
+            n_codes=n_codes,
+            pixel=pixel,
+            code=code,
+            frame_starts=starts,
+            settings=settings,
+            **(told | dict(clock)),
+        )
+
+
+def _unsigned(node: Any, path: Path) -> Any:
+    """Array that stays in the file, or a copy where its integers have a sign."""
+    stored = StoredArray.of(node, path=path, ours=False)
+    if len(stored.shape) != 1 or stored.dtype.kind not in "ui":
+        raise FileFormatError(f"{node.name} is no list of integers", path=path)
+    if stored.dtype.kind == "u":
+        return stored
+    values = np.asarray(stored)
+    if values.size and (values.min() < 0 or values.max() > np.iinfo(np.uint32).max):
+        raise FileFormatError(f"{node.name} holds numbers that cannot be", path=path)
+    return values.astype(np.uint32)
+
+
+def _detectors(photons: Any, code: Any, path: Path) -> Any:
+    if "detectors" in photons:
+        return _unsigned(photons["detectors"], path)
+    return np.zeros(code.shape[0], np.uint16)
+
+
+def _clock_in(file: Any, path: Path) -> dict[str, Any]:
+    specs = file["photon_data"].get("nanotimes_specs")
+    if not isinstance(specs, h5py.Group) or "tcspc_num_bins" not in specs:
+        raise FileFormatError("does not tell tcspc_num_bins: the file is damaged", path=path)
+    told: dict[str, Any] = {"n_codes": int(specs["tcspc_num_bins"][()])}
+    if "tcspc_unit" in specs:
+        told["bin_width_ps"] = float(specs["tcspc_unit"][()]) * 1e12
+    rates = file.get("setup/laser_repetition_rates")
+    if isinstance(rates, h5py.Dataset) and rates.size == 1:
+        told["laser_period_ps"] = 1e12 / float(np.ravel(rates[()])[0])
+    return told
+
+
+def _largest(pixel: Any) -> int:
+    largest = 0
+    for first in range(0, pixel.shape[0], _TIMESTAMPS_AT_ONCE):
+        largest = max(largest, int(np.asarray(pixel[first : first + _TIMESTAMPS_AT_ONCE]).max()))
+    return largest
+
+
+def _frame_starts(timestamps: Any, n_frames: int, path: Path) -> NDArray[np.uint64]:
+    """(n_frames + 1,) from one frame number per photon, in order."""
+    per_frame = np.zeros(n_frames + 1, np.uint64)
+    last = 0
+    for first in range(0, timestamps.shape[0], _TIMESTAMPS_AT_ONCE):
+        frames = np.asarray(timestamps[first : first + _TIMESTAMPS_AT_ONCE])
+        if frames[0] < last or (np.diff(frames) < 0).any() or frames[-1] >= n_frames:
+            raise FileFormatError("its time stamps are no frames: the file is damaged", path=path)
+        last = int(frames[-1])
+        found, counts = np.unique(frames, return_counts=True)
+        per_frame[found + 1] += counts.astype(np.uint64)
+    return np.cumsum(per_frame, dtype=np.uint64)
+
+
+# --- writing ----------------------------------------------------------------------------
+
+
+def write(
+    record: Recording | Histograms, path: Path, *, frame_duration_ps: float | None = None
+) -> None:
+    """Write photon events, the frame as time stamp.
+
+    `frame_duration_ps` is needed where the recording does not know its laser period and how
+    many periods a frame has.
+    """
+    from lightflight.store import new_hdf5
+
+    if not isinstance(record, Recording):
+        raise ValueError("Photon-HDF5 holds photons: write histograms as .h5, .npz, .mat or .zarr")
+    if record.n_frames is None or (record.kind == "events" and record.frame_starts is None):
+        raise ValueError("Photon-HDF5 needs the frame of each photon: write .h5 without it")
+    if frame_duration_ps is None:
+        if record.laser_period_ps is None or record.periods_per_frame is None:
+            raise ValueError("give frame_duration_ps: how long a frame takes is not known")
+        frame_duration_ps = record.laser_period_ps * record.periods_per_frame
+    with new_hdf5(path) as out:
+        out.append("photon_data/timestamps", np.empty(0, np.int64), compress=True)
+        out.append("photon_data/detectors", np.empty(0, np.uint32), compress=True)
+        out.append("photon_data/nanotimes", np.empty(0, np.uint16), compress=True)
+        first_frame = 0
+        for block in photon_blocks(record):
+            assert block.photons_per_frame is not None
+            frames = first_frame + np.arange(block.photons_per_frame.size)
+            first_frame += frames.size
+            stamps = np.repeat(frames, block.photons_per_frame).astype(np.int64)
+            out.append("photon_data/timestamps", stamps)
+            out.append("photon_data/detectors", block.pixel.astype(np.uint32))
+            out.append("photon_data/nanotimes", block.code.astype(np.uint16))
+        _write_metadata(out.file, record, frame_duration_ps)
+
+
+def _write_metadata(file: Any, record: Recording, frame_duration_ps: float) -> None:
+    from lightflight.store import json_text
+
+    frame_s = frame_duration_ps * 1e-12
+    for name, text in _ROOT_TEXTS.items():
+        file.attrs[name] = np.bytes_(text)
+        file[f"identity/{name}"] = np.bytes_(text)
+    file["identity/software"] = np.bytes_("lightflight")
+    file["identity/software_version"] = np.bytes_(__version__)
+    file["identity/creation_time"] = np.bytes_(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S}")
+    file["acquisition_duration"] = frame_s * (record.n_frames or 0)
+    file["description"] = np.bytes_("Photons of a SPAD camera; time stamps are frames.")
+    file["photon_data/timestamps_specs/timestamps_unit"] = frame_s
+    specs = file.create_group("photon_data/nanotimes_specs")
+    specs["tcspc_num_bins"] = record.n_codes
+    if record.bin_width_ps is not None:
+        specs["tcspc_unit"] = record.bin_width_ps * 1e-12
+        specs["tcspc_range"] = record.bin_width_ps * record.n_codes * 1e-12
+    setup = file.create_group("setup")
+    setup["num_pixels"] = record.shape[0] * record.shape[1]
+    for name in ("num_spots", "num_spectral_ch", "num_polarization_ch", "num_split_ch"):
+        setup[name] = 1
+    setup["lifetime"] = True
+    setup["modulated_excitation"] = False
+    for name in ("excitation_cw", "excitation_alternated"):
+        setup[name] = np.array([False])
+    if record.laser_period_ps is not None:
+        setup["laser_repetition_rates"] = np.array([1e12 / record.laser_period_ps])
+    ours = file.create_group(_OURS)
+    ours.attrs["shape"] = record.shape
+    ours["settings"] = np.bytes_(json_text(record.settings).encode("utf-8"))
+    for name in CLOCK_FIELDS:
+        value = getattr(record, name)
+        if value is not None:
+            ours.attrs[name] = value
+    for name, title in TITLES.items():
+        if name in file:
+            file[name].attrs["TITLE"] = np.bytes_(title)
+
+
+def _matches(path: Path, start: bytes) -> bool:
+    if not start or not h5py.is_hdf5(path):
+        return False
+    with h5py.File(path, "r") as file:
+        name = file.attrs.get("format_name", "")
+        return (name.decode("ascii", "replace") if isinstance(name, bytes) else name) == _FORMAT
+
+
+FORMATS = (
+    Format(
+        name="photon-hdf5",
+        summary="Photon-HDF5: photon events with time stamps",
+        suffixes=(".photon.h5", ".phdf5", ".photon.hdf5"),
+        matches=_matches,
+        read=read,
+        write=write,
+    ),
+)

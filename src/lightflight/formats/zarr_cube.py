@@ -1,0 +1,142 @@
+"""Zarr folders (versions 2 and 3): one array as a cube or as frames.
+
+Axes are stated by dimension names (version 3), `_ARRAY_DIMENSIONS` (version 2, as xarray
+writes), or an attribute `axes`; otherwise by hint.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightflight.errors import ConfigError, FileFormatError, MissingExtraError
+from lightflight.filecheck import check_memory
+from lightflight.formats.cubes import (
+    LETTERS,
+    axes_needed,
+    checked_shape,
+    record_from_array,
+    shapes_text,
+)
+from lightflight.formats.metadata import fields_from_text, text_from_histograms
+from lightflight.formats.registry import Format
+from lightflight.histogram import Histograms
+from lightflight.recording import Recording
+
+_MARKS = ("zarr.json", ".zarray", ".zgroup")
+_METADATA = "lightflight"
+_CHUNK_COUNTS = 1 << 20
+
+
+def read(
+    path: Path,
+    clock: Mapping[str, Any],
+    *,
+    array: str | None = None,
+    axes: str | None = None,
+    shape: tuple[int, int] | None = None,
+    n_codes: int | None = None,
+    poisson: bool | None = None,
+) -> Recording | Histograms:
+    """Read one array; `array` is its path in the group, where the folder is a group."""
+    node = _array_in(_zarr().open(path, mode="r"), array, path)
+    text = node.attrs.get(_METADATA)
+    fields, settings = fields_from_text(text if isinstance(text, str) else None, path)
+    told_poisson = bool(fields.pop("poisson", True))
+    axes = axes or _stated_axes(node)
+    if axes is None:
+        raise axes_needed({node.name: node.shape}, path)
+    for what, lengths in (("array", node.shape), ("a chunk of", node.chunks)):
+        n_bytes = math.prod(lengths) * node.dtype.itemsize
+        if what != "array" or axes != "fyx":
+            check_memory(n_bytes, path=path, what=f"{what} {node.name} {lengths}")
+    return record_from_array(
+        node if axes == "fyx" else np.asarray(node[...]),
+        axes,
+        fields | dict(clock),
+        path=path,
+        shape=checked_shape(shape) if shape is not None else None,
+        n_codes=n_codes,
+        poisson=told_poisson if poisson is None else poisson,
+        settings=settings,
+    )
+
+
+def _zarr() -> Any:
+    try:
+        import zarr
+    except ImportError:
+        raise MissingExtraError("Zarr needs zarr: pip install 'lightflight[batch]'") from None
+    return zarr
+
+
+def _array_in(opened: Any, wanted: str | None, path: Path) -> Any:
+    if not hasattr(opened, "members"):
+        if wanted is not None:
+            raise ConfigError(f"array={wanted!r}: {path.name} is one array, not a group")
+        return opened
+    arrays = {name: node for name, node in opened.members(max_depth=None) if hasattr(node, "shape")}
+    shapes = {name: node.shape for name, node in arrays.items()}
+    if wanted is not None:
+        if wanted not in arrays:
+            raise ConfigError(f"array={wanted!r} is not in {path.name}: {shapes_text(shapes)}")
+        return arrays[wanted]
+    cubes = [name for name, found in shapes.items() if len(found) == 3] or list(shapes)
+    if len(cubes) == 1:
+        return arrays[cubes[0]]
+    if not cubes:
+        raise FileFormatError("holds no array", path=path)
+    raise FileFormatError(
+        f"holds several arrays ({shapes_text(shapes)}): name one with array=", path=path
+    )
+
+
+def _stated_axes(node: Any) -> str | None:
+    named = getattr(node.metadata, "dimension_names", None) or node.attrs.get("_ARRAY_DIMENSIONS")
+    for order in (named, node.attrs.get("axes")):
+        letters = [str(name) for name in order] if isinstance(order, list | tuple | str) else []
+        if len(letters) == len(node.shape) and set(letters) <= LETTERS.keys():
+            return "".join(letters)
+    return None
+
+
+def write(record: Recording | Histograms, path: Path) -> None:
+    """Write histograms as one compressed Zarr 3 array in blocks of rows, metadata beside it."""
+    from lightflight.store import atomic_path
+
+    if not isinstance(record, Histograms):
+        raise ValueError("zarr holds histograms: use histogram(), or write .h5 to keep photons")
+    rows, cols, codes = record.counts.shape
+    block = max(1, min(rows, _CHUNK_COUNTS // (cols * codes)))
+    zarr = _zarr()
+    with atomic_path(path, directory=True) as fresh:
+        node = zarr.create_array(
+            store=str(fresh),
+            shape=record.counts.shape,
+            chunks=(block, cols, codes),
+            dtype=record.counts.dtype,
+            dimension_names=("y", "x", "t"),
+            attributes={_METADATA: text_from_histograms(record)},
+            overwrite=True,
+        )
+        node[...] = record.counts
+
+
+def _matches(path: Path, start: bytes) -> bool:
+    return path.is_dir() and any((path / mark).is_file() for mark in _MARKS)
+
+
+FORMATS = (
+    Format(
+        name="zarr",
+        summary="Zarr array in a folder (needs zarr)",
+        suffixes=(".zarr",),
+        matches=_matches,
+        read=read,
+        write=write,
+    ),
+)
