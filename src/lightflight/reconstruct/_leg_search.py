@@ -1,8 +1,8 @@
 """The search behind `legs.find_legs`: plain arrays in and out.
 
 A candidate is a line through two pulses and a parabola of the arrival time through three; the
-candidate on which the most distinct pixel positions agree wins, is refined, and is split where
-it bends.
+candidate on which the most distinct pixel positions agree wins and is refined. Two legs that
+meet at a small angle may come out as one: `revise` parts them once the path is fitted.
 """
 
 from __future__ import annotations
@@ -12,9 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+_MEMBER_PX = 1.7
+"""Pulses this near to a leg's line carry its place and times, px."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +29,10 @@ class SearchSettings:
     """Distinct pixel positions a leg needs."""
     time_floor: float = 25.0
     """Times within this of a candidate agree with it whatever their stated error, ps."""
-    lateral_px: float = 1.3
-    """A pulse this near to a candidate's line counts for it, px."""
+    lateral_px: float = 0.85
+    """A ridge pulse this near to a candidate's line counts for it, px."""
+    ridge_ratio: float = 3.0
+    """A pulse that a neighbour outshines this much at the same time is a wing, not the ridge."""
     halo_px: float = 2.6
     """A pulse this near, at the right time, is the leg's light and founds no other leg, px."""
     n_pairs: int = 400
@@ -40,8 +46,11 @@ class SearchSettings:
 
 
 def time_tolerance(errors: Floats, settings: SearchSettings) -> Floats:
-    """How far a pulse's time may be from a candidate's, (n,), ps."""
-    return np.hypot(4.0 * errors, settings.time_floor)
+    """How far a pulse's time may be from a candidate's, (n,), ps.
+
+    A dim pulse whose error exceeds a pulse's own width must not join whatever it likes.
+    """
+    return np.hypot(np.minimum(4.0 * errors, 2.0 * settings.time_floor), settings.time_floor)
 
 
 def fitted_line(points: Floats, weights: Floats) -> tuple[Floats, Floats]:
@@ -99,10 +108,42 @@ def _slope_keeps_sign(coefficients: Floats, low: float, high: float) -> bool:
     return bool(first * last > 0)
 
 
+def ridge_pulses(
+    points: Floats, times: Floats, weights: Floats, settings: SearchSettings
+) -> NDArray[np.bool_]:
+    """True for pulses that no neighbour (1.6 px, same time) outshines: they run along the legs."""
+    tree = cKDTree(points)
+    pairs = tree.query_pairs(1.6, output_type="ndarray")
+    ridge = np.ones(len(points), dtype=bool)
+    if len(pairs):
+        a, b = pairs.T
+        together = np.abs(times[a] - times[b]) < 4.0 * settings.time_floor
+        ridge[a[together & (weights[b] > settings.ridge_ratio * weights[a])]] = False
+        ridge[b[together & (weights[a] > settings.ridge_ratio * weights[b])]] = False
+    return ridge
+
+
 def best_line(
     points: Floats, times: Floats, errors: Floats, weights: Floats, settings: SearchSettings
 ) -> NDArray[np.bool_] | None:
-    """Members (n,) of the candidate with the most distinct pixel positions; None: none is enough."""
+    """Members (n,) of the candidate with the most distinct pixel positions; None: none is enough.
+
+    Only ridge pulses vote: the wings of a bright spot are as wide as a small bend.
+    """
+    ridge = np.flatnonzero(ridge_pulses(points, times, weights, settings))
+    if len(ridge) < settings.min_pixels:
+        return None
+    found = _best_line_of_ridge(points[ridge], times[ridge], errors[ridge], settings)
+    if found is None:
+        return None
+    members = np.zeros(len(points), dtype=bool)
+    members[ridge[found]] = True
+    return members
+
+
+def _best_line_of_ridge(
+    points: Floats, times: Floats, errors: Floats, settings: SearchSettings
+) -> NDArray[np.bool_] | None:
     rng = np.random.default_rng(settings.seed)
     tolerance = time_tolerance(errors, settings)
     best_score, best_members = settings.min_pixels - 0.5, None
@@ -208,103 +249,10 @@ def refine_members(
         )
         timely = np.abs(times - polynomial.polyval(s, coefficients)) < tolerance
         halo = timely & inside_range & (lateral < settings.halo_px)
-        updated = _longest_run(s, halo, settings.max_gap_px)
+        updated = _longest_run(s, halo & (lateral < _MEMBER_PX), settings.max_gap_px)
         if np.array_equal(updated, current):
             break
         current = updated
     if _distinct_positions(s[current]) < settings.min_pixels:
         return np.empty(0, dtype=np.int64), halo | members
     return np.flatnonzero(current), halo | members
-
-
-def _fit_cost(
-    points: Floats, times: Floats, errors: Floats, weights: Floats, noise: tuple[float, float]
-) -> float:
-    """Chi-square of one straight leg: lateral centroids and times about line and polynomial."""
-    origin, direction = fitted_line(points, weights)
-    offset = points - origin
-    s = offset @ direction
-    lateral = offset[:, 1] * direction[0] - offset[:, 0] * direction[1]
-    position = np.rint(s).astype(np.int64)
-    _, index = np.unique(position, return_inverse=True)
-    total = np.bincount(index, weights)
-    centroid = np.bincount(index, weights * lateral) / total
-    residual = times - polynomial.polyval(s, fitted_times(s, times, errors))
-    scaled = residual / np.hypot(errors, noise[1])
-    # Huber: one wild pixel must not pay for a split.
-    in_time = np.where(np.abs(scaled) < 3, scaled**2, 6 * np.abs(scaled) - 9).sum()
-    sideways = np.abs(centroid) / noise[0]
-    across = np.where(sideways < 3, sideways**2, 6 * sideways - 9).sum()
-    return float(in_time + across)
-
-
-def split_where_bent(
-    points: Floats,
-    times: Floats,
-    errors: Floats,
-    weights: Floats,
-    members: Indices,
-    settings: SearchSettings,
-) -> list[Indices]:
-    """Cut a leg in two, again and again, where two straight legs explain it far better.
-
-    The noise against which "better" is judged comes from the leg itself: the scatter between
-    neighbouring pixels, which a bend does not feel.
-    """
-    origin, direction = fitted_line(points[members], weights[members])
-    s = (points[members] - origin) @ direction
-    order = members[np.argsort(s, kind="stable")]
-    if _distinct_positions(s) < 2 * settings.min_pixels:
-        return [members]
-    noise = _local_noise(points[order], times[order], errors[order], weights[order])
-    whole = _fit_cost(points[order], times[order], errors[order], weights[order], noise)
-    s = np.sort(s)
-    best_cost, best_cut = np.inf, 0
-    for cut in _cuts(s, settings.min_pixels):
-        left, right = order[:cut], order[cut:]
-        cost = _fit_cost(points[left], times[left], errors[left], weights[left], noise)
-        cost += _fit_cost(points[right], times[right], errors[right], weights[right], noise)
-        if cost < best_cost:
-            best_cost, best_cut = cost, cut
-    # Six parameters and a free cut: 40 is beyond chance for any array we know.
-    if whole - best_cost < 40.0 + 6.0 * np.log(len(order)):
-        return [members]
-    halves = order[:best_cut], order[best_cut:]
-    return [
-        piece
-        for half in halves
-        for piece in split_where_bent(points, times, errors, weights, half, settings)
-    ]
-
-
-def _cuts(s_sorted: Floats, min_pixels: int) -> list[int]:
-    """Places to cut that leave `min_pixels` positions on both sides, at most 40 of them."""
-    positions = np.rint(s_sorted)
-    steps = np.flatnonzero(np.diff(positions) > 0) + 1
-    inner = steps[min_pixels - 1 : len(steps) - min_pixels + 1]
-    return [int(cut) for cut in inner[:: max(1, len(inner) // 40)]]
-
-
-def _local_noise(
-    points: Floats, times: Floats, errors: Floats, weights: Floats
-) -> tuple[float, float]:
-    """(lateral px, time) scatter about short straight pieces, floors for `_fit_cost`."""
-    origin, direction = fitted_line(points, weights)
-    offset = points - origin
-    s = offset @ direction
-    lateral = offset[:, 1] * direction[0] - offset[:, 0] * direction[1]
-    position, index = np.unique(np.rint(s), return_inverse=True)
-    total = np.bincount(index, weights)
-    centroid = np.bincount(index, weights * lateral) / total
-    mean_time = np.bincount(index, weights * times) / total
-    mean_s = np.bincount(index, weights * s) / total
-    if len(position) < 5:
-        return 0.3, float(np.median(errors))
-    a, b, c = mean_s[:-2], mean_s[1:-1], mean_s[2:]
-    f = (b - a) / np.maximum(c - a, 1e-9)
-    norm = np.sqrt(1 + f**2 + (1 - f) ** 2)
-    kink = (mean_time[1:-1] - (1 - f) * mean_time[:-2] - f * mean_time[2:]) / norm
-    shift = (centroid[1:-1] - (1 - f) * centroid[:-2] - f * centroid[2:]) / norm
-    time_noise = 1.4826 * float(np.median(np.abs(kink)))
-    side_noise = 1.4826 * float(np.median(np.abs(shift)))
-    return max(side_noise, 0.12), max(time_noise, 1e-9)

@@ -16,10 +16,15 @@ from lightflight.path import LightPath
 from lightflight.reconstruct.freedom import Waypoint
 from lightflight.reconstruct.geometry import PathState
 from lightflight.reconstruct.joint import Setting, fit_joint, pulse_std_ps
-from lightflight.reconstruct.legs import ImageLeg, find_legs, unwrapped_arrivals
+from lightflight.reconstruct.legs import (
+    ImageLeg,
+    find_legs,
+    undistorted_px,
+    unwrapped_arrivals,
+)
 from lightflight.reconstruct.observation import Observation, blind_pixels
 from lightflight.reconstruct.result import path_from_fit
-from lightflight.reconstruct.start import state_from_legs
+from lightflight.reconstruct.revise import fit_from_legs, revised
 from lightflight.timing.arrivals import find_arrivals
 from lightflight.timing.calibration import TimingCalibration
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
@@ -106,10 +111,11 @@ def reconstruct(
 
         return paper_path(observations, setting, legs=legs)
     if legs is not None:
-        state = state_from_legs(legs, camera=camera, source=source, medium=medium)
+        fit = fit_from_legs(observations, legs, setting, drop=n_legs is None)
     else:
-        state = _state_from_start(start, setting)
-    fit = fit_joint(observations, state, setting, legs=legs)
+        fit = fit_joint(observations, _state_from_start(start, setting), setting, legs=None)
+    if n_legs is None and start is None:
+        fit = revised(observations, fit, setting)
     path = path_from_fit(
         fit,
         observations,
@@ -239,13 +245,14 @@ def check_clock_direction(legs: tuple[ImageLeg, ...], observation: Observation) 
     Straight light gives d^2 t_a / d psi^2 > 0 (half-angle law); a clock read backwards turns that
     round. Only a bend beyond chance (six standard errors over all legs) is held against it.
     """
-    total, variance = 0.0, 0.0
+    total, variance, forward = 0.0, 0.0, False
     for leg in legs:
         bend, std = _bend_of_leg(leg, observation)
         if np.isfinite(std) and std > 0:
             total += bend / std**2
             variance += 1 / std**2
-    if variance == 0:
+            forward |= bend > 4.0 * std
+    if variance == 0 or forward:
         return
     significance = total / np.sqrt(variance)
     if significance < -6.0:
@@ -260,14 +267,15 @@ def _bend_of_leg(leg: ImageLeg, observation: Observation) -> tuple[float, float]
     """Second derivative of a leg's arrival curve and its error, ps per px^2, from a parabola."""
     arrivals = observation.arrivals
     index = leg.members
-    if leg.n_pixels < 8:
+    if leg.n_pixels < 10:
         return 0.0, float("inf")
-    from lightflight.reconstruct.legs import undistorted_px
-
     points = undistorted_px(None, arrivals.row[index], arrivals.col[index])
     middle = points.mean(axis=0)
     axis = np.linalg.svd(points - middle, full_matrices=False)[2][0]
     s = (points - middle) @ axis
+    # Light of the neighbouring legs mixes in about the corners.
+    inner = (s > s.min() + 2.5) & (s < s.max() - 2.5)
+    index, s = index[inner], s[inner]
     times = observation.arrival_ps[index]
     errors = np.hypot(arrivals.photon_std_ps, arrivals.pixel_std_ps)[index]
     weight = 1.0 / np.maximum(errors, 0.2 * np.median(errors))

@@ -97,6 +97,8 @@ class JointFit:
     """Pulses that took part, and outliers with weight 0."""
     observation_of: Indices
     """(n,), which recording each pulse came from."""
+    lines: LineDataInPicture
+    """The lines the legs were held to."""
     pictures: tuple[Picture, ...]
     """Lines and brightness, one per recording."""
     floor_ps: float
@@ -130,8 +132,12 @@ def fit_joint(
         Where fewer pulses lie on the path than it has unknowns.
     """
     std = pulse_std_ps(observations)
+    members = None
     if legs is not None:
         state = _rough_fit(observations, state, setting, legs)
+        members = np.full(len(observations[0].arrivals.row), -1)
+        for k, leg in enumerate(legs):
+            members[leg.members] = k
     floor, result = 0.0, None
     for _ in range(_PASSES):
         state, ends = with_ends(state, observations, setting, std)
@@ -142,8 +148,8 @@ def fit_joint(
             for o in observations
         )
         parts = [
-            _assigned(o, state, setting, picture, std, floor)
-            for o, picture in zip(observations, pictures, strict=True)
+            _assigned(o, state, setting, picture, std, floor, members if not number else None)
+            for number, (o, picture) in enumerate(zip(observations, pictures, strict=True))
         ]
         times = _stacked(parts)
         lines = _stacked_lines([lines_from_picture(p) for p in pictures])
@@ -157,6 +163,7 @@ def fit_joint(
             labels=freedom.labels,
             times=times,
             observation_of=np.repeat(np.arange(len(parts)), [len(p.leg) for p in parts]),
+            lines=lines,
             pictures=pictures,
             floor_ps=floor,
         )
@@ -402,8 +409,14 @@ def _assigned(
     picture: Picture,
     std: float,
     floor_ps: float,
+    members: Indices | None,
 ) -> TimeData:
-    """Pulses that belong to a leg, with their footprint corrections."""
+    """Pulses that belong to a leg, with their footprint corrections.
+
+    `members` (n,) says which leg the picture gave each pulse to (-1: none): such a pulse stays
+    with its leg even where the corner of the moment would cut it off, so that a misplaced
+    corner is pulled back instead of eating its leg.
+    """
     arrivals = observation.arrivals
     usable = np.flatnonzero(flags.is_usable(arrivals.flags) & np.isfinite(observation.arrival_ps))
     n, n_legs = len(usable), state.n_legs
@@ -413,7 +426,7 @@ def _assigned(
     for k in range(n_legs):
         print_ = _prints(observation, state, setting, usable, k)
         near = np.abs(print_.lateral_px) < max(_REACH_PX, 3.0 * picture.spot_std_px)
-        near &= _on_leg(print_, k, state, margin_px=-_CORNER_PX)
+        near &= _clear_of_corners(print_, k, state, None if members is None else members[usable])
         correction = footprint_corrections(
             picture,
             print_,
@@ -457,6 +470,17 @@ def _on_leg(
     high = 1 + margin if leg < state.n_legs - 1 else np.full_like(margin, np.inf)
     inside: NDArray[np.bool_] = (print_.fraction > low) & (print_.fraction < high)
     return inside
+
+
+def _clear_of_corners(
+    print_: Footprint, leg: int, state: PathState, members: Indices | None
+) -> NDArray[np.bool_]:
+    """True where a pixel's foot is on the leg and no corner is within the spot."""
+    clear = _on_leg(print_, leg, state, margin_px=-_CORNER_PX)
+    if members is None:
+        return clear
+    beyond = ~_on_leg(print_, leg, state, margin_px=_CORNER_PX)
+    return clear | (beyond & (members == leg))
 
 
 def _blended_pulses(

@@ -56,6 +56,15 @@ class LineFit:
     """Log of the photons per pixel on the line, against `along_px`."""
     excess_variance: float
     """Chi-square per degree of freedom; the covariance is already widened by it where > 1."""
+    bend_places_px: Floats
+    """(b,), places along the line at which a kink was looked for, px."""
+    bend_chi2_at: Floats
+    """(b,), chi-square that a kink there would gain (one number each; score test)."""
+
+    @property
+    def bend_chi2(self) -> float:
+        """Chi-square of the most significant kink."""
+        return float(self.bend_chi2_at.max(initial=0.0))
 
     def log_slope(self, along_px: Floats) -> Floats:
         """d ln(strength) / d(along), per px; zero outside the fitted range."""
@@ -239,6 +248,8 @@ def _results(problem: _Problem, parameters: Floats, weights: list[Floats]) -> li
         start, n = problem.starts[k], problem.basis[k].shape[1]
         where = slice(start + n, start + n + 2)
         widened = covariance[where, where] * max(1.0, excess)
+        own = np.r_[start : problem.starts[k + 1], len(parameters) - 1]
+        places, chi2 = _bends(problem, parameters, weights, k, covariance[np.ix_(own, own)])
         fits.append(
             LineFit(
                 offset_px=parameters[where].copy(),
@@ -247,6 +258,35 @@ def _results(problem: _Problem, parameters: Floats, weights: list[Floats]) -> li
                 spot_std_px=float(np.exp(parameters[-1])),
                 spline=BSpline(problem.knots[k], parameters[start : start + n], 3),
                 excess_variance=excess,
+                bend_places_px=places,
+                bend_chi2_at=chi2,
             )
         )
     return fits
+
+
+def _bends(
+    problem: _Problem, parameters: Floats, weights: list[Floats], k: int, covariance: Floats
+) -> tuple[Floats, Floats]:
+    """Score test of a kink of leg k's line at places two pixels or more from its ends."""
+    d = problem.data[k]
+    low, high = problem.knots[k][3], problem.knots[k][-4]
+    places = np.arange(low + 2.0, high - 1.9, 1.0)
+    mean, gradient = _model(problem, parameters, k)
+    variance = mean + d.empty_variance + 1e-3
+    weight = weights[k] * mean / variance
+    spot = np.exp(parameters[-1])
+    u = (d.across_px - problem.lever[k] @ parameters[problem.starts[k + 1] - 2 : problem.starts[k + 1]]) / spot
+    chi2 = np.zeros(len(places))
+    for i, place in enumerate(places):
+        kink = u / spot * np.maximum(d.along_px - place, 0.0)
+        score = float(kink @ (weight * (d.photons - mean)))
+        crossed = gradient.T @ (weight * mean * kink)
+        information = float(kink @ (weight * mean * kink)) - float(crossed @ covariance @ crossed)
+        chi2[i] = score**2 / information if information > 1e-12 else 0.0
+    scaled = (d.photons - mean)[weights[k] > 0] ** 2 / variance[weights[k] > 0]
+    # Judged against the scatter that is there: a bend itself adds to it, so by the median.
+    spread = max(1.0, float(np.median(scaled[variance[weights[k] > 0] > 0.5])) / 0.4549) if len(
+        scaled
+    ) else 1.0
+    return places, chi2 / spread

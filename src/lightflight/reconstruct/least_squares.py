@@ -95,6 +95,8 @@ class Solution:
     """(p, p), share of the priors in `covariance`."""
     chi2: float
     """Of the times."""
+    line_chi2: float
+    """Of the lines."""
     dof: int
     """Degrees of freedom of `chi2`."""
     converged: bool
@@ -277,6 +279,7 @@ def _solution(
         line_gain=gain[:, n : n + k],
         prior_covariance=prior_gain @ prior_gain.T,
         chi2=chi2,
+        line_chi2=float(np.sum(system.residual[n : n + k] ** 2)),
         dof=max(0, int(used.sum()) - system.jacobian.shape[1] + len(modes)),
         converged=converged,
         residual_ps=residual,

@@ -22,8 +22,9 @@ from lightflight.errors import NothingFoundError
 from lightflight.reconstruct._leg_search import (
     SearchSettings,
     best_line,
+    fitted_line,
+    fitted_times,
     refine_members,
-    split_where_bent,
 )
 
 if TYPE_CHECKING:
@@ -203,14 +204,9 @@ def _disjoint_groups(
         )
         if not len(members):
             break
-        pieces = [members]
-        if n_legs is None:
-            pieces = split_where_bent(
-                points[left], times[left], errors[left], weights[left], members, settings
-            )
-        groups.extend(left[piece] for piece in pieces)
+        groups.append(left[members])
         left = left[~halo]
-    return groups[:limit]
+    return groups
 
 
 def _image_leg(
@@ -222,8 +218,6 @@ def _image_leg(
     weights: Floats,
 ) -> ImageLeg:
     """Line and time polynomial through one group of pulses."""
-    from lightflight.reconstruct._leg_search import fitted_line, fitted_times
-
     origin, direction = fitted_line(points[group], weights[group])
     s = (points[group] - origin) @ direction
     coefficients = fitted_times(s, times[group], errors[group])

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.errors import NothingFoundError
 from lightflight.flight import Medium
 from lightflight.reconstruct.geometry import Footprint, Indices, PathState, footprints
 from lightflight.reconstruct.lateral import LineData, LineFit, fit_lines
@@ -136,6 +137,11 @@ def measure_picture(
         margin = _corner_margin(leg, k, len(legs))
         clear = (pixels.along[:, k] > margin[0]) & (pixels.along[:, k] < margin[1])
         use = pixels.near[:, k] & ~blended[:, k] & np.isfinite(empty[:, k]) & clear
+        if use.sum() < 4:
+            raise NothingFoundError(
+                f"leg {k + 1} of the path has {int(use.sum())} pixels of its own in the picture, "
+                "too few to say where it runs: give a smaller n_legs or another start"
+            )
         data.append(
             LineData(
                 pixels.along[use, k], pixels.across[use, k], photons[use, k], empty[use, k]

@@ -176,14 +176,21 @@ def _best_direction(
         directions = _directions(curve, angles)
         relative = _relative_arrivals(start, directions, curve.rays, camera, medium)
         residual = curve.arrival_ps - relative
+        # A corner in the picture may come out a little beyond the first rays: do without them.
+        met = np.isfinite(residual)
+        enough = met.sum(axis=1) >= 0.6 * len(curve.rays)
+        residual = np.where(met, residual, 0.0)
+        n_met = np.maximum(met.sum(axis=1), 1)
+        mean = residual.sum(axis=1) / n_met
         if start_time_ps is None:
-            start_times = residual.mean(axis=1)
+            start_times = mean
         elif start_time_std_ps > 0:
             weight = 1.0 / (1.0 + 1.0 / (len(curve.rays) * (start_time_std_ps / 5.0) ** 2))
-            start_times = start_time_ps + weight * (residual.mean(axis=1) - start_time_ps)
+            start_times = start_time_ps + weight * (mean - start_time_ps)
         else:
             start_times = np.full(len(angles), start_time_ps)
-        cost = np.mean((residual - start_times[:, np.newaxis]) ** 2, axis=1)
+        squared = np.where(met, residual - start_times[:, np.newaxis], 0.0) ** 2
+        cost = np.where(enough, squared.sum(axis=1) / n_met, np.nan)
         if not np.isfinite(cost).any():
             return best
         i = int(np.nanargmin(cost))

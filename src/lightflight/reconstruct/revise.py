@@ -1,0 +1,251 @@
+"""Second thoughts on the number of legs, once the whole path has been fitted.
+
+The search in the picture sees legs one by one; a fitted path shows more sharply where one leg
+is really two (times and lines bend at one place) and where two are really one (a corner that
+turns nothing). Both are decided by likelihood, with thresholds far beyond chance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.reconstruct.geometry import PathState, footprints
+from lightflight.reconstruct.joint import JointFit, Setting, fit_joint, freedom_at
+from lightflight.reconstruct.least_squares import Solution, solve
+from lightflight.reconstruct.legs import ImageLeg, mean_focal_px, undistorted_px
+from lightflight.reconstruct.observation import Observation
+from lightflight.reconstruct.start import state_from_legs
+
+Floats = NDArray[np.float64]
+
+_MOST_ROUNDS = 6
+_BEND_CHI2 = 50.0
+"""A bend this significant (chi-square of one number) makes a second leg worth trying."""
+_GAIN_CHI2 = 40.0
+"""A further leg must lower chi-square by this much beyond its parameters' worth."""
+_FEW_PULSES = 5
+"""A leg that no more pulses than this speak for must earn its place."""
+_LEAST_TURN_DEG = 2.5
+"""Corners that turn less are model error or curvature, not mirrors."""
+
+
+def turn_deg(state: PathState, corner: int) -> float:
+    """Angle by which the flight turns at a corner, deg."""
+    before = state.vertices_mm[corner] - state.vertices_mm[corner - 1]
+    after = state.vertices_mm[corner + 1] - state.vertices_mm[corner]
+    cross = np.linalg.norm(np.cross(before, after))
+    return float(np.rad2deg(np.arctan2(cross, before @ after)))
+
+
+def fit_from_legs(
+    observations: list[Observation],
+    legs: tuple[ImageLeg, ...],
+    setting: Setting,
+    *,
+    drop: bool,
+) -> JointFit:
+    """Joint fit from legs in the picture; with `drop`, without those that fit in no chain.
+
+    The weakest leg goes first: a ghost or the mixed light about a corner is seen by few pixels.
+
+    Raises
+    ------
+    GeometryError, NothingFoundError
+        As the first attempt did, where no subset of the legs makes a path.
+    """
+    first_problem: Exception | None = None
+    while legs:
+        try:
+            state = state_from_legs(
+                legs, camera=setting.camera, source=setting.source, medium=setting.medium
+            )
+            return fit_joint(observations, state, setting, legs=legs)
+        except (GeometryError, NothingFoundError, np.linalg.LinAlgError) as problem:
+            first_problem = first_problem or problem
+            if not drop or len(legs) == 1:
+                break
+            weakest = min(range(len(legs)), key=lambda k: legs[k].n_pixels)
+            if legs[weakest].n_pixels > 8:
+                break
+            legs = legs[:weakest] + legs[weakest + 1 :]
+    assert first_problem is not None
+    if isinstance(first_problem, np.linalg.LinAlgError):
+        raise GeometryError(
+            "the legs found make no path that can be computed: give n_legs, a starting path, or "
+            "mask the pixels that do not belong to the flight"
+        ) from first_problem
+    raise first_problem
+
+
+def revised(
+    observations: list[Observation], fit: JointFit, setting: Setting
+) -> JointFit:
+    """The fit with as many legs as the data ask for: merged and split until nothing changes."""
+    for _ in range(_MOST_ROUNDS):
+        changed = (
+            _merged_once(observations, fit, setting)
+            or _thinned_once(observations, fit, setting)
+            or _split_once(observations, fit, setting)
+        )
+        if changed is None:
+            return fit
+        fit = changed
+    return fit
+
+
+def _refitted(
+    observations: list[Observation], state: PathState, setting: Setting
+) -> JointFit | None:
+    try:
+        return fit_joint(observations, state, setting, legs=None)
+    except (GeometryError, NothingFoundError, np.linalg.LinAlgError, ValueError):
+        return None
+
+
+def _merged_once(
+    observations: list[Observation], fit: JointFit, setting: Setting
+) -> JointFit | None:
+    """The fit without the corner that matters least, where it does not matter."""
+    state = fit.solution.state
+    waypoint_vertices = {index for index, _, _ in setting.waypoints}
+    best: tuple[float, PathState] | None = None
+    for corner in range(1, state.n_legs):
+        if corner in waypoint_vertices or turn_deg(state, corner) > 12.0:
+            continue
+        straight = _without_corner(fit, corner, setting)
+        if straight is None:
+            continue
+        loss = _total_cost(straight, fit) - _total_cost(fit.solution, fit)
+        needless = loss < _GAIN_CHI2 or turn_deg(state, corner) < _LEAST_TURN_DEG
+        if needless and (best is None or loss < best[0]):
+            best = loss, straight.state
+    return None if best is None else _refitted(observations, best[1], setting)
+
+
+def _thinned_once(
+    observations: list[Observation], fit: JointFit, setting: Setting
+) -> JointFit | None:
+    """The fit without a leg that hardly any pulse speaks for, where the rest then fits as well."""
+    state = fit.solution.state
+    used = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=state.n_legs)
+    for k in np.argsort(used):
+        if state.n_legs == 1 or used[k] > _FEW_PULSES:
+            return None
+        for vertex in {max(int(k), 1), min(int(k) + 1, state.n_legs - 1)}:
+            thinner = PathState(
+                np.delete(state.vertices_mm, vertex, axis=0), state.start_time_ps
+            )
+            trial = _refitted(observations, thinner, setting)
+            if trial is None:
+                continue
+            kept = int((trial.times.weight > 0).sum())
+            enough = kept >= int(used.sum()) - _FEW_PULSES
+            if enough and trial.solution.chi2 / max(kept, 1) < 1.5 * max(
+                1.0, fit.solution.chi2 / max(int(used.sum()), 1)
+            ):
+                return trial
+    return None
+
+
+def _without_corner(fit: JointFit, corner: int, setting: Setting) -> Solution | None:
+    """Fit of the same data with two legs taken as one."""
+    state = fit.solution.state
+    vertices = np.delete(state.vertices_mm, corner, axis=0)
+    shifted = replace(fit.times, leg=fit.times.leg - (fit.times.leg >= corner))
+    lines = replace(fit.lines, leg=fit.lines.leg - (fit.lines.leg >= corner))
+    merged = PathState(vertices, state.start_time_ps)
+    moved = tuple((i - (i > corner), p, s) for i, p, s in setting.waypoints)
+    narrowed = replace(setting, waypoints=moved)
+    try:
+        return solve(
+            merged,
+            shifted,
+            lines,
+            freedom_at(merged, narrowed),
+            camera=setting.camera,
+            medium=setting.medium,
+            focal_px=mean_focal_px(setting.camera),
+            floor_var=fit.floor_ps**2,
+        )
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _total_cost(solution: Solution, fit: JointFit) -> float:
+    """Chi-square of times and lines; one wild pixel counts at most as a five-sigma one."""
+    std = np.sqrt(fit.times.photon_var + fit.times.pixel_var + fit.floor_ps**2)
+    scaled = np.minimum((solution.residual_ps / std) ** 2, 25.0)
+    return float(scaled.sum() + solution.line_chi2)
+
+
+def _split_once(
+    observations: list[Observation], fit: JointFit, setting: Setting
+) -> JointFit | None:
+    """The fit with one leg cut where times and light bend most, where that explains far more."""
+    state = fit.solution.state
+    bends = [_sharpest_bend(observations, fit, k, setting) for k in range(state.n_legs)]
+    order = np.argsort([-chi2 for chi2, _ in bends])
+    before = fit.solution.chi2 + sum(f.bend_chi2 for p in fit.pictures for f in p.fits)
+    for k in order:
+        chi2, fraction = bends[int(k)]
+        if chi2 < _BEND_CHI2:
+            return None
+        vertices = state.vertices_mm
+        corner = vertices[k] + fraction * (vertices[k + 1] - vertices[k])
+        opened = PathState(np.insert(vertices, k + 1, corner, axis=0), state.start_time_ps)
+        moved = tuple((i + (i > k), p, s) for i, p, s in setting.waypoints)
+        trial = _refitted(observations, opened, replace(setting, waypoints=moved))
+        if trial is None or turn_deg(trial.solution.state, int(k) + 1) < _LEAST_TURN_DEG:
+            continue
+        after = trial.solution.chi2 + sum(f.bend_chi2 for p in trial.pictures for f in p.fits)
+        lost = max(0, len(fit.times.leg) - len(trial.times.leg))
+        if before - after - lost > _GAIN_CHI2 and trial.floor_ps <= fit.floor_ps + 1e-9:
+            return trial
+        if trial.floor_ps < 0.6 * fit.floor_ps:
+            return trial
+    return None
+
+
+def _sharpest_bend(
+    observations: list[Observation], fit: JointFit, leg: int, setting: Setting
+) -> tuple[float, float]:
+    """(chi-square, fraction of the leg) of the most significant kink in times and lines."""
+    times, solution = fit.times, fit.solution
+    here = np.flatnonzero((times.leg == leg) & (times.weight > 0))
+    if len(here) < 6:
+        return 0.0, 0.5
+    picture = fit.pictures[0]
+    line, line_fit = picture.legs[leg], picture.fits[leg]
+    points = undistorted_px(setting.camera, times.row, times.col)
+    along = line.along_across(points)[0]
+    low, high = np.quantile(along[here], [0.05, 0.95])
+    if high - low < 6.0:
+        return 0.0, 0.5
+    weight = times.weights(fit.floor_ps**2)
+    precision = np.linalg.pinv(solution.covariance, hermitian=True)
+    best, place = 0.0, 0.5 * (low + high)
+    for at in np.arange(low + 2.0, high - 1.9, 1.0):
+        hinge = np.where(times.leg == leg, np.maximum(along - at, 0.0), 0.0)
+        response = solution.photon_gain @ hinge
+        own = float(hinge @ (weight * hinge) - response @ precision @ response)
+        score = float(hinge @ (weight * solution.residual_ps))
+        in_time = score**2 / own if own > 1e-9 * float(hinge @ (weight * hinge)) else 0.0
+        total = in_time + float(np.interp(at, line_fit.bend_places_px, line_fit.bend_chi2_at))
+        if total > best:
+            best, place = total, float(at)
+    del observations
+    print_ = footprints(
+        solution.state,
+        camera=setting.camera,
+        medium=setting.medium,
+        legs=times.leg[here],
+        rows=times.row[here],
+        cols=times.col[here],
+    )
+    order = np.argsort(along[here])
+    fraction = float(np.interp(place, along[here][order], print_.fraction[order]))
+    return best, float(np.clip(fraction, 0.02, 0.98))
