@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.optimize import minimize
 from scipy.special import ndtr
@@ -50,7 +52,8 @@ def reference_fit(counts, lower, upper, start, period=np.inf):
     scale = np.array([start[1], start[1], start[2], max(start[3], 1e-3 / np.ptp(upper))])
 
     def mean(x):
-        return expected_counts(lower, upper, *(x * scale), period=period)
+        delay, std, photons, background = x * scale
+        return expected_counts(lower, upper, delay, std, photons, background, period)
 
     def cost(x):
         if x[1] <= 0 or x[2] < 0 or x[3] < 0:
@@ -60,7 +63,7 @@ def reference_fit(counts, lower, upper, start, period=np.inf):
 
     best = np.asarray(start, dtype=float) / scale
     for _ in range(5):
-        options = {"maxiter": 4000, "maxfev": 4000, "xatol": 1e-8, "fatol": 1e-11}
+        options: Any = {"maxiter": 4000, "maxfev": 4000, "xatol": 1e-8, "fatol": 1e-11}
         best = minimize(cost, best, method="Nelder-Mead", options=options).x
     step = 1e-5
     slopes = np.array([(mean(best + d) - mean(best - d)) / (2 * step) for d in np.eye(4) * step])

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -17,6 +18,11 @@ from lightflight._kernels import jit as jit_module
 from lightflight._kernels import pulse, pulse_split
 from lightflight._kernels.pulse_tile import N_COLUMNS, fit_tile
 from tests.pulse_fakes import STD, WIDTH, expected_counts
+
+
+def plain(kernel: Any) -> Any:
+    """The kernel as Python runs it, not compiled."""
+    return kernel.py_func
 
 
 def bins_of(counts, *, period=math.inf):
@@ -40,7 +46,7 @@ def test_compiled_and_plain_evaluate_agree(pixel):
     window, m = bins_of(pixel)
     theta = np.array([1490.0, 380.0, 75.0, 0.012])
     results = []
-    for function in (pulse.evaluate, pulse.evaluate.py_func):
+    for function in (pulse.evaluate, plain(pulse.evaluate)):
         slope, grad, info = np.empty(4), np.empty(4), np.empty((4, 4))
         outside = np.array([3.0, 500.0])
         value = function(theta, 1, window, m, outside, (True, False, True), slope, grad, info)
@@ -67,7 +73,7 @@ def test_window_and_sums_give_the_likelihood_of_the_full_range(pixel):
     """Exactly: differences of the objective, gradient and information agree with all bins in."""
     whole, n = bins_of(pixel)
     part = tuple(np.empty(200) for _ in range(3))
-    outside = np.empty(2)
+    outside = np.zeros(4)
     m = pulse.load_around(
         whole, n, math.inf, np.array([1500.0, 1.0, STD, 1.0]), 1, 7.5, part, outside
     )
@@ -137,12 +143,12 @@ def test_valley_separates_two_bumps_from_a_slope():
 def test_fit_tile_gives_the_same_in_plain_python(pixel):
     lower = np.arange(64)[None] * WIDTH
     results = []
-    for function in (fit_tile, fit_tile.py_func):
+    for function in (fit_tile, plain(fit_tile)):
         thetas, covariances = np.empty((1, 4)), np.empty((1, 4, 4))
         table = np.empty((1, N_COLUMNS))
         function(
-            pixel[None], lower, lower + WIDTH, math.inf, np.ones(1, bool), np.zeros(1), 7.0,
-            (True, False, True), thetas, covariances, table,
+            pixel[None], lower, lower + WIDTH, math.inf, np.ones(1, bool), np.zeros(1), np.zeros(1),
+            0.0, 7.0, (True, False, True), thetas, covariances, table,
         )  # fmt: skip
         results.append((thetas, covariances))
     np.testing.assert_allclose(results[0][0], results[1][0], rtol=1e-9)
@@ -157,14 +163,15 @@ def test_kernels_compile_without_a_cache_where_numba_finds_no_place_for_one(monk
             raise RuntimeError("cannot cache function: no locator available")
         return real(cache=False, nogil=nogil)
 
-    monkeypatch.setattr(jit_module.numba, "njit", without_place)
+    monkeypatch.setattr(numba, "njit", without_place)
     double = jit_module.jit(lambda x: 2 * x)
     assert double(21) == 42
 
 
 def test_the_cache_knows_when_any_kernel_file_has_changed():
     """Numba looks at a function's own file only; the stamp of all of them must get in."""
-    index = fit_tile._cache._cache_file
+    kernel: Any = fit_tile
+    index = kernel._cache._cache_file
     assert index._source_stamp == jit_module._STAMP
     files = list(Path(jit_module.__file__).parent.glob("*.py"))
     assert jit_module._STAMP[1] == sum(file.stat().st_size for file in files)

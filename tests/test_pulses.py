@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,8 +30,7 @@ def fake_timing(lower, upper, *, period=None, shape=None, flags=None):
         shape=shape,
         laser_period_ps=period,
         flags=np.zeros(shape, np.uint32) if flags is None else flags,
-        gain_std=np.full(shape, 0.001),
-        phase_std=np.full((*shape, 1), 0.001),
+        phases=np.full((*shape, 1), 1.001),
         check_matches=lambda hist: None,
         code_intervals_ps=lambda rows, cols: (lower[cols], upper[cols]),
     )
@@ -47,7 +47,7 @@ def uneven_codes(rng, n_codes, *, dead=(), backward=False, start=0.0):
     return lower, upper
 
 
-CASES = {
+CASES: dict[str, dict[str, Any]] = {
     "plain": {},
     "no background": {"background": 0.0},
     "one photon per ten codes": {"photons": 300, "background": 0.1 / WIDTH},
@@ -64,7 +64,7 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 def test_fit_agrees_with_a_full_range_reference_in_uneven_codes(name, rng):
-    case = {
+    case: dict[str, Any] = {
         "delay": 6000.0, "std": STD, "photons": 1000.0, "background": 1.0 / WIDTH, "dead": (),
         "backward": False, "period": False, "lost": 0.0, **CASES[name],
     }  # fmt: skip
@@ -72,7 +72,8 @@ def test_fit_agrees_with_a_full_range_reference_in_uneven_codes(name, rng):
     span = upper.max() - lower.min()
     period = span + case["lost"] if case["period"] else np.inf
     truth = np.array([case[key] for key in ("delay", "std", "photons", "background")])
-    counts = rng.poisson(expected_counts(lower, upper, *truth, period=period))
+    delay, std, photons, background = truth
+    counts = rng.poisson(expected_counts(lower, upper, delay, std, photons, background, period))
     hist = Histograms(counts[None, None], bin_width_ps=WIDTH)
     timing = fake_timing(lower[None], upper[None], period=period if case["period"] else None)
 
@@ -288,6 +289,25 @@ def test_a_real_code_density_recording_shows_no_pulse(data_dir):
     assert np.count_nonzero(pulses.flags & fl.SCREAMING) == 73
 
 
+def test_a_background_recording_joins_the_likelihood(rng):
+    """Its level is the ratio of frames; the error of the background shrinks as its counts say."""
+    delay = rng.uniform(500, 3000, 400)
+    lit = pulse_cube(rng, 400, [(delay, 300)], 0.5, n_codes=64, folds=False, n_frames=10_000)
+    dark = Histograms(rng.poisson(2.0, lit.counts.shape), bin_width_ps=WIDTH, n_frames=40_000)
+    alone, joined = fit_pulses(lit), fit_pulses(lit, background=dark)
+    pull = (joined.background_per_ps * WIDTH - 0.5) / np.sqrt(joined.covariance[:, 3, 3]) / WIDTH
+    assert abs(pull.mean()) < 0.2
+    assert 0.87 < pull.std() < 1.13
+    shrink = np.sqrt(joined.covariance[:, 3, 3] / alone.covariance[:, 3, 3])
+    assert shrink.mean() == pytest.approx(np.sqrt(1 / 5.2), rel=0.05)
+    time_pull = (joined.delay_ps - delay) / np.sqrt(joined.covariance[:, 0, 0])
+    assert 0.87 < time_pull.std() < 1.13
+    with pytest.raises(ValueError, match="n_frames of both"):
+        fit_pulses(lit, background=Histograms(dark.counts, bin_width_ps=WIDTH))
+    with pytest.raises(ValueError, match="same camera settings"):
+        fit_pulses(lit, background=Histograms(dark.counts[:, :3], bin_width_ps=WIDTH, n_frames=1))
+
+
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [
@@ -335,7 +355,7 @@ def test_any_counts_give_a_finite_pulse_or_a_reason(data, n_codes, folds, kind):
     numbers = np.random.default_rng(seed)
     counts = numbers.integers(0, int(peak) + 1, (2, 3, n_codes)).astype(kind)
     counts[numbers.random(counts.shape) < data.draw(st.sampled_from([0.0, 0.5, 0.95]))] = 0
-    period = {"laser_period_ps": n_codes * WIDTH} if folds else {}
+    period: dict[str, Any] = {"laser_period_ps": n_codes * WIDTH} if folds else {}
     try:
         pulses = fit_pulses(Histograms(counts, bin_width_ps=WIDTH, **period))
     except NothingFoundError:

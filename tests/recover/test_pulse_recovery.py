@@ -23,16 +23,16 @@ def bound_of(photons, background_per_code, delays, *, n_codes=64):
     bounds = []
     for delay in delays:
         theta = np.array([delay, STD, photons, background_per_code / WIDTH])
-        slopes = []
+        rows = []
         for a, step in enumerate((1e-3, 1e-3, 1e-3, 1e-7)):
             high, low = theta.copy(), theta.copy()
             high[a] += step
             low[a] -= step
-            slopes.append(
+            rows.append(
                 (expected_counts(lower, lower + WIDTH, *high)
                  - expected_counts(lower, lower + WIDTH, *low)) / (2 * step)
             )  # fmt: skip
-        slopes = np.array(slopes)
+        slopes = np.array(rows)
         mean = np.maximum(expected_counts(lower, lower + WIDTH, *theta), 1e-12)
         bounds.append(np.linalg.inv((slopes / mean) @ slopes.T)[0, 0])
     return np.sqrt(np.mean(bounds))

@@ -27,7 +27,9 @@ MIN_EXPECTED = 0.01  # bins expected to hold fewer counts say nothing about good
 def load_around(bins, n, period, theta, n_pulses, reach, window, outside):
     """Load the window that holds every pulse out to `reach` std; sum what lies outside it.
 
-    The window never exceeds one period, and is then centred on the pulses.
+    The window never exceeds one period, and is then centred on the pulses. outside: (counts,
+    exposure) beyond the window, on top of (counts, exposure) of a background recording in
+    outside[2:].
     """
     low, high = math.inf, -math.inf
     for j in range(n_pulses):
@@ -36,7 +38,7 @@ def load_around(bins, n, period, theta, n_pulses, reach, window, outside):
     half = min(half, 0.5 * period)
     middle = 0.5 * (low + high)
     m = load_window(bins, n, period, middle - half, middle + half, window)
-    outside[0], outside[1] = 0.0, 0.0
+    outside[0], outside[1] = outside[2], outside[3]
     if m < n:
         for k in range(n):
             outside[0] += bins[0][k]
@@ -84,8 +86,8 @@ def evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info):
     """Objective (larger is better), its gradient and expected information at theta.
 
     Poisson log-likelihood (of densities: the same for every window), or minus half the sum of
-    squares. `outside` = (counts, exposure) of
-    the bins beyond the window: there the model is b w, so two sums are all they contribute.
+    squares. `outside` = (counts, exposure) beyond the window: there the model is b w, so two
+    sums are all they contribute.
     """
     counts, edges, exposure = window
     poisson, sampled, _ = model
@@ -295,8 +297,7 @@ def describe_fit(bins, n, theta, n_pulses, model, window, m, scratch, summary):
     (as a standard normal deviate), smallest share of a pulse inside live bins.
     """
     counts, edges, exposure = window
-    vectors, outside = scratch[0], scratch[3]
-    slope, held = vectors[0], vectors[4]
+    slope, held = scratch[0][0], scratch[0][4]
     size = 2 * n_pulses + 2
     held[:n_pulses] = 0.0
     chi2, n_bins, rich_chi2, rich_bins, rich_variance = 0.0, 0, 0.0, 0, 0.0
@@ -315,13 +316,13 @@ def describe_fit(bins, n, theta, n_pulses, model, window, m, scratch, summary):
             rich_chi2 += term
             rich_bins += 1
             rich_variance += 2.0 + 1.0 / expected
-    if outside[1] > 0.0:
+    if model[0] and m < n:
         background = theta[size - 1]
-        term, n_out, inverse = outside_chi2(bins, n, window, m, background)
-        if background * outside[1] >= MIN_EXPECTED * n_out:
+        term, n_out, exposed, inverse = outside_chi2(bins, n, window, m, background)
+        if background * exposed >= MIN_EXPECTED * n_out:
             chi2 += term
             n_bins += n_out
-        if background * outside[1] >= n_out:
+        if background * exposed >= n_out:
             rich_chi2 += term
             rich_bins += n_out
             rich_variance += 2.0 * n_out + inverse / background
@@ -332,7 +333,7 @@ def describe_fit(bins, n, theta, n_pulses, model, window, m, scratch, summary):
 
 @jit
 def outside_chi2(bins, n, window, m, background):
-    """Pearson chi2 of the bins beyond the window, their number, and the sum of 1 / exposure."""
+    """Pearson chi2 of the bins beyond the window; their number, exposure, sum of 1 / exposure."""
     squares, total, exposed, inverse, n_live = 0.0, 0.0, 0.0, 0.0, 0
     for part in range(2):
         counts, _, exposure = bins if part == 0 else window
@@ -344,7 +345,8 @@ def outside_chi2(bins, n, window, m, background):
                 exposed += sign * exposure[k]
                 inverse += sign / exposure[k]
                 n_live += 1 if part == 0 else -1
-    return squares / background - 2.0 * total + background * exposed, n_live, inverse
+    chi2 = squares / background - 2.0 * total + background * exposed
+    return chi2, n_live, exposed, inverse
 
 
 @jit
@@ -416,7 +418,8 @@ def new_scratch(n_bins, max_pulses):
     """Work space for pixels of up to `n_bins` bins.
 
     bins; window; running sums of counts, exposure, expected counts, and the latter themselves;
-    small arrays (vectors, matrices, free parameters, sums outside the window).
+    small arrays (vectors, matrices, free parameters, sums outside the window and of a
+    background recording).
     """
     size = 2 * max_pulses + 2
     bins = (np.empty(n_bins), np.empty(n_bins + 1), np.empty(n_bins))
@@ -428,5 +431,5 @@ def new_scratch(n_bins, max_pulses):
         np.empty(size),
     )  # fmt: skip
     matrices = (np.empty((size, size)), np.empty((size, size)), np.empty((size, size)))
-    small = (vectors, matrices, np.ones(size, np.bool_), np.zeros(2))
+    small = (vectors, matrices, np.ones(size, np.bool_), np.zeros(4))
     return bins, window, sums, small

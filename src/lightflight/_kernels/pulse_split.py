@@ -37,6 +37,7 @@ def expected_counts(bins, n, period, theta, n_pulses, one, slope, expected):
     """Counts that theta expects in every bin, over the whole range. `one`: room for a theta."""
     _, edges, exposure = bins
     std = theta[2 * n_pulses]
+    single, no_slope = np.int64(1), np.bool_(False)  # no literals, see `pulse_tile.fit_tile`
     for k in range(n):
         expected[k] = theta[2 * n_pulses + 1] * exposure[k]
         if exposure[k] <= 0.0:
@@ -46,7 +47,7 @@ def expected_counts(bins, n, period, theta, n_pulses, one, slope, expected):
             away = wrapped(middle - theta[j], period)
             if abs(away) - half <= REACH * std:
                 one[0], one[1], one[2], one[3] = middle - away, 1.0, std, 0.0
-                share = bin_model(one, 1, edges[k], edges[k + 1], exposure[k], False, slope)
+                share = bin_model(one, single, edges[k], edges[k + 1], exposure[k], no_slope, slope)
                 expected[k] += theta[n_pulses + j] * share
 
 
@@ -186,6 +187,8 @@ def best_with_one_more(
     narrow = typical_std if typical_std < std / WIDER else 0.4 * std
     highest = -math.inf
     size = 2 * n_pulses + 4
+    # no literals, see `pulse_tile.fit_tile`
+    none, is_last, is_first = np.int64(0), np.bool_(True), np.bool_(False)
     for start in range(3):
         base[:size] = theta[:size]
         if start == 0:
@@ -196,10 +199,10 @@ def best_with_one_more(
             if n_pulses == 1:
                 trial[0], trial[1] = narrow, theta[3]
                 residual_scan(
-                    bins, n, period, trial, 0, 0.0, narrow, double_code, sums, scratch, best
+                    bins, n, period, trial, none, 0.0, narrow, double_code, sums, scratch, best
                 )
                 base[0] = theta[0] + wrapped(best[1] - theta[0], period)
-            fit_bins(bins, n, period, base, n_pulses, model, False, window, scratch, outcome)
+            fit_bins(bins, n, period, base, n_pulses, model, is_first, window, scratch, outcome)
         else:
             near, width = 0.0, narrow
         residual_scan(
@@ -213,7 +216,7 @@ def best_with_one_more(
             trial[2 * n_pulses + 1] = 0.5 * theta[n_pulses]
         elif best[0] <= 0.0:
             continue
-        fit_bins(bins, n, period, trial, n_pulses + 1, model, True, window, scratch, outcome)
+        fit_bins(bins, n, period, trial, n_pulses + 1, model, is_last, window, scratch, outcome)
         if outcome[0] > highest:
             highest = outcome[0]
             best_theta[:size] = trial[:size]
@@ -233,7 +236,9 @@ def split_pulses(
     """
     window, _, scratch, outcome, _, _, _ = work
     new = np.empty_like(theta)
-    n_pulses, m = 1, 0
+    # no literals, see `pulse_tile.fit_tile`
+    is_last = np.bool_(True)
+    n_pulses, m = np.int64(1), 0
     span = bins[1][n] - bins[1][0]
     while n_pulses < max_pulses:
         std = theta[2 * n_pulses]
@@ -244,7 +249,7 @@ def split_pulses(
         if not higher > objective + needed:
             break
         more = n_pulses + 1
-        m = fit_bins(bins, n, period, new, more, model, True, window, scratch, outcome)
+        m = fit_bins(bins, n, period, new, more, model, is_last, window, scratch, outcome)
         weakest = new[more : 2 * more].min()
         misplaced = double_code * new[2 * more + 1] * span / n
         if (
@@ -257,5 +262,5 @@ def split_pulses(
         objective = outcome[0]
         n_pulses = more
     if n_pulses > 1:
-        m = fit_bins(bins, n, period, theta, n_pulses, model, True, window, scratch, outcome)
+        m = fit_bins(bins, n, period, theta, n_pulses, model, is_last, window, scratch, outcome)
     return n_pulses, m

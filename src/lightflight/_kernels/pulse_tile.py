@@ -31,6 +31,8 @@ def fit_tile(
     period: float,
     todo: NDArray[np.bool_],
     double_code: Floats,
+    dark_counts: Floats,
+    dark_ratio: float,
     log_alarms: float,
     model: tuple[bool, bool, bool],
     thetas: Floats,
@@ -40,8 +42,9 @@ def fit_tile(
     """Fit the one strongest pulse of each pixel of a tile.
 
     counts (m, codes); lower, upper (m or 1, codes); period inf where nothing folds; todo (m,);
-    double_code (m,), see `scan_for_pulse`; log_alarms: a pulse must be less likely by chance than
-    exp(-that - 3); model: Poisson likelihood?, sampled Gaussian?, Poisson counts?
+    double_code (m,), see `scan_for_pulse`; dark_counts (m,): counts of a background recording,
+    dark_ratio: its exposure over this one's (0: none); log_alarms: a pulse must be less likely by
+    chance than exp(-that - 3); model: Poisson likelihood?, sampled Gaussian?, Poisson counts?
 
     thetas (m, 4) centre, photons, std, background; covariances (m, 4, 4) in that order; table
     (m, N_COLUMNS): counts, exposure, log excess of the scan, pulses found, objective, converged,
@@ -50,6 +53,8 @@ def fit_tile(
     """
     bins, window, sums, small = new_scratch(2 * counts.shape[1] + 2, 1)
     best, outcome, summary = np.empty(3), np.empty(4), np.empty(4)
+    # Not plain 1 and True: for a literal, Numba would compile the whole fit once more.
+    single, is_last = np.int64(1), np.bool_(True)
     for i in range(counts.shape[0]):
         thetas[i], covariances[i], table[i] = math.nan, math.nan, math.nan
         if not todo[i]:
@@ -60,24 +65,25 @@ def fit_tile(
             continue
         total = scan_for_pulse(bins, n, period < math.inf, double_code[i], sums, best)
         exposure = sums[1][n]
+        small[3][2], small[3][3] = dark_counts[i], dark_ratio * exposure
         table[i, COUNTS], table[i, EXPOSURE], table[i, LOG_EXCESS] = total, exposure, best[0]
         table[i, N_PULSES] = 0.0
         if total <= 0.0 or (model[2] and best[0] < log_alarms):
-            thetas[i, 3] = total / exposure
+            thetas[i, 3] = (total + small[3][2]) / (exposure + small[3][3])
             continue
         theta = thetas[i]
         start_from_window(bins, n, period, sums, int(best[1]), int(best[2]), theta)
-        m = fit_bins(bins, n, period, theta, 1, model, True, window, small, outcome)
-        if not covariance_of_fit(theta, 1, model, exposure, window, m, small, covariances[i]):
+        m = fit_bins(bins, n, period, theta, single, model, is_last, window, small, outcome)
+        if not covariance_of_fit(theta, single, model, exposure, window, m, small, covariances[i]):
             covariances[i] = math.nan
-        describe_fit(bins, n, theta, 1, model, window, m, small, summary)
+        describe_fit(bins, n, theta, single, model, window, m, small, summary)
         table[i, N_PULSES] = 1.0
         table[i, OBJECTIVE : OBJECTIVE + 4] = outcome
         table[i, CHI2 : CHI2 + 4] = summary
         table[i, STD_FREE] = small[2][2]
         if model[0]:
             residual_scan(
-                bins, n, period, theta, 1, ALONE, theta[2], double_code[i], sums, small, best
+                bins, n, period, theta, single, ALONE, theta[2], double_code[i], sums, small, best
             )
             table[i, RESIDUAL] = best[0] - math.log(n)
 
@@ -90,6 +96,8 @@ def split_tile(
     period: float,
     typical_std: float,
     double_code: Floats,
+    dark_counts: Floats,
+    dark_ratio: float,
     log_alarms: float,
     thetas: Floats,
     covariances: Floats,
@@ -102,7 +110,7 @@ def split_tile(
     """
     size = thetas.shape[1]
     max_pulses = size // 2 - 1
-    model = (True, False, True)
+    model = (np.bool_(True), np.bool_(False), np.bool_(True))  # no literals, see `fit_tile`
     bins, window, sums, small = new_scratch(2 * counts.shape[1] + 2, max_pulses)
     best, outcome, summary = np.empty(3), np.empty(4), np.empty(4)
     theta = np.empty(size)
@@ -111,6 +119,7 @@ def split_tile(
         row = i if lower.shape[0] > 1 else 0
         n = bins_from_codes(counts[i], lower[row], upper[row], period, bins)
         scan_for_pulse(bins, n, period < math.inf, double_code[i], sums, best)
+        small[3][2], small[3][3] = dark_counts[i], dark_ratio * sums[1][n]
         theta[:] = thetas[i]
         n_pulses, m = split_pulses(
             bins, n, period, theta, table[i, OBJECTIVE], max_pulses, typical_std, log_alarms,
@@ -119,8 +128,9 @@ def split_tile(
         if n_pulses < 2:
             continue
         thetas[i] = theta
+        exposure = (1.0 + dark_ratio) * sums[1][n]
         if not covariance_of_fit(
-            theta, n_pulses, model, sums[1][n], window, m, small, covariances[i]
+            theta, n_pulses, model, exposure, window, m, small, covariances[i]
         ):
             covariances[i] = math.nan
         describe_fit(bins, n, theta, n_pulses, model, window, m, small, summary)

@@ -71,7 +71,7 @@ class Clock:
         if self.timing is None:
             return np.ones(n_pixels)
         unknown = (self.timing.flags.ravel() & fl.UNCALIBRATED) != 0
-        nominal = bool(np.all(self.timing.gain_std == 0) and np.all(self.timing.phase_std == 0))
+        nominal = bool(np.all(self.timing.phases == 1.0))
         return np.where(unknown | nominal, 1.0, 0.1)
 
 
@@ -115,11 +115,36 @@ class Fits:
     """Typical std of the array's pulses; NaN where there are too few or no typical one."""
 
 
+def exposure_ratio(background: Histograms, hist: Histograms) -> float:
+    """Exposure of a background recording over the recording's: frames over frames.
+
+    Raises ValueError where they cannot be compared.
+    """
+    if background.counts.shape != hist.counts.shape:
+        raise ValueError(
+            f"the background recording has shape {background.counts.shape}, the recording "
+            f"{hist.counts.shape}: record both with the same camera settings"
+        )
+    if not (hist.poisson and background.poisson):
+        raise ValueError("a background recording needs photon counts, not scaled intensities")
+    if background.n_frames is None or hist.n_frames is None:
+        raise ValueError(
+            "the background recording cannot be scaled: give n_frames of both recordings"
+        )
+    return background.n_frames / hist.n_frames
+
+
 class _Job:
     """One recording on one clock: what every tile needs."""
 
-    def __init__(self, hist: Histograms, clock: Clock, threads: int) -> None:
+    def __init__(
+        self, hist: Histograms, clock: Clock, background: Histograms | None, threads: int
+    ) -> None:
         self.clock, self.threads = clock, threads
+        self.dark_counts, self.dark_ratio = np.zeros(hist.shape).ravel(), 0.0
+        if background is not None:
+            self.dark_counts = background.photons.astype(np.float64).ravel()
+            self.dark_ratio = exposure_ratio(background, hist)
         self.n_codes = hist.n_codes
         self.counts = hist.counts.reshape(-1, hist.n_codes)
         self.rows, self.cols = np.divmod(np.arange(len(self.counts)), hist.shape[1])
@@ -151,10 +176,11 @@ def fit_all(
     *,
     method: str,
     max_pulses: int,
+    background: Histograms | None,
     threads: int,
 ) -> Fits:
     """Every pixel's pulses: one each, then more where one does not explain the counts."""
-    job = _Job(hist, clock, threads)
+    job = _Job(hist, clock, background, threads)
     model = (
         method == "likelihood" and hist.poisson,
         method == "least_squares" and hist.poisson,
@@ -168,7 +194,8 @@ def fit_all(
     def fit(part: slice, counts: Floats, lower: Floats, upper: Floats) -> None:
         pulse_tile.fit_tile(
             counts, lower, upper, clock.period, wanted[part], job.double_code[part],
-            LOG_FALSE_PULSES, model, thetas[part], covariances[part], table[part],
+            job.dark_counts[part], job.dark_ratio, LOG_FALSE_PULSES, model,
+            thetas[part], covariances[part], table[part],
         )  # fmt: skip
 
     job.run(np.arange(n_pixels), fit)
@@ -245,7 +272,8 @@ def _with_more_pulses(single: Fits, job: _Job, max_pulses: int) -> Fits:
     def split(part: slice, counts: Floats, lower: Floats, upper: Floats) -> None:
         pulse_tile.split_tile(
             counts, lower, upper, job.clock.period, single.typical_std,
-            job.double_code[pixels[part]], LOG_FALSE_SECOND,
+            job.double_code[pixels[part]], job.dark_counts[pixels[part]], job.dark_ratio,
+            LOG_FALSE_SECOND,
             thetas[part], covariances[part], table[part],
         )  # fmt: skip
 

@@ -134,7 +134,9 @@ def fit_pulses(
     max_pulses
         Most pulses to look for in one pixel.
     background
-        A recording without pulses; not supported yet.
+        A recording of the same scene without the pulses (laser blocked). Its level joins the
+        likelihood of each pixel with its own Poisson error, scaled by the frames of both;
+        nothing is subtracted. Used by "likelihood" only.
     response
         Response shape other than a Gaussian; not supported yet.
     exclude_mask
@@ -147,15 +149,19 @@ def fit_pulses(
     NothingFoundError
         No photons anywhere, or nothing but hot or saturated pixels.
     ValueError
-        A wrong `method`, `max_pulses`, `threads`, or shape of `exclude_mask`.
+        A wrong `method`, `max_pulses`, `threads`, or shape of `exclude_mask`; a background
+        recording of another shape, or with unknown frames.
     CalibrationError
         The calibration does not fit the recording.
     """
-    _check_options(hist, method, max_pulses, background, response, threads)
+    _check_options(method, max_pulses, response, threads)
     todo = _mask_to_fit(hist, exclude_mask)
     check_recording(hist)
     clock = clock_of(hist, timing)
-    fits = fit_all(hist, clock, todo, method=method, max_pulses=max_pulses, threads=threads)
+    fits = fit_all(
+        hist, clock, todo, method=method, max_pulses=max_pulses, background=background,
+        threads=threads,
+    )  # fmt: skip
     flags = flags_of(fits, hist, todo, clock.period)
     if timing is not None:
         flags |= timing.flags.ravel()[fits.pixel]
@@ -164,10 +170,8 @@ def fit_pulses(
 
 
 def _check_options(
-    hist: Histograms,
     method: str,
     max_pulses: int,
-    background: Histograms | None,
     response: Any,
     threads: int,
 ) -> None:
@@ -177,8 +181,6 @@ def _check_options(
         raise ValueError(f"max_pulses must be at least 1, got {max_pulses}")
     if threads < 1:
         raise ValueError(f"threads must be at least 1, got {threads}")
-    if background is not None:
-        raise NotImplementedError("fit_pulses cannot use a background recording yet")
     if response is not None:
         raise NotImplementedError("fit_pulses knows only Gaussian pulses yet: leave response out")
 
