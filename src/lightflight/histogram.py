@@ -60,6 +60,11 @@ def _check_positive(name: str, value: float | None) -> None:
         raise ValueError(f"{name} must be positive and finite, got {value}")
 
 
+def _check_whole(name: str, value: float | None) -> None:
+    if value is not None and value != int(value):
+        raise ValueError(f"{name} must be a whole number, got {value}")
+
+
 @dataclass(frozen=True, eq=False)
 class Histograms:
     """Counts per pixel and TDC code.
@@ -109,6 +114,8 @@ class Histograms:
         _check_positive("laser_period_ps", self.laser_period_ps)
         _check_positive("n_frames", self.n_frames)
         _check_positive("periods_per_frame", self.periods_per_frame)
+        _check_whole("n_frames", self.n_frames)
+        _check_whole("periods_per_frame", self.periods_per_frame)
         if not np.isfinite(self.first_edge_ps):
             raise ValueError(f"first_edge_ps must be finite, got {self.first_edge_ps}")
         if self.reversed_codes and self.laser_period_ps is None:
@@ -116,7 +123,8 @@ class Histograms:
                 "reversed_codes=True needs laser_period_ps: reversed codes count back from the "
                 "next laser pulse"
             )
-        if self.no_photon_code is not None and not 0 <= self.no_photon_code < self.n_codes:
+        code = self.no_photon_code
+        if code is not None and (code != int(code) or not 0 <= code < self.n_codes):
             raise ValueError(
                 f"no_photon_code = {self.no_photon_code} is not one of the {self.n_codes} codes"
             )
