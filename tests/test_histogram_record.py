@@ -102,9 +102,9 @@ class TestMetadata:
 
     def test_frozen_and_keyword_only(self):
         with pytest.raises(dataclasses.FrozenInstanceError):
-            Histograms(cube()).bin_width_ps = 1.0
+            Histograms(cube()).bin_width_ps = 1.0  # type: ignore[misc]
         with pytest.raises(TypeError):
-            Histograms(cube(), 55.0)
+            Histograms(cube(), 55.0)  # type: ignore[call-arg]
 
     @pytest.mark.parametrize(
         "name", ["bin_width_ps", "laser_period_ps", "n_frames", "periods_per_frame"]

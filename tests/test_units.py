@@ -9,8 +9,9 @@ from lightflight import units
 
 
 def test_speed_of_light_is_the_si_value():
-    metres_per_second = 299_792_458
-    assert units.SPEED_OF_LIGHT_MM_PER_PS == pytest.approx(metres_per_second * 1e3 / 1e12, rel=1e-15)
+    mm_per_s = 299_792_458 * 1000
+    ps_per_s = 10**12
+    assert units.SPEED_OF_LIGHT_MM_PER_PS * ps_per_s == pytest.approx(mm_per_s, rel=1e-15)
 
 
 def test_full_width_is_where_a_gaussian_has_half_its_height():

@@ -151,7 +151,7 @@ class Histograms:
     def photons(self) -> NDArray[Any]:
         """(rows, cols), counts in all codes that mean a photon."""
         kind = np.uint64 if self.poisson else np.float64
-        total = self.counts.sum(axis=2, dtype=kind)
+        total: NDArray[Any] = self.counts.sum(axis=2, dtype=kind)
         if self.no_photon_code is not None:
             total = total - self.counts[..., self.no_photon_code].astype(kind)
         return total
@@ -171,10 +171,10 @@ class Histograms:
         """
         if self.bin_width_ps is None:
             raise CalibrationError(
-                "the time per bin of this recording is unknown: give bin_width_ps to get times in ps"
+                "the time per bin of this recording is unknown: give bin_width_ps for times in ps"
             )
         code = np.arange(self.n_codes + 1)
-        edges = self.first_edge_ps + code * self.bin_width_ps
+        edges: NDArray[np.float64] = self.first_edge_ps + code * self.bin_width_ps
         if self.reversed_codes:
             assert self.laser_period_ps is not None
             edges = self.laser_period_ps - edges
