@@ -137,7 +137,7 @@ class Histograms:
     @property
     def n_codes(self) -> int:
         """Number of TDC codes."""
-        return self.counts.shape[2]
+        return int(self.counts.shape[2])
 
     @property
     def photon_codes(self) -> NDArray[np.bool_]:
@@ -173,8 +173,8 @@ class Histograms:
             raise CalibrationError(
                 "the time per bin of this recording is unknown: give bin_width_ps for times in ps"
             )
-        code = np.arange(self.n_codes + 1)
-        edges: NDArray[np.float64] = self.first_edge_ps + code * self.bin_width_ps
+        code = np.arange(self.n_codes + 1, dtype=np.float64)
+        edges = self.first_edge_ps + code * self.bin_width_ps
         if self.reversed_codes:
             assert self.laser_period_ps is not None
             edges = self.laser_period_ps - edges
