@@ -153,7 +153,7 @@ def test_counts_never_wrap(monkeypatch):
         def __getitem__(self, key):
             return np.zeros((1, 1, 1), np.uint16)
 
-    monkeypatch.setattr(kernels, "count_frames", lambda *args: -1)
+    monkeypatch.setattr(kernels, "add_frames", lambda *args: -1)
     counted = histogram(
         Recording.from_frames(Endless(), n_codes=4, no_photon_code=0), chunk_bytes=1 << 40
     )
@@ -181,21 +181,51 @@ def plain_python(kernel: Any) -> Any:
     return kernel.py_func
 
 
-def test_kernels_equal_their_python(rng):
-    frames = frames_of_codes(rng, n_frames=20).reshape(20, -1)
+@pytest.mark.parametrize("n_pixels", [1, 31, 32, 33, 64, 100, 1024])
+@pytest.mark.parametrize("occupancy", [0.0, 0.04, 0.5, 1.0])
+@pytest.mark.parametrize("absent", [0, 7, 65_535])
+def test_photons_are_listed_in_order(rng, n_pixels, occupancy, absent):
+    codes = rng.integers(0, 65_536, (13, n_pixels)).astype(np.uint16)
+    codes[codes == absent] += np.uint16(1)
+    frames = np.where(rng.random(codes.shape) < occupancy, codes, absent).astype(np.uint16)
+    room = frames.size + kernels.SPARE
+    for dtype in (np.uint16, np.uint32):
+        pixels, listed = np.zeros(room, dtype), np.zeros(room, np.uint16)
+        per_frame = np.zeros(13, np.uint32)
+        n = kernels.list_photons(frames, np.uint16(absent), pixels, listed, per_frame)
+        frame, pixel = np.nonzero(frames != absent)
+        np.testing.assert_array_equal(pixels[:n], pixel)
+        np.testing.assert_array_equal(listed[:n], frames[frame, pixel])
+        np.testing.assert_array_equal(per_frame, (frames != absent).sum(axis=1))
+
+
+def test_adding_photons_equals_its_python_and_numpy(rng):
+    pixels = rng.integers(0, 35, 400).astype(np.uint16)
+    codes = rng.integers(0, 64, 400).astype(np.uint16)
+    expected = np.zeros((35, 64), np.uint32)
+    np.add.at(expected, (pixels, codes), 1)
     slot = rng.permutation(35) - 5
     slot[slot < 0] = -1
-    compiled = np.zeros((30, 40), np.uint32)
-    plain = np.zeros((30, 40), np.uint32)
-    assert kernels.count_frames(frames, slot, 0, 64, 8, compiled) == -1
-    assert plain_python(kernels.count_frames)(frames, slot, 0, 64, 8, plain) == -1
-    np.testing.assert_array_equal(compiled, plain)
-    assert plain.sum() > 0
-    pixel = rng.integers(0, 35, 300).astype(np.uint16)
-    code = rng.integers(0, 64, 300).astype(np.uint16)
-    assert kernels.count_events(pixel, code, slot, 0, 64, 8, compiled) == -1
-    assert plain_python(kernels.count_events)(pixel, code, slot, 0, 64, 8, plain) == -1
-    np.testing.assert_array_equal(compiled, plain)
+    for run in (lambda kernel: kernel, plain_python):
+        counts = np.zeros((35, 64), np.uint32)
+        run(kernels.add_photons)(pixels, codes, counts)
+        np.testing.assert_array_equal(counts, expected)
+        kept = np.zeros((30, 40), np.uint32)
+        run(kernels.add_photons_in_window)(pixels, codes, slot, 8, kept)
+        np.testing.assert_array_equal(kept[slot[slot >= 0]], expected[slot >= 0, 8:48])
+        frames = codes[:350].reshape(10, 35)
+        kept[:] = 0
+        run(kernels.add_all_codes)(frames, slot, 8, kept)
+        all_codes = counts_by_numpy(frames[:, :, None], 64)[:, 0]
+        np.testing.assert_array_equal(kept[slot[slot >= 0]], all_codes[slot >= 0, 8:48])
+
+
+def test_events_of_the_no_photon_code_are_no_photons():
+    fields = {"pixel": np.zeros(3, np.uint16), "code": np.array([0, 2, 2], np.uint16)}
+    recording = Recording((1, 1), n_codes=4, no_photon_code=0, n_frames=10, **fields)
+    np.testing.assert_array_equal(histogram(recording).counts[0, 0], [8, 0, 2, 0])
+    recording = Recording((1, 1), n_codes=4, no_photon_code=0, **fields)
+    np.testing.assert_array_equal(histogram(recording).counts[0, 0], [0, 0, 2, 0])
 
 
 # --- memory -----------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import mmap
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -24,6 +24,8 @@ Progress = Callable[[int, int], None]
 """Called now and then with (done, in all), in frames or in photons."""
 
 _CHUNK_BYTES = 8 << 20
+_LISTED_PIXELS = 1 << 14
+"""Pixels whose photons are listed before they are counted: the list stays in the nearest cache."""
 
 
 class SlicedArray(Protocol):
@@ -427,22 +429,29 @@ def _count_frames(
     progress: Progress | None,
     chunk_bytes: int,
 ) -> tuple[NDArray[Any], int]:
-    from lightflight._kernels.frames import count_frames
+    from lightflight._kernels.frames import SPARE, add_all_codes, add_frames
 
-    source = recording.frames
+    source, absent, n_codes = recording.frames, recording.no_photon_code, recording.n_codes
     assert source is not None
     start, end = _checked_range("frames", frames, source.shape[0])
     slot = window.slot_from_pixel(recording.shape)
     cube = window.empty_cube(most=end - start)
     counts = cube.reshape(-1, cube.shape[2])
-    absent = -1 if recording.no_photon_code is None else recording.no_photon_code
-    step = max(1, chunk_bytes // (slot.size * source.dtype.itemsize))
-    for first in range(start, end, step):
-        last = min(first + step, end)
-        block = np.ascontiguousarray(source[first:last]).reshape(-1, slot.size)
-        bad = count_frames(block, slot, absent, recording.n_codes, window.codes[0], counts)
-        if bad >= 0:
-            raise bad_code_error(recording, block, first, int(bad))
+    is_whole = cube.shape == (*recording.shape, n_codes)
+    room = max(1, _LISTED_PIXELS // slot.size) * slot.size + SPARE
+    pixels, codes = np.empty(room, pixel_dtype(recording.shape)), np.empty(room, np.uint16)
+    for first, last in _chunks(start, end, chunk_bytes // (slot.size * source.dtype.itemsize)):
+        block = np.ascontiguousarray(source[first:last], np.uint16).reshape(-1, slot.size)
+        if absent is None:
+            check_codes(recording, block, first)
+            add_all_codes(block, slot, window.codes[0], counts)
+        else:
+            bad = add_frames(
+                block, np.uint16(absent), n_codes, slot, window.codes[0], is_whole, pixels, codes,
+                counts,
+            )  # fmt: skip
+            if bad >= 0:
+                check_codes(recording, block, first)
         _release_pages(source)
         if progress is not None:
             progress(last - start, end - start)
@@ -450,16 +459,23 @@ def _count_frames(
     return cube, end - start
 
 
-def bad_code_error(
-    recording: Recording, block: NDArray[Any], first_frame: int, index: int
-) -> ValueError:
-    """Error that says where frames (n, pixels) hold a code they cannot; `index` is flat."""
-    frame, pixel = divmod(index, block.shape[1])
-    row, col = divmod(pixel, recording.shape[1])
-    return ValueError(
-        f"frame {first_frame + frame}, pixel ({row}, {col}) holds code {block[frame, pixel]}, "
-        f"but the recording has {recording.n_codes} codes: check shape, footers and byte order"
-    )
+def _chunks(start: int, end: int, step: int) -> Iterator[tuple[int, int]]:
+    """(first, last) of runs of `step`, the last one shorter."""
+    step = max(1, step)
+    for first in range(start, end, step):
+        yield first, min(first + step, end)
+
+
+def check_codes(recording: Recording, block: NDArray[np.uint16], first_frame: int) -> None:
+    """Raise ValueError where frames (n, pixels) hold a code they cannot, saying where."""
+    bad = np.argwhere(block >= recording.n_codes)
+    if len(bad):
+        frame, pixel = (int(index) for index in bad[0])
+        row, col = divmod(pixel, recording.shape[1])
+        raise ValueError(
+            f"frame {first_frame + frame}, pixel ({row}, {col}) holds code {block[frame, pixel]}, "
+            f"but the recording has {recording.n_codes} codes: check shape, footers and byte order"
+        )
 
 
 def _count_events(
@@ -469,7 +485,7 @@ def _count_events(
     progress: Progress | None,
     chunk_bytes: int,
 ) -> tuple[NDArray[Any], int | None]:
-    from lightflight._kernels.frames import count_events
+    from lightflight._kernels.frames import add_photons, add_photons_in_window
 
     pixel, code = recording.pixel, recording.code
     assert pixel is not None
@@ -478,24 +494,34 @@ def _count_events(
     slot = window.slot_from_pixel(recording.shape)
     cube = window.empty_cube(most=max(end - start, n_frames or 0))
     counts = cube.reshape(-1, cube.shape[2])
-    absent = -1 if recording.no_photon_code is None else recording.no_photon_code
-    step = max(1, chunk_bytes // (pixel.dtype.itemsize + code.dtype.itemsize))
-    for first in range(start, end, step):
-        last = min(first + step, end)
+    is_whole = cube.shape == (*recording.shape, recording.n_codes)
+    for first, last in _chunks(start, end, chunk_bytes // 4):
         pixels, codes = np.asarray(pixel[first:last]), np.asarray(code[first:last])
-        bad = count_events(pixels, codes, slot, absent, recording.n_codes, window.codes[0], counts)
-        if bad >= 0:
-            raise ValueError(
-                f"photon {first + bad} is of pixel {pixels[bad]} and code {codes[bad]}, "
-                f"but the recording has {slot.size} pixels and {recording.n_codes} codes"
-            )
+        _check_photons(recording, pixels, codes, first)
+        if is_whole:
+            add_photons(pixels, codes, counts)
+        else:
+            add_photons_in_window(pixels, codes, slot, window.codes[0], counts)
         _release_pages(pixel)
         _release_pages(code)
         if progress is not None:
             progress(last - start, end - start)
-    if n_frames is not None:
-        _fill_no_photon_code(recording, counts, window, n_frames)
+    _fill_no_photon_code(recording, counts, window, n_frames)
     return cube, n_frames
+
+
+def _check_photons(
+    recording: Recording, pixels: NDArray[Any], codes: NDArray[Any], first: int
+) -> None:
+    """Raise ValueError where a photon is of a pixel or a code that does not exist."""
+    n_pixels, n_codes = recording.shape[0] * recording.shape[1], recording.n_codes
+    if pixels.max() < n_pixels and codes.max() < n_codes:
+        return
+    bad = int(np.argmax((pixels >= n_pixels) | (codes >= n_codes)))
+    raise ValueError(
+        f"photon {first + bad} is of pixel {pixels[bad]} and code {codes[bad]}, but the recording "
+        f"has {n_pixels} pixels and {n_codes} codes"
+    )
 
 
 def _photons_of_frames(
@@ -512,10 +538,14 @@ def _photons_of_frames(
 
 
 def _fill_no_photon_code(
-    recording: Recording, counts: NDArray[Any], window: _Window, n_frames: int
+    recording: Recording, counts: NDArray[Any], window: _Window, n_frames: int | None
 ) -> None:
+    """Frames without a photon, in the column of the code that says so; 0 where unknown."""
     column = _column_without_photon(recording, window)
     if column is None:
+        return
+    counts[:, column] = 0
+    if n_frames is None:
         return
     photons = counts.sum(axis=1, dtype=np.uint64)
     if photons.max() > n_frames:

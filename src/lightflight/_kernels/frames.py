@@ -1,96 +1,136 @@
 """Counting kernels: dense frames of TDC codes, or photon events, into counts per pixel and code.
 
-`slot` maps a pixel to its row in `counts` (-1: left out). `counts` is (slots, codes of the
-window), any unsigned type; the window starts at `first_code`.
+Sparse frames are first listed as photons, a few frames at a time so that the list stays in the
+nearest cache, and then counted. No kernel checks its input: codes and pixels must lie within
+`counts`, or within `slot` and the TDC.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from lightflight._kernels.jit import jit
+from lightflight._kernels.lanes import LANES, count_of_bits, lanes_other_than, lowest_bit
+
+SPARE = 4
+"""Places beyond the last photon that `list_photons` may write to."""
 
 
 @jit
-def count_frames(
-    frames: NDArray[Any],
-    slot: NDArray[Any],
-    no_photon_code: int,
-    n_codes: int,
-    first_code: int,
-    counts: NDArray[Any],
-) -> int:
-    """Add frames (n, pixels) to `counts`; codes equal to `no_photon_code` are skipped.
-
-    Returns the flat index of the first code that is not below `n_codes`, or -1.
-    """
-    n_frames, n_pixels = frames.shape
-    n_kept = counts.shape[1]
-    for i in range(n_frames):
-        for pixel in range(n_pixels):
-            code = int(frames[i, pixel])
-            if code != no_photon_code:
-                if code >= n_codes:
-                    return i * n_pixels + pixel
-                k = code - first_code
-                if slot[pixel] >= 0 and 0 <= k < n_kept:
-                    counts[slot[pixel], k] += 1
-    return -1
-
-
-@jit
-def count_events(
+def list_photons(
+    frames: NDArray[np.uint16],
+    absent: np.uint16,
     pixels: NDArray[Any],
-    codes: NDArray[Any],
-    slot: NDArray[Any],
-    no_photon_code: int,
-    n_codes: int,
-    first_code: int,
-    counts: NDArray[Any],
-) -> int:
-    """Add photon events (n,) to `counts`.
-
-    Returns the index of the first event whose pixel or code does not exist, or -1.
-    """
-    n_kept = counts.shape[1]
-    for i in range(pixels.size):
-        pixel = int(pixels[i])
-        code = int(codes[i])
-        if pixel >= slot.size or code >= n_codes:
-            return i
-        k = code - first_code
-        if code != no_photon_code and slot[pixel] >= 0 and 0 <= k < n_kept:
-            counts[slot[pixel], k] += 1
-    return -1
-
-
-@jit
-def events_from_frames(
-    frames: NDArray[Any],
-    no_photon_code: int,
-    n_codes: int,
-    pixels: NDArray[Any],
-    codes: NDArray[Any],
+    codes: NDArray[np.uint16],
     photons_per_frame: NDArray[Any],
 ) -> int:
-    """List the photons of frames (n, pixels), frame by frame, and count them per frame.
+    """List pixel and code of every photon of contiguous frames (n, pixels); returns how many.
 
-    `pixels` and `codes` have room for every pixel of every frame. Returns how many photons were
-    listed, or -1 - index where that (flat) index holds a code that is not below `n_codes`.
+    `absent` (uint16) is the code that means no photon. The lists have room for every pixel of
+    every frame and `SPARE` more. Of 32 pixels the first four that may hold a photon are written
+    without asking, since at usual occupancies a branch for each would be guessed wrong.
     """
     n_frames, n_pixels = frames.shape
+    whole = n_pixels // LANES * LANES
     n = 0
     for i in range(n_frames):
+        row = frames[i]
         before = n
-        for pixel in range(n_pixels):
-            code = int(frames[i, pixel])
-            if code != no_photon_code:
-                if code >= n_codes:
-                    return -1 - (i * n_pixels + pixel)
+        for start in range(0, whole, LANES):
+            lit = lanes_other_than(row, start, absent)
+            end = n + count_of_bits(lit)
+            for j in range(SPARE):
+                pixel = start + (lowest_bit(lit) & (LANES - 1))
+                pixels[n + j] = pixel
+                codes[n + j] = row[pixel]
+                lit &= lit - np.uint32(1)
+            n += SPARE
+            while n < end:
+                pixel = start + lowest_bit(lit)
                 pixels[n] = pixel
-                codes[n] = code
+                codes[n] = row[pixel]
+                lit &= lit - np.uint32(1)
+                n += 1
+            n = end
+        for pixel in range(whole, n_pixels):
+            if row[pixel] != absent:
+                pixels[n] = pixel
+                codes[n] = row[pixel]
                 n += 1
         photons_per_frame[i] = n - before
     return n
+
+
+@jit
+def add_photons(pixels: NDArray[Any], codes: NDArray[Any], counts: NDArray[Any]) -> None:
+    """Add photons to `counts` (pixels, codes)."""
+    for i in range(pixels.size):
+        counts[pixels[i], codes[i]] += 1
+
+
+@jit
+def add_photons_in_window(
+    pixels: NDArray[Any],
+    codes: NDArray[Any],
+    slot: NDArray[np.int64],
+    first_code: int,
+    counts: NDArray[Any],
+) -> None:
+    """Add photons to `counts` (slots, codes from `first_code`); slot -1 leaves a pixel out."""
+    n_kept = counts.shape[1]
+    for i in range(pixels.size):
+        place = slot[pixels[i]]
+        k = np.int64(codes[i]) - first_code
+        if place >= 0 and 0 <= k < n_kept:
+            counts[place, k] += 1
+
+
+@jit
+def add_all_codes(
+    frames: NDArray[Any], slot: NDArray[np.int64], first_code: int, counts: NDArray[Any]
+) -> None:
+    """Add every code of frames (n, pixels), for cameras without a code for "no photon"."""
+    n_frames, n_pixels = frames.shape
+    n_kept = counts.shape[1]
+    for i in range(n_frames):
+        for pixel in range(n_pixels):
+            k = np.int64(frames[i, pixel]) - first_code
+            if slot[pixel] >= 0 and 0 <= k < n_kept:
+                counts[slot[pixel], k] += 1
+
+
+@jit
+def add_frames(
+    frames: NDArray[np.uint16],
+    absent: np.uint16,
+    n_codes: int,
+    slot: NDArray[np.int64],
+    first_code: int,
+    is_whole: bool,
+    pixels: NDArray[Any],
+    codes: NDArray[np.uint16],
+    counts: NDArray[Any],
+) -> int:
+    """Add the photons of frames (n, pixels) to `counts`, as many frames at a time as fit.
+
+    `is_whole`: every pixel and code is kept, in order. `pixels` and `codes` are scratch, as for
+    `list_photons`. Returns the first frame that may hold a code not below `n_codes`, or -1.
+    """
+    n_frames, n_pixels = frames.shape
+    step = (pixels.size - SPARE) // n_pixels
+    per_frame = np.empty(step, np.uint32)
+    for first in range(0, n_frames, step):
+        n = list_photons(frames[first : first + step], absent, pixels, codes, per_frame)
+        largest = np.uint16(0)
+        for i in range(n):
+            largest = max(largest, codes[i])
+        if largest >= n_codes:
+            return first
+        if is_whole:
+            add_photons(pixels[:n], codes[:n], counts)
+        else:
+            add_photons_in_window(pixels[:n], codes[:n], slot, first_code, counts)
+    return -1

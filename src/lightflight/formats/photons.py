@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.recording import Recording, bad_code_error, pixel_dtype
+from lightflight.recording import Recording, check_codes, pixel_dtype
 
 _CHUNK_BYTES = 8 << 20
 
@@ -50,22 +50,22 @@ def photon_blocks(
 
 
 def _blocks_of_frames(recording: Recording, chunk_bytes: int) -> Iterator[PhotonBlock]:
-    from lightflight._kernels.frames import events_from_frames
+    from lightflight._kernels.frames import SPARE, list_photons
 
     source, absent = recording.frames, recording.no_photon_code
     assert source is not None
     if absent is None:
         raise ValueError("frames without a no_photon_code are not photons: give no_photon_code")
     n_pixels = recording.shape[0] * recording.shape[1]
-    step = max(1, chunk_bytes // (n_pixels * source.dtype.itemsize))
-    pixels = np.empty(step * n_pixels, pixel_dtype(recording.shape))
-    codes = np.empty(step * n_pixels, np.uint16)
+    step = max(1, chunk_bytes // (2 * n_pixels))
+    pixels = np.empty(step * n_pixels + SPARE, pixel_dtype(recording.shape))
+    codes = np.empty(step * n_pixels + SPARE, np.uint16)
     for first in range(0, source.shape[0], step):
-        block = np.ascontiguousarray(source[first : first + step]).reshape(-1, n_pixels)
+        block = np.ascontiguousarray(source[first : first + step], np.uint16)
+        block = block.reshape(-1, n_pixels)
         counts = np.empty(block.shape[0], np.uint32)
-        n = events_from_frames(block, absent, recording.n_codes, pixels, codes, counts)
-        if n < 0:
-            raise bad_code_error(recording, block, first, -1 - n)
+        n = list_photons(block, np.uint16(absent), pixels, codes, counts)
+        check_codes(recording, block, first)
         yield PhotonBlock(pixels[:n].copy(), codes[:n].copy(), counts)
 
 

@@ -1,0 +1,65 @@
+"""Three words of machine language that Numba has no name for, to look at 32 codes at a time.
+
+`lanes_other_than` compiles to a vector load and compare on every machine LLVM knows; it is what
+lets sparse frames be scanned at a third of the speed of memory. It checks nothing: 32 codes must
+follow `start` in the row.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.extending import intrinsic
+
+LANES = 32
+"""Codes looked at together; one bit each in a 32-bit word."""
+
+_CODE, _WORD, _LONG = ir.IntType(16), ir.IntType(32), ir.IntType(64)
+_CODES = ir.VectorType(_CODE, LANES)
+
+
+def _lanes_other_than(typing_context: Any, row: Any, start: Any, code: Any) -> Any:
+    """uint32 whose bit j tells whether row[start + j] != code; row is a contiguous uint16."""
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        place = builder.bitcast(builder.gep(array.data, [arguments[1]]), _CODES.as_pointer())
+        codes = builder.load(place)
+        codes.align = 2
+        nothing = ir.Constant(_CODES, ir.Undefined)
+        first = builder.insert_element(nothing, arguments[2], ir.Constant(_WORD, 0))
+        all_first = ir.Constant(ir.VectorType(_WORD, LANES), [0] * LANES)
+        same = builder.shuffle_vector(first, nothing, all_first)
+        return builder.bitcast(builder.icmp_unsigned("!=", codes, same), _WORD)
+
+    return types.uint32(row, types.intp, types.uint16), build
+
+
+lanes_other_than: Any = intrinsic(_lanes_other_than)
+
+
+def _count_of_bits(typing_context: Any, word: Any) -> Any:
+    """How many bits of a uint32 are set."""
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.zext(builder.ctpop(arguments[0]), _LONG)
+
+    return types.int64(types.uint32), build
+
+
+count_of_bits: Any = intrinsic(_count_of_bits)
+
+
+def _lowest_bit(typing_context: Any, word: Any) -> Any:
+    """Place of the lowest bit of a uint32 that is set; 32 where none is."""
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        zero_is_defined = ir.Constant(ir.IntType(1), 0)
+        return builder.zext(builder.cttz(arguments[0], zero_is_defined), _LONG)
+
+    return types.int64(types.uint32), build
+
+
+lowest_bit: Any = intrinsic(_lowest_bit)
