@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,8 @@ def count_flags(flags: ArrayLike) -> dict[str, int]:
     return {name: n for name, n in counted.items() if n}
 
 
-def is_usable(flags: ArrayLike) -> np.ndarray:
+def is_usable(flags: ArrayLike) -> NDArray[np.bool_]:
     """True where no excluding bit is set; same shape as `flags`."""
-    return (np.asarray(flags, dtype=np.uint32) & np.uint32(EXCLUDING)) == 0
+    words = np.asarray(flags, dtype=np.uint32)
+    usable: NDArray[np.bool_] = (words & np.uint32(EXCLUDING)) == 0
+    return usable
