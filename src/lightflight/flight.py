@@ -1,4 +1,4 @@
-"""Flight: when light is where, and when the camera learns of it (design of the method, sections 1-3).
+"""Flight: when light is where, and when the camera learns of it (sections 1-3 of the method).
 
 Two times must never be confused: the *event time* t, at which the pulse is at a point, and the
 *arrival time* t_a, at which light scattered there reaches the camera's entrance pupil. Every
@@ -94,8 +94,9 @@ class Source:
             raise ValueError(
                 f"emission_time_std_ps must be finite and >= 0, got {self.emission_time_std_ps}"
             )
-        if self.pulse_fwhm_ps is not None and not self.pulse_fwhm_ps > 0:
-            raise ValueError(f"pulse_fwhm_ps must be positive, got {self.pulse_fwhm_ps}")
+        fwhm = self.pulse_fwhm_ps
+        if fwhm is not None and not (np.isfinite(fwhm) and fwhm > 0):
+            raise ValueError(f"pulse_fwhm_ps must be positive and finite, got {fwhm}")
 
     @property
     def position_std_xyz_mm(self) -> Floats:
@@ -237,7 +238,8 @@ def point_from_arrival(
         medium=medium,
     )
     center = np.asarray(camera_center_mm, dtype=float)
-    return center + distance[..., np.newaxis] * np.asarray(rays, dtype=float)
+    point: Floats = center + distance[..., np.newaxis] * np.asarray(rays, dtype=float)
+    return point
 
 
 def arrival_time_from_viewing_angle(
