@@ -194,6 +194,11 @@ class LightPath:
         covariance = np.array(self.covariance, dtype=float)
         if covariance.shape != (4 * m, 4 * m):
             raise ValueError(f"covariance must be ({4 * m}, {4 * m}), got {covariance.shape}")
+        if not np.isfinite(vertices).all():
+            bad = int(np.argmin(np.isfinite(vertices).all(axis=1)))
+            raise ValueError(f"vertices_mm must be finite: vertex {bad} is {vertices[bad]}")
+        if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+            raise ValueError(f"vertex_times_ps must be finite and ascend, got {times}")
         for array in (vertices, times, covariance):
             array.setflags(write=False)
         object.__setattr__(self, "vertices_mm", vertices)
@@ -213,8 +218,7 @@ class LightPath:
     @property
     def vertex_std(self) -> Floats:
         """(m, 4), one-sigma errors of x, y, z (mm) and t (ps) of each vertex."""
-        with np.errstate(invalid="ignore"):
-            std: Floats = np.sqrt(np.diag(self.covariance)).reshape(-1, 4)
+        std: Floats = np.sqrt(np.maximum(np.diag(self.covariance), 0.0)).reshape(-1, 4)
         return std
 
     @property
@@ -244,7 +248,7 @@ class LightPath:
             start_time_ps=float(self.vertex_times_ps[i]),
             end_time_ps=float(self.vertex_times_ps[i + 1]),
             angle_deg=float(np.rad2deg(elevation_from_direction(d, normal))),
-            angle_std_deg=float(np.rad2deg(np.sqrt(variance))) if variance >= 0 else float("nan"),
+            angle_std_deg=float(np.rad2deg(np.sqrt(np.maximum(variance, 0.0)))),
             paper_angle_deg=float(np.rad2deg(paper)),
         )
 
@@ -255,7 +259,7 @@ class LightPath:
         return np.clip(index, 0, self.n_legs - 1)
 
     def position_at(self, event_times_ps: ArrayLike) -> Floats:
-        """Position of the pulse at event times; (n, 3), world, mm; NaN before source, after exit."""
+        """Position of the pulse at event times; (n, 3), world, mm; NaN off the path's two ends."""
         times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
         position = extrapolated_position(self.vertices_mm, self.vertex_times_ps, times)
         span = self.vertex_times_ps[-1] - self.vertex_times_ps[0]
@@ -307,10 +311,11 @@ class LightPath:
             camera_center_mm=self.camera.center_mm,
             return_group_index=self.medium.return_group_index,
         )
-        with np.errstate(invalid="ignore"):
-            std = np.sqrt(np.diagonal(self.position_covariance_at(times), axis1=1, axis2=2))
-            out["x_std_mm"], out["y_std_mm"], out["z_std_mm"] = std.T
-            out["event_time_std_ps"] = np.sqrt(self._time_variance(times, leg))
+        # Where a position is exact (a leg's start moves in time as along the leg), rounding leaves
+        # variances a hair below zero.
+        variance = np.diagonal(self.position_covariance_at(times), axis1=1, axis2=2)
+        out["x_std_mm"], out["y_std_mm"], out["z_std_mm"] = np.sqrt(np.maximum(variance, 0.0)).T
+        out["event_time_std_ps"] = np.sqrt(np.maximum(self._time_variance(times, leg), 0.0))
         out["in_view"] = self.camera.sees(position)
         return out
 
