@@ -49,7 +49,9 @@ def test_simulate_follows_the_set_up(run, tmp_path):
     facts = json.loads(done.stdout)
     assert facts["shape"] == [8, 12]
     assert facts["bin_width_ps"] == 100.0
-    assert 200 < facts["most_photons_per_pixel"] < 400
+    brightest = lf.read(tmp_path / "r.h5").photons.max()
+    # 300 expected in the brightest pixel; the greatest of a row of some 12 such
+    assert 240 < brightest < 380
 
 
 def test_dry_run_prints_a_set_up_that_reads_back(run, lab_folder, tmp_path):

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lightflight.cli._console import Fact, step
+from lightflight.cli._console import Fact, step, with_error
 
 if TYPE_CHECKING:
+    from lightflight.description import Description
     from lightflight.histogram import Histograms
     from lightflight.lab import Lab
     from lightflight.recording import Recording
@@ -82,28 +83,31 @@ def clock_facts(record: Recording | Histograms) -> list[Fact]:
     ]
 
 
-def count_facts(hist: Histograms) -> list[Fact]:
-    """Photons of a recording."""
-    import numpy as np
+def photon_facts(found: Description) -> list[Fact]:
+    """Photons of a recording, and what looks unusual about its pixels."""
 
-    photons = hist.photons
-    brightest = tuple(int(i) for i in np.unravel_index(int(photons.argmax()), hist.shape))
-    most = f"{photons.max():,.6g}, in (row, col) = {brightest}"
-    facts = [
-        Fact("photons" if hist.poisson else "intensity", "photons", photons.sum()),
-        Fact("median pixel", "median_photons_per_pixel", float(np.median(photons))),
-        Fact("brightest pixel", "most_photons_per_pixel", photons.max(), most),
-        Fact("pixels without a photon", "pixels_without_photons", int((photons == 0).sum())),
-    ]
-    if hist.occupancy is not None and hist.no_photon_code is not None:
-        firing = int(np.count_nonzero(hist.occupancy > _SCREAMING_OCCUPANCY))
-        facts.append(Fact("pixels that fire in most frames", "screaming_pixels", firing))
-    if not hist.poisson:
-        facts.append(Fact("counts", "poisson", False, "scaled intensities: least squares alone"))
-    return facts
+    def or_unknown(value: float | None, digits: str, unit: str = "") -> str | None:
+        return "unknown" if value is None else f"{format(value, digits)}{unit}"
 
-
-_SCREAMING_OCCUPANCY = 0.6
+    live = found.live_codes
+    occupancy = found.occupancy
+    drift = "unknown"
+    if found.drift_codes is not None and found.drift_std_codes is not None:
+        drift = f"{with_error(found.drift_codes, found.drift_std_codes)} codes"
+    return [
+        Fact("codes with photons", "live_codes", live,
+             "none" if live is None else f"{live[0]}-{live[1]}"),
+        Fact("photons", "photons", found.photons, f"{found.photons:,.10g}"),
+        Fact("median pixel", "median_photons_per_pixel", found.median_photons,
+             f"{found.median_photons:,.6g}"),
+        Fact("photons per frame, median pixel", "occupancy", occupancy,
+             or_unknown(occupancy, ".3g")),
+        Fact("pixels that show a pulse", "pulse_pixels", found.n_pulse_pixels),
+        Fact("pixels that scream", "screaming_pixels", found.n_screaming),
+        Fact("pixels without a photon", "silent_pixels", found.n_silent),
+        Fact("saturated pixels", "saturated_pixels", found.n_saturated),
+        Fact("drift, first to second half", "drift_codes", found.drift_codes, drift),
+    ]  # fmt: skip
 
 
 def provenance(

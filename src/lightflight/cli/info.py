@@ -72,26 +72,22 @@ def _facts_of(file: Path, lab: Lab, hints: dict[str, Any]) -> tuple[list[Fact], 
 
 
 def _recording_facts(file: Path, lab: Lab, hints: dict[str, Any]) -> tuple[list[Fact], list[str]]:
-    from lightflight.cli._records import clock_facts, count_facts, read_hinted
-    from lightflight.histogram import Histograms
-    from lightflight.recording import histogram
+    from lightflight.cli._records import clock_facts, photon_facts, read_hinted
+    from lightflight.description import describe_recording
 
     record = read_hinted(file, lab, hints)
-    kind = "histograms" if isinstance(record, Histograms) else record.kind
     with step(f"counting {file.name}") as report:
-        hist = histogram(record, progress=report)
-    extra = {str(name): value for name, value in record.settings.items() if _is_short(value)}
+        found = describe_recording(record, progress=report)
+    extra = {str(name): value for name, value in found.settings.items() if _is_short(value)}
     facts = [
-        Fact("holds", "kind", kind, f"recording ({kind})"),
-        *clock_facts(hist),
-        *count_facts(hist),
+        Fact("holds", "kind", found.kind, f"recording ({found.kind})"),
+        *clock_facts(record),
+        *photon_facts(found),
         *(Fact(name, f"setting_{name}", value) for name, value in extra.items()),
     ]
-    notes = []
+    notes = [*found.remarks, *found.missing]
     if record.truth is not None:
         notes.append("Made by a simulation, whose truth is in the file.")
-    if record.bin_width_ps is None:
-        notes.append("Times stay in codes until the time per code is given (bin_width_ps).")
     return facts, notes
 
 

@@ -155,16 +155,18 @@ def _with_settings(recording: Any, made: dict[str, Any]) -> Any:
 
 
 def _report(recording: Any, kind: str, seed: int, output: Path, *, as_json: bool) -> None:
-    from lightflight.cli._records import clock_facts, count_facts
-    from lightflight.histogram import Histograms
+    from lightflight.cli._records import clock_facts, photon_facts
+    from lightflight.description import describe_recording
 
     facts = [
         Fact("simulated", "kind", kind),
         Fact("seed", "seed", seed),
         *clock_facts(recording),
+        *photon_facts(describe_recording(recording)),
     ]
-    if isinstance(recording, Histograms):
-        facts += count_facts(recording)
+    flat = getattr(recording.truth, "flat_arrival_ps", None)
+    if flat is not None:
+        facts.append(Fact("arrival of the flat's light", "flat_arrival_ps", flat, f"{flat:g} ps"))
     if as_json:
         print_json(json_from_facts(facts) | {"written": [str(output)]})
         return
