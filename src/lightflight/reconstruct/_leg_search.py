@@ -41,6 +41,8 @@ class SearchSettings:
     """Parabolas tried per line."""
     max_gap_px: float = 8.0
     """A leg may be dark for this long in the picture, px; a longer gap ends it."""
+    convex: bool = True
+    """Straight light in one medium bends its arrival curve upwards: refuse the opposite."""
     seed: int = 0
     """Of the random draws."""
 
@@ -215,10 +217,33 @@ def _best_parabola(
         slope = np.array([0.0, slope_ij - bend * (s[i] + s[j]), bend])
         if not _slope_keeps_sign(slope, float(sn[kept].min()), float(sn[kept].max())):
             continue
+        if settings.convex and _bends_down(sn[kept], tn[kept], tol[kept]):
+            continue
         members = np.zeros(len(s), dtype=bool)
         members[near[kept]] = True
         members_best, score_best = members, score
     return (float(score_best), members_best) if members_best is not None else (0.0, None)
+
+
+def _bends_down(s: Floats, times: Floats, tolerance: Floats) -> bool:
+    """True where the times bend the way no straight light does, beyond chance.
+
+    Two legs that lie in one line of the picture and meet at a kink look like this. In the plane
+    of the picture (rather than by viewing angle) even straight light may bend down by one or
+    two percent of its slope per pixel.
+    """
+    if _distinct_positions(s) < 8:
+        return False
+    middle = s.mean()
+    design = polynomial.polyvander(s - middle, 2)
+    weight = 1.0 / tolerance
+    rows = design * weight[:, np.newaxis]
+    normal = rows.T @ rows
+    coefficients = np.linalg.solve(normal, rows.T @ (times * weight))
+    residual = (times - design @ coefficients) * weight
+    scatter = float(residual @ residual) / max(1, len(s) - 3)
+    error = np.sqrt(np.linalg.inv(normal)[2, 2] * scatter)
+    return bool(coefficients[2] < -0.01 * abs(coefficients[1]) - 4.0 * error)
 
 
 def refine_members(
@@ -234,6 +259,7 @@ def refine_members(
     The halo is every pulse that is this leg's light, faint wings of the spot included.
     """
     tolerance = time_tolerance(errors, settings)
+    ridge = ridge_pulses(points, times, weights, settings)
     current = members
     halo = members
     for _ in range(4):
@@ -244,15 +270,55 @@ def refine_members(
         s = offset @ direction
         lateral = np.abs(offset[:, 0] * direction[1] - offset[:, 1] * direction[0])
         coefficients = fitted_times(s[current], times[current], errors[current])
-        inside_range = (s > s[current].min() - settings.max_gap_px) & (
-            s < s[current].max() + settings.max_gap_px
-        )
+        low, high = s[current].min(), s[current].max()
         timely = np.abs(times - polynomial.polyval(s, coefficients)) < tolerance
-        halo = timely & inside_range & (lateral < settings.halo_px)
-        updated = _longest_run(s, halo & (lateral < _MEMBER_PX), settings.max_gap_px)
+        in_reach = (s > low - settings.max_gap_px) & (s < high + settings.max_gap_px)
+        within = (s > low - 1.5) & (s < high + 1.5)
+        # Beyond its ends a leg claims only what runs on along its line: a corner may be there.
+        own = timely & in_reach & (lateral < np.where(within, _MEMBER_PX, settings.lateral_px))
+        own &= ridge | within
+        halo = own | (timely & within & ~ridge & (lateral < settings.halo_px))
+        updated = _longest_run(s, own, settings.max_gap_px)
         if np.array_equal(updated, current):
             break
         current = updated
     if _distinct_positions(s[current]) < settings.min_pixels:
         return np.empty(0, dtype=np.int64), halo | members
     return np.flatnonzero(current), halo | members
+
+
+def cut_at_kink(
+    points: Floats,
+    times: Floats,
+    errors: Floats,
+    weights: Floats,
+    members: Indices,
+    settings: SearchSettings,
+) -> list[Indices]:
+    """Members as one leg, or as two where their arrival curve has the kink of a corner.
+
+    Legs that follow one another along one line of the picture are found as one; where their
+    slopes fall at the corner, no straight leg can be behind them.
+    """
+    origin, direction = fitted_line(points[members], weights[members])
+    s = (points[members] - origin) @ direction
+    tolerance = time_tolerance(errors[members], settings)
+    along = s if np.polyfit(s, times[members], 1)[0] > 0 else -s
+    if not settings.convex or not _bends_down(along, times[members], tolerance):
+        return [members]
+    order = np.argsort(along)
+    positions = np.rint(along[order])
+    best_cost, best_cut = np.inf, 0
+    for cut in np.flatnonzero(np.diff(positions) > 0) + 1:
+        halves = order[:cut], order[cut:]
+        if min(_distinct_positions(along[half]) for half in halves) < settings.min_pixels:
+            continue
+        cost = 0.0
+        for half in halves:
+            line = np.polyfit(along[half], times[members][half], 1)
+            cost += float(np.sum((times[members][half] - np.polyval(line, along[half])) ** 2))
+        if cost < best_cost:
+            best_cost, best_cut = cost, int(cut)
+    if not best_cut:
+        return [members]
+    return [members[order[:best_cut]], members[order[best_cut:]]]

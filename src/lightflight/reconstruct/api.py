@@ -10,7 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightflight.errors import CalibrationError, GeometryError, UncalibratedWarning
+from lightflight.errors import (
+    CalibrationError,
+    GeometryError,
+    NothingFoundError,
+    UncalibratedWarning,
+)
 from lightflight.flight import Medium, Source
 from lightflight.path import LightPath
 from lightflight.reconstruct.freedom import Waypoint
@@ -99,13 +104,7 @@ def reconstruct(
     ]
     legs: tuple[ImageLeg, ...] | None = None
     if start is None:
-        legs = find_legs(
-            observations[0].arrivals,
-            camera=camera,
-            n_legs=n_legs,
-            earliest_ps=earliest_arrival_ps(setting),
-        )
-        check_clock_direction(legs, observations[0])
+        legs = _legs_of_straight_light(observations[0], setting, n_legs)
     if method == "paper":
         from lightflight.reconstruct.paper import paper_path
 
@@ -237,6 +236,36 @@ def earliest_arrival_ps(setting: Setting) -> float | None:
     index = min(medium.path_group_index, medium.return_group_index)
     slack = 1000.0 + 5.0 * source.emission_time_std_ps
     return float(source.emission_time_ps + index * gap / SPEED_OF_LIGHT_MM_PER_PS - slack)
+
+
+def _legs_of_straight_light(
+    observation: Observation, setting: Setting, n_legs: int | None
+) -> tuple[ImageLeg, ...]:
+    """Legs in the picture; a clock that runs backwards is noticed here."""
+    medium = setting.medium
+    one_medium = abs(medium.path_group_index / medium.return_group_index - 1) < 0.02
+    earliest = earliest_arrival_ps(setting)
+
+    def search(convex: bool) -> tuple[ImageLeg, ...]:
+        return find_legs(
+            observation.arrivals,
+            camera=setting.camera,
+            n_legs=n_legs,
+            earliest_ps=earliest,
+            convex=convex,
+        )
+
+    if not one_medium:
+        return search(False)
+    try:
+        legs = search(True)
+    except NothingFoundError:
+        check_clock_direction(search(False), observation)
+        raise
+    if sum(leg.n_pixels for leg in legs) < 0.5 * observation.arrivals.shape[1]:
+        check_clock_direction(search(False), observation)
+    check_clock_direction(legs, observation)
+    return legs
 
 
 def check_clock_direction(legs: tuple[ImageLeg, ...], observation: Observation) -> None:

@@ -413,7 +413,7 @@ def _bounds(
 
 
 def _event_time_rms(path: LightPath, sampled: Any, camera: Any) -> float:
-    """rms error of the event time on a pixel's ray: the point slides along the ray, not the leg."""
+    """Rms error of the event time on a pixel's ray: the point slides along the ray, not the leg."""
     variance = []
     for row in sampled[:: max(1, len(sampled) // 100)]:
         leg = int(row["leg"])

@@ -31,7 +31,7 @@ from lightflight.reconstruct.geometry import (
     arrival_jacobian,
     line_offsets,
 )
-from lightflight.reconstruct.legs import mean_focal_px, undistorted_px
+from lightflight.reconstruct.legs import mean_focal_px
 from lightflight.reconstruct.picture import LegInPicture, arrival_curvature
 
 if TYPE_CHECKING:

@@ -139,6 +139,34 @@ def arrival_jacobian(
     return print_, jacobian
 
 
+def overshoots(
+    state: PathState, print_: Footprint, *, camera: Camera
+) -> tuple[Floats, Floats]:
+    """How far pixels lie beyond the corners of their own leg, and the derivative.
+
+    A leg ends at its corner, so light that belongs to it lies before: (n,) px, 0 for every pixel
+    within, and (n, 3m + 1) px per mm. The ends of the path are no corners.
+    """
+    f = print_.fraction
+    last = state.n_legs - 1
+    beyond = np.where((f > 1) & (print_.leg < last), f - 1, 0.0)
+    beyond = np.where((f < 0) & (print_.leg > 0), f, beyond)
+    out = np.flatnonzero(beyond)
+    jacobian = np.zeros((len(f), 3 * len(state.vertices_mm) + 1))
+    if len(out):
+        legs = print_.leg[out]
+        start = state.vertices_mm[legs]
+        step = state.vertices_mm[legs + 1] - start
+        projection = np.nan_to_num(camera.pixel_jacobian(start + f[out, np.newaxis] * step))
+        speed = np.einsum("nij,nj->ni", projection, step)
+        slide = np.einsum("nij,ni->nj", projection, speed) / print_.px_per_leg[out, np.newaxis]
+        rows = np.zeros((len(out), jacobian.shape[1]))
+        _add_vertex(rows, legs, -(1 - f[out])[:, np.newaxis] * slide)
+        _add_vertex(rows, legs + 1, -f[out][:, np.newaxis] * slide)
+        jacobian[out] = rows
+    return beyond * print_.px_per_leg, jacobian
+
+
 def _footprints_and_jacobian(
     state: PathState,
     camera: Camera,
@@ -154,7 +182,8 @@ def _footprints_and_jacobian(
     fraction = nearest_fractions(camera, start, end, rows, cols)
     points = start + fraction[:, np.newaxis] * step
     seen = np.column_stack(camera.pixels_from_points(points))
-    projection = camera.pixel_jacobian(points)
+    # A path on its way through the search may run behind the camera, where nothing is seen.
+    projection = np.nan_to_num(camera.pixel_jacobian(points))
     speed = np.einsum("nij,nj->ni", projection, step)
     px_per_leg = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
     offset = np.column_stack((rows, cols)) - seen

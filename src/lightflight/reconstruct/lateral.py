@@ -23,6 +23,9 @@ KNOT_SPACING_PX = 3.0
 _SPOT_PRIOR = (np.log(0.4), 0.8)
 """Log of the spot's std in px and its width, where too few rows are lit to see it."""
 
+_OFFSET_PRIOR_PX = 1.0
+"""A line is looked for about where it is expected; few pixels must not throw it far, px."""
+
 _MOST_STEPS = 40
 
 
@@ -67,7 +70,7 @@ class LineFit:
         return float(self.bend_chi2_at.max(initial=0.0))
 
     def log_slope(self, along_px: Floats) -> Floats:
-        """d ln(strength) / d(along), per px; zero outside the fitted range."""
+        """D ln(strength) / d(along), per px; zero outside the fitted range."""
         low, high = self.spline.t[3], self.spline.t[-4]
         inside = (along_px >= low) & (along_px <= high)
         slope = self.spline.derivative()(np.clip(along_px, low, high))
@@ -209,6 +212,10 @@ def _step_and_deviance(
         information[own_slice, own_slice] += bend.T @ bend + 1e-9 * np.eye(n)
         score[own_slice] -= bend.T @ (bend @ parameters[own_slice])
         deviance += float(np.sum((bend @ parameters[own_slice]) ** 2))
+        offsets = np.arange(problem.starts[k] + n, problem.starts[k] + n + 2)
+        information[offsets, offsets] += 1 / _OFFSET_PRIOR_PX**2
+        score[offsets] -= parameters[offsets] / _OFFSET_PRIOR_PX**2
+        deviance += float(np.sum((parameters[offsets] / _OFFSET_PRIOR_PX) ** 2))
     return information, score, deviance
 
 

@@ -21,6 +21,7 @@ from lightflight.reconstruct.geometry import (
     arrival_jacobian,
     footprints,
     line_offsets,
+    overshoots,
 )
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _MOST_STEPS = 80
+_OVERSHOOT_PX = 0.7
+"""A leg's pulses may lie this far beyond its corner (the spot's width) before they pull it, px."""
 _TOLERANCE = 1e-3
 """A step below this fraction of a standard error in every direction ends the fit."""
 
@@ -112,6 +115,7 @@ class _Linear:
     sqrt_weight: Floats
     n_times: int
     n_lines: int
+    n_priors: int
 
 
 def solve(
@@ -226,6 +230,10 @@ def _linearised(
         (lines.whitening @ line_by_state @ freedom.basis, np.zeros((len(lines.leg), n_modes)))
     )
     data = np.column_stack((np.vstack((by_time, by_line)), by_pose))
+    over, over_by_state = overshoots(state, print_, camera=camera)
+    past = np.flatnonzero((np.abs(over) > _OVERSHOOT_PX) & (times.weight > 0))
+    contained = np.zeros((len(past), data.shape[1]))
+    contained[:, :n_free] = over_by_state[past] @ freedom.basis / _OVERSHOOT_PX
     n_other = n_modes + len(pose)
     prior = np.zeros((len(freedom.prior_values) + n_other, data.shape[1]))
     prior[: len(freedom.prior_values), :n_free] = freedom.prior_rows @ freedom.basis
@@ -237,12 +245,18 @@ def _linearised(
             freedom.prior_values - freedom.prior_rows @ state_vector(state),
             -modes,
             -pose,
+            -over[past] / _OVERSHOOT_PX,
         )
     )
     sqrt_weight = np.ones(len(residual))
     sqrt_weight[: len(times.leg)] = np.sqrt(times.weights(floor_var))
     return _Linear(
-        residual, np.vstack((data, prior)), sqrt_weight, len(times.leg), len(lines.leg)
+        residual,
+        np.vstack((data, prior, contained)),
+        sqrt_weight,
+        len(times.leg),
+        len(lines.leg),
+        len(prior),
     )
 
 
@@ -266,7 +280,7 @@ def _solution(
     covariance = inverse * scale[:, np.newaxis] * scale
     n, k = system.n_times, system.n_lines
     gain = covariance @ (weighted * system.sqrt_weight[:, np.newaxis]).T
-    prior_gain = gain[:, n + k :]
+    prior_gain = gain[:, n + k : n + k + system.n_priors]
     residual = system.residual[:n]
     used = times.weight > 0
     chi2 = float(np.sum((residual * system.sqrt_weight[:n])[used] ** 2))

@@ -22,6 +22,7 @@ from lightflight.errors import NothingFoundError
 from lightflight.reconstruct._leg_search import (
     SearchSettings,
     best_line,
+    cut_at_kink,
     fitted_line,
     fitted_times,
     refine_members,
@@ -137,6 +138,7 @@ def find_legs(
     n_legs: int | None = None,
     min_pixels: int = 4,
     earliest_ps: float | None = None,
+    convex: bool | None = None,
     seed: int = 0,
 ) -> tuple[ImageLeg, ...]:
     """Legs of one flight, in the order of flight.
@@ -148,6 +150,8 @@ def find_legs(
     n_legs : how many legs there are, where the user knows; None: as many as the data show.
     min_pixels : distinct pixel positions a leg must be seen by.
     earliest_ps : no light arrives before this time on the clock, ps (folds the period there).
+    convex : straight light in one medium arrives on a curve that bends upwards (half-angle law);
+        True refuses legs that do not. None: True where there is a camera.
     seed : of the random search; the same seed gives the same legs.
 
     Raises
@@ -169,6 +173,7 @@ def find_legs(
     settings = SearchSettings(
         min_pixels=min_pixels,
         time_floor=0.35 * float(np.median(arrivals.std_ps[rows])),
+        convex=camera is not None if convex is None else convex,
         seed=seed,
     )
     points = undistorted_px(camera, arrivals.row[rows], arrivals.col[rows])
@@ -204,7 +209,10 @@ def _disjoint_groups(
         )
         if not len(members):
             break
-        groups.append(left[members])
+        pieces = cut_at_kink(
+            points[left], times[left], errors[left], weights[left], members, settings
+        )
+        groups.extend(left[piece] for piece in pieces)
         left = left[~halo]
     return groups
 

@@ -276,7 +276,7 @@ def climb(
             gained = new[3] - value
             local, found, score, value = new
             damping = max(damping / 10, 1e-9)
-            if small and damping < 0.1 or (0 <= gained < 1e-4 and damping < 1e-3):
+            if (small and damping < 0.1) or (0 <= gained < 1e-4 and damping < 1e-3):
                 converged = True
                 break
         else:

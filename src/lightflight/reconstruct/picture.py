@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.errors import NothingFoundError
+from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.flight import Medium
 from lightflight.reconstruct.geometry import Footprint, Indices, PathState, footprints
 from lightflight.reconstruct.lateral import LineData, LineFit, fit_lines
@@ -73,7 +73,9 @@ def leg_in_picture(state: PathState, leg: int, camera: Camera) -> LegInPicture:
     with np.errstate(invalid="ignore"):
         inside = (row > -2.5) & (row < rows + 1.5) & (col > -2.5) & (col < cols + 1.5)
     if inside.sum() < 2:
-        inside = np.isfinite(row)
+        raise GeometryError(
+            f"leg {leg + 1} of the path does not cross the picture: check start, source and camera"
+        )
     uv = undistorted_px(camera, row[inside][[0, -1]], col[inside][[0, -1]])
     length = float(np.hypot(*(uv[1] - uv[0])))
     direction = (uv[1] - uv[0]) / max(length, 1e-12)
