@@ -16,9 +16,16 @@ from lightflight.cli._errors import EXIT_CODES, one_line, sentence_and_code
 
 
 def assert_refused(done, code, *words):
-    """One sentence on stderr, that code, those words, and no traceback."""
+    """One sentence on stderr, that code, those words, and no traceback.
+
+    Warnings and, on slow machines, progress ("reconstructing the path ...") may stand before it.
+    """
     assert done.exit_code == code, (done.stderr, done.stdout, done.exception)
-    lines = [line for line in done.stderr.splitlines() if not line.startswith("warning: ")]
+    lines = [
+        line
+        for line in done.stderr.splitlines()
+        if not line.startswith("warning: ") and not line.endswith(" ...")
+    ]
     assert len(lines) == 1, done.stderr
     assert lines[0].startswith("lightflight: ")
     assert "Traceback" not in done.stderr

@@ -169,7 +169,8 @@ def test_without_a_calibration_one_line_of_warning_says_what_it_costs(run, lab_f
     )
     lines = done.stderr.splitlines()
     assert any(line.startswith("warning: no timing calibration") for line in lines)
-    assert all(line.startswith(("warning: ", "lightflight: ")) for line in lines)
+    said = [line for line in lines if not line.endswith(" ...")]  # progress of slow machines
+    assert all(line.startswith(("warning: ", "lightflight: ")) for line in said)
 
 
 def test_without_a_camera_the_legs_stay_in_the_picture(run, lab_folder):
