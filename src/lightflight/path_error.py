@@ -77,20 +77,19 @@ def _time_offsets(
     true_vertices: Floats, true_times: Floats, vertices: Floats, times: Floats, camera: Camera
 ) -> Floats:
     """t_hat - t on the ray of every pixel whose field the true path crosses, leg by leg."""
+    pixel_rad = 1.0 / np.sqrt(abs(camera.matrix[0, 0] * camera.matrix[1, 1]))
     offsets = []
     for leg in range(len(true_times) - 1):
         rays = _rays_along_leg(true_vertices[leg], true_vertices[leg + 1], camera)
         if not len(rays):
             continue
-        true_time = _times_on_rays(rays, true_vertices, true_times, leg, camera)
+        true_time, _ = _times_on_rays(rays, true_vertices, true_times, leg, camera)
         on_leg = np.isfinite(true_time)
-        candidates = np.stack(
-            [
-                _times_on_rays(rays, vertices, times, k, camera)
-                for k in range(len(times) - 1)
-            ]
-        )
-        gap = np.abs(candidates - true_time)
+        found = [_times_on_rays(rays, vertices, times, k, camera) for k in range(len(times) - 1)]
+        candidates, misses = (np.stack(part) for part in zip(*found, strict=True))
+        # The leg that the ray meets; where several do (crossings), the one that was there then.
+        nearest = np.min(misses, axis=0, initial=np.inf)
+        gap = np.where(misses <= nearest + 0.5 * pixel_rad, np.abs(candidates - true_time), np.inf)
         gap[~np.isfinite(gap)] = np.inf
         best = np.argmin(gap, axis=0)
         offset = candidates[best, np.arange(len(rays))] - true_time
@@ -106,15 +105,18 @@ def _rays_along_leg(start: Floats, end: Floats, camera: Camera) -> Floats:
     if not len(points):
         return np.empty((0, 3))
     row, col = camera.pixels_from_points(points)
-    pixels = np.unique(np.column_stack((np.rint(row), np.rint(col))), axis=0)
+    # A point on the outer edge of the last pixel still belongs to that pixel.
+    pixels = np.minimum(np.rint(np.column_stack((row, col))), np.array(camera.shape) - 1)
+    pixels = np.unique(pixels, axis=0)
     return camera.rays_from_pixels(pixels[:, 0], pixels[:, 1])
 
 
 def _times_on_rays(
     rays: Floats, vertices: Floats, times: Floats, leg: int, camera: Camera
-) -> Floats:
-    """Event time at the point of a leg's line nearest to each ray; (n,), ps, NaN off the leg.
+) -> tuple[Floats, Floats]:
+    """Event time at the point of a leg's line nearest to each ray, and how far that is off.
 
+    Returns (n,), ps, NaN off the leg; and (n,), angle between ray and point, rad, inf off the leg.
     Corners lie outside the picture, so the line may be prolonged, but not beyond its neighbours.
     """
     center = camera.center_mm
@@ -126,4 +128,6 @@ def _times_on_rays(
     time = times[leg] + fraction * (times[leg + 1] - times[leg])
     first, last = leg == 0, leg == len(times) - 2
     outside = ((fraction < -0.02) & (not first)) | ((fraction > 1.02) & (not last))
-    return np.where(outside, np.nan, time)
+    sight = start + fraction[:, np.newaxis] * step - center
+    miss = np.arctan2(np.linalg.norm(np.cross(rays, sight), axis=1), np.sum(rays * sight, axis=1))
+    return np.where(outside, np.nan, time), np.where(outside, np.inf, miss)
