@@ -2,6 +2,7 @@
 
     python benchmarks/check_blind_scenes.py --scenes 40
     python benchmarks/check_blind_scenes.py --seed 17 --only known      # one scene again
+    python benchmarks/check_blind_scenes.py --legs 6 --only blind       # harder
 
 The photons come from `tests/oracles/brute_force.py`, which shares no line with the package (nor
 with its twin): a wrong sign, factor or convention cannot cancel here. Every seed is one scene:
@@ -50,6 +51,7 @@ N_CODES, CODE_PS, PERIOD_PS = 1024, 55.0, 50_000.0
 PULSE_STD_PS = float(np.hypot(68.0, 150.0)) / 2.3548200450309493
 TAIL_PS = 60.0
 FLAT_PS = 5_000.0
+PRIORS = ("known", "emission fitted", "ruler", "blind")
 LEAST_PIXELS, LEAST_TURN_DEG = 6.0, 10.0
 CENTER_PX = 15.5
 
@@ -137,10 +139,10 @@ def drawn_vertices(
     raise RuntimeError("no scene found: the generator's wishes exclude each other")
 
 
-def drawn_case(seed: int) -> Case:
-    """The scene of a seed."""
+def drawn_case(seed: int, most_legs: int = 4) -> Case:
+    """The scene of a seed, with 1 to `most_legs` legs."""
     rng = np.random.default_rng([2020, seed])
-    n_legs, facing = int(rng.integers(1, 5)), bool(rng.random() < 0.4)
+    n_legs, facing = int(rng.integers(1, most_legs + 1)), bool(rng.random() < 0.4)
     corner_inside = bool(rng.random() < 0.2) and n_legs > 1
     camera = drawn_camera(rng, facing)
     vertices = drawn_vertices(rng, camera, n_legs, corner_inside)
@@ -262,11 +264,16 @@ def compared(case: Case, path: lf.LightPath) -> tuple[float, float]:
     return rms, float(np.sqrt(np.mean(np.square(pulls))))
 
 
-def judged(case: Case, source: lf.Source, timing: lf.TimingCalibration, method: str) -> Verdict:
+def judged(
+    case: Case,
+    counts: np.ndarray,
+    source: lf.Source,
+    timing: lf.TimingCalibration,
+    method: str,
+    photons: float,
+) -> Verdict:
     """Reconstruct one scene and hold it against the truth."""
     scene = case.scene
-    rng = np.random.default_rng([case.seed, 99])
-    counts = rng.poisson(expected_counts(scene, brightest=PHOTONS))
     camera = package_camera(scene.camera)
     began = time.process_time()
     try:
@@ -288,7 +295,7 @@ def judged(case: Case, source: lf.Source, timing: lf.TimingCalibration, method: 
         return Verdict(seconds=time.process_time() - began, failure=failure)
     seconds = time.process_time() - began
     rms, pull = compared(case, path)
-    bound = _bound(case, source, camera)
+    bound = _bound(case, source, camera, photons)
     failure = ""
     if path.n_legs != case.n_legs:
         failure = f"legs: {path.n_legs} for {case.n_legs}"
@@ -301,7 +308,7 @@ def judged(case: Case, source: lf.Source, timing: lf.TimingCalibration, method: 
     return Verdict(path.n_legs, rms, bound, pull, seconds, failure)
 
 
-def _bound(case: Case, source: lf.Source, camera: lf.Camera) -> float:
+def _bound(case: Case, source: lf.Source, camera: lf.Camera, photons: float) -> float:
     """The package's bound of the rms position error in view, mm."""
     scene = case.scene
     spot = float(np.hypot(scene.blur_std_px, scene.active_side_px / np.sqrt(12.0)))
@@ -314,7 +321,7 @@ def _bound(case: Case, source: lf.Source, camera: lf.Camera) -> float:
             warnings.simplefilter("ignore")
             limit = lf.bounds(
                 subject,
-                photons_per_pixel=PHOTONS,
+                photons_per_pixel=photons,
                 spot_std_px=spot,
                 pulse_std_ps=float(np.hypot(PULSE_STD_PS, scene.tail)),
                 code_width_ps=CODE_PS,
@@ -337,7 +344,9 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--seed", type=int, help="this scene alone, with its truth")
     parser.add_argument("--method", default="joint", choices=("joint", "photon", "paper"))
-    parser.add_argument("--only", choices=("known", "emission fitted"), help="one prior alone")
+    parser.add_argument("--only", choices=PRIORS, help="one prior alone")
+    parser.add_argument("--legs", type=int, default=4, help="most legs of a scene")
+    parser.add_argument("--photons", type=float, default=PHOTONS, help="in the brightest pixel")
     options = parser.parse_args()
     seeds = (
         [options.seed]
@@ -349,18 +358,26 @@ def main() -> None:
     good: dict[str, list[Verdict]] = defaultdict(list)
     print(f"{'seed':>5} {'scene':33s}{'prior':17s}legs  rms mm  bound   pull   s  verdict")
     for seed in seeds:
-        case = drawn_case(seed)
+        case = drawn_case(seed, options.legs)
+        expected = expected_counts(case.scene, brightest=options.photons)
+        counts = np.random.default_rng([case.seed, 99]).poisson(expected)
         key = (case.scene.clock.reversed, case.scene.tail)
         if key not in clocks:
             clocks[key] = calibration(case.scene.clock, case.scene.tail)
         known = lf.Source(
             case.scene.vertices[0], emission_time_ps=case.scene.emission_time, pulse_fwhm_ps=68.0
         )
-        priors = {"known": known, "emission fitted": replace(known, emission_time_ps=None)}
-        for prior, source in priors.items():
-            if options.only not in (None, prior):
+        timeless = replace(known, emission_time_ps=None)
+        sources = (
+            known,
+            timeless,
+            replace(timeless, position_std_mm=1.0),
+            lf.Source(pulse_fwhm_ps=68.0),
+        )
+        for prior, source in zip(PRIORS, sources, strict=True):
+            if prior != options.only and (options.only or prior not in PRIORS[:2]):
                 continue
-            verdict = judged(case, source, clocks[key], options.method)
+            verdict = judged(case, counts, source, clocks[key], options.method, options.photons)
             print(
                 f"{seed:5d} {case.words()}{prior:17s}{case.n_legs}/{verdict.found_legs} "
                 f"{verdict.rms_mm:8.3f}{verdict.bound_mm:7.3f}{verdict.pull:7.2f}"
