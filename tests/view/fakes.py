@@ -102,3 +102,20 @@ def fake_arrivals(path: LightPath) -> Any:
         shape=shape,
         laser_period_ps=50_000.0,
     )
+
+
+def fake_pulses(row: Any, col: Any, delay_ps: Any, *, std_ps: float, photons: float) -> Any:
+    """Fitted pulses as `fit_pulses` tables them, with the given truth as their values."""
+    n = len(delay_ps)
+    covariance = np.zeros((n, 4, 4))
+    covariance[:, 0, 0] = std_ps**2 / photons
+    return SimpleNamespace(
+        row=np.asarray(row),
+        col=np.asarray(col),
+        delay_ps=np.asarray(delay_ps, dtype=float),
+        std_ps=np.full(n, std_ps),
+        photons=np.full(n, photons),
+        background_per_ps=np.full(n, 0.004),
+        covariance=covariance,
+        flags=np.zeros(n, dtype=np.uint32),
+    )

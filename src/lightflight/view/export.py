@@ -5,12 +5,9 @@ Takes a Figure or a LightPath, gives a file that appears whole or not at all.
 
 from __future__ import annotations
 
-import csv
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from lightflight.store import atomic_path
 
@@ -84,15 +81,6 @@ def write_csv(light_path: Any, path: str | os.PathLike[str], *, samples: int = S
     """
     target = Path(path)
     _check_suffix(target, (".csv",), "a table")
-    table = light_path.sample(samples)
-    names = table.dtype.names
-    with atomic_path(target) as fresh, fresh.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(names)
-        writer.writerows([_cell(row[name]) for name in names] for row in table)
+    from lightflight.path_file import write_path_csv
 
-
-def _cell(value: Any) -> str:
-    if isinstance(value, np.floating):
-        return f"{value:.9g}"
-    return str(int(value))
+    write_path_csv(light_path, target, n=samples)

@@ -23,6 +23,8 @@ from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
+from lightflight.view.style_text import number as number
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -184,22 +186,6 @@ def nice_step(span: float, about: int = 5) -> float:
     power = 10.0 ** np.floor(np.log10(raw))
     steps = np.array([1.0, 2.0, 2.5, 5.0, 10.0]) * power
     return float(steps[np.argmin(np.abs(np.log(steps / raw)))])
-
-
-def number(value: float, digits: int = 3, *, sign: bool = False) -> str:
-    """`value` with so many significant digits, a true minus sign and no exponent for 1e-4…1e6."""
-    if value is None or not np.isfinite(value):
-        return "–"
-    if value == 0:
-        return "0"
-    size = abs(value)
-    if 1e-4 <= size < 1e7:
-        places = max(0, digits - 1 - int(np.floor(np.log10(size))))
-        text = f"{size:,.{places}f}" if size >= 10_000 else f"{size:.{places}f}"
-        text = text.replace(",", "\u2009")
-    else:
-        text = f"{size:.{digits - 1}e}"
-    return ("\u2212" if value < 0 else "+" if sign else "") + text
 
 
 def robust_limit(values: ArrayLike, *, percentile: float = 98.0, floor: float = 1e-12) -> float:

@@ -1,0 +1,174 @@
+"""Put the page together: template, style, scripts, library and data in one file.
+
+Takes a LightPath and its companions, gives HTML text. The plotting library (the `view` extra) is
+inlined; a content security policy allows exactly the scripts in the file and no request at all.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import os
+import re
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from lightflight._version import __version__
+from lightflight.errors import MissingExtraError, NothingFoundError
+from lightflight.store import atomic_path
+from lightflight.view.page import tables
+from lightflight.view.page.payload import json_for_html, payload_from_records
+
+SCRIPTS = ("data.js", "scene.js", "picture.js", "panels.js", "main.js")
+"""In this order; each uses what stands before it."""
+
+
+def _asset(name: str) -> str:
+    return files("lightflight.view.page").joinpath(name).read_text(encoding="utf-8")
+
+
+@cache
+def plotly_script() -> str:
+    """Source of the plotting library, safe inside a script element.
+
+    Raises
+    ------
+    MissingExtraError
+        Where plotly is not installed.
+    """
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError as error:
+        raise MissingExtraError(
+            'the page needs plotly, which is not installed: pip install "lightflight[view]"'
+        ) from error
+    return _inline(get_plotlyjs())
+
+
+def _inline(script: str) -> str:
+    """A script that an HTML parser passes on unchanged: no early end, no carriage returns."""
+    text = script.replace("\r\n", "\n").replace("\r", "\n")
+    text = re.sub(r"</(?=script)", r"<\\/", text, flags=re.IGNORECASE)
+    return text.replace("<!--", "<\\!--")
+
+
+def _script_hash(script: str) -> str:
+    digest = hashlib.sha256(script.encode("utf-8")).digest()
+    return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"
+
+
+def _policy(*scripts: str) -> str:
+    """Content security policy: these scripts and nothing from anywhere."""
+    return "; ".join(
+        (
+            "default-src 'none'",
+            "script-src " + " ".join(_script_hash(s) for s in scripts),
+            "style-src 'unsafe-inline'",
+            "img-src data: blob:",
+            "base-uri 'none'",
+            "form-action 'none'",
+        )
+    )
+
+
+def page_html(
+    path: Any,
+    *,
+    recording: Any = None,
+    timing: Any = None,
+    pulses: Any = None,
+    arrivals: Any = None,
+    title: str = "",
+) -> str:
+    """The page about one reconstruction, as text.
+
+    Parameters
+    ----------
+    path : LightPath.
+    recording : Histograms (or a Recording) it was made from: gives the pixels' histograms and,
+        where `pulses` and `arrivals` are not given, the pulses found in it.
+    timing : TimingCalibration it was made with.
+    pulses, arrivals : fits of the recording, where they are at hand.
+    title : heading; empty: one is made from the number of legs.
+
+    Raises
+    ------
+    MissingExtraError
+        Where plotly is not installed.
+    """
+    hist = _histograms(recording)
+    pulses, arrivals = _fits(hist, timing, pulses, arrivals)
+    heading = title or tables.heading(path)
+    payload = payload_from_records(
+        path, hist=hist, timing=timing, pulses=pulses, arrivals=arrivals, title=heading
+    )
+    library = plotly_script()
+    body = "\n".join(_asset(name) for name in SCRIPTS)
+    script = _inline(f'(() => {{\n"use strict";\n{body}\n}})();')
+    parts = {
+        "POLICY": html.escape(_policy(library, script), quote=True),
+        "GENERATOR": html.escape(f"lightflight {__version__}", quote=True),
+        "TITLE": html.escape(heading),
+        "LEAD": html.escape(tables.lead(payload)),
+        "STYLE": _asset("page.css"),
+        "STATEMENTS": tables.statements_html(payload),
+        "TABLES": tables.tables_html(payload),
+        "PROVENANCE": tables.provenance_html(payload),
+        "PAYLOAD": json_for_html(payload),
+        "LIBRARY": library,
+        "SCRIPT": script,
+    }
+    return _filled(_asset("page.html"), parts)
+
+
+def _filled(template: str, parts: Mapping[str, str]) -> str:
+    """Template with every {{NAME}} replaced once; what was put in is never looked at again."""
+    return re.sub(r"\{\{([A-Z]+)\}\}", lambda match: parts[match.group(1)], template)
+
+
+def _histograms(recording: Any) -> Any:
+    if recording is None or hasattr(recording, "counts"):
+        return recording
+    from lightflight.recording import histogram
+
+    return histogram(recording)
+
+
+def _fits(hist: Any, timing: Any, pulses: Any, arrivals: Any) -> tuple[Any, Any]:
+    """Pulses and arrivals of a recording; None where it holds none."""
+    if hist is None:
+        return pulses, arrivals
+    from lightflight.timing.arrivals import arrivals_from_pulses
+    from lightflight.timing.pulses import fit_pulses
+
+    try:
+        pulses = fit_pulses(hist, timing=timing) if pulses is None else pulses
+    except NothingFoundError:
+        return None, None
+    if arrivals is None:
+        arrivals = arrivals_from_pulses(pulses, timing=timing)
+    return pulses, arrivals
+
+
+def write_page(
+    path: Any,
+    file: str | os.PathLike[str],
+    *,
+    recording: Any = None,
+    timing: Any = None,
+    pulses: Any = None,
+    arrivals: Any = None,
+    title: str = "",
+) -> None:
+    """Write the page about one reconstruction; parameters as in `page_html`.
+
+    The file appears whole or not at all.
+    """
+    text = page_html(
+        path, recording=recording, timing=timing, pulses=pulses, arrivals=arrivals, title=title
+    )
+    with atomic_path(file) as fresh:
+        fresh.write_text(text, encoding="utf-8", newline="\n")

@@ -1,0 +1,265 @@
+// The page's state, its controls, and what happens when time moves.
+
+const state = { clock: "event", elapsed: 0, playing: false };
+const byId = (id) => document.getElementById(id);
+const slider = byId("time");
+const endOf = (clock) => (clock === "event" ? eventEnd : arrivalEnd);
+
+// Everything that is shown at this moment, computed once.
+function current() {
+  const { clock, elapsed } = state;
+  const t = clock === "event" ? elapsed : eventFromArrival(elapsed);
+  const ta = clock === "event" ? arrivalFromEvent(elapsed) : elapsed;
+  const half = path.pulse_fwhm_ps / 2;
+  const body = clock === "event" ? piece(t - half, t + half)
+    : piece(eventFromArrival(ta - half), eventFromArrival(ta + half));
+  const other = clock === "event" ? eventFromArrival(Math.min(elapsed, arrivalEnd)) : Math.min(elapsed, eventEnd);
+  return { clock, elapsed, t, ta, body, place: positionAt(t), leg: nLegs ? legAt(t) : -1,
+    ghost: hasArrival ? positionAt(other) : [null, null, null], pixel: pixelOnPath(t), speed: speedAt(t, clock) };
+}
+
+const STORIES = {
+  event: () => `What happened: the pulse flies at ${show(1 / path.path_index, 4)}\u202fc all the way, ${show(path.pulse_fwhm_ps * C / path.path_index, 1, "mm")} long.`,
+  arrival: (now) => {
+    const ratio = now.speed * path.path_index;
+    const how = ratio > 1.02 ? "Coming nearer, its light has less and less way to go: it seems to run ahead of itself"
+      : ratio < 0.98 ? "Going away, its light has more and more way to go: it seems to lag" : "Flying across the view, it seems to run at its own speed";
+    const long = path.pulse_fwhm_ps * C * now.speed;
+    return `What the camera saw. ${how}, at ${show(now.speed, 3)}\u202fc and ${show(long, 1, "mm")} long.`;
+  },
+};
+
+function render() {
+  const now = current();
+  byId("story").textContent = nLegs ? STORIES[now.clock](now) : "The path has no legs.";
+  byId("elapsed-name").textContent = now.clock === "event" ? "event time" : "arrival time";
+  byId("elapsed").textContent = show(now.elapsed, 1, "ps");
+  byId("place").textContent = now.place.map((x) => show(x, 1)).join("  ");
+  byId("leg").textContent = now.leg >= 0 ? String(now.leg + 1) : "–";
+  byId("speed-name").textContent = now.clock === "event" ? "speed" : "apparent speed";
+  byId("speed").textContent = show(now.speed, now.clock === "event" ? 4 : 3, "c");
+  byId("picture-time").textContent = now.clock === "event" ? "if light reached it at once" : "as recorded";
+  slider.value = String(now.elapsed);
+  slider.setAttribute("aria-valuetext", `${now.elapsed.toFixed(0)} picoseconds of ${now.clock} time`);
+  moveScenePulse(now);
+  drawPicture(now);
+  for (const graph of Object.values(graphs)) if (graph.moveCursor) graph.moveCursor();
+}
+
+let spokenTimer = 0;
+function speak() {
+  clearTimeout(spokenTimer);
+  spokenTimer = setTimeout(() => {
+    const now = current();
+    byId("spoken").textContent = `${now.clock} time ${now.elapsed.toFixed(0)} picoseconds: pulse at `
+      + `${now.place.map((x) => x.toFixed(0)).join(", ")} millimetres on leg ${now.leg + 1}, speed ${now.speed.toFixed(2)} c`;
+  }, 500);
+}
+
+function setTime(elapsed) {
+  state.elapsed = Math.min(endOf(state.clock), Math.max(0, elapsed));
+  render();
+  speak();
+}
+
+// The pulse stays where it is; the reading changes to the other clock's.
+function setClock(clock) {
+  if (clock === state.clock || (clock === "arrival" && !hasArrival)) return;
+  const now = current();
+  state.clock = clock;
+  document.documentElement.dataset.clock = clock;
+  for (const button of document.querySelectorAll("[data-clock][role=radio]")) {
+    const on = button.dataset.clock === clock;
+    button.setAttribute("aria-checked", String(on));
+    button.tabIndex = on ? 0 : -1;
+  }
+  slider.max = String(endOf(clock));
+  drawStrip();
+  setTime(clock === "event" ? now.t : now.ta);
+}
+
+// Under the slider: legs end to end on this clock, bright where the camera sees the pulse.
+function drawStrip() {
+  const canvas = byId("strip");
+  const scale = window.devicePixelRatio || 1;
+  canvas.width = Math.max(1, Math.round(canvas.clientWidth * scale));
+  canvas.height = Math.max(1, Math.round(canvas.clientHeight * scale));
+  const g = canvas.getContext("2d");
+  g.clearRect(0, 0, canvas.width, canvas.height);
+  const thumb = 12 * scale;
+  const at = (v) => thumb / 2 + v / (endOf(state.clock) || 1) * (canvas.width - thumb);
+  const times = state.clock === "event" ? trace.event_ps : trace.arrival_ps;
+  g.fillStyle = color("hair");
+  g.fillRect(0, 0, canvas.width, canvas.height);
+  g.fillStyle = color("accent");
+  g.globalAlpha = 0.45;
+  for (let i = 0; i < times.length; i += 1) {
+    if (!trace.in_view[i]) continue;
+    const first = i;
+    while (i + 1 < times.length && trace.in_view[i + 1]) i += 1;
+    g.fillRect(at(times[first]), 0, at(times[i]) - at(times[first]), canvas.height);
+  }
+  g.globalAlpha = 1;
+  g.fillStyle = color("ink");
+  for (let k = 1; k < nLegs; k += 1) {
+    const v = state.clock === "event" ? legTimes[k] : arrivalFromEvent(legTimes[k]);
+    g.fillRect(at(v) - scale / 2, 0, Math.max(1, scale), canvas.height);
+  }
+}
+
+let lastFrame = 0;
+function tick(moment) {
+  if (!state.playing) return;
+  const seconds = lastFrame ? Math.min(0.1, (moment - lastFrame) / 1000) : 0;
+  lastFrame = moment;
+  const next = state.elapsed + seconds * Number(byId("rate").value);
+  if (next >= endOf(state.clock)) {
+    setTime(endOf(state.clock));
+    setPlaying(false);
+    return;
+  }
+  setTime(next);
+  requestAnimationFrame(tick);
+}
+
+function setPlaying(on) {
+  if (on && state.elapsed >= endOf(state.clock) - 1e-6) state.elapsed = 0;
+  state.playing = on;
+  lastFrame = 0;
+  byId("play").textContent = on ? "❚❚ Pause" : "▶ Play";
+  byId("play").setAttribute("aria-pressed", String(on));
+  if (on) requestAnimationFrame(tick);
+}
+
+const THEMES = ["auto", "light", "dark"];
+function setTheme(name) {
+  document.documentElement.dataset.theme = name;
+  byId("theme-button").textContent = `Theme: ${name === "auto" ? "system" : name}`;
+  redrawAll();
+}
+
+function redrawAll() {
+  drawStrip();
+  drawScene().then(render);
+  for (const graph of Object.values(graphs)) if (graph.drawn) graph.draw(graph.node);
+  if (cursorPixel) showPixel(...cursorPixel);
+}
+
+// What is out of sight is drawn when the browser has nothing better to do.
+function whenIdle(work) {
+  if (window.requestIdleCallback) requestIdleCallback(work, { timeout: 4000 }); else setTimeout(work, 80);
+}
+
+function registerGraph(id, draw) {
+  const node = byId(id);
+  const graph = { node, draw, drawn: false, moveCursor: null };
+  graphs[id] = graph;
+  const once = () => {
+    if (graph.drawn) return;
+    graph.drawn = true;
+    draw(node);
+  };
+  new IntersectionObserver((entries, observer) => {
+    if (!entries.some((entry) => entry.isIntersecting)) return;
+    observer.disconnect();
+    once();
+  }, { rootMargin: "200px" }).observe(node);
+  whenIdle(once);
+}
+
+function addCopyButtons() {
+  for (const table of document.querySelectorAll(".numbers table")) {
+    const button = element("button", "Copy as text");
+    button.type = "button";
+    button.className = "copy";
+    table.closest(".table-scroll").after(button);
+    button.addEventListener("click", async () => {
+      const text = [...table.rows].map((row) => [...row.cells].map((cell) => cell.textContent.trim()).join("\t")).join("\n");
+      try {
+        await navigator.clipboard.writeText(text);
+        button.textContent = "Copied";
+      } catch {
+        getSelection().selectAllChildren(table);
+        button.textContent = "Selected: press Ctrl+C";
+      }
+    });
+  }
+}
+
+function onKey(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey || byId("keys").open) return;
+  const tag = event.target.tagName;
+  if (tag === "SELECT" || tag === "TEXTAREA") return;
+  const onButton = tag === "BUTTON" || tag === "SUMMARY";
+  const step = event.shiftKey ? 100 : 10;
+  const actions = {
+    " ": () => !onButton && setPlaying(!state.playing),
+    c: () => setClock(state.clock === "event" ? "arrival" : "event"),
+    t: () => setTheme(THEMES[(THEMES.indexOf(document.documentElement.dataset.theme) + 1) % THEMES.length]),
+    "?": () => byId("keys").showModal(),
+    Home: () => setTime(0),
+    End: () => setTime(endOf(state.clock)),
+    ArrowLeft: () => setTime(state.elapsed - step),
+    ArrowRight: () => setTime(state.elapsed + step),
+  };
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  if (event.target.getAttribute("role") === "radio" && key.startsWith("Arrow")) {
+    setClock(state.clock === "event" ? "arrival" : "event");
+    byId(`clock-${state.clock}`).focus();
+    event.preventDefault();
+  } else if (/^[1-9]$/.test(key) && Number(key) <= nLegs) {
+    const t = legTimes[Number(key) - 1];
+    setTime(state.clock === "event" ? t : arrivalFromEvent(t));
+  } else if (actions[key] && actions[key]() !== false) {
+    event.preventDefault();
+  }
+}
+
+function start() {
+  document.documentElement.dataset.clock = "event";
+  slider.max = String(eventEnd || 1);
+  if (!hasArrival) byId("clock-arrival").disabled = true;
+  slider.addEventListener("input", () => { setPlaying(false); setTime(Number(slider.value)); });
+  byId("play").addEventListener("click", () => setPlaying(!state.playing));
+  for (const button of document.querySelectorAll("[data-clock][role=radio]")) button.addEventListener("click", () => setClock(button.dataset.clock));
+  for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => setView(button.dataset.view));
+  for (const button of document.querySelectorAll("[data-residuals]")) {
+    button.addEventListener("click", () => {
+      residualsAs = button.dataset.residuals;
+      for (const b of document.querySelectorAll("[data-residuals]")) b.setAttribute("aria-pressed", String(b === button));
+      drawResiduals(byId("residual-plot"));
+    });
+  }
+  byId("keys-button").addEventListener("click", () => byId("keys").showModal());
+  byId("theme-button").addEventListener("click", () => setTheme(THEMES[(THEMES.indexOf(document.documentElement.dataset.theme) + 1) % 3]));
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => document.documentElement.dataset.theme === "auto" && redrawAll());
+  document.addEventListener("keydown", onKey);
+  new ResizeObserver(() => { drawStrip(); if (camera) drawPictureLines(current()); }).observe(document.body);
+  byId("picture-note").textContent = camera && pulses ? "Tinted: pixels with a pulse. Point at one for its histogram; arrow keys work too." : "";
+  preparePicture();
+  preparePictureEvents();
+  addCopyButtons();
+  drawStrip();
+  setTime(0.12 * eventEnd);
+  drawScene().then(() => {
+    setView("path");
+    render();
+    performance.mark("lightflight-first-draw");
+    document.documentElement.dataset.ready = "yes";
+    registerGraph("clocks-plot", drawClocks);
+    registerGraph("speed-plot", drawSpeed);
+    registerGraph("residual-plot", drawResiduals);
+    registerGraph("clock-plot", drawClockCard);
+    if (camera && pulses && pulses.row.length) {
+      let best = 0;
+      for (let i = 0; i < pulses.row.length; i += 1) if (pulses.photons[i] > pulses.photons[best]) best = i;
+      whenIdle(() => { if (!cursorPixel) selectPixel(pulses.row[best], pulses.col[best]); });
+    } else {
+      say(byId("pixel-plot"), "No pulses: no pixel to show.");
+    }
+  });
+}
+
+// For tests and the curious: what is shown, and how to move it.
+window.lightflight = { state, current, setTime, setClock, setPlaying, setTheme, lightAt, pixelIndex, payload };
+start();

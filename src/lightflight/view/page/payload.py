@@ -1,0 +1,367 @@
+"""What the page knows: records as JSON with packed arrays, safe inside a script element.
+
+Takes a LightPath and what it was made from, gives a dictionary (`payload_from_records`) and its
+text (`json_for_html`). NumPy only. Times in it are "since vertex 0" on their own clock, so that
+single precision is plenty for tables; vertices keep all their digits.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight import flags as fl
+from lightflight.flight import Medium, apparent_speed_from_direction
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+from lightflight.view.page.histograms import histogram_blob
+from lightflight.view.trace import (
+    Trace,
+    across_axes,
+    has_errors,
+    places_from_path,
+    trace_from_path,
+)
+
+Floats = NDArray[np.float64]
+
+SCHEMA = 1
+"""Version of the page's data; page.js reads this one."""
+
+TRACE_POINTS = 2000
+"""Points along a path, all legs together, beyond the ends of the legs."""
+
+
+def packed(array: ArrayLike, kind: str) -> dict[str, Any]:
+    """An array as base64 of little-endian numbers: kind "f4", "f8", "u1", "u2", "u4" or "i4"."""
+    values = np.ascontiguousarray(np.asarray(array), dtype=f"<{kind}")
+    return {
+        "kind": kind,
+        "shape": list(values.shape),
+        "base64": base64.b64encode(values.tobytes()).decode("ascii"),
+    }
+
+
+def plain(value: Any) -> Any:
+    """Any metadata as JSON can hold it: arrays as lists, NaN and inf as null, the rest as text."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    return str(value)
+
+
+def json_for_html(payload: Any) -> str:
+    """JSON text that cannot end its script element, whatever strings it holds.
+
+    `<`, `>`, `&` and the two line separators of JavaScript are written as escapes, so neither
+    `</script` nor `<!--` can appear.
+    """
+    text = json.dumps(payload, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def payload_from_records(
+    path: Any,
+    *,
+    hist: Any = None,
+    timing: Any = None,
+    pulses: Any = None,
+    arrivals: Any = None,
+    title: str = "",
+) -> dict[str, Any]:
+    """Everything the page shows, from a path and, where they are at hand, its recording and clock.
+
+    Parameters
+    ----------
+    path : LightPath.
+    hist : Histograms it was made from, for the pixels' histograms.
+    timing : TimingCalibration used.
+    pulses, arrivals : fits of `hist`.
+    title : heading; empty: one is made.
+    """
+    truth = getattr(path, "truth", None)
+    camera = getattr(path, "camera", None)
+    n_legs = max(len(np.atleast_1d(path.vertex_times_ps)) - 1, 0)
+    per_leg = max(5, min(65, TRACE_POINTS // max(n_legs, 1)))
+    trace = trace_from_path(path, per_leg=per_leg)
+    out: dict[str, Any] = {
+        "schema": SCHEMA,
+        "title": title,
+        "path": _path_part(path, trace),
+        "trace": _trace_part(path, trace),
+        "truth": _truth_part(path, truth),
+        "camera": _camera_part(camera, path),
+        "pulses": _pulses_part(path, arrivals, trace),
+        "flags": [[flag.value, flag.name, flag.meaning] for flag in fl.REGISTRY],
+        "words": _words_part(path),
+        "clock": _clock_part(timing),
+        "histograms": None,
+        "missing": _missing(path, hist, arrivals, timing, truth),
+    }
+    if hist is not None:
+        out["histograms"] = histogram_blob(hist, pulses=pulses, timing=timing)
+    return out
+
+
+def _path_part(path: Any, trace: Trace) -> dict[str, Any]:
+    vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
+    times = np.asarray(path.vertex_times_ps, dtype=float).reshape(-1)
+    medium = getattr(path, "medium", None) or Medium()
+    source = getattr(path, "source", None)
+    width = getattr(source, "pulse_fwhm_ps", None) or 68.0
+    std = np.full((len(times), 4), np.nan)
+    if has_errors(path):
+        diagonal = np.diag(np.asarray(path.covariance, dtype=float))
+        std = np.sqrt(np.maximum(diagonal, 0.0)).reshape(-1, 4)
+    return {
+        "vertices_mm": plain(vertices),
+        "vertex_times_ps": plain(times),
+        "vertex_std": plain(std),
+        "legs": [_leg_part(leg) for leg in getattr(path, "legs", ())],
+        "path_index": medium.path_group_index,
+        "return_index": medium.return_group_index,
+        "first_arrival_ps": plain(float(trace.arrival_ps[0])) if len(trace.leg) else None,
+        "pulse_fwhm_ps": float(width),
+        "pulse_fwhm_known": getattr(source, "pulse_fwhm_ps", None) is not None,
+        "source_known": source is not None and source.position_mm is not None,
+    }
+
+
+def _leg_part(leg: Any) -> dict[str, Any]:
+    return {
+        "length_mm": plain(leg.length_mm),
+        "angle_deg": plain(leg.angle_deg),
+        "angle_std_deg": plain(leg.angle_std_deg),
+        "paper_angle_deg": plain(leg.paper_angle_deg),
+    }
+
+
+def _trace_part(path: Any, trace: Trace) -> dict[str, Any]:
+    camera = getattr(path, "camera", None)
+    variances, axes = across_axes(trace)
+    half_axes = np.sqrt(np.maximum(variances, 0.0))[:, :, np.newaxis] * axes
+    first = trace.arrival_ps[0] if len(trace.leg) else 0.0
+    start = trace.event_time_ps[0] if len(trace.leg) else 0.0
+    pixel = np.full((len(trace.leg), 2), np.nan)
+    speed = np.full(len(trace.leg), np.nan)
+    if camera is not None and len(trace.leg):
+        row, col = camera.pixels_from_points(trace.points_mm)
+        pixel = np.stack((np.asarray(row, float), np.asarray(col, float)), axis=1)
+        speed = _apparent_speed(path, trace)
+    std = np.sqrt(np.diagonal(trace.covariance, axis1=1, axis2=2))
+    return {
+        "points_mm": packed(trace.points_mm, "f4"),
+        "event_ps": packed(trace.event_time_ps - start, "f4"),
+        "arrival_ps": packed(trace.arrival_ps - first, "f4"),
+        "length_mm": packed(trace.length_mm, "f4"),
+        "leg": packed(trace.leg, "u2"),
+        "in_view": packed(trace.in_view, "u1"),
+        "std": packed(std, "f4"),
+        "half_axes_mm": packed(half_axes, "f4") if has_errors(path) else None,
+        "pixel": packed(pixel, "f4"),
+        "apparent_speed": packed(speed / SPEED_OF_LIGHT_MM_PER_PS, "f4"),
+    }
+
+
+def _apparent_speed(path: Any, trace: Trace) -> Floats:
+    """(n,), mm/ps: length of path seen per unit of arrival time."""
+    vertices = np.asarray(path.vertices_mm, dtype=float)
+    steps = np.diff(vertices, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+        towards = path.camera.center_mm - trace.points_mm
+        towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
+        speed = apparent_speed_from_direction(
+            directions[trace.leg], towards, medium=getattr(path, "medium", None)
+        )
+    return np.asarray(speed)
+
+
+def _truth_part(path: Any, truth: Any) -> dict[str, Any] | None:
+    if truth is None:
+        return None
+    part = {
+        "vertices_mm": plain(np.asarray(truth.vertices_mm, dtype=float)),
+        "vertex_times_ps": plain(np.asarray(truth.vertex_times_ps, dtype=float)),
+        "position_rms_mm": None,
+        "time_rms_ps": None,
+    }
+    if getattr(path, "camera", None) is not None:
+        from lightflight.view.figures_demo import errors_of
+
+        position, time = errors_of(path, truth)
+        part["position_rms_mm"], part["time_rms_ps"] = plain(position), plain(time)
+    return part
+
+
+def _camera_part(camera: Any, path: Any) -> dict[str, Any] | None:
+    if camera is None:
+        return None
+    from lightflight.view.figures_path import field_of_view
+
+    vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
+    finite = vertices[np.isfinite(vertices).all(axis=1)]
+    middle = finite.mean(axis=0) if len(finite) else camera.center_mm - camera.backward_axis
+    return {
+        "shape": list(camera.shape),
+        "center_mm": plain(np.asarray(camera.center_mm)),
+        "backward_axis": plain(np.asarray(camera.backward_axis)),
+        "field_mm": plain(field_of_view(camera, middle)),
+    }
+
+
+def _pulses_part(path: Any, arrivals: Any, trace: Trace) -> dict[str, Any] | None:
+    """One row per pulse that lies on the path or was found in the recording."""
+    places = places_from_path(path)
+    n = len(places.row)
+    first = trace.arrival_ps[0] if len(trace.leg) else 0.0
+    start = trace.event_time_ps[0] if len(trace.leg) else 0.0
+    table = {
+        "row": places.row,
+        "col": places.col,
+        "leg": places.leg,
+        "arrival_ps": places.arrival_ps - first,
+        "event_ps": places.measured_event_time_ps - start,
+        "residual_ps": places.residual_ps,
+        "std_ps": places.std_ps,
+        "length_mm": places.length_mm,
+        "used": places.used.astype(np.uint8),
+        "flags": _column(path, "flags", n, 0),
+        "photons": _column(path, "photons", n, np.nan),
+        "width_ps": np.full(n, np.nan),
+    }
+    if arrivals is not None:
+        table = _with_arrivals(table, arrivals, first)
+    if len(table["row"]) == 0:
+        return None
+    kinds = {"row": "u2", "col": "u2", "leg": "i4", "used": "u1", "flags": "u4"}
+    return {name: packed(values, kinds.get(name, "f4")) for name, values in table.items()}
+
+
+def _column(path: Any, name: str, n: int, default: float) -> NDArray[Any]:
+    table: Any = getattr(path, "residuals", None)
+    names = getattr(getattr(table, "dtype", None), "names", None) or ()
+    return np.asarray(table[name]) if n and name in names else np.full(n, default)
+
+
+def _with_arrivals(table: dict[str, Any], arrivals: Any, first: float) -> dict[str, Any]:
+    """Add to the pulses of the path what else was found, and the pulses' own widths."""
+    shape = arrivals.shape
+    key = np.asarray(arrivals.row, dtype=np.int64) * shape[1] + np.asarray(arrivals.col)
+    own = table["row"] * shape[1] + table["col"]
+    found = np.isfinite(arrivals.arrival_ps)
+    period = getattr(arrivals, "laser_period_ps", None)
+    when = np.asarray(arrivals.arrival_ps, dtype=float) - first
+    if period is not None:
+        when = when - period * np.floor((when + 0.25 * period) / period)
+    # A pulse of the path and of the recording are the same where pixel and time agree.
+    width = dict(zip(key[found], np.asarray(arrivals.std_ps, float)[found], strict=True))
+    table["width_ps"] = np.array([width.get(k, np.nan) for k in own], dtype=float)
+    silent = np.uint32(fl.NO_PHOTONS | fl.NO_PULSE | fl.TOO_FEW)
+    words = np.asarray(arrivals.flags, dtype=np.uint32)
+    extra = ~np.isin(key, own) & ((words & silent) == 0)
+    nan = np.full(int(extra.sum()), np.nan)
+    more = {
+        "row": np.asarray(arrivals.row)[extra],
+        "col": np.asarray(arrivals.col)[extra],
+        "leg": np.full(len(nan), -1),
+        "arrival_ps": when[extra],
+        "std_ps": nan,
+        "photons": np.asarray(arrivals.photons, dtype=float)[extra],
+        "flags": words[extra],
+        "used": np.zeros(len(nan), dtype=np.uint8),
+        "width_ps": np.asarray(arrivals.std_ps, dtype=float)[extra],
+    }
+    return {name: np.concatenate((values, more.get(name, nan))) for name, values in table.items()}
+
+
+def _words_part(path: Any) -> dict[str, Any]:
+    goodness = getattr(path, "goodness", None)
+    return {
+        "method": plain(getattr(path, "method", "")),
+        "prior": plain(getattr(path, "prior", "")),
+        "statements": plain(getattr(path, "statements", ())),
+        "provenance": plain(dict(getattr(path, "provenance", None) or {})),
+        "goodness": None
+        if goodness is None
+        else {
+            name: plain(getattr(goodness, name))
+            for name in (
+                "chi2",
+                "dof",
+                "n_pulses",
+                "n_rejected",
+                "residual_rms_ps",
+                "error_floor_ps",
+                "converged",
+            )
+        },
+    }
+
+
+def _clock_part(timing: Any) -> dict[str, Any] | None:
+    """Summary of the calibration: numbers, mean phases, notes."""
+    if timing is None:
+        return None
+    response = np.asarray(timing.response_std_ps, dtype=float)
+    good = np.asarray(fl.is_usable(timing.flags))
+
+    def spread(values: Any) -> float | None:
+        kept = np.asarray(values, dtype=float)[good]
+        kept = kept[np.isfinite(kept)]
+        return plain(float(kept.std())) if kept.size else None
+
+    phases = np.asarray(timing.phases, dtype=float)
+    n_phases = phases.shape[2]
+    return {
+        "bin_width_ps": plain(timing.bin_width_ps),
+        "scale_std": plain(timing.scale_std),
+        "laser_period_ps": plain(timing.laser_period_ps),
+        "reversed_codes": bool(timing.reversed_codes),
+        "gain_std": spread(timing.gain),
+        "delay_std_ps": spread(timing.skew_ps),
+        "response_std_ps": plain(np.nanmedian(response[good]))
+        if np.isfinite(response[good]).any()
+        else None,
+        "phases": plain(np.nanmean(phases[good], axis=0)) if 1 < n_phases <= 64 else None,
+        "usable": int(good.sum()),
+        "pixels": int(good.size),
+        "reasons": fl.count_flags(timing.flags),
+        "notes": plain(timing.notes),
+    }
+
+
+def _missing(path: Any, hist: Any, arrivals: Any, timing: Any, truth: Any) -> list[str]:
+    """What is not there and what the page therefore cannot show, in sentences."""
+    said = []
+    if len(np.atleast_1d(path.vertex_times_ps)) < 2:
+        said.append("The path has no legs: there is nothing to fly along.")
+    if getattr(path, "camera", None) is None:
+        said.append("No camera: arrival times cannot be told.")
+    if not has_errors(path):
+        said.append("The path carries no finite errors: no error tubes, no error bars.")
+    if truth is None:
+        said.append("The truth is not known (a real recording, or a path that lost it).")
+    if getattr(path, "residuals", None) is None or len(path.residuals) == 0:
+        said.append("The path carries no residuals.")
+    if hist is None:
+        said.append("No recording was given: pixels have no histograms.")
+    elif arrivals is None:
+        said.append("The recording holds no usable pulses.")
+    if timing is None:
+        said.append("No timing calibration was given.")
+    return said

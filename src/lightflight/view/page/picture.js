@@ -1,0 +1,155 @@
+// The camera's picture at one moment: light per pixel from the pulses found, legs over it.
+
+const pictureNode = document.getElementById("picture");
+const lightCanvas = document.getElementById("picture-light");
+const lineCanvas = document.getElementById("picture-lines");
+const rows = camera ? camera.shape[0] : 0;
+const cols = camera ? camera.shape[1] : 0;
+let cursorPixel = null;
+let pictureBuffer = null;
+let brightest = 1;
+let typicalWidth = path.pulse_fwhm_ps / 2.3548;
+
+function rgb(name) {
+  const probe = document.createElement("canvas").getContext("2d");
+  probe.fillStyle = color(name);
+  const hex = probe.fillStyle;
+  return [1, 3, 5].map((i) => Number.parseInt(hex.slice(i, i + 2), 16));
+}
+
+function preparePicture() {
+  if (!camera) {
+    pictureNode.textContent = "The path names no camera.";
+    return;
+  }
+  pictureNode.style.aspectRatio = `${cols} / ${rows}`;
+  lightCanvas.width = cols;
+  lightCanvas.height = rows;
+  if (!pulses) return;
+  const photons = Array.from(pulses.photons).filter((x) => x > 0).sort((a, b) => a - b);
+  brightest = photons.length ? photons[Math.floor(0.98 * (photons.length - 1))] : 1;
+  const widths = Array.from(pulses.width_ps).filter((x) => x > 0).sort((a, b) => a - b);
+  if (widths.length) typicalWidth = widths[Math.floor(widths.length / 2)];
+}
+
+// Light of every pixel at a moment of a clock, 0 … 1 of the brightest pixel's peak.
+function lightAt(clock, moment) {
+  const light = new Float32Array(rows * cols);
+  if (!pulses) return light;
+  const when = clock === "event" ? pulses.event_ps : pulses.arrival_ps;
+  for (let i = 0; i < when.length; i += 1) {
+    const z = (moment - when[i]) / (pulses.width_ps[i] > 0 ? pulses.width_ps[i] : typicalWidth);
+    if (z > 4 || z < -4 || Number.isNaN(z)) continue;
+    const strength = pulses.photons[i] > 0 ? pulses.photons[i] / brightest : 0.5;
+    light[pulses.row[i] * cols + pulses.col[i]] += strength * Math.exp(-0.5 * z * z);
+  }
+  return light;
+}
+
+function drawPicture(now) {
+  if (!camera) return;
+  const context = lightCanvas.getContext("2d");
+  const base = rgb("wash");
+  const hint = rgb("good");
+  const full = rgb("accent");
+  const image = context.createImageData(cols, rows);
+  const light = lightAt(now.clock, now.elapsed);
+  for (let p = 0; p < rows * cols; p += 1) {
+    image.data.set(base, 4 * p);
+    image.data[4 * p + 3] = 255;
+  }
+  if (pulses) {
+    for (let i = 0; i < pulses.row.length; i += 1) {
+      image.data.set(hint, 4 * (pulses.row[i] * cols + pulses.col[i]));
+    }
+  }
+  for (let p = 0; p < rows * cols; p += 1) {
+    if (light[p] <= 0.002) continue;
+    const f = Math.min(1, light[p]) ** 0.6;
+    for (let k = 0; k < 3; k += 1) image.data[4 * p + k] = lerp(image.data[4 * p + k], full[k], f);
+  }
+  context.putImageData(image, 0, 0);
+  pictureBuffer = light;
+  drawPictureLines(now);
+}
+
+function drawPictureLines(now) {
+  const scale = window.devicePixelRatio || 1;
+  const width = pictureNode.clientWidth;
+  const height = pictureNode.clientHeight;
+  if (lineCanvas.width !== Math.round(width * scale) || lineCanvas.height !== Math.round(height * scale)) {
+    lineCanvas.width = Math.round(width * scale);
+    lineCanvas.height = Math.round(height * scale);
+  }
+  const g = lineCanvas.getContext("2d");
+  g.setTransform(scale, 0, 0, scale, 0, 0);
+  g.clearRect(0, 0, width, height);
+  const at = (row, col) => [(col + 0.5) * width / cols, (row + 0.5) * height / rows];
+  g.strokeStyle = color("quiet");
+  g.lineWidth = 1;
+  g.beginPath();
+  for (let i = 0; i < trace.leg.length; i += 1) {
+    const [x, y] = at(trace.pixel[2 * i], trace.pixel[2 * i + 1]);
+    if (i && trace.leg[i] === trace.leg[i - 1]) g.lineTo(x, y); else g.moveTo(x, y);
+  }
+  g.globalAlpha = 0.7;
+  g.stroke();
+  g.globalAlpha = 1;
+  if (now.pixel) {
+    const [x, y] = at(...now.pixel);
+    g.strokeStyle = color("accent");
+    g.lineWidth = 2;
+    g.beginPath();
+    g.arc(x, y, 8, 0, 2 * Math.PI);
+    g.stroke();
+  }
+  if (cursorPixel) {
+    const [x, y] = at(cursorPixel[0] - 0.5, cursorPixel[1] - 0.5);
+    g.strokeStyle = color("ink");
+    g.lineWidth = 1.5;
+    g.strokeRect(x, y, width / cols, height / rows);
+  }
+}
+
+// Where the path's point of event time t is in the picture; interpolated in the trace.
+function pixelOnPath(t) {
+  const n = trace.event_ps.length;
+  if (!camera || !n) return null;
+  let low = 0;
+  let high = n - 1;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (trace.event_ps[middle] <= t) low = middle; else high = middle;
+  }
+  const span = trace.event_ps[high] - trace.event_ps[low];
+  const f = span > 0 ? Math.min(1, Math.max(0, (t - trace.event_ps[low]) / span)) : 0;
+  const pixel = [0, 1].map((k) => lerp(trace.pixel[2 * low + k], trace.pixel[2 * high + k], f));
+  const seen = pixel[0] >= -0.5 && pixel[0] <= rows - 0.5 && pixel[1] >= -0.5 && pixel[1] <= cols - 0.5;
+  return seen ? pixel : null;
+}
+
+function selectPixel(row, col) {
+  if (!camera) return;
+  cursorPixel = [Math.min(rows - 1, Math.max(0, row)), Math.min(cols - 1, Math.max(0, col))];
+  drawPictureLines(current());
+  showPixel(...cursorPixel);
+}
+
+function preparePictureEvents() {
+  if (!camera) return;
+  pictureNode.addEventListener("pointermove", (event) => {
+    const frame = pictureNode.getBoundingClientRect();
+    const col = Math.floor((event.clientX - frame.left) / frame.width * cols);
+    const row = Math.floor((event.clientY - frame.top) / frame.height * rows);
+    if (!cursorPixel || row !== cursorPixel[0] || col !== cursorPixel[1]) selectPixel(row, col);
+  });
+  pictureNode.addEventListener("pointerdown", (event) => pictureNode.dispatchEvent(new PointerEvent("pointermove", event)));
+  pictureNode.addEventListener("keydown", (event) => {
+    const step = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    event.stopPropagation();
+    const from = cursorPixel || [Math.floor(rows / 2), Math.floor(cols / 2)];
+    selectPixel(from[0] + step[0], from[1] + step[1]);
+  });
+}

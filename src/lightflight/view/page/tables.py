@@ -1,0 +1,136 @@
+"""The page's words and tables as static HTML: they can be read without scripts.
+
+Takes the page's payload, gives text in which everything that came from outside is escaped.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from lightflight.view.style_text import number, with_error
+
+_COUNT_WORDS = {1: "One leg", 2: "Two legs", 3: "Three legs", 4: "Four legs", 5: "Five legs"}
+
+
+def heading(path: Any) -> str:
+    """A title for a path that was given none."""
+    n_legs = max(len(np.atleast_1d(path.vertex_times_ps)) - 1, 0)
+    return f"{_COUNT_WORDS.get(n_legs, f'{n_legs} legs')} of light in space and time"
+
+
+def lead(payload: dict[str, Any]) -> str:
+    """One line: size, how it was found, how well."""
+    words, path = payload["words"], payload["path"]
+    parts = []
+    times = path["vertex_times_ps"]
+    lengths = [leg["length_mm"] for leg in path["legs"]]
+    if lengths and None not in lengths and None not in times:
+        parts.append(f"{sum(lengths):.0f} mm in {(times[-1] - times[0]) / 1000:.2f} ns")
+    if words["method"]:
+        parts.append(f"{words['method']} estimate")
+    if words["prior"]:
+        parts.append(words["prior"])
+    goodness = words["goodness"]
+    if goodness and goodness["dof"] and goodness["chi2"] is not None:
+        ratio = goodness["chi2"] / goodness["dof"]
+        parts.append(f"{goodness['n_pulses']} pulses, \u03c7\u00b2/dof {ratio:.2f}")
+    truth = payload["truth"]
+    if truth and truth["position_rms_mm"] is not None:
+        position = number(truth["position_rms_mm"], 2)
+        time = number(truth["time_rms_ps"] or float("nan"), 2)
+        parts.append(f"off the truth by {position} mm and {time} ps rms in view")
+    return " \u00b7 ".join(parts)
+
+
+def _table(caption: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    head = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in header)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    return (
+        '<div><div class="table-scroll"><table>'
+        f"<caption>{html.escape(caption)}</caption>"
+        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div></div>"
+    )
+
+
+def tables_html(payload: dict[str, Any]) -> str:
+    """Vertices and legs with their errors, and the truth beside them where it is known."""
+    path = payload["path"]
+    if not path["legs"]:
+        return "<p>The path has no legs.</p>"
+    parts = [_vertex_table(path)]
+    rows: list[tuple[str, ...]] = [
+        (
+            str(k + 1),
+            number(leg["length_mm"], 6),
+            with_error(leg["angle_deg"], leg["angle_std_deg"]),
+            number(leg["paper_angle_deg"], 5),
+        )
+        for k, leg in enumerate(path["legs"])
+    ]
+    header: tuple[str, ...] = (
+        "leg",
+        "length (mm)",
+        "elevation \u03b1 (\u00b0)",
+        "\u03b1 of the paper (\u00b0)",
+    )
+    parts.append(_table("Legs", header, rows))
+    if payload["truth"]:
+        truth = payload["truth"]
+        rows = [
+            (str(k), *(number(x, 6) for x in vertex), number(time, 8))
+            for k, (vertex, time) in enumerate(
+                zip(truth["vertices_mm"], truth["vertex_times_ps"], strict=True)
+            )
+        ]
+        header = ("vertex", "x (mm)", "y (mm)", "z (mm)", "event time (ps)")
+        parts.append(_table("Truth", header, rows))
+    return '<div class="tables">' + "\n".join(parts) + "</div>"
+
+
+def _vertex_table(path: dict[str, Any]) -> str:
+    n = len(path["vertices_mm"])
+    first = "source" if path["source_known"] else "entry"
+    rows = []
+    for k in range(n):
+        name = first if k == 0 else "exit" if k == n - 1 else f"corner {k}"
+        values = (*path["vertices_mm"][k], path["vertex_times_ps"][k])
+        errors = path["vertex_std"][k]
+        rows.append(
+            (f"{k}  {name}", *(with_error(v, e) for v, e in zip(values, errors, strict=True)))
+        )
+    header = ("vertex", "x (mm)", "y (mm)", "z (mm)", "event time (ps)")
+    return _table("Vertices, with one standard deviation", header, rows)
+
+
+def statements_html(payload: dict[str, Any]) -> str:
+    """What the data fix, what the result rests on, and what is missing, in sentences."""
+    words, clock = payload["words"], payload["clock"]
+    said = list(words["statements"])
+    if words["prior"]:
+        said.insert(0, f"Taken as known: {words['prior']}.")
+    parts = [_list(said) if said else "<p>The path carries no statements.</p>"]
+    if clock and clock["notes"]:
+        parts.append("<h3>The clock</h3>" + _list(clock["notes"]))
+    if payload["missing"]:
+        parts.append("<h3>Not here</h3>" + _list(payload["missing"]))
+    return "\n".join(parts)
+
+
+def _list(sentences: Sequence[Any]) -> str:
+    return "<ul>" + "".join(f"<li>{html.escape(str(text))}</li>" for text in sentences) + "</ul>"
+
+
+def provenance_html(payload: dict[str, Any]) -> str:
+    """Inputs, settings, versions and seed that made the path."""
+    provenance = payload["words"]["provenance"]
+    if not provenance:
+        return "<p>The path does not say how it was made.</p>"
+    text = json.dumps(provenance, indent=2, ensure_ascii=False)
+    return f"<pre>{html.escape(text)}</pre>"

@@ -1,0 +1,439 @@
+"""The page in a real browser: it draws, moves the pulse where the file says, and stays silent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lightflight import Histograms
+from lightflight.camera import Camera
+from lightflight.flight import Source, arrival_time_from_event, event_times_from_vertices
+from lightflight.path import RESIDUAL_DTYPE, LightPath
+from lightflight.view.page import write_page
+from tests.view import browser as br
+from tests.view import fakes
+from tests.view.test_page import HOSTILE, hostile_path
+
+pytest.importorskip("plotly", reason="the page needs the view extra (plotly)")
+
+C = 0.299792458
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    with br.started_browser() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def paper_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The paper's scene with a recording of a few pixels and a flagged one."""
+    path = fakes.fake_path()
+    file = tmp_path_factory.mktemp("page") / "page.html"
+    table = path.residuals
+    pulses = fakes.fake_pulses(
+        table["row"], table["col"], table["arrival_ps"], std_ps=75.0, photons=3000.0
+    )
+    arrivals = fakes.fake_arrivals(path)
+    write_page(path, file, recording=recording_of(path), pulses=pulses, arrivals=arrivals)
+    return file
+
+
+def recording_of(path: LightPath) -> Histograms:
+    """Histograms with a pulse of 3,000 photons for every row of the path's residuals."""
+    rng = np.random.default_rng(9)
+    counts = rng.poisson(0.2, size=(*path.camera.shape, 512)).astype(np.uint32)
+    for row, col, when in zip(
+        *(path.residuals[k] for k in ("row", "col", "arrival_ps")), strict=True
+    ):
+        codes = np.floor((when + rng.normal(0, 75.0, 3000)) / 50.0).astype(int) % 512
+        np.add.at(counts, (row, col, codes), 1)
+    return Histograms(counts, bin_width_ps=50.0, laser_period_ps=25_600.0)
+
+
+@pytest.fixture(scope="module")
+def opened(chromium: Any, paper_file: Path) -> Iterator[br.OpenPage]:
+    """The paper's page, opened once: it takes seconds without a graphics card."""
+    page = br.OpenPage(chromium, paper_file)
+    yield page
+    page.close()
+
+
+@pytest.fixture
+def page(opened: br.OpenPage) -> br.OpenPage:
+    """The open page at event time 0, quiet so far."""
+    opened.run("lightflight.setPlaying(false), lightflight.setClock('event')")
+    opened.run("document.activeElement.blur()")
+    opened.slide(0.0)
+    assert opened.errors == []
+    return opened
+
+
+def arrival_since_vertex_0(path: LightPath, event_since: float) -> float:
+    when = path.vertex_times_ps[0] + np.array([0.0, event_since])
+    arrival = arrival_time_from_event(
+        path.position_at(when), when, camera_center_mm=path.camera.center_mm
+    )
+    return float(arrival[1] - arrival[0])
+
+
+def length_of(drawn: dict[str, Any]) -> float:
+    points = np.array([drawn[k] for k in "xyz"]).T
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def test_the_slider_moves_the_pulse_to_where_position_at_says(page: br.OpenPage) -> None:
+    path = fakes.fake_path()
+    for since in (0.0, 333.3, 1500.0, 2600.5, float(np.ptp(path.vertex_times_ps))):
+        page.slide(since)
+        centre = page.trace("pulse centre")
+        drawn = [centre[k][0] for k in "xyz"]
+        expected = path.position_at(path.vertex_times_ps[0] + since)[0]
+        np.testing.assert_allclose(drawn, expected, atol=1e-9)
+    page.shot("page_1280_light_event")
+
+
+def test_both_clocks_agree_with_the_file(page: br.OpenPage) -> None:
+    path = fakes.fake_path()
+    for since in (150.0, 700.0, 1900.0, 3333.0):
+        page.run("lightflight.setClock('event')")
+        page.slide(since)
+        page.page.click("#clock-arrival")
+        page.settle()
+        reading = page.run("lightflight.state.elapsed")
+        assert reading == pytest.approx(arrival_since_vertex_0(path, since), abs=1e-6)
+        # The pulse stays where it was: only the reading has changed.
+        centre = page.trace("pulse centre")
+        expected = path.position_at(path.vertex_times_ps[0] + since)[0]
+        np.testing.assert_allclose([centre[k][0] for k in "xyz"], expected, atol=1e-6)
+        assert "What the camera saw" in page.page.inner_text("#story")
+    page.shot("page_1280_light_arrival")
+    page.slide(1234.5)  # and back, from a reading of the arrival clock
+    t = page.run("lightflight.current().t")
+    assert arrival_since_vertex_0(path, t) == pytest.approx(1234.5, abs=1e-6)
+
+
+def test_the_pulse_has_its_true_length_in_flight_and_its_apparent_one_for_the_camera(
+    page: br.OpenPage,
+) -> None:
+    path = fakes.fake_path()
+    page.slide(600.0)
+    assert length_of(page.trace("pulse")) == pytest.approx(68.0 * C / 1.00027, rel=1e-3)
+    page.page.click("#clock-arrival")
+    page.settle()
+    page.slide(1500.0)  # at once from a reading, so the body is that of this reading
+    reading = page.run("lightflight.current().ta")
+    ends = [page.run(f"lightflight.current().t + 0 * {reading}")]
+    body = page.trace("pulse")
+    tail, head = (np.array([body[k][i] for k in "xyz"]) for i in (0, -1))
+    times = path.vertex_times_ps[0] + np.linspace(0, np.ptp(path.vertex_times_ps), 20001)
+    points = path.position_at(times)
+    seen = arrival_time_from_event(points, times, camera_center_mm=path.camera.center_mm)
+    seen = seen - seen[0]
+    for end, when in ((tail, reading - 34.0), (head, reading + 34.0)):
+        expected = [np.interp(when, seen, points[:, k]) for k in range(3)]
+        np.testing.assert_allclose(end, expected, atol=0.01)
+    assert np.isfinite(ends).all()
+
+
+def test_the_readouts_are_the_pulses(page: br.OpenPage) -> None:
+    path = fakes.fake_path()
+    page.slide(1500.0)
+    place = path.position_at(path.vertex_times_ps[0] + 1500.0)[0]
+    shown = page.page.inner_text("#place").replace("\u2212", "-").split()
+    np.testing.assert_allclose([float(x) for x in shown], place, atol=0.051)
+    assert page.page.inner_text("#leg") == "2"
+    assert page.page.inner_text("#speed").startswith("0.9997")
+
+
+def test_the_cameras_picture_shows_the_light_of_the_moment(page: br.OpenPage) -> None:
+    path = fakes.fake_path()
+    page.page.click("#clock-arrival")
+    page.slide(1000.0)
+    light = np.array(page.run("Array.from(lightflight.lightAt('arrival', 1000.0))")).reshape(32, 32)
+    table = path.residuals
+    start = arrival_time_from_event(
+        path.vertices_mm[0], path.vertex_times_ps[0], camera_center_mm=path.camera.center_mm
+    )
+    nearest = np.argmin(np.abs(table["arrival_ps"] - start - 1000.0))
+    peak = np.unravel_index(np.argmax(light), light.shape)
+    assert abs(peak[1] - table["col"][nearest]) <= 1
+    dark = np.abs(table["arrival_ps"] - start - 1000.0) > 600
+    assert light[table["row"][dark], table["col"][dark]].max() == 0
+    # What is on the screen is that light: the brightest pixel is the most orange or blue one.
+    data = np.array(
+        page.run(
+            "Array.from(document.getElementById('picture-light').getContext('2d')"
+            ".getImageData(0, 0, 32, 32).data)"
+        )
+    ).reshape(32, 32, 4)
+    darkest = np.unravel_index(np.argmin(data[..., 0]), (32, 32))
+    assert light[darkest] == pytest.approx(light.max(), rel=0.05)
+
+
+def test_pointing_at_a_pixel_shows_its_histogram_fit_and_flags(page: br.OpenPage) -> None:
+    path = fakes.fake_path()
+    hist = recording_of(path)
+    row, col = int(path.residuals["row"][20]), int(path.residuals["col"][20])
+    box = page.page.locator("#picture").bounding_box()
+    page.page.mouse.move(
+        box["x"] + (col + 0.5) * box["width"] / 32, box["y"] + (row + 0.5) * box["height"] / 32
+    )
+    page.until(
+        f"document.getElementById('pixel-title').textContent === 'Pixel: row {row}, column {col}'"
+    )
+    page.until("(document.getElementById('pixel-plot').data || []).length === 3")
+    bars, fit, _ = page.run(
+        "document.getElementById('pixel-plot').data.map((t) => ({x: [...t.x], y: [...t.y]}))"
+    )
+    codes = np.floor(np.array(bars["x"]) / 50.0).astype(int) % 512
+    np.testing.assert_array_equal(bars["y"], hist.counts[row, col, codes])
+    # The fit expects what was drawn: 3,000 photons, within Poisson noise (5 sigma).
+    assert abs(sum(fit["y"][:-1]) - sum(bars["y"])) < 5 * np.sqrt(sum(bars["y"]))
+    facts = page.page.inner_text("#pixel-facts")
+    assert "residual" in facts
+    page.run("lightflight.state")
+    screaming = np.argwhere(fakes.fake_arrivals(path).flags == 64)[0, 0]
+    arrivals = fakes.fake_arrivals(path)
+    page.page.focus("#picture")
+    target = int(arrivals.row[screaming]), int(arrivals.col[screaming])
+    for key, steps in (("Down", target[0] - row), ("Right", target[1] - col)):
+        key = key if steps > 0 else {"Down": "Up", "Right": "Left"}[key]
+        for _ in range(abs(steps)):
+            page.page.keyboard.press(f"Arrow{key}")
+    page.until(
+        f"document.getElementById('pixel-title').textContent === "
+        f"'Pixel: row {target[0]}, column {target[1]}'"
+    )
+    assert "screaming" in page.page.inner_text("#pixel-facts")
+
+
+def test_the_keyboard_is_enough(page: br.OpenPage) -> None:
+    page.slide(500.0)
+    page.page.evaluate("document.activeElement.blur()")
+    page.page.keyboard.press("c")
+    assert page.run("lightflight.state.clock") == "arrival"
+    assert page.page.get_attribute("#clock-arrival", "aria-checked") == "true"
+    page.page.keyboard.press("c")
+    page.page.keyboard.press("ArrowRight")
+    assert page.run("lightflight.state.elapsed") == pytest.approx(510.0, abs=1e-6)
+    page.page.keyboard.press("Shift+ArrowLeft")
+    assert page.run("lightflight.state.elapsed") == pytest.approx(410.0, abs=1e-6)
+    page.page.keyboard.press("2")
+    start = fakes.fake_path().vertex_times_ps
+    assert page.run("lightflight.state.elapsed") == pytest.approx(start[1] - start[0], abs=1e-6)
+    page.page.keyboard.press("End")
+    assert page.run("lightflight.state.elapsed") == pytest.approx(np.ptp(start), abs=1e-6)
+    page.page.keyboard.press("Space")  # from the end it starts again
+    page.until("lightflight.state.playing && lightflight.state.elapsed > 5")
+    page.page.keyboard.press("Space")
+    assert not page.run("lightflight.state.playing")
+    page.page.keyboard.press("?")
+    assert page.page.is_visible("#keys")
+    page.page.keyboard.press("Escape")
+    assert not page.page.is_visible("#keys")
+
+
+def test_arrows_on_the_slider_move_it_once(page: br.OpenPage) -> None:
+    page.slide(500.0)
+    page.page.focus("#time")
+    page.page.keyboard.press("ArrowRight")
+    assert page.run("lightflight.state.elapsed") == pytest.approx(510.0, abs=1e-6)
+
+
+def is_dark(page: br.OpenPage) -> bool:
+    backdrop = page.run("getComputedStyle(document.body).backgroundColor")
+    return sum(int(c) for c in backdrop[4:-1].split(",")) < 200
+
+
+def test_it_follows_the_systems_theme_and_its_own_button(page: br.OpenPage) -> None:
+    page.page.emulate_media(color_scheme="dark")
+    page.slide(700.0)
+    assert is_dark(page)
+    page.shot("page_1280_dark")
+    page.page.emulate_media(color_scheme="light")
+    assert not is_dark(page)
+    page.page.click("#theme-button")
+    page.page.click("#theme-button")
+    assert page.run("document.documentElement.dataset.theme") == "dark"
+    assert is_dark(page)
+    page.page.click("#theme-button")
+    assert not is_dark(page)
+    page.settle()
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_it_fits_a_telephone(chromium: Any, paper_file: Path, theme: str) -> None:
+    page = br.OpenPage(
+        chromium, paper_file, viewport={"width": 390, "height": 844}, color_scheme=theme
+    )
+    page.until("document.querySelectorAll('.main-svg').length >= 8")
+    assert page.run("document.documentElement.scrollWidth") <= 390
+    assert page.run("document.querySelector('#space canvas').clientWidth") > 300
+    assert is_dark(page) == (theme == "dark")
+    # Nothing that can be pressed is smaller than a fingertip would like, and none is cut off.
+    for button in page.page.query_selector_all("button:visible, select:visible"):
+        box = button.bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 390.5
+        assert box["height"] >= 24
+    page.shot(f"page_390_{theme}")
+    page.close()
+
+
+def test_nothing_sticks_out_at_1280(page: br.OpenPage) -> None:
+    page.until("document.querySelectorAll('.main-svg').length >= 8")
+    assert page.run("document.documentElement.scrollWidth") <= 1280
+    assert page.run("document.querySelector('#space canvas').clientWidth") > 600
+
+
+def test_the_scene_is_really_painted(page: br.OpenPage) -> None:
+    page.page.wait_for_timeout(500)
+    picture = page.page.locator("#space").screenshot()
+    from io import BytesIO
+
+    from matplotlib.image import imread
+
+    pixels = imread(BytesIO(picture), format="png")[..., :3]
+    event = np.array([0xC8, 0x44, 0x0A]) / 255
+    near = np.abs(pixels - event).max(axis=-1) < 0.15
+    assert near.sum() > 300  # the path and the pulse, in the event clock's colour
+
+
+def test_hostile_metadata_do_nothing(chromium: Any, tmp_path: Path) -> None:
+    file = tmp_path / "hostile.html"
+    write_page(hostile_path(), file, title=HOSTILE[3])
+    page = br.OpenPage(chromium, file)
+    page.page.wait_for_timeout(300)
+    assert page.run("window.hacked === undefined")
+    assert page.run("document.querySelectorAll('img, svg[onload]').length") == 0
+    assert HOSTILE[1] in page.page.inner_text("body")
+    assert page.run("document.title") == HOSTILE[3]
+    page.close()
+
+
+@pytest.mark.parametrize("case", ["nan", "bare", "no legs", "one pixel"])
+def test_poor_paths_still_open(chromium: Any, tmp_path: Path, case: str) -> None:
+    path: Any = fakes.fake_path()
+    if case == "nan":
+        path = replace(path, covariance=path.covariance * np.nan, residuals=path.residuals[:0])
+    elif case == "bare":
+        path = SimpleNamespace(
+            vertices_mm=path.vertices_mm, vertex_times_ps=path.vertex_times_ps, truth=None
+        )
+    elif case == "no legs":
+        path = SimpleNamespace(vertices_mm=np.zeros((0, 3)), vertex_times_ps=np.zeros(0))
+    else:
+        camera = Camera.facing_plane((1, 1), center_mm=(187.5, 37.5))
+        table = path.residuals[:1].copy()
+        table["row"], table["col"] = 0, 0
+        path = replace(path, camera=camera, residuals=table)
+    file = tmp_path / "poor.html"
+    write_page(path, file)
+    page = br.OpenPage(chromium, file)
+    page.page.wait_for_timeout(1000)
+    text = page.page.inner_text("body")
+    assert {"nan": "no finite errors", "bare": "No camera", "no legs": "no legs"}.get(
+        case, "residual"
+    ) in text
+    page.close()
+
+
+def large_path() -> tuple[LightPath, Any]:
+    """50 legs before a 256 x 256 camera, 100,000 arrivals."""
+    rng = np.random.default_rng(3)
+    camera = Camera.facing_plane((256, 256), center_mm=(187.5, 37.5))
+    x = np.where(np.arange(51) % 2, 320.0, 55.0)
+    vertices = np.stack((x, np.linspace(-70, 140, 51), rng.uniform(-40, 40, 51)), axis=1)
+    times = event_times_from_vertices(vertices, emission_time_ps=2000.0)
+    n = 100_000
+    leg = rng.integers(0, 50, n)
+    f = rng.uniform(0, 1, n)
+    points = vertices[leg] + f[:, None] * (vertices[leg + 1] - vertices[leg])
+    when = times[leg] + f * (times[leg + 1] - times[leg])
+    row, col = camera.pixels_from_points(points)
+    table = np.zeros(n, RESIDUAL_DTYPE)
+    table["row"] = np.clip(np.rint(row), 0, 255)
+    table["col"] = np.clip(np.rint(col), 0, 255)
+    table["leg"], table["event_time_ps"] = leg, when
+    table["arrival_ps"] = arrival_time_from_event(points, when, camera_center_mm=camera.center_mm)
+    table["std_ps"] = rng.uniform(1, 9, n)
+    table["residual_ps"] = rng.normal(size=n) * table["std_ps"]
+    table["photons"] = rng.uniform(50, 4e4, n)
+    table["used"] = True
+    m = len(times)
+    path = replace(
+        fakes.fake_path(residuals=False),
+        vertices_mm=vertices,
+        vertex_times_ps=times,
+        covariance=np.diag(np.tile([0.1, 0.1, 0.4, 0.8], m) ** 2),
+        camera=camera,
+        source=Source(vertices[0]),
+        residuals=table,
+        truth=None,
+    )
+    arrivals = SimpleNamespace(
+        row=table["row"],
+        col=table["col"],
+        arrival_ps=table["arrival_ps"],
+        std_ps=np.full(n, 72.0),
+        photons=table["photons"],
+        flags=table["flags"],
+        shape=camera.shape,
+        laser_period_ps=None,
+    )
+    return path, arrivals
+
+
+def first_draw_ms(browser: Any, file: Path, mark: str) -> float:
+    """Time from the start of navigation to a performance mark."""
+    context = browser.new_context(viewport={"width": 1280, "height": 900}, offline=True)
+    page = context.new_page()
+    page.goto(file.as_uri())
+    while not page.evaluate(f"performance.getEntriesByName('{mark}').length"):
+        page.wait_for_timeout(30)
+    took: float = page.evaluate(f"performance.getEntriesByName('{mark}')[0].startTime")
+    context.close()
+    return took
+
+
+@pytest.mark.slow
+def test_a_large_scene_is_drawn_soon_and_stays_small(chromium: Any, tmp_path: Path) -> None:
+    from lightflight.view.page.build import plotly_script
+
+    path, arrivals = large_path()
+    rng = np.random.default_rng(5)
+    counts = rng.poisson(1.0, size=(256, 256, 64)).astype(np.uint16)
+    hist = Histograms(counts, bin_width_ps=200.0, laser_period_ps=12_800.0)
+    pulses = SimpleNamespace(
+        row=arrivals.row,
+        col=arrivals.col,
+        delay_ps=np.mod(arrivals.arrival_ps, 12_800.0),
+        std_ps=arrivals.std_ps,
+        photons=arrivals.photons,
+        background_per_ps=np.full(len(arrivals.row), 0.005),
+    )
+    file = tmp_path / "large.html"
+    write_page(path, file, recording=hist, pulses=pulses, arrivals=arrivals)
+    assert file.stat().st_size < 20_000_000
+    empty = tmp_path / "empty.html"
+    empty.write_text(
+        "<!DOCTYPE html><meta charset=utf-8><div id=a style='height:460px'></div><script>"
+        + plotly_script()
+        + "</script><script>Plotly.newPlot('a', [{type: 'scatter3d', x: [0, 1], y: [0, 1],"
+        " z: [0, 1], mode: 'lines'}]).then(() => performance.mark('drawn'));</script>",
+        encoding="utf-8",
+    )
+    base = min(first_draw_ms(chromium, empty, "drawn") for _ in range(2))
+    ours = min(first_draw_ms(chromium, file, "lightflight-first-draw") for _ in range(2))
+    assert ours <= 3.0 * base, f"{ours:.0f} ms against {base:.0f} ms of an empty page"
+    opened = br.OpenPage(chromium, file)
+    opened.slide(20_000.0)
+    opened.shot("page_1280_large")
+    opened.close()
