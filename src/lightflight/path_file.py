@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import csv
 import os
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from lightflight.camera import Camera
+from lightflight.errors import FileFormatError
+from lightflight.filecheck import damage_as_format_error
 from lightflight.flight import Medium, Source
 from lightflight.path import RESIDUAL_DTYPE, Goodness, LightPath
 from lightflight.provenance import provenance_record
@@ -55,6 +58,14 @@ class TruePath:
 def load_path(file: str | os.PathLike[str]) -> LightPath:
     """Read a path written by `save_path`. Raises FileFormatError for any other file."""
     arrays, attributes = load_record(file, kind=KIND)
+    with damage_as_format_error(file):
+        try:
+            return _path_from_record(arrays, attributes)
+        except KeyError as missing:
+            raise FileFormatError(f"lacks {missing}: the file is damaged", path=file) from missing
+
+
+def _path_from_record(arrays: Mapping[str, Any], attributes: Mapping[str, Any]) -> LightPath:
     table = np.zeros(len(arrays["residuals_row"]), RESIDUAL_DTYPE)
     for name in RESIDUAL_DTYPE.names or ():
         table[name] = arrays[f"residuals_{name}"]
@@ -68,6 +79,8 @@ def load_path(file: str | os.PathLike[str]) -> LightPath:
     source = dict(attributes["source"])
     if isinstance(source.get("position_std_mm"), list):
         source["position_std_mm"] = tuple(source["position_std_mm"])
+    if not isinstance(attributes["method"], str):
+        raise TypeError(f"method is {attributes['method']!r}")
     return LightPath(
         arrays["vertices_mm"],
         arrays["vertex_times_ps"],
@@ -89,7 +102,7 @@ def load_path(file: str | os.PathLike[str]) -> LightPath:
 def write_path_csv(path: LightPath, file: str | os.PathLike[str], *, n: int = 1000) -> None:
     """Write `n` points along the path with their errors as CSV, one row per point."""
     table = path.sample(n)
-    with atomic_path(file) as temporary, open(temporary, "w", newline="", encoding="utf-8") as out:
+    with atomic_path(file) as temporary, temporary.open("w", newline="", encoding="utf-8") as out:
         writer = csv.writer(out)
         writer.writerow(table.dtype.names or ())
         for row in table:
