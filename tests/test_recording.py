@@ -153,7 +153,7 @@ def test_counts_never_wrap(monkeypatch):
         def __getitem__(self, key):
             return np.zeros((1, 1, 1), np.uint16)
 
-    monkeypatch.setattr(kernels, "add_frames", lambda *args: -1)
+    monkeypatch.setattr(kernels, "add_frames", lambda *args: True)
     counted = histogram(
         Recording.from_frames(Endless(), n_codes=4, no_photon_code=0), chunk_bytes=1 << 40
     )
@@ -211,13 +211,27 @@ def test_adding_photons_equals_its_python_and_numpy(rng):
         run(kernels.add_photons)(pixels, codes, counts)
         np.testing.assert_array_equal(counts, expected)
         kept = np.zeros((30, 40), np.uint32)
-        run(kernels.add_photons_in_window)(pixels, codes, slot, 8, kept)
+        run(kernels.add_photons_in_window)(pixels, codes, slot, 8, 40, kept)
         np.testing.assert_array_equal(kept[slot[slot >= 0]], expected[slot >= 0, 8:48])
         frames = codes[:350].reshape(10, 35)
         kept[:] = 0
-        run(kernels.add_all_codes)(frames, slot, 8, kept)
+        run(kernels.add_all_codes)(frames, slot, 8, 40, kept)
         all_codes = counts_by_numpy(frames[:, :, None], 64)[:, 0]
         np.testing.assert_array_equal(kept[slot[slot >= 0]], all_codes[slot >= 0, 8:48])
+
+
+@pytest.mark.parametrize("n_codes", [1, 63, 64, 512, 1024, 2048])
+def test_rows_that_are_pages_long_are_padded_and_come_out_right(rng, n_codes):
+    """1,024 codes of 4 bytes are padded while they are counted; nothing of it must show."""
+    frames = rng.integers(0, n_codes, (50, 2, 3)).astype(np.uint16)
+    for absent in (None, 0):
+        counted = histogram(
+            Recording.from_frames(frames, n_codes=n_codes, no_photon_code=absent)
+        ).counts
+        np.testing.assert_array_equal(counted, counts_by_numpy(frames, n_codes))
+        assert counted.flags.c_contiguous
+    assert kernels.padded_columns(1024, 4) == 1040
+    assert kernels.padded_columns(1000, 4) == 1000
 
 
 def test_events_of_the_no_photon_code_are_no_photons():

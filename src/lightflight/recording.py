@@ -400,10 +400,22 @@ class _Window:
     def start(self) -> tuple[int, int, int]:
         return self.rows[0], self.cols[0], self.codes[0]
 
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        rows, cols, codes = (end - start for start, end in (self.rows, self.cols, self.codes))
+        return rows, cols, codes
+
     def empty_cube(self, *, most: int) -> NDArray[Any]:
-        """Zeros (rows, cols, codes) of the smallest type that `most` counts cannot wrap."""
-        shape = tuple(end - start for start, end in (self.rows, self.cols, self.codes))
-        return np.zeros(shape, np.uint32 if most <= np.iinfo(np.uint32).max else np.uint64)
+        """Zeros (rows, cols, codes or a few more), of a type that `most` counts cannot wrap."""
+        from lightflight._kernels.frames import padded_columns
+
+        dtype = np.dtype(np.uint32 if most <= np.iinfo(np.uint32).max else np.uint64)
+        rows, cols, codes = self.shape
+        return np.zeros((rows, cols, padded_columns(codes, dtype.itemsize)), dtype)
+
+    def trimmed(self, cube: NDArray[Any]) -> NDArray[Any]:
+        """The cube without the codes that were added to it; not copied where there are none."""
+        return cube if cube.shape == self.shape else cube[..., : self.shape[2]].copy()
 
     def slot_from_pixel(self, shape: tuple[int, int]) -> NDArray[np.int64]:
         """(rows * cols,), place of each pixel in the cube, -1 where it is left out."""
@@ -437,26 +449,26 @@ def _count_frames(
     slot = window.slot_from_pixel(recording.shape)
     cube = window.empty_cube(most=end - start)
     counts = cube.reshape(-1, cube.shape[2])
-    is_whole = cube.shape == (*recording.shape, n_codes)
+    kept = window.codes[0], window.shape[2]
+    is_whole = window.shape == (*recording.shape, n_codes)
     room = max(1, _LISTED_PIXELS // slot.size) * slot.size + SPARE
     pixels, codes = np.empty(room, pixel_dtype(recording.shape)), np.empty(room, np.uint16)
     for first, last in _chunks(start, end, chunk_bytes // (slot.size * source.dtype.itemsize)):
         block = np.ascontiguousarray(source[first:last], np.uint16).reshape(-1, slot.size)
         if absent is None:
             check_codes(recording, block, first)
-            add_all_codes(block, slot, window.codes[0], counts)
+            add_all_codes(block, slot, *kept, counts)
         else:
-            bad = add_frames(
-                block, np.uint16(absent), n_codes, slot, window.codes[0], is_whole, pixels, codes,
-                counts,
-            )  # fmt: skip
-            if bad >= 0:
+            fine = add_frames(
+                block, np.uint16(absent), n_codes, slot, *kept, is_whole, pixels, codes, counts
+            )
+            if not fine:
                 check_codes(recording, block, first)
         _release_pages(source)
         if progress is not None:
             progress(last - start, end - start)
     _fill_no_photon_code(recording, counts, window, end - start)
-    return cube, end - start
+    return window.trimmed(cube), end - start
 
 
 def _chunks(start: int, end: int, step: int) -> Iterator[tuple[int, int]]:
@@ -468,6 +480,8 @@ def _chunks(start: int, end: int, step: int) -> Iterator[tuple[int, int]]:
 
 def check_codes(recording: Recording, block: NDArray[np.uint16], first_frame: int) -> None:
     """Raise ValueError where frames (n, pixels) hold a code they cannot, saying where."""
+    if block.size == 0 or block.max() < recording.n_codes:
+        return
     bad = np.argwhere(block >= recording.n_codes)
     if len(bad):
         frame, pixel = (int(index) for index in bad[0])
@@ -485,7 +499,7 @@ def _count_events(
     progress: Progress | None,
     chunk_bytes: int,
 ) -> tuple[NDArray[Any], int | None]:
-    from lightflight._kernels.frames import add_photons, add_photons_in_window
+    from lightflight._kernels.frames import add_events
 
     pixel, code = recording.pixel, recording.code
     assert pixel is not None
@@ -494,31 +508,27 @@ def _count_events(
     slot = window.slot_from_pixel(recording.shape)
     cube = window.empty_cube(most=max(end - start, n_frames or 0))
     counts = cube.reshape(-1, cube.shape[2])
-    is_whole = cube.shape == (*recording.shape, recording.n_codes)
+    kept = window.codes[0], window.shape[2]
+    is_whole = window.shape == (*recording.shape, recording.n_codes)
     for first, last in _chunks(start, end, chunk_bytes // 4):
         pixels, codes = np.asarray(pixel[first:last]), np.asarray(code[first:last])
-        _check_photons(recording, pixels, codes, first)
-        if is_whole:
-            add_photons(pixels, codes, counts)
-        else:
-            add_photons_in_window(pixels, codes, slot, window.codes[0], counts)
+        if not add_events(pixels, codes, recording.n_codes, slot, *kept, is_whole, counts):
+            raise _no_such_photon(recording, pixels, codes, first)
         _release_pages(pixel)
         _release_pages(code)
         if progress is not None:
             progress(last - start, end - start)
     _fill_no_photon_code(recording, counts, window, n_frames)
-    return cube, n_frames
+    return window.trimmed(cube), n_frames
 
 
-def _check_photons(
+def _no_such_photon(
     recording: Recording, pixels: NDArray[Any], codes: NDArray[Any], first: int
-) -> None:
-    """Raise ValueError where a photon is of a pixel or a code that does not exist."""
+) -> ValueError:
+    """Error that says which photon is of a pixel or a code that does not exist."""
     n_pixels, n_codes = recording.shape[0] * recording.shape[1], recording.n_codes
-    if pixels.max() < n_pixels and codes.max() < n_codes:
-        return
     bad = int(np.argmax((pixels >= n_pixels) | (codes >= n_codes)))
-    raise ValueError(
+    return ValueError(
         f"photon {first + bad} is of pixel {pixels[bad]} and code {codes[bad]}, but the recording "
         f"has {n_pixels} pixels and {n_codes} codes"
     )

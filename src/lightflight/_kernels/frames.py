@@ -3,6 +3,10 @@
 Sparse frames are first listed as photons, a few frames at a time so that the list stays in the
 nearest cache, and then counted. No kernel checks its input: codes and pixels must lie within
 `counts`, or within `slot` and the TDC.
+
+`counts` may have more columns than codes. Rows of 1,024 uint32 are one page long, and a pulse
+that every pixel has at the same code then falls on a few cache sets: counting is four times
+slower than with `padded_columns`.
 """
 
 from __future__ import annotations
@@ -17,6 +21,18 @@ from lightflight._kernels.lanes import LANES, count_of_bits, lanes_other_than, l
 
 SPARE = 4
 """Places beyond the last photon that `list_photons` may write to."""
+
+CHECKED_TOGETHER = 1 << 14
+"""Photons that are checked before they are counted."""
+
+_PAGE_BYTES = 4096
+_LINE_BYTES = 64
+
+
+def padded_columns(n_codes: int, item_bytes: int) -> int:
+    """Columns that keep the rows of `counts` from lying whole pages apart."""
+    is_page = n_codes * item_bytes % _PAGE_BYTES == 0
+    return n_codes + _LINE_BYTES // item_bytes if is_page else n_codes
 
 
 @jit
@@ -65,6 +81,15 @@ def list_photons(
 
 
 @jit
+def largest_of(values: NDArray[Any]) -> Any:
+    """Largest of at least one value."""
+    largest = values[0]
+    for i in range(values.size):
+        largest = max(largest, values[i])
+    return largest
+
+
+@jit
 def add_photons(pixels: NDArray[Any], codes: NDArray[Any], counts: NDArray[Any]) -> None:
     """Add photons to `counts` (pixels, codes)."""
     for i in range(pixels.size):
@@ -77,10 +102,10 @@ def add_photons_in_window(
     codes: NDArray[Any],
     slot: NDArray[np.int64],
     first_code: int,
+    n_kept: int,
     counts: NDArray[Any],
 ) -> None:
-    """Add photons to `counts` (slots, codes from `first_code`); slot -1 leaves a pixel out."""
-    n_kept = counts.shape[1]
+    """Add photons to `counts` (slots, `n_kept` codes from `first_code`); slot -1 is left out."""
     for i in range(pixels.size):
         place = slot[pixels[i]]
         k = np.int64(codes[i]) - first_code
@@ -90,11 +115,14 @@ def add_photons_in_window(
 
 @jit
 def add_all_codes(
-    frames: NDArray[Any], slot: NDArray[np.int64], first_code: int, counts: NDArray[Any]
+    frames: NDArray[Any],
+    slot: NDArray[np.int64],
+    first_code: int,
+    n_kept: int,
+    counts: NDArray[Any],
 ) -> None:
     """Add every code of frames (n, pixels), for cameras without a code for "no photon"."""
     n_frames, n_pixels = frames.shape
-    n_kept = counts.shape[1]
     for i in range(n_frames):
         for pixel in range(n_pixels):
             k = np.int64(frames[i, pixel]) - first_code
@@ -109,28 +137,53 @@ def add_frames(
     n_codes: int,
     slot: NDArray[np.int64],
     first_code: int,
+    n_kept: int,
     is_whole: bool,
     pixels: NDArray[Any],
     codes: NDArray[np.uint16],
     counts: NDArray[Any],
-) -> int:
+) -> bool:
     """Add the photons of frames (n, pixels) to `counts`, as many frames at a time as fit.
 
     `is_whole`: every pixel and code is kept, in order. `pixels` and `codes` are scratch, as for
-    `list_photons`. Returns the first frame that may hold a code not below `n_codes`, or -1.
+    `list_photons`. Returns False, and stops, where a frame holds a code not below `n_codes`.
     """
     n_frames, n_pixels = frames.shape
     step = (pixels.size - SPARE) // n_pixels
     per_frame = np.empty(step, np.uint32)
     for first in range(0, n_frames, step):
         n = list_photons(frames[first : first + step], absent, pixels, codes, per_frame)
-        largest = np.uint16(0)
-        for i in range(n):
-            largest = max(largest, codes[i])
-        if largest >= n_codes:
-            return first
+        if n > 0 and largest_of(codes[:n]) >= n_codes:
+            return False
         if is_whole:
             add_photons(pixels[:n], codes[:n], counts)
         else:
-            add_photons_in_window(pixels[:n], codes[:n], slot, first_code, counts)
-    return -1
+            add_photons_in_window(pixels[:n], codes[:n], slot, first_code, n_kept, counts)
+    return True
+
+
+@jit
+def add_events(
+    pixels: NDArray[Any],
+    codes: NDArray[Any],
+    n_codes: int,
+    slot: NDArray[np.int64],
+    first_code: int,
+    n_kept: int,
+    is_whole: bool,
+    counts: NDArray[Any],
+) -> bool:
+    """Add photons to `counts`; False, and stops, where one is of no pixel or code there is.
+
+    Photons are checked some thousands at a time, so that they are read from memory once.
+    """
+    for start in range(0, pixels.size, CHECKED_TOGETHER):
+        some_pixels = pixels[start : start + CHECKED_TOGETHER]
+        some_codes = codes[start : start + CHECKED_TOGETHER]
+        if largest_of(some_pixels) >= slot.size or largest_of(some_codes) >= n_codes:
+            return False
+        if is_whole:
+            add_photons(some_pixels, some_codes, counts)
+        else:
+            add_photons_in_window(some_pixels, some_codes, slot, first_code, n_kept, counts)
+    return True

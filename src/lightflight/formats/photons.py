@@ -31,7 +31,7 @@ class PhotonBlock:
 def photon_blocks(
     recording: Recording, *, chunk_bytes: int = _CHUNK_BYTES
 ) -> Iterator[PhotonBlock]:
-    """Photons in order, in blocks of bounded size.
+    """Photons in order, in blocks of bounded size; a block holds until the next is asked for.
 
     Raises ValueError for dense frames without `no_photon_code` (every code would be a photon)
     and for codes a recording cannot hold.
@@ -65,8 +65,9 @@ def _blocks_of_frames(recording: Recording, chunk_bytes: int) -> Iterator[Photon
         block = block.reshape(-1, n_pixels)
         counts = np.empty(block.shape[0], np.uint32)
         n = list_photons(block, np.uint16(absent), pixels, codes, counts)
-        check_codes(recording, block, first)
-        yield PhotonBlock(pixels[:n].copy(), codes[:n].copy(), counts)
+        if n and codes[:n].max() >= recording.n_codes:
+            check_codes(recording, block, first)
+        yield PhotonBlock(pixels[:n], codes[:n], counts)
 
 
 def _blocks_of_framed_events(recording: Recording, chunk_bytes: int) -> Iterator[PhotonBlock]:
