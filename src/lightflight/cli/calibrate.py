@@ -183,8 +183,6 @@ def calibration_facts(calibration: TimingCalibration) -> list[Fact]:
         phases = np.mean(calibration.phases[good], axis=0)
         pattern = " ".join(f"{phase:.3f}" for phase in phases)
         facts.append(Fact("code widths, code mod phases", "phases", phases, pattern))
-        own = float(np.std((calibration.phases - phases)[good]))
-        facts.append(percent("a pixel's own widths (rms)", "phase_rms", own))
     if np.any(calibration.skew_ps != 0):
         skew = spread(calibration.skew_ps)
         error = float(np.nanmedian(calibration.skew_std_ps[good]))
