@@ -253,6 +253,7 @@ def _legs_of_straight_light(
             n_legs=n_legs,
             earliest_ps=earliest,
             convex=convex,
+            computed_cube=not observation.histograms.poisson,
         )
 
     if not one_medium:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags
 from lightflight.errors import NothingFoundError
+from lightflight.reconstruct.ghosts import on_border, overshone
 from lightflight.reconstruct._leg_search import (
     SearchSettings,
     best_line,
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
     from lightflight.timing.arrivals import Arrivals
 
 Floats = NDArray[np.float64]
+
+_GHOST_SHARE = 0.25
+"""Legs of a computed cube dimmer per pixel than this share of the brightest are ghosts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +74,9 @@ class ImageLeg:
 
     @property
     def apparent_speed_px_per_ps(self) -> float:
-        """Speed in the picture at the middle of the leg, px per ps (per code without a scale)."""
-        return float(1.0 / self.time_coefficients[1])
+        """Mean speed in the picture over what was seen, px per ps (per code without a scale)."""
+        first, last = self.span_ps
+        return (self.extent_px[1] - self.extent_px[0]) / (last - first)
 
     @property
     def curvature_ps_per_px2(self) -> float:
@@ -139,6 +144,7 @@ def find_legs(
     min_pixels: int = 4,
     earliest_ps: float | None = None,
     convex: bool | None = None,
+    computed_cube: bool = False,
     seed: int = 0,
 ) -> tuple[ImageLeg, ...]:
     """Legs of one flight, in the order of flight.
@@ -152,6 +158,8 @@ def find_legs(
     earliest_ps : no light arrives before this time on the clock, ps (folds the period there).
     convex : straight light in one medium arrives on a curve that bends upwards (half-angle law);
         True refuses legs that do not. None: True where there is a camera.
+    computed_cube : the counts are a reconstruction (scaled intensities, `poisson=False`), whose
+        border collects what it could not place: its two outermost rows and columns are left out.
     seed : of the random search; the same seed gives the same legs.
 
     Raises
@@ -178,14 +186,65 @@ def find_legs(
     )
     points = undistorted_px(camera, arrivals.row[rows], arrivals.col[rows])
     weights = np.maximum(arrivals.photons[rows], 1e-12)
+    flight = ~overshone(points, times, weights, float(np.median(arrivals.std_ps[rows])))
+    if computed_cube:
+        flight &= ~on_border(arrivals.row[rows], arrivals.col[rows], arrivals.shape)
+    rows, points, times = rows[flight], points[flight], times[flight]
+    errors, weights = errors[flight], weights[flight]
     groups = _disjoint_groups(points, times, errors, weights, settings, n_legs)
     legs = [_image_leg(group, rows, points, times, errors, weights) for group in groups]
+    strength = [float(arrivals.photons[leg.members].sum()) for leg in legs]
+    if computed_cube:
+        legs, strength = without_dim_legs(legs, strength)
+    legs = legs_in_turn(legs, strength, std_ps=float(np.median(arrivals.std_ps[rows])))
     if not legs:
         raise NothingFoundError(
             f"{len(rows)} pixels hold a pulse but no {min_pixels} of them lie on a straight line "
             "with times that run smoothly along it: mask false pixels, or give a starting path"
         )
-    return tuple(sorted(legs, key=lambda leg: sum(leg.span_ps)))
+    return tuple(legs)
+
+
+def without_dim_legs(
+    legs: list[ImageLeg], strength: list[float]
+) -> tuple[list[ImageLeg], list[float]]:
+    """Legs of a computed cube that are bright enough, per pixel, not to be its ghosts."""
+    per_pixel = np.array([w / leg.n_pixels for leg, w in zip(legs, strength, strict=True)])
+    bright = per_pixel > _GHOST_SHARE * per_pixel.max(initial=0.0)
+    return (
+        [leg for leg, keep in zip(legs, bright, strict=True) if keep],
+        [w for w, keep in zip(strength, bright, strict=True) if keep],
+    )
+
+
+def legs_in_turn(
+    legs: list[ImageLeg], strength: list[float], *, std_ps: float
+) -> list[ImageLeg]:
+    """The brightest set of legs that follow one another in arrival time, in that order.
+
+    Legs of one flight never overlap in t_a; of those that do, all but one are ghosts, wings or
+    parts of another. Weighted interval scheduling; about a corner legs may overlap by two pixels
+    of their own run and a pulse's width.
+    """
+    order = sorted(range(len(legs)), key=lambda k: sum(legs[k].span_ps))
+    best: list[float] = []
+    before: list[int] = []
+    for i, k in enumerate(order):
+        best.append(strength[k])
+        before.append(-1)
+        for j in range(i):
+            one, other = legs[order[j]], legs[k]
+            slack = std_ps + 2.0 * (abs(one.time_coefficients[1]) + abs(other.time_coefficients[1]))
+            spans = (np.ptp(one.span_ps), np.ptp(other.span_ps))
+            overlap = one.span_ps[1] - other.span_ps[0]
+            if overlap < min(slack, 0.5 * min(spans)) and best[j] + strength[k] > best[i]:
+                best[i], before[i] = best[j] + strength[k], j
+    chain: list[ImageLeg] = []
+    i = int(np.argmax(best)) if best else -1
+    while i >= 0:
+        chain.append(legs[order[i]])
+        i = before[i]
+    return chain[::-1]
 
 
 def _disjoint_groups(
