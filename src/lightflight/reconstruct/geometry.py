@@ -2,7 +2,7 @@
 
 Exact in three dimensions: any direction, any camera pose and distortion, different indices on
 the way out and back. The state of a path is its vertices and the event time at the first one;
-`Tangent` says which of these a fit may move.
+`freedom.Freedom` says which of these a fit may move.
 """
 
 from __future__ import annotations
