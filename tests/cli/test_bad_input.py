@@ -5,12 +5,14 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import click
 import h5py
 import numpy as np
 import pytest
 
+import lightflight as lf
 from lightflight import errors
 from lightflight.cli._errors import EXIT_CODES, one_line, sentence_and_code
 
@@ -45,6 +47,7 @@ def assert_refused(done, code, *words):
         (["simulate"], "--output"),
         (["simulate", "--photons", "many", "-o", "x.h5"], "many"),
         (["simulate", "--photons", "0", "-o", "x.h5"], "photons"),
+        (["simulate", "--photons", "1e30", "-o", "x.h5"], "1e+30"),
         (["simulate", "--kind", "movie", "-o", "x.h5"], "movie"),
         (["simulate", "-o", "x.txt"], ".h5"),
         (["simulate", "-o", "no/such/folder/x.h5"], "no/such/folder"),
@@ -237,15 +240,28 @@ def test_a_file_of_another_program_is_not_replaced(run, tmp_path):
     assert path.read_bytes() == before
 
 
+def test_only_an_earlier_result_of_the_same_kind_is_replaced(run, tmp_path, lab_folder):
+    for name in ("calibration.h5", "recording.h5"):
+        (tmp_path / name).write_bytes((lab_folder / name).read_bytes())
+    measured = replace(lf.read(tmp_path / "recording.h5"), truth=None)
+    lf.write(measured, tmp_path / "measured.h5")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    for name in ("calibration.h5", "measured.h5"):
+        done = run("simulate", "--photons", 100, "-o", tmp_path / name)
+        assert_refused(done, 2, name, "choose another name")
+    assert before == {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert run("simulate", "--photons", 100, "-o", tmp_path / "recording.h5").exit_code == 0
+
+
 def test_an_old_result_survives_a_failure(run, tmp_path, lab_folder):
-    old = tmp_path / "path.h5"
-    old.write_bytes((lab_folder / "calibration.h5").read_bytes())
+    old = tmp_path / "path.csv"
+    old.write_text("an earlier result")
     before = old.read_bytes()
     dark = save_counts(tmp_path / "dark.npy", np.zeros((32, 32, 128), np.uint16))
     done = run("reconstruct", dark, "--lab", lab_folder / "lab.toml", "-o", old, *HINTS)
     assert done.exit_code == 5
     assert old.read_bytes() == before
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["dark.npy", "path.h5"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["dark.npy", "path.csv"]
 
 
 # --- in a process of its own ---------------------------------------------------------------
@@ -358,6 +374,12 @@ def test_a_check_of_ours_is_the_users_mistake_but_a_slip_of_ours_is_not():
     text, code = sentence_and_code(raised(lambda: int("seven")))
     assert code == 1
     assert "internal error" in text
+
+
+def test_no_words_at_all_are_a_question_for_help(run):
+    done = run()
+    assert done.exit_code == 0
+    assert done.stdout == run("--help").stdout
 
 
 def test_help_lists_every_exit_code(run):

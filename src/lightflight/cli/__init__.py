@@ -9,7 +9,7 @@ from __future__ import annotations
 import click
 
 from lightflight._version import __version__
-from lightflight.cli import calibrate, demo, info, reconstruct, simulate, versions
+from lightflight.cli import calibrate, demo, info, plot, reconstruct, simulate, versions, view
 from lightflight.cli._errors import EXIT_CODES, SpeakingGroup
 from lightflight.cli._options import debug_option
 
@@ -22,6 +22,7 @@ With a lab:
   lightflight info recording.h5
   lightflight calibrate --code-density bright.h5 --flat flat.h5 -o calibration.h5
   lightflight reconstruct recording.h5 --lab lab.toml --timing calibration.h5 -o path.h5
+  lightflight view path.h5 --recording recording.h5 --timing calibration.h5
 
 \b
 Exit codes:
@@ -43,5 +44,5 @@ def main() -> None:
     """
 
 
-for _module in (demo, simulate, info, calibrate, reconstruct, versions):
+for _module in (demo, simulate, info, calibrate, reconstruct, view, plot, versions):
     main.add_command(_module.command)

@@ -98,7 +98,7 @@ class SpeakingGroup(click.Group):
         **extra: Any,
     ) -> Any:
         """Run and exit; see `EXIT_CODES`."""
-        words = list(sys.argv[1:] if args is None else args)
+        words = list(sys.argv[1:] if args is None else args) or ["--help"]
         debug = "--debug" in words
         extra["standalone_mode"] = False
         with warnings.catch_warnings():

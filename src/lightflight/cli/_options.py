@@ -98,41 +98,52 @@ def hint_option(command: Command) -> Command:
 
 
 def check_outputs(
-    outputs: Iterable[Path], *, inputs: Iterable[Path], suffixes: Iterable[str]
+    outputs: Iterable[Path],
+    *,
+    inputs: Iterable[Path],
+    suffixes: Iterable[str],
+    kinds: tuple[str, ...],
 ) -> None:
     """Refuse, before any work, outputs that cannot or must not be written.
+
+    Parameters
+    ----------
+    kinds : what an HDF5 file may hold that is replaced.
 
     Raises
     ------
     click.UsageError
         For an unknown suffix, a folder that does not exist, an output that is an input, and a
-        file of another program in the place of an HDF5 output.
+        file in the place of an HDF5 output that is not an earlier result of the same kind.
     """
     allowed, read = list(suffixes), list(inputs)
     for output in outputs:
         if output.suffix.lower() not in allowed:
             raise click.UsageError(f"-o {output}: the name must end in {' or '.join(allowed)}")
         if not output.parent.is_dir():
-            raise click.UsageError(
-                f"-o {output}: there is no folder {output.parent}, make it first"
-            )
+            raise click.UsageError(f"-o {output}: make the folder {output.parent} first")
         if output.is_dir():
             raise click.UsageError(f"-o {output}: is a folder, name a file in it")
         if not output.exists():
             continue
         if any(path.exists() and output.samefile(path) for path in read):
             raise click.UsageError(f"-o {output}: is an input too, choose another name")
-        if output.suffix.lower() in RECORD_SUFFIXES and not _is_ours(output):
+        if output.suffix.lower() in RECORD_SUFFIXES and not _may_be_replaced(output, kinds):
             raise click.UsageError(
-                f"-o {output}: exists and was not written by lightflight, choose another name"
+                f"-o {output}: exists and is no earlier result of this command, choose another name"
             )
 
 
-def _is_ours(path: Path) -> bool:
+def _may_be_replaced(path: Path, kinds: tuple[str, ...]) -> bool:
+    """True for results of ours of these kinds; a recording must be a simulated one."""
     from lightflight.errors import FileFormatError
+    from lightflight.recording import read
     from lightflight.store import kind_of_record
 
     try:
-        return kind_of_record(path) is not None
+        kind = kind_of_record(path)
+        return kind in kinds and (
+            kind not in ("histograms", "recording") or read(path).truth is not None
+        )
     except FileFormatError:
         return False

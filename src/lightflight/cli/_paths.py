@@ -37,9 +37,13 @@ def truth_facts(path: LightPath) -> list[Fact]:
     """How far a path is from the truth, where a simulation knows it."""
     if path.truth is None or not hasattr(path.truth, "vertices_mm"):
         return []
+    from lightflight.errors import GeometryError
     from lightflight.path_error import path_error
 
-    error = path_error(path, path.truth, path.camera)
+    try:
+        error = path_error(path, path.truth, path.camera)
+    except GeometryError:  # the camera of the set-up is not the one that was simulated
+        return []
     return [
         Fact("position error in view (rms)", "position_rms_mm", error.position_rms_mm,
              f"{error.position_rms_mm:.3f} mm from the simulated truth"),

@@ -86,7 +86,12 @@ def command(
     if code_density is None and flat is None:
         raise click.UsageError("give --code-density, --flat, or better both")
     inputs = [path for path in (code_density, flat, dark) if path is not None]
-    check_outputs(outputs, inputs=inputs, suffixes=(*RECORD_SUFFIXES, *FIGURE_SUFFIXES))
+    check_outputs(
+        outputs,
+        inputs=inputs,
+        suffixes=(*RECORD_SUFFIXES, *FIGURE_SUFFIXES),
+        kinds=("calibration",),
+    )
     lab = lab_from_options(lab_path, assignments)
     given = {"dead_codes": dead_codes, "flat_arrival_ps": flat_arrival_ps}
     options = {**lab.timing, **{k: v for k, v in given.items() if v is not None}}

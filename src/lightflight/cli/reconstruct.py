@@ -83,7 +83,12 @@ def command(
 
     inputs = [p for p in (*recordings, timing_path, background_path, lab_path) if p is not None]
     lab = _lab_with_options(lab_path, assignments, method, n_legs)
-    check_outputs(outputs, inputs=inputs, suffixes=(*RECORD_SUFFIXES, ".csv", *FIGURE_SUFFIXES))
+    check_outputs(
+        outputs,
+        inputs=inputs,
+        suffixes=(*RECORD_SUFFIXES, ".csv", *FIGURE_SUFFIXES),
+        kinds=("path",),
+    )
     if dry_run:
         print_lab(lab)
         return

@@ -39,6 +39,9 @@ KINDS = ("histograms", "frames", "events", "code_density", "flat", "dark")
 PAPER_PHOTONS_PER_PIXEL = 40_000.0
 """1e-5 photons per pulse and pixel, 20 MHz, 200 s."""
 
+_MOST_PHOTONS = 1e12
+"""Centuries of recording; beyond it, counts no longer fit their integers."""
+
 _DEFAULT_PHOTONS = {"code_density": 4e6}
 _DEFAULT_OCCUPANCY = {"code_density": 0.6}
 _PAPER_OCCUPANCY = 0.04
@@ -196,6 +199,10 @@ def _checked_photons(photons_per_pixel: float | None, kind: str) -> float:
         return _DEFAULT_PHOTONS.get(kind, PAPER_PHOTONS_PER_PIXEL)
     if not (np.isfinite(photons_per_pixel) and photons_per_pixel > 0):
         raise ValueError(f"photons_per_pixel must be positive and finite, got {photons_per_pixel}")
+    if photons_per_pixel > _MOST_PHOTONS:
+        raise ValueError(
+            f"photons_per_pixel must be at most {_MOST_PHOTONS:g}, got {photons_per_pixel:g}"
+        )
     return float(photons_per_pixel)
 
 

@@ -1,0 +1,106 @@
+"""`lightflight view` and `plot`: what they write, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from lightflight.path import LightPath
+from tests.view import fakes
+
+
+@pytest.fixture(scope="session")
+def path_file(tmp_path_factory):
+    file = tmp_path_factory.mktemp("paths") / "path.h5"
+    fakes.fake_path().save(file)
+    return file
+
+
+def payload_of(page):
+    text = page.read_text(encoding="utf-8")
+    return json.loads(re.search(r'application/json">(.*?)</script>', text, re.S)[1])
+
+
+def test_view_writes_the_page_beside_the_path(run, path_file):
+    pytest.importorskip("plotly")
+    done = run("view", path_file, "--title", "My <beam>")
+    assert done.exit_code == 0, done.stderr
+    page = path_file.with_suffix(".html")
+    payload = payload_of(page)
+    assert payload["title"] == "My <beam>"
+    np.testing.assert_array_equal(
+        payload["path"]["vertices_mm"], LightPath.load(path_file).vertices_mm
+    )
+
+
+def test_view_takes_recording_and_clock(run, lab_folder, path_file, tmp_path):
+    pytest.importorskip("plotly")
+    done = run(
+        "view", path_file, "--recording", lab_folder / "recording.h5",
+        "--timing", lab_folder / "calibration.h5", "-o", tmp_path / "page.html",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    payload = payload_of(tmp_path / "page.html")
+    assert payload["histograms"]["left_out"] == 0
+    assert payload["clock"]["reversed_codes"] is True
+
+
+def test_view_of_many_gives_an_index_that_survives_a_bad_file(run, path_file, tmp_path):
+    pytest.importorskip("plotly")
+    bad = tmp_path / "<b>bad.h5"
+    bad.write_bytes(b"nothing")
+    other = tmp_path / "other.h5"
+    fakes.fake_path(seed=2).save(other)
+    done = run("view", path_file, bad, other, "-o", tmp_path / "index.html")
+    assert done.exit_code == 0, done.stderr
+    text = (tmp_path / "index.html").read_text()
+    assert text.count("<svg") == 2
+    assert "&lt;b&gt;bad.h5" in text
+    assert "<b>" not in text
+    for link in re.findall(r'href="([^"]+)"', text):
+        assert (tmp_path / link).exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("view", "{path}", "-o", "page.pdf"), "must end in .html"),
+        (("plot", "{path}", "--what", "gain", "-o", "a.png"), "holds a path"),
+        (("plot", "{path}", "-o", "a.txt"), "must end in"),
+        (("plot", "{recording}", "--what", "pixel", "-o", "a.png"), "--pixel ROW COLUMN"),
+        (
+            ("plot", "{recording}", "--what", "pixel", "--pixel", "3", "99", "-o", "a.png"),
+            "32 x 32",
+        ),
+    ],
+)
+def test_wrong_calls_are_refused_in_a_sentence(run, path_file, lab_folder, words, sentence):
+    given = {"path": path_file, "recording": lab_folder / "recording.h5"}
+    done = run(*(word.format(**given) for word in words))
+    assert done.exit_code == 2
+    assert sentence in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("what", ["summary", "space", "times", "errors", "residuals", "pulls"])
+def test_plot_draws_figures_of_a_path(run, path_file, tmp_path, what):
+    done = run("plot", path_file, "--what", what, "-o", tmp_path / "f.png", "--dpi", 60)
+    assert done.exit_code == 0, done.stderr
+    assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_plot_draws_a_calibration_and_a_recording(run, lab_folder, tmp_path):
+    done = run("plot", lab_folder / "calibration.h5", "-o", tmp_path / "clock.svg")
+    assert done.exit_code == 0, done.stderr
+    assert "phases" in (tmp_path / "clock.svg").read_text()
+    timing = lab_folder / "calibration.h5"
+    for what in ("picture", "cases"):
+        done = run(
+            "plot", lab_folder / "recording.h5", "--timing", timing, "--what", what,
+            "-o", tmp_path / f"{what}.pdf",
+        )  # fmt: skip
+        assert done.exit_code == 0, done.stderr
+        assert (tmp_path / f"{what}.pdf").read_bytes().startswith(b"%PDF")
