@@ -302,7 +302,7 @@ def test_sizes_are_checked_before_memory_is_taken(tmp_path):
     _save(path)
     with h5py.File(path, "a") as file:
         file.create_dataset("huge", (1 << 40,), np.float64, chunks=(1 << 16,))
-    with pytest.raises(FileFormatError, match="'huge' claims 8796093022208 bytes"):
+    with pytest.raises(FileFormatError, match=r"'huge' .* claims 8796093022208 bytes"):
         load_record(path, kind="path")
 
 

@@ -1,6 +1,8 @@
 """Checks that come before a file is opened and before memory is taken for what it claims.
 
 Used by `store` and by every reader in `formats`; each failure is one `FileFormatError`.
+`readable_file`, `check_claim`, `check_memory` before; `damage_as_format_error` and
+`record_error_as_format_error` around.
 """
 
 from __future__ import annotations
@@ -13,6 +15,13 @@ from pathlib import Path
 
 from lightflight.errors import ConfigError, FileFormatError
 
+DEFLATE_MOST = 1100
+"""Deflate shrinks at most 1032-fold."""
+
+ANY_MOST = 30_000
+"""Zstandard and Blosc shrink zeros some ten thousand-fold."""
+
+_SMALL_BYTES = 1 << 16
 _MEMORY_WHEN_UNKNOWN = 8 << 30
 _MEMORY_SHARE = 0.8
 """Share of the free memory one array of a file may take."""
@@ -66,6 +75,35 @@ def check_memory(n_bytes: int, *, path: str | os.PathLike[str], what: str) -> No
             f"{what} needs {n_bytes / 1e9:.3g} GB of memory and {free / 1e9:.3g} GB are free: "
             "the file is damaged, or must be read in parts",
             path=path,
+        )
+
+
+def check_claim(
+    n_bytes: int,
+    n_stored: int,
+    *,
+    path: str | os.PathLike[str],
+    what: str,
+    most: int = DEFLATE_MOST,
+) -> None:
+    """Refuse an array that claims more bytes than its stored ones can unpack to.
+
+    Parameters
+    ----------
+    n_bytes : int
+        Bytes claimed.
+    n_stored : int
+        Bytes stored.
+    path : path
+        The file, for the message.
+    what : str
+        What claims them, for the message.
+    most : int
+        Bytes one stored byte can become. Small arrays (64 KiB) are not looked at.
+    """
+    if n_bytes > most * n_stored + _SMALL_BYTES:
+        raise FileFormatError(
+            f"{what} claims {n_bytes} bytes and stores {n_stored}: the file is damaged", path=path
         )
 
 

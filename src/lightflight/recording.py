@@ -2,16 +2,15 @@
 
 - the record: `Recording` (frames of TDC codes, or photon events)
 - files: `read`, `write` (one translator per format in `formats`)
-- recording to histograms, streamed: `histogram`
+- recording to histograms, streamed: `histogram` (the work is in `counting`)
 
 Takes files of any length or arrays, gives the `Histograms` that `timing` fits.
 """
 
 from __future__ import annotations
 
-import mmap
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -24,8 +23,6 @@ Progress = Callable[[int, int], None]
 """Called now and then with (done, in all), in frames or in photons."""
 
 _CHUNK_BYTES = 8 << 20
-_LISTED_PIXELS = 1 << 14
-"""Pixels whose photons are listed before they are counted: the list stays in the nearest cache."""
 
 
 class SlicedArray(Protocol):
@@ -215,12 +212,13 @@ CLOCK_FIELDS = (
 """Fields that `Recording` and `Histograms` share: how codes are read as times."""
 
 
-def _clock_of(record: Recording | Histograms) -> dict[str, Any]:
+def clock_of(record: Recording | Histograms) -> dict[str, Any]:
+    """Fields of a record that say how its codes are read as times."""
     return {name: getattr(record, name) for name in CLOCK_FIELDS}
 
 
 def _empty_histograms(recording: Recording) -> Histograms:
-    clock = _clock_of(recording)
+    clock = clock_of(recording)
     clock["n_frames"] = clock["n_frames"] or None
     return Histograms(np.zeros((1, 1, recording.n_codes), np.uint8), **clock)
 
@@ -366,236 +364,18 @@ def histogram(
     Raises
     ------
     ValueError
-        If a window is empty or reaches beyond the recording, or the recording holds a code or
-        a pixel it cannot have (the text says where).
+        If a window is empty or reaches beyond the recording, the cube does not fit into memory,
+        or the recording holds a code or a pixel it cannot have (the text says where; from a
+        file this is a FileFormatError).
     """
-    window = _Window(
-        _checked_range("rows", rows, recording.shape[0]),
-        _checked_range("cols", cols, recording.shape[1]),
-        _checked_range("codes", codes, recording.n_codes),
-    )
-    if isinstance(recording, Histograms):
-        if frames is not None:
-            raise ValueError("frames cannot be chosen: these are histograms already")
-        cube, n_frames = recording.counts[window.slices], recording.n_frames
-    else:
-        count = _count_frames if recording.kind == "frames" else _count_events
-        cube, n_frames = count(recording, window, frames, progress, chunk_bytes)
-    return _histograms_from_counts(recording, window, cube, n_frames)
+    from lightflight.counting import counted
 
-
-@dataclass(frozen=True)
-class _Window:
-    """The pixels and codes that are kept, each as (start, end)."""
-
-    rows: tuple[int, int]
-    cols: tuple[int, int]
-    codes: tuple[int, int]
-
-    @property
-    def slices(self) -> tuple[slice, slice, slice]:
-        return slice(*self.rows), slice(*self.cols), slice(*self.codes)
-
-    @property
-    def start(self) -> tuple[int, int, int]:
-        return self.rows[0], self.cols[0], self.codes[0]
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        rows, cols, codes = (end - start for start, end in (self.rows, self.cols, self.codes))
-        return rows, cols, codes
-
-    def empty_cube(self, *, most: int) -> NDArray[Any]:
-        """Zeros (rows, cols, codes or a few more), of a type that `most` counts cannot wrap."""
-        from lightflight._kernels.frames import padded_columns
-
-        dtype = np.dtype(np.uint32 if most <= np.iinfo(np.uint32).max else np.uint64)
-        rows, cols, codes = self.shape
-        return np.zeros((rows, cols, padded_columns(codes, dtype.itemsize)), dtype)
-
-    def trimmed(self, cube: NDArray[Any]) -> NDArray[Any]:
-        """The cube without the codes that were added to it; not copied where there are none."""
-        return cube if cube.shape == self.shape else cube[..., : self.shape[2]].copy()
-
-    def slot_from_pixel(self, shape: tuple[int, int]) -> NDArray[np.int64]:
-        """(rows * cols,), place of each pixel in the cube, -1 where it is left out."""
-        slot = np.full(shape, -1, dtype=np.int64)
-        kept = slot[self.slices[:2]]
-        kept[...] = np.arange(kept.size).reshape(kept.shape)
-        return slot.ravel()
-
-
-def _checked_range(name: str, wanted: tuple[int, int] | None, length: int) -> tuple[int, int]:
-    if wanted is None:
-        return 0, length
-    start, end = (int(edge) for edge in wanted)
-    if not 0 <= start < end <= length:
-        raise ValueError(f"{name} = ({start}, {end}) must lie within 0 ... {length}")
-    return start, end
-
-
-def _count_frames(
-    recording: Recording,
-    window: _Window,
-    frames: tuple[int, int] | None,
-    progress: Progress | None,
-    chunk_bytes: int,
-) -> tuple[NDArray[Any], int]:
-    from lightflight._kernels.frames import SPARE, add_all_codes, add_frames
-
-    source, absent, n_codes = recording.frames, recording.no_photon_code, recording.n_codes
-    assert source is not None
-    start, end = _checked_range("frames", frames, source.shape[0])
-    slot = window.slot_from_pixel(recording.shape)
-    cube = window.empty_cube(most=end - start)
-    counts = cube.reshape(-1, cube.shape[2])
-    kept = window.codes[0], window.shape[2]
-    is_whole = window.shape == (*recording.shape, n_codes)
-    room = max(1, _LISTED_PIXELS // slot.size) * slot.size + SPARE
-    pixels, codes = np.empty(room, pixel_dtype(recording.shape)), np.empty(room, np.uint16)
-    for first, last in _chunks(start, end, chunk_bytes // (slot.size * source.dtype.itemsize)):
-        block = np.ascontiguousarray(source[first:last], np.uint16).reshape(-1, slot.size)
-        if absent is None:
-            check_codes(recording, block, first)
-            add_all_codes(block, slot, *kept, counts)
-        else:
-            fine = add_frames(
-                block, np.uint16(absent), n_codes, slot, *kept, is_whole, pixels, codes, counts
-            )
-            if not fine:
-                check_codes(recording, block, first)
-        _release_pages(source)
-        if progress is not None:
-            progress(last - start, end - start)
-    _fill_no_photon_code(recording, counts, window, end - start)
-    return window.trimmed(cube), end - start
-
-
-def _chunks(start: int, end: int, step: int) -> Iterator[tuple[int, int]]:
-    """(first, last) of runs of `step`, the last one shorter."""
-    step = max(1, step)
-    for first in range(start, end, step):
-        yield first, min(first + step, end)
-
-
-def check_codes(recording: Recording, block: NDArray[np.uint16], first_frame: int) -> None:
-    """Raise ValueError where frames (n, pixels) hold a code they cannot, saying where."""
-    if block.size == 0 or block.max() < recording.n_codes:
-        return
-    bad = np.argwhere(block >= recording.n_codes)
-    if len(bad):
-        frame, pixel = (int(index) for index in bad[0])
-        row, col = divmod(pixel, recording.shape[1])
-        raise ValueError(
-            f"frame {first_frame + frame}, pixel ({row}, {col}) holds code {block[frame, pixel]}, "
-            f"but the recording has {recording.n_codes} codes: check shape, footers and byte order"
-        )
-
-
-def _count_events(
-    recording: Recording,
-    window: _Window,
-    frames: tuple[int, int] | None,
-    progress: Progress | None,
-    chunk_bytes: int,
-) -> tuple[NDArray[Any], int | None]:
-    from lightflight._kernels.frames import add_events
-
-    pixel, code = recording.pixel, recording.code
-    assert pixel is not None
-    assert code is not None
-    start, end, n_frames = _photons_of_frames(recording, frames)
-    slot = window.slot_from_pixel(recording.shape)
-    cube = window.empty_cube(most=max(end - start, n_frames or 0))
-    counts = cube.reshape(-1, cube.shape[2])
-    kept = window.codes[0], window.shape[2]
-    is_whole = window.shape == (*recording.shape, recording.n_codes)
-    for first, last in _chunks(start, end, chunk_bytes // 4):
-        pixels, codes = np.asarray(pixel[first:last]), np.asarray(code[first:last])
-        if not add_events(pixels, codes, recording.n_codes, slot, *kept, is_whole, counts):
-            raise _no_such_photon(recording, pixels, codes, first)
-        _release_pages(pixel)
-        _release_pages(code)
-        if progress is not None:
-            progress(last - start, end - start)
-    _fill_no_photon_code(recording, counts, window, n_frames)
-    return window.trimmed(cube), n_frames
-
-
-def _no_such_photon(
-    recording: Recording, pixels: NDArray[Any], codes: NDArray[Any], first: int
-) -> ValueError:
-    """Error that says which photon is of a pixel or a code that does not exist."""
-    n_pixels, n_codes = recording.shape[0] * recording.shape[1], recording.n_codes
-    bad = int(np.argmax((pixels >= n_pixels) | (codes >= n_codes)))
-    return ValueError(
-        f"photon {first + bad} is of pixel {pixels[bad]} and code {codes[bad]}, but the recording "
-        f"has {n_pixels} pixels and {n_codes} codes"
-    )
-
-
-def _photons_of_frames(
-    recording: Recording, frames: tuple[int, int] | None
-) -> tuple[int, int, int | None]:
-    """(first photon, end, number of frames) of a range of frames, or of all."""
-    starts, n_frames = recording.frame_starts, recording.n_frames
-    if frames is None:
-        return 0, recording.n_photons or 0, n_frames
-    if starts is None or n_frames is None:
-        raise ValueError("frames cannot be chosen: these events do not tell their frames")
-    first, end = _checked_range("frames", frames, n_frames)
-    return int(starts[first : first + 1][0]), int(starts[end : end + 1][0]), end - first
-
-
-def _fill_no_photon_code(
-    recording: Recording, counts: NDArray[Any], window: _Window, n_frames: int | None
-) -> None:
-    """Frames without a photon, in the column of the code that says so; 0 where unknown."""
-    column = _column_without_photon(recording, window)
-    if column is None:
-        return
-    counts[:, column] = 0
-    if n_frames is None:
-        return
-    photons = counts.sum(axis=1, dtype=np.uint64)
-    if photons.max() > n_frames:
-        raise ValueError(
-            f"a pixel has {photons.max()} photons in {n_frames} frames, but a recording with a "
-            "no_photon_code holds one per frame: set no_photon_code to None"
-        )
-    counts[:, column] = n_frames - photons
-
-
-def _column_without_photon(record: Recording | Histograms, window: _Window) -> int | None:
-    absent, (start, end) = record.no_photon_code, window.codes
-    return absent - start if absent is not None and start <= absent < end else None
-
-
-def _release_pages(source: Any) -> None:
-    """Give back the pages of a read-only memory map, which would count as our memory."""
-    if isinstance(source, np.memmap) and source.mode == "r" and hasattr(mmap, "MADV_DONTNEED"):
-        base: Any = source.base
-        while isinstance(base, np.ndarray):
-            base = base.base
-        if isinstance(base, mmap.mmap):
-            base.madvise(mmap.MADV_DONTNEED)
-
-
-def _histograms_from_counts(
-    record: Recording | Histograms, window: _Window, cube: NDArray[Any], n_frames: int | None
-) -> Histograms:
-    clock = _clock_of(record)
-    clock["n_frames"] = n_frames or None
-    clock["first_edge_ps"] += window.codes[0] * (record.bin_width_ps or 1.0)
-    clock["no_photon_code"] = _column_without_photon(record, window)
-    settings = dict(record.settings)
-    if cube.shape != (*record.shape, record.n_codes):
-        settings["window_start"] = list(window.start)
-    cube.setflags(write=False)
-    return Histograms(
-        cube,
-        **clock,
-        poisson=getattr(record, "poisson", True),
-        truth=record.truth,
-        settings=settings,
+    return counted(
+        recording,
+        codes=codes,
+        rows=rows,
+        cols=cols,
+        frames=frames,
+        progress=progress,
+        chunk_bytes=chunk_bytes,
     )

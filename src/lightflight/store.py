@@ -34,7 +34,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
-from lightflight.filecheck import check_memory, damage_as_format_error, readable_file
+from lightflight.filecheck import (
+    ANY_MOST,
+    DEFLATE_MOST,
+    check_claim,
+    check_memory,
+    damage_as_format_error,
+    readable_file,
+)
 
 FORMAT_NAME = "lightflight"
 SCHEMA_VERSION = 1
@@ -45,8 +52,6 @@ _CHUNKED_FROM_BYTES = 4096
 _CHUNK_BYTES = 1 << 20
 _GROWING_CHUNK_BYTES = 1 << 16
 _SLAB_BYTES = 16 << 20
-_MAX_EXPANSION = 1100
-"""Deflate shrinks at most 1032-fold: a dataset that claims more than this is damaged."""
 
 
 # --- files that appear whole or not at all ----------------------------------------------
@@ -527,13 +532,11 @@ def check_dataset(dataset: Any, *, path: str | os.PathLike[str], ours: bool = Tr
     if dataset.dtype.hasobject or dataset.shape is None:
         raise FileFormatError(f"array {name!r} holds neither numbers nor text", path=path)
     size = dataset.size * dataset.dtype.itemsize
-    stored = dataset.id.get_storage_size()
+    what = f"array {name!r} {dataset.shape}"
+    most = DEFLATE_MOST if ours else ANY_MOST
+    check_claim(size, dataset.id.get_storage_size(), path=path, what=what, most=most)
     chunk = math.prod(dataset.chunks or (0,)) * dataset.dtype.itemsize
-    if chunk > max(size, 64 * _CHUNK_BYTES) or (ours and size > _MAX_EXPANSION * stored):
-        raise FileFormatError(
-            f"array {name!r} claims {size} bytes and stores {stored}: the file is damaged",
-            path=path,
-        )
+    check_memory(chunk, path=path, what=f"a chunk of {what}")
 
 
 def _check_is_hdf5(file_path: Path, path: str | os.PathLike[str]) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
-from lightflight.filecheck import check_memory
+from lightflight.filecheck import check_claim, check_memory
 
 _HEADER_BYTES = 128
 _HEAD_BYTES = 4096
@@ -206,7 +206,10 @@ def text_of(variable: Variable, path: Path) -> str:
 
 
 def _content_of(variable: Variable, path: Path) -> bytes:
-    check_memory(variable.n_bytes, path=path, what=f"array {variable.name!r} {variable.shape}")
+    what = f"array {variable.name!r} {variable.shape}"
+    if variable.n_packed is not None:
+        check_claim(variable.n_bytes, variable.n_packed, path=path, what=what)
+    check_memory(variable.n_bytes, path=path, what=what)
     with path.open("rb") as file:
         if variable.n_packed is None:
             file.seek(variable.offset + variable.skip)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import ConfigError, FileFormatError
-from lightflight.filecheck import check_memory
+from lightflight.filecheck import check_claim, check_memory
 from lightflight.formats.clock import pf32_clock
 from lightflight.formats.cubes import axes_needed, checked_shape, record_from_array, shapes_text
 from lightflight.formats.metadata import fields_from_text, text_from_histograms
@@ -183,6 +183,7 @@ def _chosen_key(key: str | None, headers: _Headers, path: Path) -> str:
 
 def _npz_array(archive: zipfile.ZipFile, key: str, path: Path) -> NDArray[Any]:
     member = archive.getinfo(f"{key}.npy")
+    check_claim(member.file_size, member.compress_size, path=path, what=f"array {key!r}")
     check_memory(member.file_size, path=path, what=f"array {key!r}")
     with archive.open(member) as file:
         values: NDArray[Any] = np.lib.format.read_array(

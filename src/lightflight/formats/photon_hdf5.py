@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from lightflight._version import __version__
 from lightflight.errors import FileFormatError
-from lightflight.filecheck import record_error_as_format_error
+from lightflight.filecheck import check_memory, record_error_as_format_error
 from lightflight.formats.cubes import checked_shape
 from lightflight.formats.photon_hdf5_titles import TITLES
 from lightflight.formats.photons import photon_blocks
@@ -125,6 +125,8 @@ def _largest(pixel: Any) -> int:
 
 def _frame_starts(timestamps: Any, n_frames: int, path: Path) -> NDArray[np.uint64]:
     """(n_frames + 1,) from one frame number per photon, in order."""
+    n_bytes = 8 * (n_frames + 1)
+    check_memory(n_bytes, path=path, what=f"a list of {n_frames} frames")
     per_frame = np.zeros(n_frames + 1, np.uint64)
     last = 0
     for first in range(0, timestamps.shape[0], _TIMESTAMPS_AT_ONCE):

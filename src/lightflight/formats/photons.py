@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.recording import Recording, check_codes, pixel_dtype
+from lightflight.counting import check_codes
+from lightflight.recording import Recording, pixel_dtype
 
 _CHUNK_BYTES = 8 << 20
 

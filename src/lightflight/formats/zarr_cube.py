@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from lightflight.errors import ConfigError, FileFormatError, MissingExtraError
-from lightflight.filecheck import check_memory
+from lightflight.filecheck import ANY_MOST, check_claim, check_memory
 from lightflight.formats.cubes import (
     LETTERS,
     axes_needed,
@@ -50,10 +50,12 @@ def read(
     axes = axes or _stated_axes(node)
     if axes is None:
         raise axes_needed({node.name: node.shape}, path)
-    for what, lengths in (("array", node.shape), ("a chunk of", node.chunks)):
-        n_bytes = math.prod(lengths) * node.dtype.itemsize
-        if what != "array" or axes != "fyx":
-            check_memory(n_bytes, path=path, what=f"{what} {node.name} {lengths}")
+    stored = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+    what = f"array {node.name} {node.shape}"
+    n_bytes = math.prod(node.shape) * node.dtype.itemsize
+    check_claim(n_bytes, stored, path=path, what=what, most=ANY_MOST)
+    chunk = math.prod(node.chunks) * node.dtype.itemsize
+    check_memory(max(chunk, 0 if axes == "fyx" else n_bytes), path=path, what=what)
     return record_from_array(
         node if axes == "fyx" else np.asarray(node[...]),
         axes,
