@@ -96,7 +96,7 @@ def command(
         print_lab(lab)
         return
     inputs = [p for p in (file, timing_path, lab_path) if p is not None]
-    check_outputs(outputs, inputs=inputs, suffixes=FIGURE_SUFFIXES)
+    check_outputs(outputs, inputs=inputs, suffixes=FIGURE_SUFFIXES, kinds=())
     from lightflight.view.export import write_figure
 
     figure = _figure_of(file, what, timing_path, pixel, lab, hints)

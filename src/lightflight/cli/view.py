@@ -78,7 +78,7 @@ def command(
         output = outputs[0] if outputs else Path("campaign.html")
     else:
         output = outputs[0] if outputs else paths[0].with_suffix(".html")
-    check_outputs([output], inputs=inputs, suffixes=PAGE_SUFFIXES)
+    check_outputs([output], inputs=inputs, suffixes=PAGE_SUFFIXES, kinds=())
     if len(paths) > 1:
         if recording_path is not None:
             raise click.UsageError("--recording goes with one path file, got several")

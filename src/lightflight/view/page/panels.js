@@ -70,23 +70,22 @@ function drawResiduals(node) {
   const at = pulses ? [...pulses.leg.keys()].filter((i) => pulses.leg[i] >= 0 && Number.isFinite(pulses.residual_ps[i])) : [];
   if (!at.length) { say(node, "The path carries no residuals."); return; }
   if (residualsAs === "map" && camera) { drawResidualMap(node, at); return; }
-  const few = at.length <= 3000;
+  if (at.length > 4000) { drawManyResiduals(node, at); return; }
   const errors = at.map((i) => pulses.std_ps[i]).sort((a, b) => a - b);
   const typical = errors[Math.floor(errors.length / 2)];
   const used = at.filter((i) => pulses.used[i]);
   const values = used.filter((i) => pulses.std_ps[i] <= 3 * typical).map((i) => Math.abs(pulses.residual_ps[i]) + pulses.std_ps[i]).sort((a, b) => a - b);
   const limit = values.length ? 1.15 * values[Math.floor(0.99 * (values.length - 1))] : undefined;
-  const one = (list, options) => ({ type: few ? "scatter" : "scattergl", mode: "markers",
+  const one = (list, options) => ({ type: "scatter", mode: "markers",
     x: list.map((i) => pulses.length_mm[i]), y: list.map((i) => pulses.residual_ps[i]),
     text: list.map((i) => `row ${pulses.row[i]}, column ${pulses.col[i]}, leg ${pulses.leg[i] + 1}<br>`
       + `${withError(pulses.residual_ps[i], pulses.std_ps[i])} ps`), hoverinfo: "text",
-    ...(few ? { error_y: { type: "data", array: list.map((i) => pulses.std_ps[i]), thickness: 1, width: 0, color: color("hair") } } : {}),
-    ...options });
+    error_y: { type: "data", array: list.map((i) => pulses.std_ps[i]), thickness: 1, width: 0, color: color("hair") }, ...options });
   const out = at.filter((i) => !pulses.used[i]);
   const vague = used.filter((i) => !(pulses.std_ps[i] <= 3 * typical));
   const precise = used.filter((i) => pulses.std_ps[i] <= 3 * typical);
-  const data = [one(vague, { marker: { size: few ? 3.5 : 2, color: color("quiet"), opacity: 0.45 }, name: "imprecise" }),
-    one(precise, { marker: { size: few ? 4.5 : 2.5, color: color("arrival") }, name: "used" })];
+  const data = [one(vague, { marker: { size: 3.5, color: color("quiet"), opacity: 0.45 }, name: "imprecise" }),
+    one(precise, { marker: { size: 4.5, color: color("arrival") }, name: "used" })];
   if (out.length) data.push(one(out, { marker: { size: 6, symbol: "x-thin", line: { width: 1.5, color: color("event") } }, name: `left out (${out.length})` }));
   Plotly.react(node, data, graphLayout("length of path (mm)", "measured − model (ps)",
     { yaxis: limit ? { range: [-limit, limit] } : {}, showlegend: out.length > 0 }), graphOptions);
@@ -95,6 +94,20 @@ function drawResiduals(node) {
     const i = [vague, precise, out][event.points[0].curveNumber][event.points[0].pointNumber];
     selectPixel(pulses.row[i], pulses.col[i]);
   });
+  addCursor(node, () => lengthAt(current().t));
+}
+
+// More pulses than marks make sense for: how many lie where.
+function drawManyResiduals(node, at) {
+  const used = at.filter((i) => pulses.used[i]);
+  const sizes = used.map((i) => Math.abs(pulses.residual_ps[i])).sort((a, b) => a - b);
+  const limit = 1.3 * (sizes[Math.floor(0.98 * (sizes.length - 1))] || 1);
+  const length = legStarts[nLegs];
+  Plotly.react(node, [{ type: "histogram2d", x: used.map((i) => pulses.length_mm[i]), y: used.map((i) => pulses.residual_ps[i]),
+    xbins: { start: 0, end: length, size: length / 150 }, ybins: { start: -limit, end: limit, size: limit / 30 },
+    colorscale: [[0, color("card")], [1, color("arrival")]], colorbar: { title: { text: "pulses" }, thickness: 10, outlinewidth: 0, tickfont: { color: color("quiet") } },
+    hovertemplate: "%{z} pulses<extra></extra>" }],
+  graphLayout("length of path (mm)", "measured − model (ps)", { yaxis: { range: [-limit, limit] } }), graphOptions);
   addCursor(node, () => lengthAt(current().t));
 }
 

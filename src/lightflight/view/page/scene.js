@@ -135,14 +135,20 @@ function viewOf(name) {
   const size = sizeOf(box);
   const aspect = box.map(([a, b]) => (b - a) / size);
   const inUnits = (p) => p.map((x, i) => (x - (box[i][0] + box[i][1]) / 2) / size);
-  // The vertical field of the drawing is fixed: a narrow frame needs the eye farther away.
-  const wide = Math.max(1, 1.5 * sceneNode.clientHeight / Math.max(sceneNode.clientWidth, 100));
-  let center = [-0.03, -0.04, 0];
-  let eye = [-0.41, 0.31, 0.8].map((d) => d * wide);
-  if (name === "scene") {
-    center = [0, -0.06, 0];
-    eye = [-0.95, 0.55, 0.85].map((d) => d * wide);
-  } else if (name === "camera" && camera) {
+  const ratio = sceneNode.clientWidth / Math.max(sceneNode.clientHeight, 1);
+  // Far enough for the box to fit: Plotly's eye sees 45 degrees upright, whatever the width.
+  const fitted = (toEye) => {
+    const unit = toEye.map((x) => x / Math.hypot(...toEye));
+    const level = Math.hypot(unit[0], unit[2]);
+    const across = (aspect[0] * Math.abs(unit[2]) + aspect[2] * Math.abs(unit[0])) / level;
+    const deep = (aspect[0] * Math.abs(unit[0]) + aspect[2] * Math.abs(unit[2])) / level;
+    const upright = aspect[1] * level + deep * Math.abs(unit[1]);
+    const distance = 0.5 * deep + 1.14 * Math.max(upright, across / ratio);
+    return unit.map((x) => x * distance);
+  };
+  let center = [-0.02, -0.03, 0];
+  let eye = fitted(name === "path" ? [-0.46, 0.34, 0.82] : [-0.75, 0.42, 0.62]);
+  if (name === "camera" && camera) {
     center = inUnits(extentOf(pathPoints).map(([a, b]) => (a + b) / 2));
     eye = inUnits(camera.center_mm).map((x, i) => center[i] + (x - center[i]) * 0.98);
   }

@@ -1,0 +1,218 @@
+"""An index page over many reconstructions: one small picture and one line of numbers each.
+
+Takes path files, gives an HTML file and, in a folder beside it, a page for each. The pictures are
+SVG made from the paths themselves, all to the same scale; scripts are not needed.
+"""
+
+from __future__ import annotations
+
+import html
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight._version import __version__
+from lightflight.path import LightPath
+from lightflight.store import atomic_path
+from lightflight.view.page.build import page_html
+from lightflight.view.page.tables import heading
+from lightflight.view.style_text import number, with_error
+from lightflight.view.trace import trace_from_path
+
+Floats = NDArray[np.float64]
+
+_WIDTH, _HEIGHT, _PAD = 260.0, 150.0, 10.0
+
+# The direction the small pictures look along: the figures' own (lightflight.view.projection).
+_AZIMUTH, _ELEVATION = np.deg2rad(-24.0), np.deg2rad(22.0)
+
+_STYLE = """
+:root { --paper:#f4f5f7; --card:#fff; --ink:#1a2130; --quiet:#5b6575; --hair:#dde1e7;
+  --event:#c8440a; color-scheme: light dark; }
+@media (prefers-color-scheme: dark) { :root { --paper:#0d111a; --card:#151b28; --ink:#e8ecf3;
+  --quiet:#9aa6b8; --hair:#2a3345; --event:#ff8f52; } }
+body { margin:0 auto; max-width:1280px; padding:20px 16px 40px; background:var(--paper);
+  color:var(--ink); font:15px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,sans-serif;
+  font-variant-numeric:tabular-nums; }
+h1 { font-size:24px; margin:0 0 4px; } p { margin:0 0 16px; color:var(--quiet); }
+ul { list-style:none; margin:0; padding:0; display:grid; gap:14px;
+  grid-template-columns:repeat(auto-fill,minmax(min(270px,100%),1fr)); }
+li { background:var(--card); border:1px solid var(--hair); border-radius:10px; padding:12px; }
+li:hover { border-color:var(--quiet); }
+a { color:inherit; text-decoration:none; display:block; }
+a:focus-visible { outline:2.5px solid #0b63ce; outline-offset:3px; }
+svg { width:100%; height:auto; display:block; }
+h2 { font-size:15px; margin:6px 0 2px; overflow-wrap:anywhere; }
+dl { display:grid; grid-template-columns:auto 1fr; gap:0 12px; margin:0; font-size:13px; }
+dt { color:var(--quiet); } dd { margin:0; }
+.bad { color:var(--event); }
+"""
+
+
+def write_campaign(
+    path_files: Sequence[str | os.PathLike[str]],
+    file: str | os.PathLike[str],
+    *,
+    timing: Any = None,
+    title: str = "",
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write an index of many paths, and a page for each in the folder `<name>_pages` beside it.
+
+    A path file that cannot be read gets an entry that says why; the others are not held up.
+
+    Parameters
+    ----------
+    path_files : path files of `LightPath.save`.
+    file : index to write, .html.
+    timing : TimingCalibration they share, if any.
+    title : heading.
+    progress : called with (done, in all).
+    """
+    index = Path(file)
+    folder = index.parent / f"{index.stem}_pages"
+    folder.mkdir(exist_ok=True)
+    entries: list[tuple[str, LightPath | str, str]] = []
+    for k, source in enumerate(path_files):
+        name = os.fspath(source)
+        try:
+            path = LightPath.load(source)
+        except (ValueError, OSError) as error:
+            entries.append((name, str(error), ""))
+        else:
+            page = f"{k + 1:04d}.html"
+            with atomic_path(folder / page) as fresh:
+                fresh.write_text(
+                    page_html(path, timing=timing, title=f"{heading(path)}: {Path(name).name}"),
+                    encoding="utf-8",
+                    newline="\n",
+                )
+            entries.append((name, path, f"{folder.name}/{page}"))
+        if progress is not None:
+            progress(k + 1, len(path_files))
+    with atomic_path(index) as fresh:
+        fresh.write_text(campaign_html(entries, title=title), encoding="utf-8", newline="\n")
+
+
+def campaign_html(entries: Sequence[tuple[str, Any, str]], *, title: str = "") -> str:
+    """The index as text.
+
+    Parameters
+    ----------
+    entries : (name, LightPath or why there is none, link to its page) each.
+    """
+    paths = [entry[1] for entry in entries if not isinstance(entry[1], str)]
+    words = title or f"{len(entries)} reconstructions"
+    frame = _common_frame(paths)
+    items = "\n".join(_item(name, path, link, frame) for name, path, link in entries)
+    bad = len(entries) - len(paths)
+    note = "All pictures to one scale." + (f" {bad} could not be read." if bad else "")
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta http-equiv="Content-Security-Policy" content="default-src &#x27;none&#x27;; '
+        'style-src &#x27;unsafe-inline&#x27;">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<meta name="generator" content="lightflight {html.escape(__version__)}">'
+        f"<title>{html.escape(words)}</title><style>{_STYLE}</style></head>\n"
+        f"<body><h1>{html.escape(words)}</h1><p>{note}</p>\n<ul>\n{items}\n</ul></body></html>\n"
+    )
+
+
+def _on_page(points: Any) -> Floats:
+    """World points (n, 3), mm, in parallel projection; y grows downwards, as SVG counts."""
+    right = np.array([np.cos(_AZIMUTH), 0.0, -np.sin(_AZIMUTH)])
+    viewer = np.array(
+        [
+            np.sin(_AZIMUTH) * np.cos(_ELEVATION),
+            np.sin(_ELEVATION),
+            np.cos(_AZIMUTH) * np.cos(_ELEVATION),
+        ]
+    )
+    flat = np.asarray(points, dtype=float) @ np.stack((right, -np.cross(viewer, right))).T
+    return np.asarray(flat)
+
+
+def _common_frame(paths: Sequence[Any]) -> tuple[Floats, float]:
+    """Middle (2,) and scale (pixels per mm) that hold every path."""
+    every = [_on_page(path.vertices_mm) for path in paths]
+    points = np.concatenate(every) if every else np.zeros((1, 2))
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) == 0:
+        points = np.zeros((1, 2))
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = np.array([_WIDTH, _HEIGHT]) - 2 * _PAD
+    scale = float((room / np.maximum(high - low, 1e-6)).min())
+    return (low + high) / 2, min(scale, 1e3)
+
+
+def _item(name: str, path: Any, link: str, frame: tuple[Floats, float]) -> str:
+    if isinstance(path, str):
+        return (
+            f"<li><h2>{html.escape(Path(name).name)}</h2>"
+            f'<p class="bad">{html.escape(path)}</p></li>'
+        )
+    facts = "".join(
+        f"<dt>{html.escape(term)}</dt><dd>{html.escape(text)}</dd>" for term, text in _facts(path)
+    )
+    return (
+        f'<li><a href="{html.escape(link, quote=True)}">{_picture(path, name, frame)}'
+        f"<h2>{html.escape(name)}</h2><dl>{facts}</dl></a></li>"
+    )
+
+
+def _facts(path: Any) -> list[tuple[str, str]]:
+    goodness = path.goodness
+    angles = ", ".join(with_error(leg.angle_deg, leg.angle_std_deg) for leg in path.legs[:3])
+    facts = [
+        ("legs", str(path.n_legs)),
+        ("elevation", f"{angles}\u00b0" + (" \u2026" if path.n_legs > 3 else "")),
+        ("\u03c7\u00b2/dof", number(goodness.reduced_chi2, 3)),
+        ("pulses", str(goodness.n_pulses)),
+    ]
+    if not goodness.converged:
+        facts.append(("warning", "the fit did not converge"))
+    return facts
+
+
+def _picture(path: Any, name: str, frame: tuple[Floats, float]) -> str:
+    middle, scale = frame
+
+    def placed(points: Any) -> Floats:
+        center = np.array([_WIDTH, _HEIGHT]) / 2
+        return np.asarray((_on_page(points) - middle) * scale + center)
+
+    def line(points: Any, style: str) -> str:
+        flat = placed(points)
+        flat = flat[np.isfinite(flat).all(axis=1)]
+        text = " ".join(f"{x:.1f},{y:.1f}" for x, y in flat)
+        return f'<polyline points="{text}" fill="none" {style}/>'
+
+    parts = []
+    if path.truth is not None:
+        parts.append(
+            line(
+                path.truth.vertices_mm,
+                'stroke="var(--quiet)" stroke-width="1.2" stroke-dasharray="4 3"',
+            )
+        )
+    parts.append(line(path.vertices_mm, 'stroke="var(--event)" stroke-width="1.2"'))
+    trace = trace_from_path(path, per_leg=33)
+    for leg in np.unique(trace.leg):
+        seen = trace.points_mm[(trace.leg == leg) & trace.in_view]
+        if len(seen) > 1:
+            ends = seen[[0, -1]]
+            wide = 'stroke="var(--event)" stroke-width="3" stroke-linecap="round"'
+            parts.append(line(ends, wide))
+    x, y = placed(path.vertices_mm[:1])[0]
+    if np.isfinite([x, y]).all():
+        parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3.2" fill="var(--ink)"/>')
+    label = html.escape(f"path of {Path(name).name}", quote=True)
+    return (
+        f'<svg viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" role="img" aria-label="{label}">'
+        + "".join(parts)
+        + "</svg>"
+    )
