@@ -102,7 +102,7 @@ def check_outputs(
     *,
     inputs: Iterable[Path],
     suffixes: Iterable[str],
-    kinds: tuple[str, ...],
+    kinds: tuple[str, ...] = (),
 ) -> None:
     """Refuse, before any work, outputs that cannot or must not be written.
 
