@@ -67,7 +67,7 @@ def fitted_line(points: Floats, weights: Floats) -> tuple[Floats, Floats]:
 
 def fitted_times(s: Floats, times: Floats, errors: Floats) -> Floats:
     """Polynomial of the arrival time along a leg, degree 1 to 3 by how much there is to fit."""
-    distinct = len(np.unique(np.rint(s)))
+    distinct = distinct_positions(s)
     degree = int(np.clip(distinct // 3, 1, 3))
     scale = max(float(np.abs(s).max()), 1e-9)
     design = polynomial.polyvander(s / scale, degree)
@@ -86,8 +86,10 @@ def fitted_times(s: Floats, times: Floats, errors: Floats) -> Floats:
     return coefficients / scale ** np.arange(degree + 1)
 
 
-def _distinct_positions(s: Floats) -> int:
-    return len(np.unique(np.rint(s)))
+def distinct_positions(s: Floats) -> int:
+    """How many pixel positions along a line the places `s` (n,), px, make up."""
+    # Counted from the first: about a centre, whole pixels lie at halves, and halves round to even.
+    return len(np.unique(np.rint(s - s.min()))) if len(s) else 0
 
 
 def _longest_run(s: Floats, inside: NDArray[np.bool_], max_gap: float) -> NDArray[np.bool_]:
@@ -97,7 +99,7 @@ def _longest_run(s: Floats, inside: NDArray[np.bool_], max_gap: float) -> NDArra
         return inside
     breaks = np.flatnonzero(np.diff(s[order]) > max_gap)
     runs = np.split(order, breaks + 1)
-    best = max(runs, key=lambda run: _distinct_positions(s[run]))
+    best = max(runs, key=lambda run: distinct_positions(s[run]))
     kept = np.zeros(len(s), dtype=bool)
     kept[best] = True
     return kept
@@ -157,7 +159,7 @@ def _best_line_of_ridge(
         s = offset @ direction
         lateral = np.abs(offset[:, 0] * direction[1] - offset[:, 1] * direction[0])
         near = np.flatnonzero(lateral < settings.lateral_px)
-        if _distinct_positions(s[near]) <= best_score:
+        if distinct_positions(s[near]) <= best_score:
             continue
         score, members = _best_parabola(
             s, times, tolerance, near, (i, j), settings, rng, best_score
@@ -211,7 +213,7 @@ def _best_parabola(
         if inside.sum() <= score_best:
             continue
         kept = _longest_run(sn, inside, settings.max_gap_px)
-        score = _distinct_positions(sn[kept])
+        score = distinct_positions(sn[kept])
         if score <= score_best:
             continue
         slope = np.array([0.0, slope_ij - bend * (s[i] + s[j]), bend])
@@ -232,7 +234,7 @@ def _bends_down(s: Floats, times: Floats, tolerance: Floats) -> bool:
     of the picture (rather than by viewing angle) even straight light may bend down by one or
     two percent of its slope per pixel.
     """
-    if _distinct_positions(s) < 8:
+    if distinct_positions(s) < 8:
         return False
     middle = s.mean()
     design = polynomial.polyvander(s - middle, 2)
@@ -285,7 +287,7 @@ def refine_members(
         if np.array_equal(updated, current):
             break
         current = updated
-    if _distinct_positions(s[current]) < settings.min_pixels:
+    if distinct_positions(s[current]) < settings.min_pixels:
         return np.empty(0, dtype=np.int64), halo | members
     return np.flatnonzero(current), halo | members
 
@@ -330,11 +332,11 @@ def cut_at_kink(
     if not settings.convex or not _bends_down(along, times[members], tolerance):
         return [members]
     order = np.argsort(along)
-    positions = np.rint(along[order])
+    positions = np.rint(along[order] - along[order[0]])
     best_cost, best_cut = np.inf, 0
     for cut in np.flatnonzero(np.diff(positions) > 0) + 1:
         halves = order[:cut], order[cut:]
-        if min(_distinct_positions(along[half]) for half in halves) < settings.min_pixels:
+        if min(distinct_positions(along[half]) for half in halves) < settings.min_pixels:
             continue
         cost = 0.0
         for half in halves:

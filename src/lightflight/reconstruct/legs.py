@@ -19,15 +19,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags
 from lightflight.errors import NothingFoundError
-from lightflight.reconstruct.ghosts import on_border, overshone
 from lightflight.reconstruct._leg_search import (
     SearchSettings,
     best_line,
     cut_at_kink,
+    distinct_positions,
     fitted_line,
     fitted_times,
     refine_members,
 )
+from lightflight.reconstruct.ghosts import on_border, overshone
 
 if TYPE_CHECKING:
     from lightflight.camera import Camera
@@ -217,9 +218,7 @@ def without_dim_legs(
     )
 
 
-def legs_in_turn(
-    legs: list[ImageLeg], strength: list[float], *, std_ps: float
-) -> list[ImageLeg]:
+def legs_in_turn(legs: list[ImageLeg], strength: list[float], *, std_ps: float) -> list[ImageLeg]:
     """The brightest set of legs that follow one another in arrival time, in that order.
 
     Legs of one flight never overlap in t_a; of those that do, all but one are ghosts, wings or
@@ -288,7 +287,9 @@ def _image_leg(
     origin, direction = fitted_line(points[group], weights[group])
     s = (points[group] - origin) @ direction
     coefficients = fitted_times(s, times[group], errors[group])
-    middle_slope = np.polynomial.polynomial.polyval(0.0, np.polynomial.polynomial.polyder(coefficients))
+    middle_slope = np.polynomial.polynomial.polyval(
+        0.0, np.polynomial.polynomial.polyder(coefficients)
+    )
     if middle_slope < 0:
         direction, s = -direction, -s
         coefficients = coefficients * (-1.0) ** np.arange(len(coefficients))
@@ -299,6 +300,6 @@ def _image_leg(
         direction_px=direction,
         extent_px=(float(s.min()), float(s.max())),
         time_coefficients=coefficients,
-        n_pixels=len(np.unique(np.rint(s))),
+        n_pixels=distinct_positions(s),
         residual_rms_ps=float(np.sqrt(np.mean(residual**2))),
     )
