@@ -89,7 +89,7 @@ def projection_of_leg(leg: ImageLeg, observation: Observation, camera: Camera) -
     points = undistorted_px(camera, arrivals.row[members], arrivals.col[members])
     photons = arrivals.photons[members]
     steep = abs(leg.direction_px[1]) > abs(leg.direction_px[0])
-    position = np.rint(points[:, 1] if steep else points[:, 0]).astype(int)
+    position = (arrivals.row if steep else arrivals.col)[members].astype(int)
     first, k = int(position.min()), int(np.ptp(position)) + 1
     origin, direction = _line_through_centroids(position - first, points, photons, leg)
     at = np.full(k, -1)
@@ -294,9 +294,7 @@ def _direction(leg: PlaneLeg, angle: float | None = None) -> Floats:
     return direction
 
 
-def _corner(
-    leg: PlaneLeg, rays: Floats, camera: Camera, medium: Medium
-) -> tuple[Floats, float]:
+def _corner(leg: PlaneLeg, rays: Floats, camera: Camera, medium: Medium) -> tuple[Floats, float]:
     """E_j = S_(j+1): where a leg's line meets the viewing plane of the next, and when."""
     normal = np.cross(rays[0], rays[-1])
     direction = _direction(leg)
