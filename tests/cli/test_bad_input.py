@@ -203,8 +203,8 @@ def test_a_camera_of_another_shape(run, lab_folder):
 def test_codes_said_to_run_the_other_way(run, lab_folder, tmp_path):
     recording = tmp_path / "reversed.h5"
     done = run(
-        "simulate", "--set", "detector.preset=pf32", "--set", "detector.skew_range_ps=0",
-        "-o", recording,
+        "simulate", "--set", "detector.preset=ideal", "--set", "detector.reversed_codes=true",
+        "--photons", 5000, "-o", recording,
     )  # fmt: skip
     assert done.exit_code == 0, done.stderr
     done = run(
