@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -22,6 +22,7 @@ from lightflight.timing.calibration import (
 from lightflight.timing.code_density import CodeDensityFit, pixel_flags
 from lightflight.timing.delay_scan import DelayScan, fit_scan
 from lightflight.timing.delays import FlatDelays, delays_from_flat, skews_near_median
+from lightflight.timing.flat_geometry import fit_tilt, tilt_ps
 
 Floats = NDArray[np.float64]
 
@@ -193,14 +194,12 @@ def with_flats(
     flats: Sequence[Histograms],
     arrivals_ps: Sequence[ArrayLike],
     *,
+    flat_pulse: Any,
     assumed_skew_std_ps: float,
     nominal_codes: bool,
 ) -> TimingCalibration:
     """The clock with the delays that flat recordings show, and what several say of its gains."""
-    seen_by = [
-        delays_from_flat(flat, timing=clock, flat_arrival_ps=arrival)
-        for flat, arrival in zip(flats, arrivals_ps, strict=True)
-    ]
+    seen_by = delays_of_flats(clock, flats, arrivals_ps, flat_pulse)
     if nominal_codes:
         clock = _with_misfit_of_flat(clock, float(np.mean([x.chi2_excess for x in seen_by])))
     scan = scan_of_flats(clock, flats, arrivals_ps, seen_by)
@@ -216,9 +215,10 @@ def with_flats(
     photons = [float(np.nanmedian(x.photons)) for x in seen_by]
     notes = [
         f"flat: {' + '.join(f'{n:.3g}' for n in photons)} photons per pixel, delays known to "
-        f"{np.median(std[seen]):.2f} ps, spread {spread:.1f} ps rms, pulse "
-        f"{np.nanmedian(response):.1f} ps (std)"
+        f"{np.median(std[seen]):.2f} ps, spread {spread:.1f} ps rms"
     ]
+    if np.isfinite(response).any():
+        notes.append(f"pulse of the flat: {np.nanmedian(response):.1f} ps (std)")
     if not seen.all():
         notes.append(f"{int((~seen).sum())} pixels show no pulse in the flat: the array's delay")
     clock = replace(
@@ -227,6 +227,40 @@ def with_flats(
         assumed_skew_std_ps=float(assumed_skew_std_ps), notes=(*clock.notes, *notes),
     )  # fmt: skip
     return _with_gains_of_scan(clock, scan) if len(flats) > 1 else clock
+
+
+def delays_of_flats(
+    clock: TimingCalibration,
+    flats: Sequence[Histograms],
+    arrivals_ps: Sequence[ArrayLike],
+    flat_pulse: Any,
+) -> list[FlatDelays]:
+    """Delays by each flat alone: a Gaussian pulse, or one of the shape `calibrate_timing` names."""
+    pairs = zip(flats, arrivals_ps, strict=True)
+    if isinstance(flat_pulse, str) and flat_pulse == "gaussian":
+        return [delays_from_flat(flat, timing=clock, flat_arrival_ps=at) for flat, at in pairs]
+    from lightflight.timing.shaped_flat import delays_from_shaped_flat
+
+    response = None if isinstance(flat_pulse, str) else flat_pulse
+    return [
+        delays_from_shaped_flat(flat, timing=clock, flat_arrival_ps=at, response=response)
+        for flat, at in pairs
+    ]
+
+
+def with_tilt(clock: TimingCalibration, flat_tilt_std_ps: float) -> TimingCalibration:
+    """The clock with a tilt of the flat's beam fitted, and what stays of it as shared errors."""
+    measured = np.isfinite(clock.anchor_delay_ps) & flags.is_usable(clock.flags)
+    tilt = fit_tilt(np.where(measured, clock.skew_ps, np.nan), flat_tilt_std_ps)
+    note = (
+        f"flat tilted from edge to edge by {tilt.across_ps[0]:.2f} +- {tilt.across_std_ps[0]:.2f}"
+        f" ps over the rows, {tilt.across_ps[1]:.2f} +- {tilt.across_std_ps[1]:.2f} ps over the "
+        "columns"
+    )
+    return replace(
+        clock, skew_ps=clock.skew_ps - tilt_ps(tilt, clock.shape), flat_modes_ps=tilt.modes_ps,
+        flat_mode_names=("flat tilt, rows", "flat tilt, columns"), notes=(*clock.notes, note),
+    )  # fmt: skip
 
 
 def scan_of_flats(
@@ -302,12 +336,10 @@ def with_dead_codes_of_scan(
     fit: CodeDensityFit,
     flats: Sequence[Histograms],
     arrivals_ps: Sequence[ArrayLike],
+    flat_pulse: Any,
 ) -> TimingCalibration:
     """The clock under the hypothesis of the dead codes that flats at known delays bear out."""
-    seen_by = [
-        delays_from_flat(flat, timing=clock, flat_arrival_ps=arrival)
-        for flat, arrival in zip(flats, arrivals_ps, strict=True)
-    ]
+    seen_by = delays_of_flats(clock, flats, arrivals_ps, flat_pulse)
     scan = scan_of_flats(clock, flats, arrivals_ps, seen_by)
     dead_codes = dead_codes_from_scan(clock, scan)
     if dead_codes is None:
@@ -382,15 +414,21 @@ def check_parts(
     flats: Sequence[Histograms],
     dark: Histograms | None,
     dead_codes: str | None,
-    assumed_skew_std_ps: float,
+    flat_pulse: Any,
+    stds: Mapping[str, float],
 ) -> None:
     """Raise for parts that are missing, of the wrong kind or of different cameras."""
     if code_density is None and not flats:
         raise ValueError("nothing to calibrate from: give code_density, flat, or both")
+    if isinstance(flat_pulse, str) and flat_pulse not in ("gaussian", "mean"):
+        raise ValueError(
+            f'flat_pulse must be "gaussian", "mean", or counts of a response, got {flat_pulse!r}'
+        )
     if dead_codes not in (None, "absorbed", "lost"):
         raise ValueError(f'dead_codes must be "absorbed", "lost" or None, got {dead_codes!r}')
-    if not (np.isfinite(assumed_skew_std_ps) and assumed_skew_std_ps >= 0):
-        raise ValueError(f"assumed_skew_std_ps must be >= 0, got {assumed_skew_std_ps}")
+    for name, std in stds.items():
+        if not (np.isfinite(std) and std >= 0):
+            raise ValueError(f"{name} must be finite and >= 0, got {std}")
     named = {"code_density": code_density, "dark": dark}
     named |= {f"flat {i + 1}" if len(flats) > 1 else "flat": x for i, x in enumerate(flats)}
     parts = {name: part for name, part in named.items() if part is not None}

@@ -458,6 +458,8 @@ def calibrate_timing(
     dead_codes: str | None = None,
     dark: Histograms | None = None,
     assumed_skew_std_ps: float = 0.0,
+    flat_tilt_std_ps: float = 0.0,
+    flat_pulse: str | ArrayLike = "gaussian",
 ) -> TimingCalibration:
     """The camera's clock from a code-density recording, a flat recording, or both.
 
@@ -480,6 +482,15 @@ def calibrate_timing(
         No light at all: finds screaming pixels.
     assumed_skew_std_ps : float
         Spread of delays to assume for pixels without a flat, ps.
+    flat_tilt_std_ps : float
+        How far the flat's beam may have been tilted, as arrival time from edge to edge of the
+        array, ps (a sensor 1.6 mm wide: 0.09 ps per degree). The tilt is then fitted; what stays
+        unknown of it is a shared error. A screen has no tilt: see `flat_arrival_from_screen_ps`.
+    flat_pulse : "gaussian", "mean", or (codes,)
+        Shape of the flat's pulse: a Gaussian of each pixel's own width; the array's own mean
+        pulse (fluorescence, tails); or the counts of the instrument's response, which is then
+        convolved with an exponential decay that is fitted. Delays are those of the pulse's
+        centre for "gaussian", of its onset (half height) for the others.
 
     Returns
     -------
@@ -497,19 +508,24 @@ def calibrate_timing(
     from lightflight.timing.code_density import fit_code_density
 
     flats, arrivals = _assemble.checked_flats(flat, flat_arrival_ps)
-    _assemble.check_parts(code_density, flats, dark, dead_codes, assumed_skew_std_ps)
+    stds = {"assumed_skew_std_ps": assumed_skew_std_ps, "flat_tilt_std_ps": flat_tilt_std_ps}
+    _assemble.check_parts(code_density, flats, dark, dead_codes, flat_pulse, stds)
     if code_density is not None:
         fit = fit_code_density(code_density)
         clock = _assemble.clock_from_code_density(code_density, fit, dead_codes=dead_codes)
         if dead_codes is None and len(flats) > 1:
-            clock = _assemble.with_dead_codes_of_scan(clock, code_density, fit, flats, arrivals)
+            clock = _assemble.with_dead_codes_of_scan(
+                clock, code_density, fit, flats, arrivals, flat_pulse
+            )
     else:
         clock = _assemble.clock_without_code_density(flats[0])
     if flats:
         clock = _assemble.with_flats(
-            clock, flats, arrivals, assumed_skew_std_ps=assumed_skew_std_ps,
+            clock, flats, arrivals, flat_pulse=flat_pulse, assumed_skew_std_ps=assumed_skew_std_ps,
             nominal_codes=code_density is None,
         )  # fmt: skip
+        if flat_tilt_std_ps > 0:
+            clock = _assemble.with_tilt(clock, flat_tilt_std_ps)
     else:
         clock = _assemble.with_assumed_delays(clock, assumed_skew_std_ps)
     return clock if dark is None else _assemble.with_dark(clock, dark)
