@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from lightflight.errors import (
     CalibrationError,
     GeometryError,
     NothingFoundError,
+    SuspectDataWarning,
     UncalibratedWarning,
 )
 from lightflight.flight import Medium, Source
@@ -37,6 +38,7 @@ from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 if TYPE_CHECKING:
     from lightflight.camera import Camera
     from lightflight.histogram import Histograms
+    from lightflight.timing.arrivals import Arrivals
 
 Floats = NDArray[np.float64]
 
@@ -110,11 +112,17 @@ def reconstruct(
 
         return paper_path(observations, setting, legs=legs)
     if legs is not None:
-        fit = fit_from_legs(observations, legs, setting, drop=n_legs is None)
+        try:
+            fit = fit_from_legs(observations, legs, setting, drop=n_legs is None)
+        except (GeometryError, NothingFoundError) as problem:
+            _ask_which_way(legs, observations[0], timing, problem)
+            raise
     else:
         fit = fit_joint(observations, _state_from_start(start, setting), setting, legs=None)
     if n_legs is None and start is None:
         fit = revised(observations, fit, setting)
+    if legs is not None and timing is None and fit.floor_ps > 0.2 * pulse_std_ps(observations):
+        _warn_of_scatter(fit.floor_ps, legs, observations[0])
     path = path_from_fit(
         fit,
         observations,
@@ -241,56 +249,108 @@ def earliest_arrival_ps(setting: Setting) -> float | None:
 def _legs_of_straight_light(
     observation: Observation, setting: Setting, n_legs: int | None
 ) -> tuple[ImageLeg, ...]:
-    """Legs in the picture; a clock that runs backwards is noticed here."""
+    """Legs in the picture; a clock that runs backwards is noticed here.
+
+    Straight light gives d^2 t_a / d psi^2 > 0 (half-angle law); a clock read backwards turns that
+    round. Where the legs found bend the wrong way beyond chance, or hardly any are found, the
+    search is made on the clock run backwards too, and the clearer picture decides.
+    """
     medium = setting.medium
     one_medium = abs(medium.path_group_index / medium.return_group_index - 1) < 0.02
     earliest = earliest_arrival_ps(setting)
 
-    def search(convex: bool) -> tuple[ImageLeg, ...]:
+    def search(arrivals: Arrivals) -> tuple[ImageLeg, ...]:
         return find_legs(
-            observation.arrivals,
+            arrivals,
             camera=setting.camera,
             n_legs=n_legs,
-            earliest_ps=earliest,
-            convex=convex,
+            earliest_ps=None if arrivals.laser_period_ps is None else earliest,
+            convex=one_medium,
             computed_cube=not observation.histograms.poisson,
         )
 
     if not one_medium:
-        return search(False)
+        return search(observation.arrivals)
     try:
-        legs = search(True)
+        legs = search(observation.arrivals)
     except NothingFoundError:
-        check_clock_direction(search(False), observation)
+        _refuse_if_clearer_backwards((), observation, search)
         raise
-    if sum(leg.n_pixels for leg in legs) < 0.5 * observation.arrivals.shape[1]:
-        check_clock_direction(search(False), observation)
-    check_clock_direction(legs, observation)
+    if bend_significance(legs, observation) < -6.0:
+        _refuse_if_clearer_backwards(legs, observation, search)
     return legs
 
 
-def check_clock_direction(legs: tuple[ImageLeg, ...], observation: Observation) -> None:
-    """Refuse a recording whose arrival curves bend the wrong way.
-
-    Straight light gives d^2 t_a / d psi^2 > 0 (half-angle law); a clock read backwards turns that
-    round. Only a bend beyond chance (six standard errors over all legs) is held against it.
-    """
-    total, variance, forward = 0.0, 0.0, False
-    for leg in legs:
-        bend, std = _bend_of_leg(leg, observation)
-        if np.isfinite(std) and std > 0:
-            total += bend / std**2
-            variance += 1 / std**2
-            forward |= bend > 4.0 * std
-    if variance == 0 or forward:
+def _refuse_if_clearer_backwards(
+    legs: tuple[ImageLeg, ...],
+    observation: Observation,
+    search: Callable[[Arrivals], tuple[ImageLeg, ...]],
+) -> None:
+    """Raise CalibrationError where the clock run backwards shows longer legs, bent the right way."""
+    backwards = replace(
+        observation.arrivals, arrival_ps=-observation.arrival_ps, laser_period_ps=None
+    )
+    try:
+        mirrored = search(backwards)
+    except NothingFoundError:
         return
-    significance = total / np.sqrt(variance)
-    if significance < -6.0:
+
+    def clarity(found: tuple[ImageLeg, ...]) -> float:
+        return float(sum(leg.n_pixels**2 for leg in found))
+
+    turned = replace(observation, arrivals=backwards, arrival_ps=backwards.arrival_ps)
+    if clarity(mirrored) > clarity(legs) and bend_significance(mirrored, turned) > 3.0:
         now = observation.histograms.reversed_codes
         raise CalibrationError(
             "the arrival times bend the wrong way for straight light, so the codes run backwards: "
             f"read the recording with reversed_codes={not now} (it says {now})"
         )
+
+
+def _ask_which_way(
+    legs: tuple[ImageLeg, ...],
+    observation: Observation,
+    timing: TimingCalibration | None,
+    problem: Exception,
+) -> None:
+    """Where no path fits on a clock nobody calibrated and its direction does not show, ask."""
+    if timing is not None or bend_significance(legs, observation) > 6.0:
+        return
+    now = observation.histograms.reversed_codes
+    raise CalibrationError(
+        "no path fits these arrival times, and without a calibration they do not show which way "
+        f"the codes run: give timing=, or try reversed_codes={not now} (the recording says {now})"
+    ) from problem
+
+
+def _warn_of_scatter(
+    floor_ps: float, legs: tuple[ImageLeg, ...], observation: Observation
+) -> None:
+    """Say that an uncalibrated clock ruins the times, and that its direction may be wrong too."""
+    now = observation.histograms.reversed_codes
+    either_way = bend_significance(legs, observation) < 6.0
+    doubt = (
+        f", and do not show which way the codes run (the recording says reversed_codes={now}; if in "
+        f"doubt try reversed_codes={not now})"
+        if either_way
+        else ""
+    )
+    warnings.warn(
+        f"the times scatter by {floor_ps:.0f} ps about the path: calibrate the clock{doubt}",
+        SuspectDataWarning,
+        stacklevel=3,
+    )
+
+
+def bend_significance(legs: tuple[ImageLeg, ...], observation: Observation) -> float:
+    """Mean bend of the legs' arrival curves in standard errors; negative: the wrong way."""
+    total, variance = 0.0, 0.0
+    for leg in legs:
+        bend, std = _bend_of_leg(leg, observation)
+        if np.isfinite(std) and std > 0:
+            total += bend / std**2
+            variance += 1 / std**2
+    return total / np.sqrt(variance) if variance > 0 else 0.0
 
 
 def _bend_of_leg(leg: ImageLeg, observation: Observation) -> tuple[float, float]:
