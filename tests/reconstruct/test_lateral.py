@@ -1,0 +1,182 @@
+"""Lines between the pixels: recovered without bias, with errors that are true.
+
+The counts are drawn here from strength(along) exp(-across^2 / 2 spot^2), independently of the
+twin; pixels lie on a grid that the line crosses at an angle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lightflight.reconstruct.lateral import KNOT_SPACING_PX, LineData, LineFit, fit_lines
+
+LENGTH_PX = 30.0
+
+
+def even(along):
+    return np.full_like(along, 400.0)
+
+
+def uneven(along):
+    """Dust and fringes: up to 30 % per pixel."""
+    return 400.0 * np.exp(0.8 * np.sin(2 * np.pi * along / 9.0) + 0.02 * along)
+
+
+def pixels_about_a_line(tilt: float = 0.13, shift: float = 0.31, reach: float = 3.2):
+    """(along, across) of the pixels within reach of a line through a pixel grid."""
+    cols, rows = np.meshgrid(np.arange(-18, 19), np.arange(-18, 19))
+    x, y = cols.ravel() - 0.0, rows.ravel() - shift
+    along = x * np.cos(tilt) + y * np.sin(tilt)
+    across = y * np.cos(tilt) - x * np.sin(tilt)
+    near = (np.abs(along) < LENGTH_PX / 2) & (np.abs(across) < reach)
+    return along[near], across[near]
+
+
+def drawn_line(
+    rng, *, strength=even, spot=0.4, start=0.0, end=0.0, noise_variance=0.0, tilt=0.13
+) -> LineData:
+    """Counts about a line that starts `start` px to the right of the assumed one, ends `end`."""
+    along, across = pixels_about_a_line(tilt)
+    share = (along + LENGTH_PX / 2) / LENGTH_PX
+    true = (1 - share) * start + share * end
+    mean = strength(along) * np.exp(-0.5 * ((across - true) / spot) ** 2)
+    photons = rng.poisson(mean) + np.sqrt(noise_variance) * rng.normal(size=len(mean))
+    return LineData(along, across, photons, np.full(len(mean), noise_variance))
+
+
+def true_offset(fit: LineFit, start: float, end: float) -> np.ndarray:
+    share = (fit.anchors_along_px + LENGTH_PX / 2) / LENGTH_PX
+    return np.asarray((1 - share) * start + share * end)
+
+
+class TestRecovery:
+    """200 lines each: a pull's mean scatters by 0.05 and its width by 3.5 % (400 numbers).
+
+    Five such widths off is a chance of 6e-7 per number; bounds are 0.25 and 0.82 ... 1.18.
+    """
+
+    RUNS = 200
+
+    @pytest.mark.parametrize("strength", [even, uneven])
+    @pytest.mark.parametrize(("start", "end"), [(0.0, 0.0), (0.7, -0.9)])
+    def test_offsets_have_true_errors(self, rng, strength, start, end):
+        pulls, stds = [], []
+        for _ in range(self.RUNS):
+            data = drawn_line(rng, strength=strength, start=start, end=end)
+            (fit,) = fit_lines([data])
+            error = fit.offset_px - true_offset(fit, start, end)
+            std = np.sqrt(np.diag(fit.offset_covariance))
+            pulls.append(error / std)
+            stds.append(std)
+        assert np.abs(np.mean(pulls)) < 0.25
+        assert 0.82 < np.std(pulls) < 1.18
+        # 30 px of 1 photon-width: a tenth of a pixel is far beyond; some thousandths are due.
+        assert 1e-3 < np.mean(stds) < 1.5e-2
+
+    def test_the_joint_covariance_is_true_too(self, rng):
+        """Squared distance of both offsets: mean 2, scatter 2 / sqrt(200); five of these."""
+        squared = []
+        for _ in range(self.RUNS):
+            (fit,) = fit_lines([drawn_line(rng, strength=uneven)])
+            squared.append(fit.offset_px @ np.linalg.solve(fit.offset_covariance, fit.offset_px))
+        assert np.mean(squared) == pytest.approx(2.0, abs=0.7)
+
+    def test_dim_lines_on_a_noisy_ground(self, rng):
+        def dim(along):
+            return np.full_like(along, 12.0)
+
+        pulls = []
+        for _ in range(self.RUNS):
+            data = drawn_line(rng, strength=dim, start=0.3, end=0.3, noise_variance=4.0)
+            (fit,) = fit_lines([data])
+            error = fit.offset_px - true_offset(fit, 0.3, 0.3)
+            pulls.append(error / np.sqrt(np.diag(fit.offset_covariance)))
+        assert np.abs(np.mean(pulls)) < 0.25
+        assert 0.82 < np.std(pulls) < 1.18
+
+    @pytest.mark.parametrize("spot", [0.25, 0.4, 0.9])
+    def test_spot_comes_back(self, rng, spot):
+        found = [fit_lines([drawn_line(rng, spot=spot)])[0].spot_std_px for _ in range(10)]
+        assert np.mean(found) == pytest.approx(spot, rel=0.02)
+
+    def test_strength_comes_back(self, rng):
+        (fit,) = fit_lines([drawn_line(rng, strength=lambda s: 100 * uneven(s))])
+        inner = np.linspace(-11, 11, 100)
+        found = fit.spline(inner)
+        assert np.abs(found - np.log(100 * uneven(inner))).max() < 0.06
+        slope = np.gradient(np.log(uneven(inner)), inner)
+        # A spline of one knot per three pixels follows a fringe of nine to a twentieth per pixel.
+        assert np.abs(fit.log_slope(inner) - slope)[3:-3].max() < 0.12
+
+
+class TestSeveralLines:
+    def test_one_spot_for_all(self, rng):
+        data = [drawn_line(rng, start=s, tilt=t) for s, t in ((0.0, 0.1), (0.4, -0.3), (0.2, 0.8))]
+        fits = fit_lines(data)
+        assert len({fit.spot_std_px for fit in fits}) == 1
+        for fit, start in zip(fits, (0.0, 0.4, 0.2), strict=True):
+            assert np.abs(fit.offset_px - true_offset(fit, start, 0.0)).max() < 0.06
+
+    def test_a_bright_line_lends_its_spot_to_a_dim_one(self, rng):
+        """A line along a row shows one row only; the spot it cannot see comes from the other."""
+        bright = drawn_line(rng, strength=lambda s: 50 * even(s))
+        dim = drawn_line(rng, strength=lambda s: even(s) / 20, start=0.3, end=0.3)
+        alone, together = fit_lines([dim])[0], fit_lines([bright, dim])[1]
+        assert together.spot_std_px == pytest.approx(0.4, rel=0.01)
+        assert together.offset_covariance.trace() <= 1.05 * alone.offset_covariance.trace()
+
+
+class TestTrouble:
+    def test_hot_pixels_are_left_out(self, rng):
+        data = drawn_line(rng, start=0.2, end=0.2)
+        photons = data.photons.copy()
+        photons[rng.choice(len(photons), 4, replace=False)] += 3000.0
+        spoiled = LineData(data.along_px, data.across_px, photons, data.empty_variance)
+        (fit,) = fit_lines([spoiled])
+        assert np.abs(fit.offset_px - true_offset(fit, 0.2, 0.2)).max() < 0.05
+
+    def test_a_wrong_model_widens_the_errors(self, rng):
+        """A ragged line (0.15 px from pixel to pixel): the scatter shows, and the errors grow."""
+        along, across = pixels_about_a_line()
+        ragged = across - 0.15 * rng.normal(size=len(across))
+        photons = rng.poisson(even(along) * np.exp(-0.5 * (ragged / 0.4) ** 2))
+        (fit,) = fit_lines([LineData(along, across, photons, np.zeros(len(along)))])
+        (clean,) = fit_lines([drawn_line(rng)])
+        assert fit.excess_variance > 3.0
+        assert clean.excess_variance < 1.5
+        assert fit.offset_covariance.trace() > 3.0 * clean.offset_covariance.trace()
+
+    def test_a_kink_is_noticed_and_where(self, rng):
+        along, across = pixels_about_a_line()
+        bent = np.where(along > 3.0, 0.08 * (along - 3.0), 0.0)
+        photons = rng.poisson(even(along) * np.exp(-0.5 * ((across - bent) / 0.4) ** 2))
+        (fit,) = fit_lines([LineData(along, across, photons, np.zeros(len(along)))])
+        assert fit.bend_chi2 > 50.0
+        assert fit.bend_places_px[np.argmax(fit.bend_chi2_at)] == pytest.approx(3.0, abs=2.1)
+
+    def test_a_straight_line_has_no_kink(self, rng):
+        """40 lines, some 25 places each: a score of 36 (six sigma) has odds of 2e-6 in all."""
+        worst = max(fit_lines([drawn_line(rng, strength=uneven)])[0].bend_chi2 for _ in range(40))
+        assert worst < 36.0
+
+    def test_darkness_gives_a_poor_line_not_a_crash(self, rng):
+        dark = drawn_line(rng, strength=lambda s: np.zeros_like(s), noise_variance=1.0)
+        (fit,) = fit_lines([dark])
+        assert np.isfinite(fit.offset_px).all()
+        assert np.sqrt(np.diag(fit.offset_covariance)).min() > 0.1
+
+    def test_a_line_of_four_pixels(self, rng):
+        data = drawn_line(rng, start=0.1, end=0.1)
+        few = np.abs(data.along_px) < 2
+        cut = LineData(
+            data.along_px[few], data.across_px[few], data.photons[few], data.empty_variance[few]
+        )
+        (fit,) = fit_lines([cut])
+        assert np.abs(fit.offset_px - 0.1).max() < 0.15
+        assert len(fit.spline.c) >= 4
+
+    def test_slope_is_zero_beyond_the_light(self, rng):
+        (fit,) = fit_lines([drawn_line(rng, strength=uneven)])
+        np.testing.assert_array_equal(fit.log_slope(np.array([-40.0, 40.0])), 0.0)
+        assert KNOT_SPACING_PX == 3.0
