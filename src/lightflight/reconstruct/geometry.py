@@ -90,7 +90,7 @@ def nearest_fractions(
     offset = camera.center_mm - start
     offset = offset - np.sum(rays * offset, axis=1)[:, np.newaxis] * rays
     size = np.maximum(np.sum(across**2, axis=1), 1e-12)
-    fraction = np.sum(across * offset, axis=1) / size
+    fraction: Floats = np.sum(across * offset, axis=1) / size
     pixels = np.column_stack((rows, cols))
     for _ in range(4):
         points = start + fraction[:, np.newaxis] * step
@@ -139,9 +139,7 @@ def arrival_jacobian(
     return print_, jacobian
 
 
-def overshoots(
-    state: PathState, print_: Footprint, *, camera: Camera
-) -> tuple[Floats, Floats]:
+def overshoots(state: PathState, print_: Footprint, *, camera: Camera) -> tuple[Floats, Floats]:
     """How far pixels lie beyond the corners of their own leg, and the derivative.
 
     A leg ends at its corner, so light that belongs to it lies before: (n,) px, 0 for every pixel
@@ -155,14 +153,15 @@ def overshoots(
     jacobian = np.zeros((len(f), 3 * len(state.vertices_mm) + 1))
     if len(out):
         legs = print_.leg[out]
-        start = state.vertices_mm[legs]
-        step = state.vertices_mm[legs + 1] - start
-        projection = np.nan_to_num(camera.pixel_jacobian(start + f[out, np.newaxis] * step))
+        # The pixel stays, so only the corner that it lies beyond matters, not the leg's other end.
+        corner = np.where(f[out] > 1, legs + 1, legs)
+        step = state.vertices_mm[legs + 1] - state.vertices_mm[legs]
+        projection = np.nan_to_num(camera.pixel_jacobian(state.vertices_mm[corner]))
         speed = np.einsum("nij,nj->ni", projection, step)
-        slide = np.einsum("nij,ni->nj", projection, speed) / print_.px_per_leg[out, np.newaxis]
+        size = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
+        slide = np.einsum("nij,ni->nj", projection, speed) / size[:, np.newaxis]
         rows = np.zeros((len(out), jacobian.shape[1]))
-        _add_vertex(rows, legs, -(1 - f[out])[:, np.newaxis] * slide)
-        _add_vertex(rows, legs + 1, -f[out][:, np.newaxis] * slide)
+        _add_vertex(rows, corner, -slide)
         jacobian[out] = rows
     return beyond * print_.px_per_leg, jacobian
 
@@ -288,9 +287,7 @@ def line_offsets(
     value = np.sum(normal * points, axis=1)
     offset = focal_px * value / size
     flat = np.column_stack((normal[:, 0], normal[:, 1], np.zeros(len(legs))))
-    by_normal = focal_px * (
-        points / size[:, np.newaxis] - (value / size**3)[:, np.newaxis] * flat
-    )
+    by_normal = focal_px * (points / size[:, np.newaxis] - (value / size**3)[:, np.newaxis] * flat)
     # d(a x b).g = da.(b x g) + db.(g x a), then back from camera axes to world axes.
     by_start = np.cross(b, by_normal) @ rotation.T
     by_end = np.cross(by_normal, a) @ rotation.T
