@@ -59,7 +59,7 @@ def calibration(scene: lf.Scene, *, seed: int) -> lf.TimingCalibration:
 
 
 def pull_of_path(path: lf.LightPath, scene: lf.Scene) -> float:
-    """rms distance of the position in view from the truth, in stated errors."""
+    """Return the rms distance of the position in view from the truth, in stated errors."""
     times = np.linspace(path.vertex_times_ps[0], path.vertex_times_ps[-1], 40)[1:-1]
     truth = lf.LightPath.position_at(_true_path(path, scene), times)
     offset = path.position_at(times) - truth
@@ -91,7 +91,9 @@ def three_legs(runs: int, photons: float, methods: tuple[str, ...]) -> None:
     scene = paper_scene(detector=detector)
     timing = calibration(scene, seed=100)
     print(f"\nThree legs, {photons:g} photons in the brightest pixel, {runs} recordings")
-    print(f"{'prior':38s} {'estimator':9s} {'mm':>8s} {'ps':>8s} {'bound mm':>9s} {'ratio':>6s} pull")
+    print(
+        f"{'prior':38s} {'estimator':9s} {'mm':>8s} {'ps':>8s} {'bound mm':>9s} {'ratio':>6s} pull"
+    )
     for prior in (KNOWN, EMISSION_FITTED, RULER, BLIND):
         source = prior.source(scene)
         bound = lf.bounds(scene, source=source, photons_per_pixel=photons)

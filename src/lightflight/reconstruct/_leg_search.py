@@ -73,7 +73,7 @@ def fitted_times(s: Floats, times: Floats, errors: Floats) -> Floats:
     design = polynomial.polyvander(s / scale, degree)
     weight = 1.0 / np.maximum(errors, np.median(errors) * 0.1 + 1e-12)
     keep = np.ones(len(s), dtype=bool)
-    coefficients = np.zeros(degree + 1)
+    coefficients: Floats = np.zeros(degree + 1)
     for _ in range(4):
         rows = design[keep] * weight[keep, np.newaxis]
         coefficients = np.linalg.lstsq(rows, times[keep] * weight[keep], rcond=None)[0]

@@ -182,7 +182,8 @@ def _checked_call(
         )
     if exclude_mask is not None and np.shape(exclude_mask) != tuple(camera.shape):
         raise ValueError(
-            f"exclude_mask must have the camera's shape {camera.shape}, got {np.shape(exclude_mask)}"
+            f"exclude_mask must have the camera's shape {camera.shape}, got "
+            f"{np.shape(exclude_mask)}"
         )
     if source.position_mm is not None:
         gap = np.linalg.norm(np.asarray(source.position_mm, dtype=float) - camera.center_mm)
@@ -286,7 +287,7 @@ def _refuse_if_clearer_backwards(
     observation: Observation,
     search: Callable[[Arrivals], tuple[ImageLeg, ...]],
 ) -> None:
-    """Raise CalibrationError where the clock run backwards shows longer legs, bent the right way."""
+    """Raise CalibrationError where the clock run backwards shows longer legs, rightly bent."""
     backwards = replace(
         observation.arrivals, arrival_ps=-observation.arrival_ps, laser_period_ps=None
     )
@@ -323,15 +324,13 @@ def _ask_which_way(
     ) from problem
 
 
-def _warn_of_scatter(
-    floor_ps: float, legs: tuple[ImageLeg, ...], observation: Observation
-) -> None:
+def _warn_of_scatter(floor_ps: float, legs: tuple[ImageLeg, ...], observation: Observation) -> None:
     """Say that an uncalibrated clock ruins the times, and that its direction may be wrong too."""
     now = observation.histograms.reversed_codes
     either_way = bend_significance(legs, observation) < 6.0
     doubt = (
-        f", and do not show which way the codes run (the recording says reversed_codes={now}; if in "
-        f"doubt try reversed_codes={not now})"
+        f", and do not show which way the codes run (the recording says reversed_codes={now}; if "
+        f"in doubt try reversed_codes={not now})"
         if either_way
         else ""
     )
@@ -388,9 +387,7 @@ def _bend_of_leg(leg: ImageLeg, observation: Observation) -> tuple[float, float]
 
 def _state_from_start(start: Any, setting: Setting) -> PathState:
     if hasattr(start, "vertices_mm"):
-        return PathState(
-            np.array(start.vertices_mm, dtype=float), float(start.vertex_times_ps[0])
-        )
+        return PathState(np.array(start.vertices_mm, dtype=float), float(start.vertex_times_ps[0]))
     vertices = np.asarray(start, dtype=float)
     if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 2:
         raise ValueError(

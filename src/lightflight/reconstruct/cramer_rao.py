@@ -328,7 +328,7 @@ def _log_strength(
         cols=np.asarray(col, dtype=float),
     )
     length = float(np.linalg.norm(state.vertices_mm[k + 1] - state.vertices_mm[k]))
-    value = np.log(length / print_.px_per_leg) - 2 * np.log(print_.distance_mm)
+    value: Floats = np.log(length / print_.px_per_leg) - 2 * np.log(print_.distance_mm)
     if conditions.strength is not None:
         skipped = float(np.linalg.norm(state.vertices_mm[k] - whole.vertices_mm[k]))
         along = starts[k] + skipped + np.clip(print_.fraction, 0, 1) * length

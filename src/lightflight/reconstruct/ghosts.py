@@ -51,9 +51,12 @@ def overshone(points: Floats, times: Floats, photons: Floats, std_ps: float) -> 
     return ghost
 
 
-def on_border(row: NDArray[np.int32], col: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """True for the two outermost rows and columns, where a computed cube piles up what it cannot place."""
-    edge = np.minimum(
+def on_border(
+    row: NDArray[np.int32], col: NDArray[np.int32], shape: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """True for the two outermost rows and columns; a computed cube piles up there what is left."""
+    edge: NDArray[np.int32] = np.minimum(
         np.minimum(row, shape[0] - 1 - row), np.minimum(col, shape[1] - 1 - col)
     )
-    return edge < 2
+    outermost: NDArray[np.bool_] = edge < 2
+    return outermost

@@ -142,9 +142,7 @@ def fit_joint(
     for _ in range(_PASSES):
         state, ends = with_ends(state, observations, setting, std)
         pictures = tuple(
-            measure_picture(
-                state, o, camera=setting.camera, medium=setting.medium, std_ps=std
-            )
+            measure_picture(state, o, camera=setting.camera, medium=setting.medium, std_ps=std)
             for o in observations
         )
         parts = [
@@ -172,6 +170,7 @@ def fit_joint(
 
 
 def freedom_at(state: PathState, setting: Setting, ends: Ends | None = None) -> Freedom:
+    """Freedom of a path in a setting; `ends` None: its ends move across their own legs."""
     camera, vertices = setting.camera, state.vertices_mm
     if ends is None:
         ends = Ends(
@@ -325,7 +324,8 @@ def with_ends(
         entry = _visible_end(state, 0, observations, setting, std, outwards=-1.0)
         if entry is not None:
             direction = vertices[1] - vertices[0]
-            moved = float((entry.position_mm - vertices[0]) @ direction) / np.linalg.norm(direction)
+            length = float(np.linalg.norm(direction))
+            moved = float((entry.position_mm - vertices[0]) @ direction) / length
             vertices[0] = entry.position_mm
             start_time += moved * setting.medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
     ends = Ends(
@@ -348,9 +348,7 @@ def _visible_end(
     camera = setting.camera
     start, stop = state.vertices_mm[leg], state.vertices_mm[leg + 1]
     direction = (stop - start) / np.linalg.norm(stop - start)
-    seen = [
-        _footprints_of_pulses(o, state, setting, leg, std) for o in observations
-    ]
+    seen = [_footprints_of_pulses(o, state, setting, leg, std) for o in observations]
     fraction = np.concatenate([s[0] for s in seen])
     photons = np.concatenate([s[1] for s in seen])
     if not len(fraction):
@@ -360,7 +358,9 @@ def _visible_end(
     if not bool(camera.sees(inside)):
         inside = start + np.median(fraction) * (stop - start)
     edge = view_end(camera, inside, outwards * direction)
-    places = np.column_stack(camera.pixels_from_points(start + fraction[:, np.newaxis] * (stop - start)))
+    places = np.column_stack(
+        camera.pixels_from_points(start + fraction[:, np.newaxis] * (stop - start))
+    )
     tip = places[extreme]
     away = np.hypot(*(places - tip).T)
     sharp = np.median(photons[away < 4.0]) > 50.0 and len(np.unique(np.rint(away[away < 6.0]))) >= 5
@@ -480,7 +480,8 @@ def _clear_of_corners(
     if members is None:
         return clear
     beyond = ~_on_leg(print_, leg, state, margin_px=_CORNER_PX)
-    return clear | (beyond & (members == leg))
+    clear |= beyond & (members == leg)
+    return clear
 
 
 def _blended_pulses(

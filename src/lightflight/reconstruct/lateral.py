@@ -171,7 +171,7 @@ def _first_guess(problem: _Problem) -> Floats:
 
 
 def _model(problem: _Problem, parameters: Floats, k: int) -> tuple[Floats, Floats]:
-    """Expected photons of leg k's pixels (n,) and d ln(expected) / d(parameters of the leg, spot)."""
+    """Expected photons of leg k's pixels (n,), d ln(expected) / d(parameters of leg and spot)."""
     start, stop = problem.starts[k], problem.starts[k + 1]
     own = parameters[start:stop]
     basis, lever = problem.basis[k], problem.lever[k]
@@ -197,9 +197,7 @@ def _step_and_deviance(
         score[own] += gradient.T @ (weight * (d.photons - mean))
         shifted = np.maximum(d.photons + d.empty_variance, 0.0)
         ratio = np.where(shifted > 0, shifted / variance, 1.0)
-        deviance += float(
-            2 * np.sum(weights[k] * (shifted * np.log(ratio) - (shifted - variance)))
-        )
+        deviance += float(2 * np.sum(weights[k] * (shifted * np.log(ratio) - (shifted - variance))))
     mean_prior, width_prior = _SPOT_PRIOR
     information[-1, -1] += 1 / width_prior**2
     score[-1] -= (parameters[-1] - mean_prior) / width_prior**2
@@ -283,7 +281,8 @@ def _bends(
     variance = mean + d.empty_variance + 1e-3
     weight = weights[k] * mean / variance
     spot = np.exp(parameters[-1])
-    u = (d.across_px - problem.lever[k] @ parameters[problem.starts[k + 1] - 2 : problem.starts[k + 1]]) / spot
+    offsets = parameters[problem.starts[k + 1] - 2 : problem.starts[k + 1]]
+    u = (d.across_px - problem.lever[k] @ offsets) / spot
     chi2 = np.zeros(len(places))
     for i, place in enumerate(places):
         kink = u / spot * np.maximum(d.along_px - place, 0.0)
@@ -293,7 +292,9 @@ def _bends(
         chi2[i] = score**2 / information if information > 1e-12 else 0.0
     scaled = (d.photons - mean)[weights[k] > 0] ** 2 / variance[weights[k] > 0]
     # Judged against the scatter that is there: a bend itself adds to it, so by the median.
-    spread = max(1.0, float(np.median(scaled[variance[weights[k] > 0] > 0.5])) / 0.4549) if len(
-        scaled
-    ) else 1.0
+    spread = (
+        max(1.0, float(np.median(scaled[variance[weights[k] > 0] > 0.5])) / 0.4549)
+        if len(scaled)
+        else 1.0
+    )
     return places, chi2 / spread

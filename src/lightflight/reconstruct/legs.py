@@ -70,7 +70,7 @@ class ImageLeg:
         return points
 
     def arrival_ps(self, s: ArrayLike) -> Floats:
-        """Arrival time at distances `s` along the leg; (...), ps (codes where no scale is known)."""
+        """Arrival time at distances `s` along the leg; (...), ps (codes without a scale)."""
         return np.polynomial.polynomial.polyval(np.asarray(s, dtype=float), self.time_coefficients)
 
     @property

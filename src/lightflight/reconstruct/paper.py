@@ -15,6 +15,7 @@ s = c t_a / n, which needs the time of entry as `emission_time_ps`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -253,7 +254,7 @@ def _start(seen: Projection, setting: Setting) -> tuple[Floats, float | None]:
         return np.asarray(source.position_mm, dtype=float), source.emission_time_ps
     if source.emission_time_ps is None:
         raise GeometryError(
-            "method='paper' starts from a known source, or from the entry pixel with s = c t_a / n, "
+            "method='paper' starts from a known source, or from the entry pixel with s = c t_a / n "
             "which needs the time of entry: give position_mm or emission_time_ps of the source"
         )
     flight = seen.arrival_ps[0] - source.emission_time_ps
@@ -264,7 +265,13 @@ def _start(seen: Projection, setting: Setting) -> tuple[Floats, float | None]:
     return camera.center_mm + distance * ray, source.emission_time_ps
 
 
-def _agreeing_time(seen, start, camera, medium, angles_at):  # type: ignore[no-untyped-def]
+def _agreeing_time(
+    seen: Projection,
+    start: Floats,
+    camera: Camera,
+    medium: Medium,
+    angles_at: Callable[[float], Floats],
+) -> float:
     """Start time for which the alpha_i of the first leg scatter least, ps."""
     latest = float(
         seen.arrival_ps.min()
@@ -301,7 +308,7 @@ def _corner(leg: PlaneLeg, rays: Floats, camera: Camera, medium: Medium) -> tupl
     approach = float(direction @ normal)
     if abs(approach) < 1e-9 * float(np.linalg.norm(normal)):
         raise GeometryError(
-            "two legs lie in one viewing plane, so the paper's chain cannot tell where the one ends "
+            "two legs lie in one viewing plane, so the paper's chain cannot tell where one ends "
             "and the other starts: try method='joint'"
         )
     length = float((camera.center_mm - leg.start_mm) @ normal) / approach

@@ -183,9 +183,7 @@ def _pixels_with_strangers(
     return strange
 
 
-def _priors(
-    freedom: Freedom, layout: Layout, light: Light
-) -> tuple[Floats, Floats]:
+def _priors(freedom: Freedom, layout: Layout, light: Light) -> tuple[Floats, Floats]:
     """Information of the shared priors, and of the weak holds on brightness and spot; (P, P)."""
     prior, hold = np.zeros((layout.size, layout.size)), np.zeros((layout.size, layout.size))
     rows = freedom.prior_rows @ freedom.basis
@@ -283,9 +281,7 @@ def climb(
             damping = damping * 10
             if damping > 1e10:
                 break
-    return Climb(
-        state, light, modes, freedom, layout, pixels, local, found, prior, hold, converged
-    )
+    return Climb(state, light, modes, freedom, layout, pixels, local, found, prior, hold, converged)
 
 
 def _background_start(codes: CodeCounts) -> Floats:
@@ -296,7 +292,8 @@ def _background_start(codes: CodeCounts) -> Floats:
     low = np.nanquantile(rate, 0.9, axis=1)
     quiet = np.where(rate <= low[:, np.newaxis] + 1e-30, codes.counts, 0.0).sum(axis=1)
     span = np.where(rate <= low[:, np.newaxis] + 1e-30, width, 0.0).sum(axis=1)
-    return (quiet + 0.5) / np.maximum(span, 1e-9)
+    start: Floats = (quiet + 0.5) / np.maximum(span, 1e-9)
+    return start
 
 
 def photon_path(
@@ -344,9 +341,10 @@ def _path_from_climb(ended: Climb, setting: Setting, rough: LightPath) -> LightP
     scale = 1.0 / np.sqrt(np.diag(total) + 1e-30)
     inverse = np.linalg.pinv(total * scale[:, np.newaxis] * scale, rcond=1e-13, hermitian=True)
     covariance = inverse * scale[:, np.newaxis] * scale
-    by_delay = ended.result.nuisance_gain[:, 1] / np.sqrt(
-        np.maximum(ended.pixels.pixel_var, 1e-12)
-    )[:, np.newaxis]
+    by_delay = (
+        ended.result.nuisance_gain[:, 1]
+        / np.sqrt(np.maximum(ended.pixels.pixel_var, 1e-12))[:, np.newaxis]
+    )
     to_vertices = (
         vertex_time_jacobian(ended.state.vertices_mm, setting.medium) @ ended.freedom.basis
     )
@@ -385,9 +383,7 @@ def _path_from_climb(ended: Climb, setting: Setting, rough: LightPath) -> LightP
     )
 
 
-def _updated_residuals(
-    rough: LightPath, ended: Climb, setting: Setting
-) -> NDArray[np.void]:
+def _updated_residuals(rough: LightPath, ended: Climb, setting: Setting) -> NDArray[np.void]:
     """The pulses' residuals about the refined path."""
     table = rough.residuals.copy()
     legs = table["leg"].astype(np.int64)
@@ -399,7 +395,8 @@ def _updated_residuals(
         rows=table["row"].astype(float),
         cols=table["col"].astype(float),
     )
-    at_pixel = {(int(r), int(c)): i for i, (r, c) in enumerate(zip(ended.pixels.rows, ended.pixels.cols, strict=True))}
+    pixels = zip(ended.pixels.rows, ended.pixels.cols, strict=True)
+    at_pixel = {(int(row), int(col)): i for i, (row, col) in enumerate(pixels)}
     model = print_.arrival_ps.copy()
     for i, (row, col, leg) in enumerate(zip(table["row"], table["col"], legs, strict=True)):
         place = at_pixel.get((int(row), int(col)))
@@ -410,4 +407,3 @@ def _updated_residuals(
     times = ended.state.vertex_times_ps(setting.medium)
     table["event_time_ps"] = times[legs] + print_.fraction * np.diff(times)[legs]
     return table
-

@@ -145,9 +145,7 @@ def measure_picture(
                 "too few to say where it runs: give a smaller n_legs or another start"
             )
         data.append(
-            LineData(
-                pixels.along[use, k], pixels.across[use, k], photons[use, k], empty[use, k]
-            )
+            LineData(pixels.along[use, k], pixels.across[use, k], photons[use, k], empty[use, k])
         )
     fits = fit_lines(data)
     return Picture(legs, tuple(fits), fits[0].spot_std_px)
@@ -237,5 +235,5 @@ def arrival_curvature(
         bend = ((values[2] - values[1]) / after - (values[1] - values[0]) / before) / (
             0.5 * (before + after)
         )
-    return np.nan_to_num(bend, nan=0.0, posinf=0.0, neginf=0.0)
-
+    finite: Floats = np.nan_to_num(bend, nan=0.0, posinf=0.0, neginf=0.0)
+    return finite

@@ -81,9 +81,7 @@ def fit_from_legs(
     raise first_problem
 
 
-def revised(
-    observations: list[Observation], fit: JointFit, setting: Setting
-) -> JointFit:
+def revised(observations: list[Observation], fit: JointFit, setting: Setting) -> JointFit:
     """The fit with as many legs as the data ask for: merged and split until nothing changes."""
     for _ in range(_MOST_ROUNDS):
         changed = (
@@ -136,9 +134,7 @@ def _thinned_once(
         if state.n_legs == 1 or used[k] > _FEW_PULSES:
             return None
         for vertex in {max(int(k), 1), min(int(k) + 1, state.n_legs - 1)}:
-            thinner = PathState(
-                np.delete(state.vertices_mm, vertex, axis=0), state.start_time_ps
-            )
+            thinner = PathState(np.delete(state.vertices_mm, vertex, axis=0), state.start_time_ps)
             trial = _refitted(observations, thinner, setting)
             if trial is None:
                 continue

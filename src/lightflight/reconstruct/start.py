@@ -100,9 +100,13 @@ def state_from_legs(
     for number, curve in enumerate(curves[1:], start=2):
         straights.append(_following_leg(straights[-1], curves[number - 2], curve, camera, medium))
     last = straights[-1]
-    end = last.start_mm + _lengths_on_rays(
-        last.start_mm, last.direction[np.newaxis], curves[-1].rays[-1:], camera
-    )[0, 0] * last.direction
+    end = (
+        last.start_mm
+        + _lengths_on_rays(last.start_mm, last.direction[np.newaxis], curves[-1].rays[-1:], camera)[
+            0, 0
+        ]
+        * last.direction
+    )
     vertices = np.array([leg.start_mm for leg in straights] + [end])
     return PathState(vertices, first.start_time_ps)
 
@@ -121,9 +125,7 @@ def _directions(curve: LegCurve, angles: Floats) -> Floats:
     return np.cos(angles)[:, np.newaxis] * along - np.sin(angles)[:, np.newaxis] * away
 
 
-def _lengths_on_rays(
-    start: Floats, directions: Floats, rays: Floats, camera: Camera
-) -> Floats:
+def _lengths_on_rays(start: Floats, directions: Floats, rays: Floats, camera: Camera) -> Floats:
     """Path length from start to where each ray meets each direction; (directions, rays), mm.
 
     NaN where the meeting point is behind the start or behind the camera.

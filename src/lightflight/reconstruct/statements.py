@@ -36,7 +36,6 @@ def statements_from_covariance(covariance: Floats, labels: tuple[str, ...]) -> t
     ]
     for strength, one, other in sorted(pairs, reverse=True)[:3]:
         said.append(
-            f"{other.capitalize()} and {one} are confounded (ρ = {strength:.3f}): "
-            "give one of them."
+            f"{other.capitalize()} and {one} are confounded (ρ = {strength:.3f}): give one of them."
         )
     return tuple(said)
