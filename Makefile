@@ -42,8 +42,9 @@ format: $(VENV)/.installed-dev ## let ruff order and format the code
 	@$(BIN)/ruff check --fix .
 	@$(BIN)/ruff format .
 
-fuzz: $(VENV)/.installed-dev ## the property tests with new random input, at length
+fuzz: $(VENV)/.installed-dev ## new random input at length: property tests, 20,000 damaged files
 	@HYPOTHESIS_PROFILE=fuzz NUMBA_NUM_THREADS=1 $(BIN)/python -m pytest $(PYTEST_FLAGS) -m hypothesis --timeout=3600
+	@NUMBA_NUM_THREADS=1 $(BIN)/python tests/fuzz_readers.py --files 20000 --keep out/fuzz
 
 clean: ## remove the environment, results and caches
 	@rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -297,6 +297,18 @@ def test_wrong_kind_and_newer_schema_say_what_to_do(tmp_path):
         load_record(path, kind="path")
 
 
+def test_texts_of_variable_length_are_not_read(tmp_path):
+    """Where they are kept, the HDF5 library can loop for ever in a damaged file."""
+    path = tmp_path / "r.h5"
+    _save(path)
+    with h5py.File(path, "r") as file:
+        dtypes = [file.attrs.get_id(name).dtype for name in file.attrs]
+        assert not any(dtype.hasobject for dtype in dtypes)
+    with h5py.File(path, "a") as file:
+        file.attrs["format"] = "lightflight"
+    assert kind_of_record(path) is None
+
+
 def test_sizes_are_checked_before_memory_is_taken(tmp_path):
     path = tmp_path / "r.h5"
     _save(path)

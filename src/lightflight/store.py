@@ -228,8 +228,8 @@ def new_record(
     """
     text = json_text(attributes).encode("utf-8")
     with new_hdf5(path) as record:
-        record.file.attrs["format"] = FORMAT_NAME
-        record.file.attrs["kind"] = kind
+        record.file.attrs["format"] = np.bytes_(FORMAT_NAME)
+        record.file.attrs["kind"] = np.bytes_(kind)
         record.file.attrs["schema_version"] = SCHEMA_VERSION
         record.write(_ATTRIBUTES, np.array(text, h5py.string_dtype("utf-8", len(text))))
         yield record
@@ -490,9 +490,24 @@ def kind_of_record(path: str | os.PathLike[str]) -> str | None:
     if not h5py.is_hdf5(file_path):
         return None
     with damage_as_format_error(path), h5py.File(file_path, "r", locking="best-effort") as file:
-        kind = file.attrs.get("kind")
-        is_ours = file.attrs.get("format") == FORMAT_NAME and isinstance(kind, str)
-        return kind if is_ours else None
+        return text_attribute(file, "kind") if is_ours(file) else None
+
+
+def is_ours(file: h5py.File) -> bool:
+    """Whether an open HDF5 file says that this package wrote it."""
+    return text_attribute(file, "format") == FORMAT_NAME
+
+
+def text_attribute(node: Any, name: str) -> str | None:
+    """Text of a fixed-length attribute; None where there is none.
+
+    A text of variable length is never read: in a damaged file the HDF5 library can loop for ever
+    over where such texts are kept.
+    """
+    if name not in node.attrs or node.attrs.get_id(name).dtype.kind != "S":
+        return None
+    value = node.attrs[name]
+    return bytes(value).decode("utf-8", "replace") if isinstance(value, np.bytes_) else None
 
 
 def read_array(dataset: Any, *, path: str | os.PathLike[str]) -> NDArray[Any]:
@@ -551,13 +566,13 @@ def _check_is_hdf5(file_path: Path, path: str | os.PathLike[str]) -> None:
 
 
 def _check_header(file: h5py.File, path: str | os.PathLike[str], kind: str) -> None:
-    if file.attrs.get("format") != FORMAT_NAME:
+    if not is_ours(file):
         raise FileFormatError(
             "is an HDF5 file, but not one of lightflight: import it with lightflight.read",
             path=path,
         )
-    version = file.attrs.get("schema_version")
-    if not isinstance(version, (int, np.integer)) or version < 1:
+    version = _number_attribute(file, "schema_version")
+    if version is None or version < 1:
         raise FileFormatError(f"has schema version {version!r}: the file is damaged", path=path)
     if version > SCHEMA_VERSION:
         raise FileFormatError(
@@ -565,9 +580,16 @@ def _check_header(file: h5py.File, path: str | os.PathLike[str], kind: str) -> N
             f"{SCHEMA_VERSION}): upgrade lightflight",
             path=path,
         )
-    found = file.attrs.get("kind")
+    found = text_attribute(file, "kind")
     if found != kind:
         raise FileFormatError(f"holds {found!r}, but {kind!r} is needed here", path=path)
+
+
+def _number_attribute(node: Any, name: str) -> int | None:
+    if name not in node.attrs or node.attrs.get_id(name).dtype.kind not in "iu":
+        return None
+    value = node.attrs[name]
+    return int(value) if np.ndim(value) == 0 else None
 
 
 def _attributes_from(file: h5py.File, path: str | os.PathLike[str]) -> dict[str, Any]:

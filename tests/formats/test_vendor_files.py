@@ -15,6 +15,7 @@ import pytest
 import lightflight as lf
 from lightflight.errors import FileFormatError, MissingExtraError
 from lightflight.formats import isolation
+from tests.formats.made_by_hand import ptu_bytes, sdt_bytes
 
 read: Any = lf.read
 
@@ -81,6 +82,43 @@ def test_truncated_vendor_files(vendor_dir, tmp_path):
             read(tmp_path / name)
         assert "\n" not in str(caught.value)
         assert str(tmp_path) in str(caught.value)
+
+
+# --- .ptu and .sdt byte by byte -----------------------------------------------------------
+
+
+def test_a_ptu_made_by_hand(tmp_path, rng):
+    pytest.importorskip("ptufile")
+    codes = rng.integers(0, 3000, 500)
+    (tmp_path / "x.ptu").write_bytes(ptu_bytes(codes))
+    hist = read(tmp_path / "x.ptu")
+    assert hist.shape == (1, 1)
+    np.testing.assert_array_equal(
+        hist.counts[0, 0], np.bincount(codes, minlength=hist.n_codes)[: hist.n_codes]
+    )
+    assert hist.counts.sum() == 500
+    assert hist.bin_width_ps == pytest.approx(16.0)
+    assert hist.laser_period_ps == pytest.approx(50_000.0)
+    (tmp_path / "x.ptu").write_bytes(ptu_bytes(codes, mode=2))
+    with pytest.raises(FileFormatError, match="T2 recording"):
+        read(tmp_path / "x.ptu")
+    (tmp_path / "x.ptu").write_bytes(ptu_bytes(codes, promised_records=10**12))
+    with pytest.raises(FileFormatError, match="truncated: 1000000000000 records need"):
+        read(tmp_path / "x.ptu")
+
+
+def test_an_sdt_made_by_hand(tmp_path, rng):
+    pytest.importorskip("sdtfile")
+    decays = rng.poisson(20.0, (3, 256))
+    (tmp_path / "x.sdt").write_bytes(sdt_bytes(decays))
+    hist = read(tmp_path / "x.sdt")
+    np.testing.assert_array_equal(hist.counts, decays[None])
+    assert hist.bin_width_ps == pytest.approx(5e4 / 256)
+    assert hist.settings["module"] == "SPC-130"
+    (tmp_path / "x.sdt").write_bytes(sdt_bytes(decays, n_blocks=2))
+    with pytest.raises(FileFormatError, match=r"holds the blocks 0 \(3, 256\), 1 \(3, 256\)"):
+        read(tmp_path / "x.sdt")
+    np.testing.assert_array_equal(read(tmp_path / "x.sdt", block=1).counts, decays[None])
 
 
 # --- .spc byte by byte ------------------------------------------------------------------

@@ -24,6 +24,7 @@ from lightflight.formats.cubes import (
     record_from_array,
     shapes_text,
 )
+from lightflight.formats.isolation import run_isolated
 from lightflight.formats.registry import Format
 from lightflight.formats.stored import StoredArray
 from lightflight.histogram import Histograms
@@ -51,11 +52,14 @@ def read(
         nodes = datasets_in(file)
         name = _chosen({key: node.shape for key, node in nodes.items()}, dataset, path)
         node = nodes[name]
-        axes = axes or _stated_axes(node)
-        if axes is None:
-            raise axes_needed({name: node.shape}, path)
-        settings = {"dataset": name, **_attributes_of(node)}
+        found, labels = _attributes_of(node)
         stored = StoredArray.of(node, path=path, ours=False)
+        if any(_has_texts(holder) for holder in (node, node.parent)):
+            _, texts = run_isolated(f"{__name__}:load_attributes", path, {"name": name})
+            found, labels = texts["attributes"], texts["labels"]
+    axes = axes or _stated_axes(name, len(stored.shape), found.get("axes"), labels)
+    if axes is None:
+        raise axes_needed({name: stored.shape}, path)
     return record_from_array(
         stored if axes == "fyx" else cube_of(path, name),
         axes,
@@ -64,7 +68,7 @@ def read(
         shape=checked_shape(shape) if shape is not None else None,
         n_codes=n_codes,
         poisson=poisson,
-        settings=settings,
+        settings={"dataset": name, **found},
     )
 
 
@@ -111,25 +115,42 @@ def _chosen(shapes: Mapping[str, tuple[int, ...]], wanted: str | None, path: Pat
     )
 
 
-def _stated_axes(node: Any) -> str | None:
+def _stated_axes(name: str, n_axes: int, stated: Any, labels: list[str]) -> str | None:
     """Order of the axes as the file states it; None where it does not."""
-    labels = [str(dimension.label) for dimension in node.dims]
-    stated = node.attrs.get("axes")
-    named = _NAMED_AXES.search(node.name)
+    named = _NAMED_AXES.search(name)
     for order in (labels, stated if isinstance(stated, str) else None, named and named.groups()):
-        if order and len(order) == len(node.shape) and set(order) <= LETTERS.keys():
+        if order and len(order) == n_axes and set(order) <= LETTERS.keys():
             return "".join(order)
     return None
 
 
-def _attributes_of(node: Any) -> dict[str, Any]:
-    """Attributes of the dataset and its group that are single numbers or texts."""
+def _has_texts(node: Any) -> bool:
+    """Whether it has attributes of variable length, which are not safe to read here."""
+    return any(node.attrs.get_id(name).dtype.hasobject for name in node.attrs)
+
+
+def _attributes_of(node: Any, *, texts: bool = False) -> tuple[dict[str, Any], list[str]]:
+    """Single numbers and texts among the attributes of a dataset and its group; axis labels."""
     kept: dict[str, Any] = {}
-    for name, value in [*node.parent.attrs.items(), *node.attrs.items()]:
-        plain = value.item() if isinstance(value, np.generic) else value
-        if isinstance(plain, bool | int | float | str):
-            kept[name] = plain
-    return kept
+    for holder in (node.parent, node):
+        for name in holder.attrs:
+            if texts or not holder.attrs.get_id(name).dtype.hasobject:
+                value = holder.attrs[name]
+                plain = value.item() if isinstance(value, np.generic) else value
+                plain = plain.decode("utf-8", "replace") if isinstance(plain, bytes) else plain
+                if isinstance(plain, bool | int | float | str):
+                    kept[name] = plain
+    return kept, [str(dimension.label) for dimension in node.dims] if texts else []
+
+
+def load_attributes(path: Path, *, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Attributes and axis labels of a dataset, texts included; runs in a child process.
+
+    In a damaged file the HDF5 library can loop for ever over where texts are kept.
+    """
+    with h5py.File(path, "r", locking="best-effort") as file:
+        attributes, labels = _attributes_of(file[name], texts=True)
+    return {}, {"attributes": attributes, "labels": labels}
 
 
 def _matches(path: Path, start: bytes) -> bool:

@@ -216,14 +216,9 @@ def _plain(value: Any) -> Any:
 
 
 def _matches(path: Path, start: bytes) -> bool:
-    import h5py
+    from lightflight.store import kind_of_record
 
-    from lightflight.store import FORMAT_NAME
-
-    if not start or not h5py.is_hdf5(path):
-        return False
-    with h5py.File(path, "r") as file:
-        return bool(file.attrs.get("format") == FORMAT_NAME)
+    return bool(start) and kind_of_record(path) is not None
 
 
 FORMATS = (

@@ -76,10 +76,13 @@ def _opened_v73(path: Path) -> tuple[_Shapes, _Load, dict[str, str]]:
     import h5py
 
     from lightflight.formats.hdf5_dataset import cube_of, datasets_in
+    from lightflight.store import text_attribute
 
     with h5py.File(path, "r", locking="best-effort") as file:
         nodes = datasets_in(file)
-        is_text = {name: node.attrs.get("MATLAB_class") == b"char" for name, node in nodes.items()}
+        is_text = {
+            name: text_attribute(node, "MATLAB_class") == "char" for name, node in nodes.items()
+        }
         shapes = {name: node.shape[::-1] for name, node in nodes.items() if not is_text[name]}
         texts = {
             name: "".join(map(chr, np.ravel(node[()])))

@@ -217,11 +217,12 @@ def _write_metadata(file: Any, record: Recording, frame_duration_ps: float) -> N
 
 
 def _matches(path: Path, start: bytes) -> bool:
+    from lightflight.store import text_attribute
+
     if not start or not h5py.is_hdf5(path):
         return False
     with h5py.File(path, "r") as file:
-        name = file.attrs.get("format_name", "")
-        return (name.decode("ascii", "replace") if isinstance(name, bytes) else name) == _FORMAT
+        return text_attribute(file, "format_name") == _FORMAT
 
 
 FORMATS = (

@@ -1,0 +1,63 @@
+"""Damaged files of every format: always one FileFormatError, never a crash, hang or traceback."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lightflight as lf
+from tests import fuzz_readers
+
+
+def test_the_valid_files_are_valid(tmp_path):
+    """A mutation says something only where the file was read before it."""
+    (tmp_path / "made").mkdir()
+    for seed in fuzz_readers.seeds(tmp_path / "made"):
+        path = fuzz_readers.placed(tmp_path / "now", seed, seed.content)
+        assert path is not None
+        record: Any = lf.read(path, **seed.hints)
+        assert lf.histogram(record).counts.sum() > 0, seed.name
+
+
+def test_mutations_are_the_same_every_time():
+    content = bytes(range(256)) * 4
+    twice = [
+        [fuzz_readers.mutated(content, rng) for _ in range(50)]
+        for rng in (np.random.default_rng(3), np.random.default_rng(3))
+    ]
+    assert twice[0] == twice[1]
+    assert len(set(twice[0])) > 40
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.skipif(os.name == "nt", reason="killable readers are made for POSIX")
+def test_damaged_files_are_refused_in_one_sentence(tmp_path):
+    """2,000 of them, the same in every run; `make fuzz` does 20,000."""
+    tally, findings = fuzz_readers.run(2_000, seed=0, keep=tmp_path / "found")
+    assert findings == []
+    for name, count in tally.items():
+        assert count["refused"] > 0, f"no mutation of {name} was noticed"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="killable readers are made for POSIX")
+def test_the_watch_sees_what_it_is_there_for(tmp_path, monkeypatch):
+    """A reader that dies or hangs is reported, and the next file is read by a new one."""
+    good = tmp_path / "x.npy"
+    np.save(good, np.ones((2, 2, 4), np.uint16))
+    hints = {"axes": "yxt"}
+    reader = fuzz_readers.Reader()
+    try:
+        assert reader.outcome(good, hints) == "read"
+        assert reader.outcome(tmp_path / "absent.npy", hints) == "refused"
+        assert "ConfigError" in reader.outcome(good, {"axis": "yxt"})
+        reader.kill()
+        assert "crash" in reader.outcome(good, hints)
+        assert reader.outcome(good, hints) == "read"
+        monkeypatch.setattr(fuzz_readers, "TIME_LIMIT_S", 0.0)
+        assert "hang" in reader.outcome(good, hints)
+    finally:
+        reader.close()

@@ -1,0 +1,539 @@
+"""Damage files in ways that readers believe, and see that each gives one FileFormatError.
+
+Run it for as long as it is given:
+
+    python tests/fuzz_readers.py --files 20000 --seed 1
+
+Every format starts from a small valid file. A mutation knows a little of the structure: it
+changes numbers where headers have them to values that hurt, numbers in texts, bits anywhere;
+cuts, doubles and swaps stretches; and it does so inside compressed parts too. Each file is read,
+and counted, in a process of its own kind that may be killed: a crash, a hang, memory beyond
+bounds, a traceback, or an error that is not one sentence with the file's name is a finding, and
+its file is kept. Reading something plausible is none: not every change is damage.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import gzip
+import io
+import json
+import os
+import re
+import select
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+TIME_LIMIT_S = 20.0
+MEMORY_LIMIT_BYTES = 1 << 30
+_HURTFUL = (0, 1, 2, 7, 127, 128, 255, 256, 32767, 32768, 65535, 2**31 - 1, 2**31, 2**32 - 1)
+_HURTFUL_WIDE = (*_HURTFUL, 2**40, 2**62, 2**63 - 1, 2**63, 2**64 - 1)
+_HURTFUL_TEXTS = (
+    b"0",
+    b"-1",
+    b"1e999",
+    b"nan",
+    b"99999999999999999999",
+    b"",
+    b"x",
+    b"[[[[",
+    b"1.5",
+)
+
+
+@dataclass(frozen=True)
+class Seed:
+    """One valid file and how it is read."""
+
+    name: str
+    """File name, whose suffix tells the format."""
+
+    content: bytes
+    """What it holds; for a folder, a zip of it."""
+
+    hints: Mapping[str, Any] = field(default_factory=dict)
+    """Hints it is read with."""
+
+    inner: str | None = None
+    """How the interesting part is packed: "zip", "gzip", "mat" or "folder"."""
+
+    weight: float = 1.0
+    """Share of the files; less for readers that are slow to start."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One mutated file that was not refused as it should be."""
+
+    seed: str
+    """Name of the valid file."""
+
+    number: int
+    """Which mutation of the run."""
+
+    what: str
+    """What happened."""
+
+
+# --- valid files ------------------------------------------------------------------------
+
+
+def seeds(folder: Path) -> list[Seed]:
+    """A small valid file of every format whose reader is installed."""
+    import lightflight as lf
+    from tests.formats.made_by_hand import ptu_bytes, sdt_bytes
+
+    rng = np.random.default_rng(20200520)
+    cube = rng.poisson(2.0, (4, 4, 32)).astype(np.uint16)
+    clock: dict[str, Any] = {"bin_width_ps": 55.0, "laser_period_ps": 50_000.0}
+    hist = lf.Histograms(cube, **clock, settings={"room": "B9"})
+    codes = rng.integers(1, 32, (60, 4, 4))
+    frames = np.where(rng.random(codes.shape) < 0.2, codes, 0).astype(np.uint16)
+    recording = lf.Recording.from_frames(
+        frames, n_codes=32, no_photon_code=0, periods_per_frame=10, **clock
+    )
+    dense = lf.Recording.from_frames(frames, n_codes=32)
+    axes = {"axes": "yxt"}
+    found = [
+        _written(folder, "hist.h5", hist),
+        _written(folder, "events.h5", recording),
+        _written(folder, "frames.h5", dense),
+        _written(folder, "photons.photon.h5", recording),
+        _written(folder, "x.npz", hist, inner="zip"),
+        _written(folder, "x.mat", hist, inner="mat"),
+        _written(folder, "x.bin", dense, hints={"shape": [4, 4], "n_codes": 32}),
+        Seed("x.npy", _npy(cube), axes),
+        Seed("f.npy", _npy(frames), {"axes": "fyx", "n_codes": 32}),
+        Seed("pf32.npz", _pf32_npz(cube), inner="zip"),
+        Seed("text.txt", _pf32_text(cube), {"shape": [4, 4]}),
+        Seed("text.txt.gz", gzip.compress(_pf32_text(cube)), {"shape": [4, 4]}, inner="gzip"),
+        Seed("plain.mat", _plain_mat(cube), axes),
+        Seed("new.mat", _new_mat(folder, cube), axes),
+        Seed("other.h5", _other_hdf5(folder, cube)),
+        Seed("x.spc", np.array([0x8000005F, 5 << 16, 9 << 16, 0xC0000001], "<u4").tobytes()),
+    ]
+    if _installed("zarr"):
+        lf.write(hist, folder / "x.zarr")
+        found.append(Seed("x.zarr", _zipped(folder / "x.zarr"), inner="folder", weight=0.5))
+    if _installed("ptufile"):
+        found.append(Seed("x.ptu", ptu_bytes(rng.integers(0, 3000, 200)), weight=0.05))
+    if _installed("sdtfile"):
+        found.append(Seed("x.sdt", sdt_bytes(rng.poisson(9.0, (2, 64))), weight=0.05))
+    return found
+
+
+def _installed(module: str) -> bool:
+    import importlib.util
+
+    return importlib.util.find_spec(module) is not None
+
+
+def _written(folder: Path, name: str, record: Any, **more: Any) -> Seed:
+    import lightflight as lf
+
+    lf.write(record, folder / name)
+    return Seed(name, (folder / name).read_bytes(), **more)
+
+
+def _npy(values: np.ndarray) -> bytes:
+    out = io.BytesIO()
+    np.save(out, values)
+    return out.getvalue()
+
+
+def _pf32_npz(cube: np.ndarray) -> bytes:
+    out = io.BytesIO()
+    np.savez_compressed(
+        out, hist=cube, n_frames=500, exposure_us=100.0, sync_hz=20_000_000, mode="laser_master"
+    )
+    return out.getvalue()
+
+
+def _pf32_text(cube: np.ndarray) -> bytes:
+    lines = ["Reading histogram data"]
+    for pixel, row in enumerate(cube.reshape(-1, cube.shape[-1])):
+        lines += [f"Pixel {pixel}", " ".join(map(str, row))]
+    return ("\n".join([*lines, "", "20000000", "frames = 0"]) + "\n").encode()
+
+
+def _plain_mat(cube: np.ndarray) -> bytes:
+    from scipy.io import savemat
+
+    out = io.BytesIO()
+    savemat(out, {"data_cube": cube, "exposure": 2.0, "label": "text", "s": {"a": 1}})
+    return out.getvalue()
+
+
+def _new_mat(folder: Path, cube: np.ndarray) -> bytes:
+    import h5py
+
+    with h5py.File(folder / "new.mat", "w", userblock_size=512) as file:
+        file.create_dataset("series", data=cube.T, chunks=(8, 4, 4), compression="gzip")
+        file["series"].attrs["MATLAB_class"] = np.bytes_("uint16")
+    content = (folder / "new.mat").read_bytes()
+    return b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM" + content[128:]
+
+
+def _other_hdf5(folder: Path, cube: np.ndarray) -> bytes:
+    import h5py
+
+    with h5py.File(folder / "other.h5", "w") as file:
+        file.create_dataset("run/cube", data=cube, chunks=(2, 4, 32), compression="gzip")
+        file["run/cube"].attrs["axes"] = "yxt"
+        file["run"].attrs["exposure_s"] = 2.5
+        file["names"] = np.array([b"a", b"b"])
+    return (folder / "other.h5").read_bytes()
+
+
+def _zipped(folder: Path) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        for file in sorted(folder.rglob("*")):
+            if file.is_file():
+                archive.write(file, file.relative_to(folder).as_posix())
+    return out.getvalue()
+
+
+# --- mutations --------------------------------------------------------------------------
+
+
+def mutated(content: bytes, rng: np.random.Generator) -> bytes:
+    """One to four changes of a stretch of bytes."""
+    changes = (_bits, _number, _number, _number, _text_number, _cut, _doubled, _swapped, _noise)
+    for _ in range(int(rng.integers(1, 5))):
+        change = changes[int(rng.integers(len(changes)))]
+        content = change(content, rng) if content else content
+    return content
+
+
+def _place(content: bytes, rng: np.random.Generator) -> int:
+    """Anywhere, but half of the time in the first few hundred bytes, where headers are."""
+    end = len(content) if rng.random() < 0.5 else min(len(content), 600)
+    return int(rng.integers(end))
+
+
+def _bits(content: bytes, rng: np.random.Generator) -> bytes:
+    out = bytearray(content)
+    for _ in range(int(rng.integers(1, 9))):
+        out[_place(content, rng)] ^= 1 << int(rng.integers(8))
+    return bytes(out)
+
+
+def _number(content: bytes, rng: np.random.Generator) -> bytes:
+    """A hurtful integer, or float, over what may be one, aligned most of the time."""
+    width = int(rng.choice([1, 2, 4, 8]))
+    at = _place(content, rng)
+    if rng.random() < 0.8:
+        at -= at % width
+    values = _HURTFUL_WIDE if width == 8 else _HURTFUL
+    value = values[int(rng.integers(len(values)))] & ((1 << 8 * width) - 1)
+    packed = value.to_bytes(width, "little" if rng.random() < 0.8 else "big")
+    if width == 8 and rng.random() < 0.2:
+        packed = struct.pack("<d", rng.choice([np.nan, np.inf, -1.0, 1e308, 0.0]))
+    return content[:at] + packed + content[at + width :]
+
+
+def _text_number(content: bytes, rng: np.random.Generator) -> bytes:
+    """Another number, or none, where a text has one."""
+    found = list(re.finditer(rb"-?\d+(?:\.\d+)?", content[: 1 << 16]))
+    if not found:
+        return _bits(content, rng)
+    one = found[int(rng.integers(len(found)))]
+    new = _HURTFUL_TEXTS[int(rng.integers(len(_HURTFUL_TEXTS)))]
+    return content[: one.start()] + new + content[one.end() :]
+
+
+def _cut(content: bytes, rng: np.random.Generator) -> bytes:
+    start = _place(content, rng)
+    if rng.random() < 0.5:
+        return content[:start]
+    return content[:start] + content[start + int(rng.integers(1, 65)) :]
+
+
+def _doubled(content: bytes, rng: np.random.Generator) -> bytes:
+    start, length = _place(content, rng), int(rng.integers(1, 257))
+    return content[: start + length] + content[start:]
+
+
+def _swapped(content: bytes, rng: np.random.Generator) -> bytes:
+    first, second = sorted((_place(content, rng), _place(content, rng)))
+    length = min(int(rng.integers(1, 65)), second - first)
+    return (
+        content[:first]
+        + content[second : second + length]
+        + content[first + length : second]
+        + content[first : first + length]
+        + content[second + length :]
+    )
+
+
+def _noise(content: bytes, rng: np.random.Generator) -> bytes:
+    start, length = _place(content, rng), int(rng.integers(1, 65))
+    return content[:start] + rng.bytes(length) + content[start + length :]
+
+
+def mutated_file(seed: Seed, rng: np.random.Generator) -> bytes:
+    """A mutation of a valid file: of its bytes, or of what is packed in it."""
+    if seed.inner is None or rng.random() < 0.3:
+        return mutated(seed.content, rng)
+    if seed.inner == "gzip":
+        return gzip.compress(mutated(gzip.decompress(seed.content), rng))
+    if seed.inner == "mat":
+        return _mat_with_mutated_element(seed.content, rng)
+    return _zip_with_mutated_member(seed.content, rng)
+
+
+def _zip_with_mutated_member(content: bytes, rng: np.random.Generator) -> bytes:
+    out = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(content)) as old,
+        zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as new,
+    ):
+        names = old.namelist()
+        chosen = names[int(rng.integers(len(names)))]
+        for name in names:
+            member = old.read(name)
+            new.writestr(name, mutated(member, rng) if name == chosen else member)
+    return out.getvalue()
+
+
+def _mat_with_mutated_element(content: bytes, rng: np.random.Generator) -> bytes:
+    elements = []
+    at = 128
+    while at < len(content):
+        kind, n_bytes = struct.unpack_from("<II", content, at)
+        elements.append((kind, content[at + 8 : at + 8 + n_bytes]))
+        at += 8 + n_bytes
+    chosen = int(rng.integers(len(elements)))
+    out = content[:128]
+    for index, (kind, body) in enumerate(elements):
+        if index == chosen:
+            body = zlib.compress(mutated(zlib.decompress(body), rng))
+        out += struct.pack("<II", kind, len(body)) + body
+    return out
+
+
+# --- a process that may be killed -------------------------------------------------------
+
+
+class Reader:
+    """A child process that reads one file after another; made anew when it dies."""
+
+    def __init__(self) -> None:
+        self._child: subprocess.Popen[str] | None = None
+
+    def outcome(self, path: Path, hints: Mapping[str, Any]) -> str:
+        """What reading a file came to: "read", "refused", or what is wrong."""
+        child = self._living_child()
+        assert child.stdin is not None
+        assert child.stdout is not None
+        try:
+            child.stdin.write(json.dumps({"path": str(path), "hints": dict(hints)}) + "\n")
+            child.stdin.flush()
+        except BrokenPipeError:
+            self.close()
+            return "crash: it ended after the file before"
+        ready, _, _ = select.select([child.stdout], [], [], TIME_LIMIT_S)
+        if not ready:
+            self.close()
+            return f"hang: no answer in {TIME_LIMIT_S:.0f} s"
+        line = child.stdout.readline()
+        if not line:
+            code = child.wait()
+            self._child = None
+            return f"crash: exit code {code}"
+        return str(json.loads(line))
+
+    def _living_child(self) -> subprocess.Popen[str]:
+        if self._child is None:
+            environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+            self._child = subprocess.Popen(
+                [sys.executable, __file__, "--reader"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                env=environment,
+            )
+        return self._child
+
+    def kill(self) -> None:
+        """Let the child die as if it had crashed."""
+        if self._child is not None:
+            self._child.kill()
+            self._child.wait()
+
+    def close(self) -> None:
+        """End the child."""
+        if self._child is not None:
+            self._child.kill()
+            self._child.wait()
+            for pipe in (self._child.stdin, self._child.stdout):
+                if pipe is not None:
+                    with contextlib.suppress(BrokenPipeError):
+                        pipe.close()
+            self._child = None
+
+
+def _serve() -> None:
+    """Read files named on stdin and answer on stdout, until stdin ends."""
+    import resource
+    import warnings
+
+    from lightflight import filecheck
+    from lightflight.formats import isolation
+
+    # What readers may take is told to them, and kept track of.
+    filecheck.free_memory_bytes = lambda: MEMORY_LIMIT_BYTES  # type: ignore[assignment]
+    isolation.free_memory_bytes = lambda: MEMORY_LIMIT_BYTES  # type: ignore[attr-defined]
+    isolation.TIME_LIMIT_S = TIME_LIMIT_S / 2
+    warnings.simplefilter("ignore")
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # nothing a library prints may look like an answer
+    for line in sys.stdin:
+        task = json.loads(line)
+        answer = _try_to_read(task["path"], task["hints"])
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+        if peak > 3 * MEMORY_LIMIT_BYTES:
+            answer = f"memory: {peak / 1e9:.1f} GB"
+        answers.write(json.dumps(answer) + "\n")
+        answers.flush()
+
+
+def _try_to_read(path: str, hints: Mapping[str, Any]) -> str:
+    import lightflight as lf
+    from lightflight.errors import FileFormatError
+
+    try:
+        record = lf.read(path, **hints)
+    except FileFormatError as error:
+        text = str(error)
+        if path not in text or "\n" in text:
+            return f"error that is not one sentence with the file's name: {text[:300]!r}"
+        return "refused"
+    except BaseException as error:  # noqa: BLE001  (that is what is looked for)
+        return f"{type(error).__name__}: {str(error)[:300]}"
+    try:
+        lf.histogram(record)
+    except FileFormatError:
+        return "refused"
+    except ValueError as error:
+        # A plausible file may still describe a cube that does not fit.
+        return "refused" if "are free: keep a part" in str(error) else f"count: {error}"
+    except BaseException as error:  # noqa: BLE001
+        return f"count: {type(error).__name__}: {str(error)[:300]}"
+    return "read"
+
+
+# --- a run ------------------------------------------------------------------------------
+
+
+def run(
+    n_files: int,
+    *,
+    seed: int = 0,
+    keep: Path | None = None,
+    only: str | None = None,
+    report: Callable[[str], None] = lambda text: None,
+) -> tuple[dict[str, dict[str, int]], list[Finding]]:
+    """Read `n_files` mutated files.
+
+    Returns
+    -------
+    tally : dict
+        By valid file, how many were read and how many refused.
+    findings : list of Finding
+        The rest; their files are copied to `keep`.
+    """
+    tally: dict[str, dict[str, int]] = {}
+    findings: list[Finding] = []
+    reader = Reader()
+    with tempfile.TemporaryDirectory(prefix="lightflight-fuzz-") as name:
+        folder = Path(name)
+        for number, (one, content) in enumerate(_files(folder, n_files, seed, only)):
+            path = placed(folder / "now", one, content)
+            if path is None:
+                continue
+            outcome = reader.outcome(path, one.hints)
+            count = tally.setdefault(one.name, {"read": 0, "refused": 0, "found": 0})
+            count[outcome if outcome in count else "found"] += 1
+            if outcome not in ("read", "refused"):
+                findings.append(Finding(one.name, number, outcome))
+                report(f"{one.name} #{number}: {outcome}")
+                if keep is not None:
+                    keep.mkdir(parents=True, exist_ok=True)
+                    (keep / f"{number:06d}-{one.name}").write_bytes(content)
+        reader.close()
+    return tally, findings
+
+
+def _files(folder: Path, n_files: int, seed: int, only: str | None) -> Iterator[tuple[Seed, bytes]]:
+    """Mutated files, formats taking turns; the same for the same `seed`."""
+    made = folder / "made"
+    made.mkdir()
+    valid = [one for one in seeds(made) if only is None or only in one.name]
+    rng = np.random.default_rng(seed)
+    weights = np.array([one.weight for one in valid])
+    for choice in rng.choice(len(valid), n_files, p=weights / weights.sum()):
+        yield valid[choice], mutated_file(valid[choice], rng)
+
+
+def placed(folder: Path, seed: Seed, content: bytes) -> Path | None:
+    """Put a mutated file where it is read; None where a folder cannot be unpacked."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    path = folder / seed.name
+    if seed.inner != "folder":
+        path.write_bytes(content)
+        return path
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            archive.extractall(path)
+    except Exception:  # noqa: BLE001  (our own packing, not what is tested)
+        return None
+    return path
+
+
+def main() -> int:
+    """Run from the command line; exit code 1 where something was found."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--files", type=int, default=20_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", help="part of a name of a valid file")
+    parser.add_argument("--keep", type=Path, help="folder for the files of findings")
+    parser.add_argument("--reader", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.reader:
+        _serve()
+        return 0
+    start = time.monotonic()
+    tally, findings = run(
+        options.files, seed=options.seed, keep=options.keep, only=options.only, report=_say
+    )
+    for name, count in sorted(tally.items()):
+        _say(f"{name:20s}" + "".join(f"  {key} {value:6d}" for key, value in count.items()))
+    _say(f"{len(findings)} findings in {time.monotonic() - start:.0f} s")
+    return 1 if findings else 0
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+    sys.exit(main())
