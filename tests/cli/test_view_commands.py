@@ -104,3 +104,33 @@ def test_plot_draws_a_calibration_and_a_recording(run, lab_folder, tmp_path):
         )  # fmt: skip
         assert done.exit_code == 0, done.stderr
         assert (tmp_path / f"{what}.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_movie_films_a_path_and_a_recording(run, path_file, lab_folder, tmp_path):
+    done = run(
+        "movie", path_file, "--pace", 9000, "--fps", 10, "--size", "320x240",
+        "-o", tmp_path / "flight.gif",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    assert (tmp_path / "flight.gif").read_bytes().startswith(b"GIF89a")
+    done = run(
+        "movie", lab_folder / "recording.h5", "--slice-codes", 12, "--size", "320x240",
+        "-o", tmp_path / "recording.gif",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    assert (tmp_path / "recording.gif").read_bytes().startswith(b"GIF89a")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--size", "320*240"), "WIDTHxHEIGHT"),
+        (("--size", "321x240"), "even"),
+        (("--from-lab-camera",), "--lab with [camera]"),
+    ],
+)
+def test_films_that_cannot_be_made_are_refused(run, path_file, tmp_path, words, sentence):
+    done = run("movie", path_file, *words, "-o", tmp_path / "a.gif")
+    assert done.exit_code == 2
+    assert sentence in done.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -9,7 +9,17 @@ from __future__ import annotations
 import click
 
 from lightflight._version import __version__
-from lightflight.cli import calibrate, demo, info, plot, reconstruct, simulate, versions, view
+from lightflight.cli import (
+    calibrate,
+    demo,
+    info,
+    movie,
+    plot,
+    reconstruct,
+    simulate,
+    versions,
+    view,
+)
 from lightflight.cli._errors import EXIT_CODES, SpeakingGroup
 from lightflight.cli._options import debug_option
 
@@ -44,5 +54,5 @@ def main() -> None:
     """
 
 
-for _module in (demo, simulate, info, calibrate, reconstruct, view, plot, versions):
+for _module in (demo, simulate, info, calibrate, reconstruct, view, movie, plot, versions):
     main.add_command(_module.command)

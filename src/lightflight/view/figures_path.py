@@ -110,6 +110,7 @@ def draw_path_3d(
     truth: Any = None,
     others: Mapping[str, Any] | None = None,
     magnification: float | None = None,
+    show_truth: bool = True,
     whole_scene: bool = False,
     time_mark_ps: float | None = None,
     legend: bool = True,
@@ -124,6 +125,7 @@ def draw_path_3d(
     truth : vertices to draw dashed; taken from the path where it knows one.
     others : other estimates by name, drawn thinner.
     magnification : of the one-sigma error tubes; None chooses 1, 2, 5, 10 ... and says so.
+    show_truth : False leaves the truth out, though the box still holds it.
     whole_scene : True makes the box large enough for the camera.
     time_mark_ps : spacing of event-time marks along the path, ps; None chooses.
     view : where the viewer stands; parallel projection, so lengths along an axis compare.
@@ -137,6 +139,7 @@ def draw_path_3d(
     truth = getattr(path, "truth", None) if truth is None else truth
     trace = trace_from_path(path)
     box = scene_box(path, truth, whole_scene=whole_scene)
+    truth = truth if show_truth else None
     extent = float(np.ptp(box, axis=0).max())
     factor = magnification_for(trace, extent) if magnification is None else magnification
     draw_box(ax, view, box)
