@@ -76,7 +76,9 @@ def fitted_times(s: Floats, times: Floats, errors: Floats) -> Floats:
     coefficients: Floats = np.zeros(degree + 1)
     for _ in range(4):
         rows = design[keep] * weight[keep, np.newaxis]
-        coefficients = np.linalg.lstsq(rows, times[keep] * weight[keep], rcond=None)[0]
+        coefficients = np.asarray(
+            np.linalg.lstsq(rows, times[keep] * weight[keep], rcond=None)[0], dtype=np.float64
+        )
         residual = np.abs(times - design @ coefficients)
         spread = 1.4826 * np.median(residual[keep]) + 1e-12
         trimmed = residual < 5.0 * np.maximum(spread, errors)
