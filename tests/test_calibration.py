@@ -273,3 +273,21 @@ def test_arrays_are_read_only_and_checked(calibrated):
         replace(timing, gain=np.ones((2, 2)))
     with pytest.raises(ValueError, match="is not in a camera of"):
         timing.code_intervals_ps([8], [0])
+
+
+def test_description_says_what_was_found(calibrated):
+    _, timing = calibrated
+    text = timing.describe()
+    assert text.startswith("8 x 8 pixels (64 usable) of 1024 codes, 55.")
+    assert "code widths repeat every 8 codes" in text
+    assert text.endswith("flagged: none")
+
+
+def test_notes_say_how_long_a_good_recording_takes(rng):
+    clock = fake_clock(rng, (4, 4))
+    # 100,000 frames of 4,000 periods of 50 ns: 20 s for 40,000 photons
+    density = clock.uniform(rng, 40_000, n_frames=100_000, periods_per_frame=4000)
+    with pytest.warns(UncalibratedWarning):
+        notes = calibrate_timing(density).notes
+    said = [note for note in notes if note.startswith("recorded in 20 s")]
+    assert said == ["recorded in 20 s; 4 million photons per pixel take 33 min at this rate"]

@@ -26,6 +26,9 @@ from lightflight.timing.flat_geometry import fit_tilt, tilt_ps
 
 Floats = NDArray[np.float64]
 
+_GOOD_PHOTONS = 4e6
+"""Photons per pixel that calibrate a clock to 0.1 ps next to the flat."""
+
 _SCAN_TOLERANCE = 5e-4
 """Relative error of delays that people can set and know."""
 
@@ -53,7 +56,7 @@ def clock_from_code_density(
         end_code=fit.end_code, end_widths=fit.end_widths, first_live_code=fit.first_live_code,
         first_live_width=fit.first_live_width, misfit_std=fit.misfit_std, flags=fit.flags,
         period_end_seen=fit.period_end_seen and code_density.laser_period_ps is not None,
-        notes=(*notes, *_fit_notes(fit, width, gain_std, good)),
+        notes=(*notes, *_fit_notes(code_density, fit, width, gain_std, good)),
     )  # fmt: skip
     return clock
 
@@ -115,8 +118,37 @@ def _widths_without_end(
     return width * image, gain_std * image, min(ASSUMED_SCALE_STD, gain_std), [text]
 
 
+def _duration_notes(code_density: Histograms, photons: float) -> list[str]:
+    """How long the recording took, and how long a good one would at this rate."""
+    n_frames, periods = code_density.n_frames, code_density.periods_per_frame
+    if n_frames is None or periods is None or code_density.laser_period_ps is None:
+        return []
+    seconds = n_frames * periods * code_density.laser_period_ps * 1e-12
+    wanted = seconds * _GOOD_PHOTONS / photons
+    return [
+        f"recorded in {_duration(seconds)}; {_GOOD_PHOTONS / 1e6:.0f} million photons per pixel "
+        f"take {_duration(wanted)} at this rate"
+    ]
+
+
+def _duration(seconds: float) -> str:
+    """Seconds in the unit that a person would use."""
+    for unit, size in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2.0 * size:
+            return _short(seconds / size) + f" {unit}"
+    return _short(seconds) + " s"
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.1f}"
+
+
 def _fit_notes(
-    fit: CodeDensityFit, width: Floats, gain_std: Floats, good: NDArray[np.bool_]
+    code_density: Histograms,
+    fit: CodeDensityFit,
+    width: Floats,
+    gain_std: Floats,
+    good: NDArray[np.bool_],
 ) -> list[str]:
     """What the code-density recording said, in sentences."""
     relative = width[good] / width[good].mean()
@@ -126,6 +158,7 @@ def _fit_notes(
         f"code density: {fit.photons[good].mean():.3g} photons per pixel; gain spread "
         f"{100 * spread:.2f} % rms (measured to {100 * np.sqrt(noise2):.3f} %)"
     ]
+    notes += _duration_notes(code_density, float(fit.photons[good].mean()))
     if fit.structured and fit.n_phases > 1:
         pattern = " ".join(f"{x:.3f}" for x in fit.phases[good].mean(axis=0))
         notes.append(

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.errors import CalibrationError, FileFormatError
+from lightflight.flags import count_flags, is_usable
 from lightflight.histogram import Histograms
 from lightflight.timing.code_edges import (
     MOST_PHASES,
@@ -283,6 +284,17 @@ class TimingCalibration:
             response_std_ps=image + np.nan, flags=image.astype(np.uint32),
             assumed_skew_std_ps=assumed_skew_std_ps, notes=tuple(notes),
         )  # fmt: skip
+
+    def describe(self) -> str:
+        """What this clock is, how well it is known and what is wrong, a sentence per line."""
+        rows, cols = self.shape
+        words = ", ".join(f"{n} {name}" for name, n in count_flags(self.flags).items())
+        usable = int(np.count_nonzero(is_usable(self.flags)))
+        first = (
+            f"{rows} x {cols} pixels ({usable} usable) of {self.n_codes} codes, "
+            f"{self.bin_width_ps:.2f} ps each"
+        )
+        return "\n".join([first, *self.notes, f"flagged: {words or 'none'}"])
 
     def check_matches(self, hist: Histograms) -> None:
         """Raise CalibrationError where this calibration is of another camera or clock setting."""

@@ -193,7 +193,7 @@ def _warn_of_pile_up(hist: Histograms, photons: Floats) -> None:
             f"the code-density recording has {per_period:.2g} photons per pixel and laser period: "
             "only the first is recorded, so early codes look wider than they are; use less light",
             SuspectDataWarning,
-            stacklevel=5,
+            stacklevel=4,
         )
 
 
