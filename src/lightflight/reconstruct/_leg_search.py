@@ -17,6 +17,8 @@ from scipy.spatial import cKDTree
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+_SAGITTA_PX = 0.5
+"""Light that runs this far off its chord is on a bend, px."""
 _MEMBER_PX = 1.7
 """Pulses this near to a leg's line carry its place and times, px."""
 
@@ -349,3 +351,47 @@ def cut_at_kink(
     if not best_cut:
         return [members]
     return [members[order[:best_cut]], members[order[best_cut:]]]
+
+
+def part_where_curved(
+    points: Floats, weights: Floats, members: Indices, settings: SearchSettings
+) -> list[Indices]:
+    """Members as one leg, or as several where their light runs on a bend in the picture.
+
+    Judged by the centres of mass of the light, position by position: a straight leg's lie on a
+    line to a small part of a pixel. A leg is cut where two lines fit best, as long as its
+    middle is half a pixel off the chord.
+    """
+    origin, direction = fitted_line(points[members], weights[members])
+    offset = points[members] - origin
+    s = offset @ direction
+    across = offset[:, 1] * direction[0] - offset[:, 0] * direction[1]
+    position, index = np.unique(np.rint(s), return_inverse=True)
+    if len(position) < 2 * max(settings.min_pixels, 5):
+        return [members]
+    total = np.bincount(index, weights[members])
+    lit = total > 0.1 * np.median(total)
+    place, centroid = position[lit], (np.bincount(index, weights[members] * across) / total)[lit]
+    if len(place) < 2 * max(settings.min_pixels, 5):
+        return [members]
+    bend = np.polyfit(place, centroid, 2)
+    sagitta = abs(bend[0]) * np.ptp(place) ** 2 / 8
+    scatter = float(np.median(np.abs(centroid - np.polyval(bend, place))))
+    if sagitta < max(_SAGITTA_PX, 3.0 * scatter):
+        return [members]
+    least = max(settings.min_pixels, 5)
+    costs = [
+        sum(_line_misfit(place[half], centroid[half]) for half in (slice(0, k), slice(k, None)))
+        for k in range(least, len(place) - least + 1)
+    ]
+    cut = place[least + int(np.argmin(costs))] - 0.5
+    halves = members[s < cut], members[s >= cut]
+    return [
+        piece for half in halves for piece in part_where_curved(points, weights, half, settings)
+    ]
+
+
+def _line_misfit(place: Floats, centroid: Floats) -> float:
+    """Sum of squares of centroids about their line, px^2."""
+    line = np.polyfit(place, centroid, 1)
+    return float(np.sum((centroid - np.polyval(line, place)) ** 2))

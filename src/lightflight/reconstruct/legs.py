@@ -26,6 +26,7 @@ from lightflight.reconstruct._leg_search import (
     distinct_positions,
     fitted_line,
     fitted_times,
+    part_where_curved,
     refine_members,
 )
 from lightflight.reconstruct.ghosts import on_border, overshone
@@ -270,6 +271,12 @@ def _disjoint_groups(
         pieces = cut_at_kink(
             points[left], times[left], errors[left], weights[left], members, settings
         )
+        if n_legs is None:
+            pieces = [
+                part
+                for piece in pieces
+                for part in part_where_curved(points[left], weights[left], piece, settings)
+            ]
         groups.extend(left[piece] for piece in pieces)
         left = left[~halo]
     return groups
