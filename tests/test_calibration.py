@@ -229,6 +229,33 @@ def test_codes_that_show_no_end_keep_the_nominal_width(rng):
     np.testing.assert_allclose((upper - lower)[0].mean(), 55.0, rtol=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("dead_codes", "width"), [(None, 1.0), ("lost", 1.0), ("absorbed", 1.0011)]
+)
+def test_one_code_without_photons_is_time_that_is_lost(rng, dead_codes, width):
+    clock = fake_clock(rng, (5, 5), first_live=1, start=(), lost=True)
+    flat = clock.pulse(rng, 2000.0, 1e4)
+    timing = calibrate_timing(clock.uniform(rng, 1e6), flat=flat, dead_codes=dead_codes)
+    assert timing.bin_width_ps == pytest.approx(width * clock.width_ps.mean(), rel=1e-4)
+    assert timing.scale_std == (pytest.approx(0.0011, abs=1e-4) if dead_codes is None else 0.0)
+
+
+def test_one_sweep_without_a_period_keeps_its_codes(rng):
+    clock = fake_clock(rng, (4, 4), reversed_codes=False, first_live=0, start=(), n_codes=600)
+    density = clock.uniform(rng, 1e5, laser_period_ps=None, no_photon_code=None)
+    with pytest.warns(UncalibratedWarning) as caught:
+        timing = calibrate_timing(density)
+    assert len(caught) == 2
+    assert timing.laser_period_ps is None
+    assert timing.n_phases == 8
+    lower, upper = timing.code_intervals_ps([0], [0])
+    assert lower[0, 0] == 0.0
+    assert upper[0, -1] == pytest.approx(600 * 55.0, rel=1e-3)
+    std, modes, _ = timing.arrival_errors_ps([0], [0], [1000.0])
+    assert np.isfinite(std).all()
+    assert modes.shape == (1, 1)
+
+
 def test_dark_recording_flags_what_screams(rng):
     clock = fake_clock(rng, (6, 6))
     photons = np.full(36, 300.0)

@@ -6,9 +6,12 @@ known to 4.4 %, so that 0.9-1.1 would be left by chance in 2 % of seeds; tests t
 0.85-1.15 in 1e-3.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from lightflight import flags
 from lightflight.timing.arrivals import find_arrivals
 from lightflight.timing.calibration import calibrate_timing
 from tests.clock_fakes import fake_clock
@@ -92,3 +95,29 @@ def test_ringing_near_the_end_of_the_period_does_not_bend_the_clock():
     # without the ringing's own widths the mean would be off by 0.9 codes, 50 ps
     assert abs(error.mean()) < 1.0
     assert error.std() < 0.6
+
+
+@pytest.mark.parametrize("dead_codes", ["absorbed", "lost"])
+def test_clock_of_the_digital_twin(dead_codes):
+    # a third account of the camera; 32 x 32 pixels know the width of pulls to 2.3 %
+    import lightflight as lf
+    from lightflight.simulate import paper_scene, pf32
+
+    scene = replace(paper_scene(), detector=pf32(seed=3, dead_codes=dead_codes))
+    density = lf.simulate(scene, kind="code_density", photons_per_pixel=4e6, seed=1)
+    flat = lf.simulate(scene, kind="flat", photons_per_pixel=4e5, seed=2)
+    timing = calibrate_timing(
+        density, flat=flat, flat_arrival_ps=flat.truth.flat_arrival_ps, dead_codes=dead_codes
+    )
+    later = flat.truth.flat_arrival_ps + 1000.0
+    recording = lf.simulate(
+        scene, kind="flat", photons_per_pixel=4e6, seed=4, flat_arrival_ps=later
+    )
+    arrivals = find_arrivals(recording, timing=timing)
+    use = arrivals.usable & (arrivals.flags & flags.UNCALIBRATED == 0)
+    assert 940 < np.count_nonzero(use) < 960
+    error = (arrivals.arrival_ps - later)[use]
+    stated = np.hypot(arrivals.pixel_std_ps, arrivals.photon_std_ps)[use]
+    assert error.std() < 0.2
+    assert abs(error.mean()) < 0.1
+    assert (error / stated).std() == pytest.approx(1.0, abs=0.12)

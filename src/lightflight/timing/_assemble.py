@@ -69,11 +69,10 @@ def _widths_ps(
     if period is None or not fit.period_end_seen:
         return _widths_without_end(code_density, fit)
     absorbed, lost = period / fit.codes_absorbed, period / fit.codes_lost
-    only_no_photon = fit.dead_codes in ((), (code_density.no_photon_code,))
     means = float(absorbed[good].mean()), float(lost[good].mean())
     absorbed_std = fit.absorbed_std / fit.codes_absorbed
     lost_std = fit.lost_std / fit.codes_lost
-    if only_no_photon:
+    if not fit.dead_codes:
         return lost, lost_std, 0.0, [f"mean code {means[1]:.2f} ps; no dead codes"]
     notes = [
         f"mean code {means[0]:.2f} ps if the time of the dead codes is absorbed by the first live "
@@ -83,6 +82,10 @@ def _widths_ps(
         return absorbed, absorbed_std, 0.0, [*notes, "taken as absorbed"]
     if dead_codes == "lost":
         return lost, lost_std, 0.0, [*notes, "taken as lost"]
+    if fit.dead_codes == (code_density.no_photon_code,):
+        # Code numbers count time from the start: that of the one code without photons is lost.
+        scale_std = abs(means[0] / means[1] - 1.0)
+        return lost, lost_std, scale_std, [*notes, "taken as lost, as code numbers say"]
     middle = 0.5 * (absorbed + lost)
     apart = 0.5 * (absorbed - lost) / middle
     scale_std = abs(float(apart[good].mean()))

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+_BLOCK = 4096
+
 MOST_PHASES = 64
 """Longer patterns are treated as widths that are independent of each other."""
 
@@ -100,8 +102,12 @@ def phase_lever(code: Floats, response_codes: Floats, n_phases: int) -> Floats:
     """
     harmonic = np.arange(1, 4 * n_phases + 1)
     omega = 2.0 * np.pi * harmonic / n_phases
-    damping = np.exp(-0.5 * (omega * response_codes[:, None]) ** 2)
-    wave = np.exp(1j * omega * code[:, None]) * damping
     start = np.exp(-1j * omega[:, None] * (np.arange(n_phases) + 0.5))
     weight = np.sinc(harmonic / n_phases) / n_phases / (1j * omega)
-    return np.asarray(2.0 * np.real((wave * weight) @ start))
+    lever = np.empty((len(code), n_phases))
+    for first in range(0, len(code), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        damping = np.exp(-0.5 * (omega * response_codes[block, None]) ** 2)
+        wave = np.exp(1j * omega * code[block, None]) * damping
+        lever[block] = 2.0 * np.real((wave * weight) @ start)
+    return lever
