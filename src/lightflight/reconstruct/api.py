@@ -18,10 +18,10 @@ from lightflight.errors import (
     UncalibratedWarning,
 )
 from lightflight.flight import Medium, Source
-from lightflight.path import LightPath
+from lightflight.path import RESIDUAL_DTYPE, LightPath
 from lightflight.reconstruct.freedom import Waypoint
 from lightflight.reconstruct.geometry import PathState
-from lightflight.reconstruct.joint import Setting, fit_joint, pulse_std_ps
+from lightflight.reconstruct.joint import JointFit, Setting, fit_joint, pulse_std_ps
 from lightflight.reconstruct.legs import (
     ImageLeg,
     find_legs,
@@ -31,6 +31,7 @@ from lightflight.reconstruct.legs import (
 from lightflight.reconstruct.observation import Observation, blind_pixels
 from lightflight.reconstruct.result import path_from_fit
 from lightflight.reconstruct.revise import fit_from_legs, revised
+from lightflight.reconstruct.statements import statements_from_covariance
 from lightflight.timing.arrivals import find_arrivals
 from lightflight.timing.calibration import TimingCalibration
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
@@ -41,6 +42,9 @@ if TYPE_CHECKING:
     from lightflight.timing.arrivals import Arrivals
 
 Floats = NDArray[np.float64]
+
+_POOLING = (2, 4)
+"""Pixels pooled along each axis where single ones are too dim."""
 
 METHODS = ("paper", "joint", "photon")
 """Estimators, from the paper's to the limit."""
@@ -104,38 +108,107 @@ def reconstruct(
         )
         for h in repeats
     ]
-    legs: tuple[ImageLeg, ...] | None = None
-    if start is None:
-        legs = _legs_of_straight_light(observations[0], setting, n_legs)
     if method == "paper":
         from lightflight.reconstruct.paper import paper_path
 
-        return paper_path(observations, setting, legs=legs)
-    if legs is not None:
+        found = _legs_of_straight_light(observations[0], setting, n_legs) if start is None else None
+        return paper_path(observations, setting, legs=found)
+    try:
+        path = _joint_path(observations, setting, timing=timing, n_legs=n_legs, start=start)
+        std_ps = pulse_std_ps(observations)
+    except NothingFoundError:
+        if method != "photon" or start is not None:
+            raise
+        path, std_ps = _pooled_path(observations, setting, timing=timing, n_legs=n_legs)
+    if method == "photon":
+        from lightflight.reconstruct.photon import photon_path
+
+        return photon_path(observations, setting, path, std_ps=std_ps)
+    return path
+
+
+def _joint_path(
+    observations: list[Observation],
+    setting: Setting,
+    *,
+    timing: TimingCalibration | None,
+    n_legs: int | None,
+    start: LightPath | ArrayLike | None,
+) -> LightPath:
+    """The joint fit, from legs in the picture or from the user's start."""
+    legs: tuple[ImageLeg, ...] | None = None
+    if start is None:
+        legs = _legs_of_straight_light(observations[0], setting, n_legs)
         try:
             fit = fit_from_legs(observations, legs, setting, drop=n_legs is None)
         except (GeometryError, NothingFoundError) as problem:
             _ask_which_way(legs, observations[0], timing, problem)
             raise
+        if n_legs is None:
+            fit = revised(observations, fit, setting)
+        if timing is None and fit.floor_ps > 0.2 * pulse_std_ps(observations):
+            _warn_of_scatter(fit.floor_ps, legs, observations[0])
     else:
         fit = fit_joint(observations, _state_from_start(start, setting), setting, legs=None)
-    if n_legs is None and start is None:
-        fit = revised(observations, fit, setting)
-    if legs is not None and timing is None and fit.floor_ps > 0.2 * pulse_std_ps(observations):
-        _warn_of_scatter(fit.floor_ps, legs, observations[0])
-    path = path_from_fit(
+    return path_from_fit(
         fit,
         observations,
         setting,
         method="joint",
-        statements=_statements(fit.floor_ps, timing),
-        truth=repeats[0].truth,
+        statements=_statements(fit, timing),
+        truth=observations[0].histograms.truth,
     )
-    if method == "photon":
-        from lightflight.reconstruct.photon import photon_path
 
-        return photon_path(observations, setting, path, std_ps=pulse_std_ps(observations))
-    return path
+
+def _pooled_path(
+    observations: list[Observation],
+    setting: Setting,
+    *,
+    timing: TimingCalibration | None,
+    n_legs: int | None,
+) -> tuple[LightPath, float]:
+    """A rough path where no pixel can be fitted alone, and the pulses' std, ps.
+
+    Pixels are pooled two by two, four by four ... until legs appear.
+
+    Raises
+    ------
+    NothingFoundError
+        Where even the coarsest picture shows no path.
+    """
+    from lightflight.reconstruct.photon import merged
+    from lightflight.reconstruct.pooled import pooled_camera, pooled_observation
+
+    whole = merged(observations)
+    problem: Exception | None = None
+    for factor in _POOLING:
+        if min(setting.camera.shape) // factor < 4:
+            break
+        coarse = replace(setting, camera=pooled_camera(setting.camera, factor))
+        try:
+            pooled = [_unwrapped(pooled_observation(whole, factor), coarse)]
+            path = _joint_path(pooled, coarse, timing=timing, n_legs=n_legs, start=None)
+        except (GeometryError, NothingFoundError, CalibrationError) as found:
+            problem = found
+            continue
+        rough = replace(path, camera=setting.camera, residuals=np.empty(0, RESIDUAL_DTYPE))
+        return rough, pulse_std_ps(pooled)
+    raise NothingFoundError(
+        "too little light: no pixel can be fitted alone and pooled pixels show no path; record "
+        "longer, or give a starting path (start=)"
+    ) from problem
+
+
+def _unwrapped(observation: Observation, setting: Setting) -> Observation:
+    """The observation with arrivals folded to where light can come from."""
+    times = unwrapped_arrivals(
+        observation.arrivals.arrival_ps,
+        period_ps=observation.arrivals.laser_period_ps,
+        earliest_ps=earliest_arrival_ps(setting),
+    )
+    return replace(
+        observation, arrivals=replace(observation.arrivals, arrival_ps=times), arrival_ps=times
+    )
 
 
 def _checked_call(
@@ -223,13 +296,9 @@ def observe(
         exclude_mask=None if exclude_mask is None else np.asarray(exclude_mask, dtype=bool),
         method="least_squares" if least_squares else "likelihood",
     )
-    times = unwrapped_arrivals(
-        arrivals.arrival_ps,
-        period_ps=arrivals.laser_period_ps,
-        earliest_ps=earliest_arrival_ps(setting),
+    return _unwrapped(
+        Observation(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals)), setting
     )
-    arrivals = replace(arrivals, arrival_ps=times)
-    return Observation(hist, clock, arrivals, times, blind_pixels(arrivals))
 
 
 def earliest_arrival_ps(setting: Setting) -> float | None:
@@ -402,13 +471,18 @@ def _state_from_start(start: Any, setting: Setting) -> PathState:
     return PathState(vertices, float(time))
 
 
-def _statements(floor_ps: float, timing: TimingCalibration | None) -> tuple[str, ...]:
+def _statements(fit: JointFit, timing: TimingCalibration | None) -> tuple[str, ...]:
+    """What the result rests on, and what the data leave open."""
     said = []
     if timing is None:
         said.append("The clock is nominal: no timing calibration was given.")
-    if floor_ps > 0:
+    if fit.floor_ps > 0:
         said.append(
-            f"The times scatter about the path by {floor_ps:.2g} ps more than their stated errors; "
-            "the error bars include that."
+            f"The times scatter about the path by {fit.floor_ps:.2g} ps more than their stated "
+            "errors; the error bars include that."
         )
+    if not fit.solution.converged:
+        said.append("The fit stopped before it converged: do not trust its errors.")
+    n_free = len(fit.labels)
+    said.extend(statements_from_covariance(fit.solution.covariance[:n_free, :n_free], fit.labels))
     return tuple(said)

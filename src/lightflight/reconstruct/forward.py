@@ -25,6 +25,7 @@ from scipy.interpolate import BSpline
 
 from lightflight._kernels.photon_score import photon_score
 from lightflight.flight import Medium
+from lightflight.reconstruct._footing import Corners, Moment, corner_distances, footing
 from lightflight.reconstruct.geometry import (
     Indices,
     PathState,
@@ -38,10 +39,6 @@ if TYPE_CHECKING:
     from lightflight.camera import Camera
 
 Floats = NDArray[np.float64]
-
-_NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(16)
-_SPOT_REACH = 4.0
-"""Half width of a footprint, in standard deviations of the spot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,45 +142,6 @@ def moved_light(light: Light, step: Floats, layout: Layout) -> Light:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Footing:
-    """Moments of one leg's footprint in each pixel near it."""
-
-    share: Floats
-    mean_offset_ps: Floats
-    variance_ps2: Floats
-    spot_share: Floats
-
-
-def _footing(
-    light: Light,
-    log_slope: Floats,
-    slope: Floats,
-    curvature: Floats,
-    before: Floats,
-    after: Floats,
-) -> _Footing:
-    """Moments over the footprint, cut at corners `before` and `after` (px from the foot)."""
-    spot = np.exp(light.log_spot_px)
-    low = np.maximum(-_SPOT_REACH * spot, before)
-    high = np.minimum(_SPOT_REACH * spot, after)
-    half = 0.5 * np.maximum(high - low, 0.0)
-    s = 0.5 * (low + high)[:, np.newaxis] + half[:, np.newaxis] * _NODES
-    log_slope = np.clip(log_slope, -3.0, 3.0)[:, np.newaxis]
-    # log_slope keeps the strength at the foot as the reference, as the spline does.
-    weight = _NODE_WEIGHTS * np.exp(-0.5 * (s / spot) ** 2 + log_slope * s)
-    weight *= half[:, np.newaxis] / (np.sqrt(2 * np.pi) * spot)
-    total = weight.sum(axis=1)
-    # The spline is the strength after the spot's smoothing: divide by what an uncut one holds.
-    uncut = np.exp(0.5 * (log_slope[:, 0] * spot) ** 2)
-    time = slope[:, np.newaxis] * s + 0.5 * curvature[:, np.newaxis] * s**2
-    safe = np.maximum(total, 1e-300)
-    mean = np.sum(weight * time, axis=1) / safe
-    variance = np.sum(weight * time**2, axis=1) / safe - mean**2
-    spread = np.sum(weight * s**2, axis=1) / safe / spot**2
-    return _Footing(np.maximum(total / uncut, 1e-12), mean, np.maximum(variance, 0.0), spread)
-
-
 def local_variables(
     state: PathState,
     light: Light,
@@ -200,7 +158,7 @@ def local_variables(
     log_photons = np.full((n, n_legs), -60.0)
     arrival, std = np.full((n, n_legs), np.nan), np.ones((n, n_legs))
     jacobian = np.zeros((n, 3 * n_legs, layout.size))
-    spot, focal = np.exp(light.log_spot_px), mean_focal_px(camera)
+    spot, focal = float(np.exp(light.log_spot_px)), mean_focal_px(camera)
     for k in range(n_legs):
         here = np.flatnonzero(pixels.near[:, k])
         legs = np.full(len(here), k)
@@ -222,46 +180,42 @@ def local_variables(
         design = BSpline.design_matrix(along, light.knots[k], 3).toarray()
         spline = BSpline(light.knots[k], light.coefficients[k], 3)
         curvature = arrival_curvature(print_, state=state, camera=camera, medium=medium)
-        before, after = _corner_distances(print_.fraction, print_.px_per_leg, k, n_legs)
-        footing = _footing(
-            light, spline.derivative()(along), print_.slope_ps_per_px, curvature, before, after
+        corners = corner_distances(state, print_, k, camera=camera)
+        feet = footing(
+            spline.derivative()(along), print_.slope_ps_per_px, curvature, corners, spot_px=spot
         )
-        log_photons[here, k] = (
-            design @ light.coefficients[k] + np.log(footing.share) - 0.5 * (across / spot) ** 2
+        log_photons[here, k] = np.maximum(
+            design @ light.coefficients[k] + feet.log_share.value - 0.5 * (across / spot) ** 2,
+            -60.0,
         )
-        log_photons[here, k] = np.maximum(log_photons[here, k], -60.0)
-        std_here = np.sqrt(np.exp(2 * light.log_std_ps) + footing.variance_ps2)
+        std_here = np.sqrt(np.exp(2 * light.log_std_ps) + feet.variance_ps2)
         std[here, k] = std_here
-        arrival[here, k] = (
-            print_.arrival_ps + footing.mean_offset_ps + pixels.modes_ps[here, k] @ modes
-        )
+        modes_here = pixels.modes_ps[here, k]
+        arrival[here, k] = print_.arrival_ps + feet.offset_ps.value + modes_here @ modes
         at, splines = 3 * k, layout.spline_starts[k]
         to_spline = slice(splines, splines + design.shape[1])
-        jacobian[here, at, : layout.n_free] = (
-            -(across / spot**2)[:, np.newaxis] * across_by_state @ basis
-        )
-        jacobian[here, at, to_spline] = design
-        jacobian[here, at, -2] = (across / spot) ** 2
-        jacobian[here, at + 1, : layout.n_free] = by_state @ basis
-        jacobian[here, at + 1, layout.n_free : layout.n_free + layout.n_modes] = pixels.modes_ps[
-            here, k
-        ]
+        to_slope = BSpline(light.knots[k], np.eye(design.shape[1]), 3).derivative()(along)
+        for row, moment in ((at, feet.log_share), (at + 1, feet.offset_ps)):
+            jacobian[here, row, : layout.n_free] = _by_corners(moment, corners) @ basis
+            jacobian[here, row, to_spline] = moment.by_slope[:, np.newaxis] * to_slope
+            jacobian[here, row, -2] = moment.by_log_spot
+        lateral = -(across / spot**2)[:, np.newaxis] * across_by_state
+        jacobian[here, at, : layout.n_free] += lateral @ basis
+        jacobian[here, at, to_spline] += design
+        jacobian[here, at, -2] += (across / spot) ** 2
+        jacobian[here, at + 1, : layout.n_free] += by_state @ basis
+        jacobian[here, at + 1, layout.n_free : layout.n_free + layout.n_modes] = modes_here
         jacobian[here, at + 2, -1] = np.exp(2 * light.log_std_ps) / std_here**2
-        jacobian[here, at + 2, -2] = footing.variance_ps2 / std_here**2
+        jacobian[here, at + 2, -2] = feet.variance_ps2 / std_here**2
     return Local(log_photons, arrival, std, jacobian)
 
 
-def _corner_distances(
-    fraction: Floats, px_per_leg: Floats, leg: int, n_legs: int
-) -> tuple[Floats, Floats]:
-    """Picture distance from each foot to the corners before and after it, px, signed."""
-    before = np.full(len(fraction), -np.inf)
-    after = np.full(len(fraction), np.inf)
-    if leg > 0:
-        before = -fraction * px_per_leg
-    if leg < n_legs - 1:
-        after = (1 - fraction) * px_per_leg
-    return before, after
+def _by_corners(moment: Moment, corners: Corners) -> Floats:
+    """d(moment) / d(state) through the places of the corners; (n, 3m + 1)."""
+    return (
+        moment.by_before[:, np.newaxis] * corners.before_by_state
+        + moment.by_after[:, np.newaxis] * corners.after_by_state
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,164 @@
+"""The footprint of a pixel on a leg, in three moments: share of the light, mean time, width.
+
+A pixel's light comes from a stretch of the leg as long as the spot is wide, cut where the leg has a
+corner. `footing` integrates over it and says how the moments follow the strength's slope, the
+spot and the corners; `corner_distances` says how the corners follow the path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.reconstruct.geometry import Footprint, PathState
+
+if TYPE_CHECKING:
+    from lightflight.camera import Camera
+
+Floats = NDArray[np.float64]
+
+_NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(16)
+_SPOT_REACH = 4.0
+"""Half width of a footprint, in standard deviations of the spot."""
+_STEEPEST = 3.0
+"""Largest slope of the log-strength that is believed, per px."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """One moment of the footprint and its derivatives; (n,) each."""
+
+    value: Floats
+    """The moment."""
+    by_slope: Floats
+    """By d ln(strength) / d(along), times px."""
+    by_log_spot: Floats
+    """By the log of the spot's standard deviation."""
+    by_before: Floats
+    """By the place of the corner before the foot, per px."""
+    by_after: Floats
+    """By the place of the corner after the foot, per px."""
+
+
+@dataclass(frozen=True, eq=False)
+class Footing:
+    """Moments of one leg's footprint in each pixel near it."""
+
+    log_share: Moment
+    """Log of the light, as a share of what the same leg without corners would give."""
+    offset_ps: Moment
+    """Mean arrival time minus that of the foot, ps."""
+    variance_ps2: Floats
+    """(n,), variance of the arrival time over the footprint, ps^2."""
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Picture distance from each foot to the corners of its leg, signed, and its derivatives."""
+
+    before: Floats
+    """(n,), px, -inf where the leg starts the path."""
+    after: Floats
+    """(n,), px, inf where it ends it."""
+    before_by_state: Floats
+    """(n, 3m + 1), px per mm."""
+    after_by_state: Floats
+    """(n, 3m + 1), px per mm."""
+
+
+def footing(
+    log_slope: Floats,
+    time_slope: Floats,
+    time_curvature: Floats,
+    corners: Corners,
+    *,
+    spot_px: float,
+) -> Footing:
+    """Moments over the footprint of strength exp(log_slope s) under the spot, cut at corners.
+
+    Parameters
+    ----------
+    log_slope : (n,), d ln(strength) / d(along), per px.
+    time_slope, time_curvature : (n,), of the arrival time along the leg, ps/px and ps/px^2.
+    """
+    low = np.maximum(-_SPOT_REACH * spot_px, corners.before)
+    high = np.minimum(_SPOT_REACH * spot_px, corners.after)
+    half = 0.5 * np.maximum(high - low, 0.0)
+    s = 0.5 * (low + high)[:, np.newaxis] + half[:, np.newaxis] * _NODES
+    kappa = np.clip(log_slope, -_STEEPEST, _STEEPEST)
+    believed = np.abs(log_slope) < _STEEPEST
+
+    def density(x: Floats, slope: Floats) -> Floats:
+        norm = np.sqrt(2 * np.pi) * spot_px
+        height: Floats = np.exp(-0.5 * (x / spot_px) ** 2 + slope * x) / norm
+        return height
+
+    def time_at(x: Floats, slope: Floats, curvature: Floats) -> Floats:
+        return slope * x + 0.5 * curvature * x**2
+
+    # The slope keeps the strength at the foot as the reference, as the spline does.
+    weight = _NODE_WEIGHTS * density(s, kappa[:, np.newaxis]) * half[:, np.newaxis]
+    total = weight.sum(axis=1)
+    weight /= np.maximum(total, 1e-300)[:, np.newaxis]
+    time = time_at(s, time_slope[:, np.newaxis], time_curvature[:, np.newaxis])
+    mean = np.sum(weight * time, axis=1)
+    mean_s, mean_s2 = np.sum(weight * s, axis=1), np.sum(weight * s**2, axis=1)
+    dark = total < 1e-12
+
+    def at_cut(where: Floats, inside: NDArray[np.bool_], sign: float) -> tuple[Floats, Floats]:
+        """Derivatives of (log share, mean time) by the place of a cut."""
+        cuts = inside & (half > 0) & ~dark
+        place = np.where(cuts, where, 0.0)
+        rate = np.where(cuts, sign * density(place, kappa) / np.maximum(total, 1e-300), 0.0)
+        return rate, rate * (time_at(place, time_slope, time_curvature) - mean)
+
+    before = at_cut(corners.before, corners.before > -_SPOT_REACH * spot_px, -1.0)
+    after = at_cut(corners.after, corners.after < _SPOT_REACH * spot_px, 1.0)
+    # The spline is the strength after the spot's smoothing: divide by what an uncut one holds.
+    log_uncut = 0.5 * (kappa * spot_px) ** 2
+    share = Moment(
+        value=np.maximum(np.log(np.maximum(total, 1e-300)) - log_uncut, np.log(1e-12)),
+        by_slope=np.where(believed & ~dark, mean_s - kappa * spot_px**2, 0.0),
+        by_log_spot=np.where(dark, 0.0, mean_s2 / spot_px**2 - 1.0 - 2.0 * log_uncut),
+        by_before=before[0],
+        by_after=after[0],
+    )
+    time_s, time_s2 = np.sum(weight * time * s, axis=1), np.sum(weight * time * s**2, axis=1)
+    offset = Moment(
+        value=mean,
+        by_slope=np.where(believed, time_s - mean * mean_s, 0.0),
+        by_log_spot=(time_s2 - mean * mean_s2) / spot_px**2,
+        by_before=before[1],
+        by_after=after[1],
+    )
+    variance = np.sum(weight * time**2, axis=1) - mean**2
+    return Footing(share, offset, np.maximum(variance, 0.0))
+
+
+def corner_distances(state: PathState, print_: Footprint, leg: int, *, camera: Camera) -> Corners:
+    """Picture distance from the feet of pixels on one leg to the corners before and after it.
+
+    The ends of the path are not corners: what lies beyond them is not known to be dark.
+    """
+    n, size = len(print_.fraction), 3 * len(state.vertices_mm) + 1
+    before, after = np.full(n, -np.inf), np.full(n, np.inf)
+    by_before, by_after = np.zeros((n, size)), np.zeros((n, size))
+    step = state.vertices_mm[leg + 1] - state.vertices_mm[leg]
+
+    def slide(vertex: int) -> Floats:
+        """How a corner's image moves along the leg's, (3,), px per mm."""
+        projection = np.nan_to_num(camera.pixel_jacobian(state.vertices_mm[vertex]))
+        along = projection @ step
+        moved: Floats = along @ projection / max(float(np.linalg.norm(along)), 1e-12)
+        return moved
+
+    if leg > 0:
+        before = -print_.fraction * print_.px_per_leg
+        by_before[:, 3 * leg : 3 * leg + 3] = slide(leg)
+    if leg < state.n_legs - 1:
+        after = (1 - print_.fraction) * print_.px_per_leg
+        by_after[:, 3 * leg + 3 : 3 * leg + 6] = slide(leg + 1)
+    return Corners(before, after, by_before, by_after)
