@@ -75,8 +75,9 @@ def photon_score(
 
     counts, lower, upper: (n, codes); log_photons, delays, stds: (n, L), NaN delay: leg absent.
     Codes outside every window are one term with the background alone, left out where
-    `use_outside` is False (something else flashes there). `expected_only`: information at the
-    expected counts, no data needed (bounds).
+    `use_outside` is False (something else flashes there). Values compare between parameters even
+    where the windows take in other codes. `expected_only`: information at the expected counts,
+    no data needed (bounds).
     """
     n, n_codes = counts.shape
     n_legs = delays.shape[1]
@@ -88,6 +89,8 @@ def photon_score(
         rate = math.exp(log_background[p])
         outside_counts = 0.5
         outside_width = 0.0
+        # ln(width) of the counts outside: what they owe to being counted code by code.
+        outside_share = 0.0
         for k in range(n_codes):
             width = upper[p, k] - lower[p, k]
             if width <= 0.0:
@@ -123,12 +126,18 @@ def photon_score(
                     score[p],
                     information[p],
                 )
+                if not use_outside[p] and counts[p, k] > 0.0:
+                    # Judged against a perfect fit, so that a code left out is a code well fitted.
+                    total -= counts[p, k] * (math.log(counts[p, k]) - 1.0)
             else:
                 outside_counts += counts[p, k]
                 outside_width += width
+                outside_share += counts[p, k] * math.log(width)
         if not use_outside[p]:
             outside_counts = 0.5
             outside_width = 0.5 / rate
+        elif outside_width > 0.0 and not expected_only:
+            total += outside_share - outside_counts * math.log(outside_width)
         if outside_width > 0.0:
             for i in range(n_local):
                 gradient[i] = 0.0
