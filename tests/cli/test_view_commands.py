@@ -134,3 +134,21 @@ def test_films_that_cannot_be_made_are_refused(run, path_file, tmp_path, words, 
     assert done.exit_code == 2
     assert sentence in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_export_writes_every_format(run, path_file, tmp_path):
+    pytest.importorskip("pyarrow")
+    files = [tmp_path / f"path.{kind}" for kind in ("csv", "parquet", "mat", "vtu", "glb")]
+    done = run("export", path_file, *(word for file in files for word in ("-o", file)))
+    assert done.exit_code == 0, done.stderr
+    assert all(file.stat().st_size > 1000 for file in files)
+
+
+def test_export_of_something_else_is_refused(run, tmp_path):
+    (tmp_path / "a.h5").write_bytes(b"nothing")
+    done = run("export", tmp_path / "a.h5", "-o", tmp_path / "a.csv")
+    assert done.exit_code == 3
+    assert "a.h5" in done.stderr
+    done = run("export", tmp_path / "a.h5", "-o", tmp_path / "a.xlsx")
+    assert done.exit_code == 2
+    assert [file.name for file in tmp_path.iterdir()] == ["a.h5"]

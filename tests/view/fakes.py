@@ -115,6 +115,7 @@ def fake_pulses(row: Any, col: Any, delay_ps: Any, *, std_ps: float, photons: fl
         delay_ps=np.asarray(delay_ps, dtype=float),
         std_ps=np.full(n, std_ps),
         photons=np.full(n, photons),
+        shape=(32, 32),
         background_per_ps=np.full(n, 0.004),
         covariance=covariance,
         flags=np.zeros(n, dtype=np.uint32),

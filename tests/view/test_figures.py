@@ -22,9 +22,7 @@ from lightflight.view.figures_fiber import fiber_figure
 from lightflight.view.figures_path import (
     draw_path_3d,
     draw_path_on_photo,
-    field_of_view,
     legend_entries,
-    mirror_outline,
 )
 from lightflight.view.figures_timing import (
     distortion_rms_ps,
@@ -34,6 +32,7 @@ from lightflight.view.figures_timing import (
     draw_time_errors,
     draw_times,
 )
+from lightflight.view.solids import field_of_view, mirror_outline, nice_factor
 from lightflight.view.trace import trace_from_path
 from tests.view import fakes
 
@@ -126,7 +125,7 @@ def test_numbers_are_set_with_significant_digits(value: float, text: str) -> Non
 
 @pytest.mark.parametrize(("ratio", "factor"), [(0.3, 1), (4.9, 2), (5.0, 5), (730, 500)])
 def test_magnifications_are_round(ratio: float, factor: float) -> None:
-    assert style.nice_factor(ratio) == factor
+    assert nice_factor(ratio) == factor
 
 
 def test_the_papers_scene_is_distorted_by_its_stated_amount() -> None:

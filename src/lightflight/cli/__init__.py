@@ -12,6 +12,7 @@ from lightflight._version import __version__
 from lightflight.cli import (
     calibrate,
     demo,
+    export,
     info,
     movie,
     plot,
@@ -54,5 +55,5 @@ def main() -> None:
     """
 
 
-for _module in (demo, simulate, info, calibrate, reconstruct, view, movie, plot, versions):
+for _module in (demo, simulate, info, calibrate, reconstruct, view, movie, plot, export, versions):
     main.add_command(_module.command)

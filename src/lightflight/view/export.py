@@ -1,6 +1,8 @@
-"""Results in files that other programs open: pictures and tables.
+"""Results in files that other programs open: pictures, tables, scenes.
 
-Takes a Figure or a LightPath, gives a file that appears whole or not at all.
+Takes a Figure or a LightPath, gives a file that appears whole or not at all: `write_figure`, and
+`export_path`, which finds the writer by the suffix (`write_csv`, `write_parquet`, `write_mat`,
+`write_vtu`, `write_glb`). For arrays in memory see `lightflight.view.arrays`.
 """
 
 from __future__ import annotations
@@ -10,6 +12,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lightflight.store import atomic_path
+from lightflight.view.export_gltf import write_glb
+from lightflight.view.export_tables import SAMPLES, TABLES, write_csv, write_mat, write_parquet
+from lightflight.view.export_vtk import write_vtu
+
+__all__ = [
+    "EXPORT_SUFFIXES",
+    "FIGURE_SUFFIXES",
+    "TABLES",
+    "export_path",
+    "write_csv",
+    "write_figure",
+    "write_glb",
+    "write_mat",
+    "write_parquet",
+    "write_vtu",
+]
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,8 +35,8 @@ if TYPE_CHECKING:
 FIGURE_SUFFIXES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".eps")
 """Formats a figure can be written in; pdf, svg and eps are vectors."""
 
-SAMPLES = 1000
-"""Points along a path in a table, unless asked otherwise."""
+EXPORT_SUFFIXES = (".csv", ".parquet", ".mat", ".vtu", ".glb")
+"""Formats a path can be exported to."""
 
 # Without dates the same figure gives the same bytes.
 _METADATA: dict[str, dict[str, Any]] = {
@@ -63,24 +81,33 @@ def write_figure(
         )
 
 
-def write_csv(light_path: Any, path: str | os.PathLike[str], *, samples: int = SAMPLES) -> None:
-    """Write a path as a table: equal event times, one row per point, a header with units.
-
-    Columns are those of `LightPath.sample`: leg (from 0), x_mm, y_mm, z_mm, event_time_ps,
-    arrival_time_ps, their one-sigma errors, and whether the camera sees the point (0 or 1).
+def export_path(
+    light_path: Any, path: str | os.PathLike[str], *, what: str = "samples", samples: int = SAMPLES
+) -> None:
+    """Write a path in the format of the file's suffix.
 
     Parameters
     ----------
     light_path : LightPath.
-    samples : number of points, at least 2.
+    what : table for .csv and .parquet: "samples", "pulses" or "vertices".
+    samples : points along the path, for tables of samples and .mat.
 
     Raises
     ------
     ValueError
-        For fewer than two samples, or a name that does not end in .csv.
+        For another suffix, table, or fewer than two samples.
+    MissingExtraError
+        For Parquet without pyarrow.
     """
     target = Path(path)
-    _check_suffix(target, (".csv",), "a table")
-    from lightflight.path_file import write_path_csv
-
-    write_path_csv(light_path, target, n=samples)
+    match _check_suffix(target, EXPORT_SUFFIXES, "a path"):
+        case ".csv":
+            write_csv(light_path, target, what=what, samples=samples)
+        case ".parquet":
+            write_parquet(light_path, target, what=what, samples=samples)
+        case ".mat":
+            write_mat(light_path, target, samples=samples)
+        case ".vtu":
+            write_vtu(light_path, target)
+        case _:
+            write_glb(light_path, target)

@@ -25,81 +25,12 @@ from lightflight.view.projection import (
     polygon,
     ribbon_from_rings,
 )
-from lightflight.view.trace import Trace, across_axes, position_at, trace_from_path
+from lightflight.view.solids import error_rings, field_of_view, magnification_of, mirror_outline
+from lightflight.view.trace import Trace, position_at, trace_from_path
 
 Floats = NDArray[np.float64]
 
 _TUBE_SIDES = 24
-_TUBE_SHARE = 0.022
-"""Radius of a magnified error tube as a share of the scene's longest side."""
-
-
-def tube_from_trace(
-    trace: Trace, leg: int, *, magnification: float = 1.0, sides: int = _TUBE_SIDES
-) -> Floats:
-    """One-sigma error ellipses across a leg, as rings of a tube; (n, sides, 3), world, mm.
-
-    NaN where the path has no covariance.
-    """
-    of_leg = trace.leg == leg
-    variances, axes = across_axes(trace)
-    radii = magnification * np.sqrt(np.maximum(variances[of_leg], 0.0))
-    turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
-    circle = np.stack((np.cos(turn), np.sin(turn)), axis=1)
-    # eigh may turn or flip the axes from one ring to the next: keep the first ring's frame.
-    frame = _aligned(axes[of_leg])
-    offsets = np.einsum("sk,nk,nkx->nsx", circle, radii, frame)
-    return np.asarray(trace.points_mm[of_leg][:, np.newaxis, :] + offsets)
-
-
-def _aligned(axes: Floats) -> Floats:
-    out = axes.copy()
-    for i in range(1, len(out)):
-        for k in range(2):
-            if out[i, k] @ out[i - 1, k] < 0:
-                out[i, k] *= -1
-    return out
-
-
-def magnification_for(trace: Trace, extent_mm: float) -> float:
-    """Factor of 1, 2, 5, 10 ... that makes the typical error of a trace visible in a scene."""
-    size = trace.std_mm[np.isfinite(trace.std_mm)]
-    if size.size == 0 or not np.median(size) > 0:
-        return 1.0
-    return style.nice_factor(_TUBE_SHARE * extent_mm / float(np.median(size)))
-
-
-def field_of_view(camera: Any, depth_point_mm: Floats) -> Floats:
-    """Outer edge of the camera's field on the plane through a point, facing the camera; (n, 3)."""
-    rows, cols = camera.shape
-    top, bottom, left, right = -0.5, rows - 0.5, -0.5, cols - 0.5
-    edge = np.array(
-        [(top, left), (top, right), (bottom, right), (bottom, left), (top, left)], dtype=float
-    )
-    f = np.linspace(0, 1, 9)[:-1, np.newaxis]
-    outline = np.concatenate([(1 - f) * edge[i] + f * edge[i + 1] for i in range(4)] + [edge[-1:]])
-    rays = camera.rays_from_pixels(outline[:, 0], outline[:, 1])
-    depth = (depth_point_mm - camera.center_mm) @ -camera.backward_axis
-    return np.asarray(camera.center_mm + rays * (depth / (rays @ -camera.backward_axis))[:, None])
-
-
-def mirror_outline(
-    before_mm: Floats, corner_mm: Floats, after_mm: Floats, *, size_mm: float
-) -> Floats:
-    """Square (4, 3) that a flat mirror at a corner would fill; world, mm."""
-    incoming = (corner_mm - before_mm) / np.linalg.norm(corner_mm - before_mm)
-    outgoing = (after_mm - corner_mm) / np.linalg.norm(after_mm - corner_mm)
-    normal = outgoing - incoming
-    size = np.linalg.norm(normal)
-    normal = outgoing if size < 1e-9 else normal / size
-    up = np.array([0.0, 1.0, 0.0])
-    up = up - (up @ normal) * normal
-    if np.linalg.norm(up) < 0.1:
-        up = np.array([0.0, 0.0, 1.0]) - normal[2] * normal
-    up /= np.linalg.norm(up)
-    side = np.cross(normal, up)
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size_mm / 2
-    return np.asarray(corner_mm + corners[:, :1] * side + corners[:, 1:] * up)
 
 
 @style.styled
@@ -141,7 +72,7 @@ def draw_path_3d(
     box = scene_box(path, truth, whole_scene=whole_scene)
     truth = truth if show_truth else None
     extent = float(np.ptp(box, axis=0).max())
-    factor = magnification_for(trace, extent) if magnification is None else magnification
+    factor = magnification_of(trace, extent) if magnification is None else magnification
     draw_box(ax, view, box)
     _draw_shadows(ax, view, trace, box)
     _draw_field(ax, view, path, box, whole_scene=whole_scene)
@@ -319,7 +250,9 @@ def _draw_mirrors(ax: Axes, view: Projector, path: Any, *, size_mm: float) -> No
 
 def _draw_tubes(ax: Axes, view: Projector, trace: Trace, factor: float) -> None:
     for leg in np.unique(trace.leg):
-        outline = ribbon_from_rings(tube_from_trace(trace, int(leg), magnification=factor), view)
+        outline = ribbon_from_rings(
+            error_rings(trace, int(leg), magnification=factor, sides=_TUBE_SIDES), view
+        )
         if outline is not None:
             ax.add_patch(
                 Polygon(outline, closed=True, facecolor=style.EVENT, alpha=0.20, lw=0, zorder=6)

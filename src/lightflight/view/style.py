@@ -169,15 +169,6 @@ def count_colormap() -> Colormap:
     return _truncated("GnBu", 0.0, 1.0, "lightflight_counts")
 
 
-def nice_factor(ratio: float, *, largest: float = 1e4) -> float:
-    """Largest of 1, 2, 5, 10, 20 ... that is not above `ratio`; never below 1."""
-    if not np.isfinite(ratio) or ratio <= 1.0:
-        return 1.0
-    ratio = min(ratio, largest)
-    power = 10.0 ** np.floor(np.log10(ratio))
-    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= ratio * 1.0001))
-
-
 def nice_step(span: float, about: int = 5) -> float:
     """A step of 1, 2, 2.5 or 5 times a power of ten that cuts `span` into about `about` pieces."""
     if not np.isfinite(span) or span <= 0:

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags as fl
-from lightflight.flight import Medium, apparent_speed_from_direction
-from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+from lightflight.flight import Medium
 from lightflight.view.page.histograms import histogram_blob
+from lightflight.view.speed import apparent_speed_along
 from lightflight.view.trace import (
     Trace,
     across_axes,
@@ -161,7 +161,7 @@ def _trace_part(path: Any, trace: Trace) -> dict[str, Any]:
     if camera is not None and len(trace.leg):
         row, col = camera.pixels_from_points(trace.points_mm)
         pixel = np.stack((np.asarray(row, float), np.asarray(col, float)), axis=1)
-        speed = _apparent_speed(path, trace)
+        speed = apparent_speed_along(trace, camera=camera, medium=getattr(path, "medium", None))
     std = np.sqrt(np.diagonal(trace.covariance, axis1=1, axis2=2))
     return {
         "points_mm": packed(trace.points_mm, "f4"),
@@ -173,22 +173,8 @@ def _trace_part(path: Any, trace: Trace) -> dict[str, Any]:
         "std": packed(std, "f4"),
         "half_axes_mm": packed(half_axes, "f4") if has_errors(path) else None,
         "pixel": packed(pixel, "f4"),
-        "apparent_speed": packed(speed / SPEED_OF_LIGHT_MM_PER_PS, "f4"),
+        "apparent_speed": packed(speed, "f4"),
     }
-
-
-def _apparent_speed(path: Any, trace: Trace) -> Floats:
-    """(n,), mm/ps: length of path seen per unit of arrival time."""
-    vertices = np.asarray(path.vertices_mm, dtype=float)
-    steps = np.diff(vertices, axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
-        towards = path.camera.center_mm - trace.points_mm
-        towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
-        speed = apparent_speed_from_direction(
-            directions[trace.leg], towards, medium=getattr(path, "medium", None)
-        )
-    return np.asarray(speed)
 
 
 def _truth_part(path: Any, truth: Any) -> dict[str, Any] | None:
@@ -211,7 +197,7 @@ def _truth_part(path: Any, truth: Any) -> dict[str, Any] | None:
 def _camera_part(camera: Any, path: Any) -> dict[str, Any] | None:
     if camera is None:
         return None
-    from lightflight.view.figures_path import field_of_view
+    from lightflight.view.solids import field_of_view
 
     vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
     finite = vertices[np.isfinite(vertices).all(axis=1)]
