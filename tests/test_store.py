@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
 import stat
 import subprocess
 import sys
 import textwrap
+import time
 from pathlib import Path
 
 import h5py
@@ -165,6 +167,35 @@ def test_a_full_disk_is_one_sentence_and_keeps_the_old_file(tmp_path, limit, how
     assert done.stderr == ""
     np.testing.assert_array_equal(load_record(path, kind="path")[0]["x"], np.arange(5))
     assert _names(tmp_path) == ["r.h5"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_ctrl_c_while_writing_keeps_the_old_file(tmp_path):
+    """For real: a process that writes the same record for ever is interrupted at some moment."""
+    path = tmp_path / "r.h5"
+    script = f"""
+        import numpy as np
+        from lightflight.store import save_record
+        noise = np.random.default_rng(0).integers(0, 256, 3_000_000, dtype=np.uint8)
+        print("ready", flush=True)
+        try:
+            while True:
+                save_record({str(path)!r}, kind="path", arrays={{"x": noise}}, attributes={{}})
+        except KeyboardInterrupt:
+            print("interrupted", flush=True)
+    """
+    for wait_s in (0.05, 0.13, 0.31):
+        _save(path, x=np.arange(5))
+        with subprocess.Popen(
+            [sys.executable, "-c", textwrap.dedent(script)], stdout=subprocess.PIPE, text=True
+        ) as child:
+            assert child.stdout is not None
+            assert child.stdout.readline() == "ready\n"
+            time.sleep(wait_s)
+            child.send_signal(signal.SIGINT)
+            assert child.stdout.read() == "interrupted\n"
+        assert load_record(path, kind="path")[0]["x"].size in (5, 3_000_000)
+        assert _names(tmp_path) == ["r.h5"]
 
 
 def test_atomic_path_keeps_suffix_permissions_and_links(tmp_path):

@@ -23,8 +23,10 @@ import json
 import math
 import os
 import shutil
+import signal
 import stat
 import tempfile
+import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -47,6 +49,7 @@ FORMAT_NAME = "lightflight"
 SCHEMA_VERSION = 1
 """Highest schema this version writes and reads; it reads every lower one too."""
 
+_DISK_ERRORS = {errno.ENOSPC, errno.EFBIG, errno.EIO, getattr(errno, "EDQUOT", errno.ENOSPC)}
 _ATTRIBUTES = "attributes"
 _CHUNKED_FROM_BYTES = 4096
 _CHUNK_BYTES = 1 << 20
@@ -95,8 +98,15 @@ def atomic_path(path: str | os.PathLike[str], *, directory: bool = False) -> Ite
             _flush_to_disk(fresh)
             fresh.chmod(_permissions_for(target, 0o666))
             fresh.replace(target)
-    except BaseException:
+    except BaseException as error:
         _remove(fresh)
+        code = error.errno if isinstance(error, OSError) else None
+        if code is not None and code in _DISK_ERRORS:
+            raise OSError(
+                code,
+                f"cannot write, {os.strerror(code)}: free some space or write elsewhere",
+                os.fspath(path),
+            ) from error
         raise
     _flush_to_disk(target.parent)
 
@@ -241,7 +251,7 @@ def new_hdf5(path: str | os.PathLike[str]) -> Iterator[RecordWriter]:
 
     Raises OSError where the file cannot be written.
     """
-    with atomic_path(path) as fresh, _DiskFile(fresh, shown=path) as disk:
+    with atomic_path(path) as fresh, _DiskFile(fresh) as disk, _interrupts_to(disk):
         with h5py.File(disk, "w", track_order=True) as file:
             yield RecordWriter(file, disk)
         disk.check()
@@ -336,6 +346,27 @@ def _json_value(value: object) -> Any:
     raise TypeError(f"attribute of type {type(value).__name__} cannot be stored: {value!r}")
 
 
+@contextlib.contextmanager
+def _interrupts_to(disk: _DiskFile) -> Iterator[None]:
+    """Hold back Ctrl-C until the next `check`: raised inside HDF5 it would be lost.
+
+    Python delivers it to the main thread alone; in any other there is nothing to do.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    usual = signal.getsignal(signal.SIGINT)
+    if not callable(usual):
+        yield
+        return
+    signal.signal(signal.SIGINT, lambda number, frame: disk.fail(KeyboardInterrupt()))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
+    disk.check()  # it may have come after the last one
+
+
 class _DiskFile(io.RawIOBase):
     """A file for HDF5 to write to that never fails in HDF5's sight.
 
@@ -343,24 +374,21 @@ class _DiskFile(io.RawIOBase):
     kept for `check`, and what cannot be written is held in memory until the file is closed.
     """
 
-    def __init__(self, path: Path, *, shown: str | os.PathLike[str]) -> None:
+    def __init__(self, path: Path) -> None:
         super().__init__()
         self._file = path.open("w+b", buffering=0)
-        self._shown = os.fspath(shown)
         self._position = 0
         self._error: BaseException | None = None
         self._unwritten: list[tuple[int, bytes]] = []
 
     def check(self) -> None:
         """Raise the first error that writing met, if any."""
-        if isinstance(self._error, OSError):
-            raise OSError(
-                self._error.errno,
-                f"cannot write, {self._error.strerror}: free some space or write elsewhere",
-                self._shown,
-            ) from self._error
         if self._error is not None:
             raise self._error
+
+    def fail(self, error: BaseException) -> None:
+        """Write no more; `check` raises `error`, unless there was another before it."""
+        self._error = self._error or error
 
     def readable(self) -> bool:
         return True
@@ -389,7 +417,7 @@ class _DiskFile(io.RawIOBase):
         try:
             self._file.truncate(size)
         except BaseException as error:  # noqa: BLE001  (see the class: HDF5 must not see it)
-            self._error = self._error or error
+            self.fail(error)
         return size
 
     def write(self, block: Any) -> int:
@@ -398,7 +426,7 @@ class _DiskFile(io.RawIOBase):
             if self._error is None:
                 self._write_all(memoryview(block).cast("B"))
         except BaseException as error:  # noqa: BLE001
-            self._error = error
+            self.fail(error)
         if self._error is not None:
             self._unwritten.append((self._position, bytes(block)))
         self._position += n_bytes

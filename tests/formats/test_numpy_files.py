@@ -48,6 +48,14 @@ def test_the_order_is_never_guessed(tmp_path, cube):
         read(tmp_path / "x.npy", axes="pt")
 
 
+def test_axes_a_file_states_wrong_are_asked_for(tmp_path, cube):
+    """They are the file's mistake, not the user's."""
+    np.savez(tmp_path / "x.npz", hist=cube, axes="yxq")
+    with pytest.raises(FileFormatError, match="give axes="):
+        read(tmp_path / "x.npz")
+    np.testing.assert_array_equal(read(tmp_path / "x.npz", axes="yxt").counts, cube)
+
+
 def test_npy_frames_are_mapped_not_loaded(tmp_path, rng):
     frames = rng.integers(0, 64, (50, 4, 5)).astype(np.uint16)
     np.save(tmp_path / "x.npy", frames)

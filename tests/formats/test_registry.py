@@ -103,6 +103,42 @@ def test_writing_asks_for_a_suffix_and_a_record(tmp_path, cube):
         lf.write(cube.counts, tmp_path / "x.h5")
 
 
+@pytest.mark.parametrize("suffix", [".h5", ".npz", ".mat", ".zarr", ".bin", ".photon.h5"])
+def test_a_full_disk_is_one_sentence_and_keeps_the_old_file(tmp_path, suffix):
+    """For real, in a process that may write no file beyond 200 kB."""
+    if suffix == ".zarr":
+        pytest.importorskip("zarr")
+    path = tmp_path / f"x{suffix}"
+    script = f"""
+        import resource
+        import numpy as np
+        import lightflight as lf
+        rng = np.random.default_rng(0)
+        def record(n):
+            if {suffix!r} not in (".bin", ".photon.h5"):
+                return lf.Histograms(rng.integers(0, 2**31, (8, 8, n)))
+            return lf.Recording.from_frames(
+                rng.integers(0, 1024, (n, 8, 8)).astype(np.uint16), n_codes=1024,
+                no_photon_code=0, laser_period_ps=5e4, periods_per_frame=10,
+            )
+        lf.write(record(5), {str(path)!r})
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+        try:
+            lf.write(record(20_000), {str(path)!r})
+        except OSError as error:
+            print(error)
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, check=True
+    )
+    assert "cannot write, File too large: free some space" in done.stdout
+    assert str(path) in done.stdout
+    assert done.stdout.count("\n") == 1
+    hints = {"shape": (8, 8)} if suffix == ".bin" else {}
+    assert lf.histogram(read(path, **hints)).shape == (8, 8)
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+
 # --- plug-ins ---------------------------------------------------------------------------
 
 

@@ -20,20 +20,24 @@ from lightflight.filecheck import record_error_as_format_error
 from lightflight.histogram import Histograms
 from lightflight.recording import Recording
 
-LETTERS = {"y": "rows", "x": "columns", "t": "codes", "p": "pixels", "f": "frames"}
-
 _HISTOGRAM_AXES = ({"y", "x", "t"}, {"p", "t"}, {"t"})
 _FRAME_AXES = ({"f", "y", "x"}, {"f", "p"})
 
 
 def check_axes_hint(axes: Any) -> None:
     """Raise ConfigError where `axes` is not one of the orders there can be."""
-    valid = isinstance(axes, str) and set(axes) in (*_HISTOGRAM_AXES, *_FRAME_AXES)
-    if not valid or len(set(axes)) != len(axes):
+    if stated_axes(axes) is None:
         raise ConfigError(
             f"hint axes must be an order of 'yxt' (rows, columns, codes), 'pt' (pixels, codes), "
             f"'fyx' (frames, rows, columns) or 'fp', got {axes!r}"
         )
+
+
+def stated_axes(axes: Any) -> str | None:
+    """What a file says of its axes, where it is one of the orders there can be."""
+    if not isinstance(axes, str) or len(set(axes)) != len(axes):
+        return None
+    return axes if set(axes) in (*_HISTOGRAM_AXES, *_FRAME_AXES) else None
 
 
 def axes_needed(

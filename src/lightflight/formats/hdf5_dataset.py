@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from lightflight.errors import ConfigError, FileFormatError
 from lightflight.filecheck import check_memory
 from lightflight.formats.cubes import (
-    LETTERS,
     axes_needed,
     checked_shape,
     record_from_array,
     shapes_text,
+    stated_axes,
 )
 from lightflight.formats.isolation import run_isolated
 from lightflight.formats.registry import Format
@@ -119,8 +119,9 @@ def _stated_axes(name: str, n_axes: int, stated: Any, labels: list[str]) -> str 
     """Order of the axes as the file states it; None where it does not."""
     named = _NAMED_AXES.search(name)
     for order in (labels, stated if isinstance(stated, str) else None, named and named.groups()):
-        if order and len(order) == n_axes and set(order) <= LETTERS.keys():
-            return "".join(order)
+        axes = stated_axes("".join(order or ()))
+        if axes is not None and len(axes) == n_axes:
+            return axes
     return None
 
 

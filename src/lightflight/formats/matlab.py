@@ -14,7 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import ConfigError, FileFormatError
-from lightflight.formats.cubes import axes_needed, checked_shape, record_from_array, shapes_text
+from lightflight.formats.cubes import (
+    axes_needed,
+    checked_shape,
+    record_from_array,
+    shapes_text,
+    stated_axes,
+)
 from lightflight.formats.metadata import fields_from_text, text_from_histograms
 from lightflight.formats.registry import Format
 from lightflight.histogram import Histograms
@@ -48,7 +54,7 @@ def read(
     name = _chosen(variable, shapes, path)
     fields, settings = fields_from_text(texts.get("lightflight"), path)
     told_poisson = bool(fields.pop("poisson", True))
-    axes = axes or texts.get("axes")
+    axes = axes or stated_axes(texts.get("axes"))
     if axes is None:
         raise axes_needed({name: shapes[name]}, path)
     return record_from_array(

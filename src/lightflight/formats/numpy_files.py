@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 from lightflight.errors import ConfigError, FileFormatError
 from lightflight.filecheck import check_claim, check_memory
 from lightflight.formats.clock import pf32_clock
-from lightflight.formats.cubes import axes_needed, checked_shape, record_from_array, shapes_text
+from lightflight.formats.cubes import (
+    axes_needed,
+    checked_shape,
+    record_from_array,
+    shapes_text,
+    stated_axes,
+)
 from lightflight.formats.metadata import fields_from_text, text_from_histograms
 from lightflight.formats.registry import Format
 from lightflight.histogram import Histograms
@@ -120,7 +126,7 @@ def read_npz(
     elif found.keys() >= _PF32_KEYS and key == "hist":
         clock, settings = _pf32_metadata(clock, settings)
         axes = axes or "yxt"
-    axes = axes or texts.get("axes")
+    axes = axes or stated_axes(texts.get("axes"))
     if axes is None:
         raise axes_needed({key: values.shape}, path)
     return record_from_array(

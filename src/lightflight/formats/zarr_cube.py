@@ -16,11 +16,11 @@ import numpy as np
 from lightflight.errors import ConfigError, FileFormatError, MissingExtraError
 from lightflight.filecheck import ANY_MOST, check_claim, check_memory
 from lightflight.formats.cubes import (
-    LETTERS,
     axes_needed,
     checked_shape,
     record_from_array,
     shapes_text,
+    stated_axes,
 )
 from lightflight.formats.metadata import fields_from_text, text_from_histograms
 from lightflight.formats.registry import Format
@@ -100,9 +100,10 @@ def _array_in(opened: Any, wanted: str | None, path: Path) -> Any:
 def _stated_axes(node: Any) -> str | None:
     named = getattr(node.metadata, "dimension_names", None) or node.attrs.get("_ARRAY_DIMENSIONS")
     for order in (named, node.attrs.get("axes")):
-        letters = [str(name) for name in order] if isinstance(order, list | tuple | str) else []
-        if len(letters) == len(node.shape) and set(letters) <= LETTERS.keys():
-            return "".join(letters)
+        named_so = isinstance(order, list | tuple | str)
+        axes = stated_axes("".join(map(str, order))) if named_so else None
+        if axes is not None and len(axes) == len(node.shape):
+            return axes
     return None
 
 
