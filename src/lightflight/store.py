@@ -53,7 +53,7 @@ _DISK_ERRORS = {errno.ENOSPC, errno.EFBIG, errno.EIO, getattr(errno, "EDQUOT", e
 _ATTRIBUTES = "attributes"
 _CHUNKED_FROM_BYTES = 4096
 _CHUNK_BYTES = 1 << 20
-_GROWING_CHUNK_BYTES = 1 << 16
+_GROWING_CHUNK_BYTES = 1 << 14
 _SLAB_BYTES = 16 << 20
 
 

@@ -3,7 +3,8 @@
 Kind "histograms": array `counts`. Kind "recording": arrays `pixel` and `code`, 4 bytes per
 photon, and `photons_per_frame`; dense frames that have no code for "no photon" stay `frames`.
 The fields of the record that are no arrays are JSON attributes, as are the settings. The truth
-of a simulation comes back as a plain namespace. See `store` for the container.
+of a simulation comes back as a plain namespace. `schema.toml` is the layout as data, `store` the
+container.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from lightflight.errors import ConfigError, FileFormatError
 from lightflight.filecheck import record_error_as_format_error
 from lightflight.formats.photons import photon_blocks
 from lightflight.formats.registry import Format
+from lightflight.formats.schema import check_arrays
 from lightflight.histogram import Histograms
 from lightflight.recording import CLOCK_FIELDS, Recording
 
@@ -54,8 +56,8 @@ def _read_histograms(path: Path, clock: Mapping[str, Any], poisson: bool | None)
 
     arrays, attributes = load_record(path, kind="histograms")
     fields = _fields_from(attributes, path) | dict(clock)
-    if "counts" not in arrays:
-        raise FileFormatError("holds no counts: the file is damaged", path=path)
+    own = {name: array for name, array in arrays.items() if not name.startswith(_TRUTH)}
+    check_arrays("histograms", own, path=path)
     if poisson is None:
         poisson = bool(attributes.get("poisson", True))
     counts = arrays["counts"]
@@ -70,14 +72,12 @@ def _read_recording(path: Path, clock: Mapping[str, Any]) -> Recording:
     from lightflight.store import open_record, read_array
 
     with open_record(path, kind="recording") as (file, attributes):
-        stored: dict[str, Any] = {
-            name: StoredArray.of(file[name], path=path)
-            for name in ("frames", "pixel", "code", "footers")
-            if name in file
-        }
+        own = [name for name in file if name not in ("attributes", "truth")]
+        stored: dict[str, Any] = {name: StoredArray.of(file[name], path=path) for name in own}
+        check_arrays("recording", stored, path=path)
         starts = None
-        if "photons_per_frame" in file:
-            per_frame = read_array(file["photons_per_frame"], path=path)
+        if "photons_per_frame" in stored:
+            per_frame = np.asarray(stored.pop("photons_per_frame"))
             starts = np.zeros(per_frame.size + 1, np.uint64)
             np.cumsum(per_frame, dtype=np.uint64, out=starts[1:])
         truth = {

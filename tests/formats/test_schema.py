@@ -1,0 +1,85 @@
+"""formats.schema: files are held against the schema, and old files stay readable."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import lightflight as lf
+from lightflight.errors import FileFormatError
+from lightflight.formats.schema import check_arrays, file_schema
+from lightflight.store import SCHEMA_VERSION, load_record, save_record
+from tools.make_schema_files import CLOCK, SETTINGS, known_frames
+
+read: Any = lf.read
+FOLDER = Path(__file__).resolve().parents[1] / "data"
+VERSIONS = range(1, SCHEMA_VERSION + 1)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_files_of_every_schema_are_read(version):
+    frames = known_frames()
+    expected = lf.histogram(lf.Recording.from_frames(frames, n_codes=32, no_photon_code=0)).counts
+    for name in ("recording", "histograms"):
+        record = read(FOLDER / f"{name}_schema_{version}.h5")
+        np.testing.assert_array_equal(lf.histogram(record).counts, expected)
+        for field, value in CLOCK.items():
+            assert getattr(record, field) == value, field
+        assert record.settings == SETTINGS
+        assert record.n_frames == len(frames)
+    dense = read(FOLDER / f"frames_schema_{version}.h5")
+    np.testing.assert_array_equal(dense.frames, frames)
+
+
+def test_all_that_is_written_is_in_the_schema(tmp_path):
+    schema = file_schema()
+    assert schema["version"] == SCHEMA_VERSION
+    footers = np.zeros((9, 16), np.uint8)
+    made = {
+        "recording": lf.Recording.from_frames(known_frames(), n_codes=32, footers=footers, **CLOCK),
+        "histograms": lf.Histograms(np.ones((2, 2, 4), int)),
+    }
+    dense = lf.Recording.from_frames(known_frames(), n_codes=32)
+    written: dict[str, set[str]] = {"recording": set(), "histograms": set()}
+    for kind, record in [*made.items(), ("recording", dense)]:
+        lf.write(record, tmp_path / "x.h5")
+        arrays, attributes = load_record(tmp_path / "x.h5", kind=kind)
+        written[kind] |= set(arrays)
+        assert set(attributes) == {*schema["attributes"], *schema[kind]["attributes"]}
+    for kind, names in written.items():
+        assert names == set(schema[kind]["arrays"])
+
+
+_U16 = np.zeros(3, np.uint16)
+
+
+@pytest.mark.parametrize(
+    ("kind", "arrays", "text"),
+    [
+        ("histograms", {}, "holds no counts"),
+        ("histograms", {"counts": _U16}, r"not (rows, cols, codes)"),
+        ("recording", {"pixel": _U16, "code": _U16[:2]}, "number of photons, 3 and 2"),
+        ("recording", {"pixel": _U16.astype(float), "code": _U16}, "'pixel' is float64"),
+        ("recording", {"pixel": _U16, "code": _U16, "extra": _U16}, "unknown array 'extra'"),
+    ],
+)
+def test_arrays_that_break_the_schema(tmp_path, kind, arrays, text):
+    with pytest.raises(FileFormatError, match=re.escape(text)):
+        check_arrays(kind, arrays, path="x.h5")
+    attributes = {"shape": [1, 3], "n_codes": 4}
+    save_record(tmp_path / "x.h5", kind=kind, arrays=arrays, attributes=attributes)
+    with pytest.raises(FileFormatError, match=re.escape(text)):
+        read(tmp_path / "x.h5")
+
+
+def test_a_group_where_an_array_should_be(tmp_path):
+    save_record(tmp_path / "x.h5", kind="recording", arrays={}, attributes={})
+    with h5py.File(tmp_path / "x.h5", "a") as file:
+        file.create_group("pixel")
+    with pytest.raises(FileFormatError, match="'pixel' is not an array"):
+        read(tmp_path / "x.h5")
