@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags as fl
@@ -96,13 +97,20 @@ def _draw_picture(
 ) -> None:
     rows, cols = arrivals.shape
     light = np.sqrt(np.maximum(np.asarray(hist.photons, dtype=float), 0.0))
-    ax.imshow(light, cmap="Greys", vmin=0, vmax=2.2 * max(float(light.max()), 1e-12))
+    ax.imshow(light, cmap="Greys", vmin=0, vmax=1.7 * max(float(light.max()), 1e-12))
     use = np.isfinite(times) & fl.is_usable(arrivals.flags)
     on_leg = use & (_members_of(legs, len(times)) >= 0)
     stray = use & ~on_leg
     size = (180.0 / max(rows, cols)) ** 2
+    # Where nearly every cell has something to say, crosses would drown the light.
+    many = int(stray.sum()) > 300
+    mark: dict[str, Any] = {"marker": "." if many else "x", "c": "#aab2bd" if many else style.QUIET}
     ax.scatter(
-        arrivals.col[stray], arrivals.row[stray], s=0.25 * size, marker="x", c=style.QUIET, lw=0.6
+        arrivals.col[stray],
+        arrivals.row[stray],
+        s=(0.10 if many else 0.25) * size,
+        lw=0 if many else 0.6,
+        **mark,
     )
     dots = ax.scatter(
         arrivals.col[on_leg], arrivals.row[on_leg], s=0.55 * size, c=times[on_leg],
@@ -119,7 +127,8 @@ def _draw_picture(
         )  # fmt: skip
         _number_leg(ax, ends, k)
     if stray.any():
-        ax.plot([], [], "x", color=style.QUIET, ms=3, mew=0.6, label=f"on no leg ({stray.sum()})")
+        word = f"on no leg ({int(stray.sum())})"
+        ax.plot([], [], mark["marker"], ls="none", color=mark["c"], ms=3.5, mew=0.6, label=word)
     ax.set(xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
     ax.set(xlabel="column u (px)", ylabel="row v (px)")
     if on_leg.any():
@@ -132,11 +141,19 @@ def _number_leg(ax: Axes, ends: Floats, k: int) -> None:
     along = (ends[1] - ends[0]) / max(float(np.linalg.norm(ends[1] - ends[0])), 1e-9)
     side = np.array([along[1], -along[0]])
     side = side if side[1] < 0 else -side  # above the leg: row numbers grow downwards
-    ax.annotate(
-        f"{k + 1}", tuple(ends.mean(axis=0)), xytext=(11 * side[0], -11 * side[1]),
-        textcoords="offset points", ha="center", va="center", fontsize=7.5, fontweight="bold",
-        color=leg_color(k), zorder=6,
-    )  # fmt: skip
+    number = ax.annotate(
+        f"{k + 1}",
+        tuple(ends.mean(axis=0)),
+        xytext=(11 * side[0], -11 * side[1]),
+        textcoords="offset points",
+        ha="center",
+        va="center",
+        fontsize=7.5,
+        fontweight="bold",
+        color=leg_color(k),
+        zorder=6,
+    )
+    number.set_path_effects([withStroke(linewidth=2.4, foreground=style.PAPER)])
 
 
 def _draw_against_time(

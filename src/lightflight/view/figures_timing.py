@@ -146,6 +146,7 @@ def draw_time_errors(
 
     The band is one sigma of the path; dots are single pulses with their error bars (those with
     more than three times the median error are not shown).
+    The scale is the path's: another estimate that leaves it has its extremes in the legend.
 
     Parameters
     ----------
@@ -167,23 +168,49 @@ def draw_time_errors(
     if points:
         _draw_pulse_errors(ax, path, trace, truth, frame_ps)
     ax.fill_between(frame, error - sigma, error + sigma, color=style.EVENT, alpha=0.22, lw=0)
+    method = getattr(path, "method", "") or "path"
+    own = _gaps(error, trace.in_view)
+    ax.plot(frame, own, color=style.EVENT, lw=1.6, zorder=5, label=f"{method}, $\\pm1\\sigma$")
+    limit = _error_limit(path, own, sigma, points=points)
     for k, (name, other) in enumerate((others or {}).items()):
         o_trace = trace_from_path(other, camera=path.camera, medium=path.medium)
         o_error = o_trace.event_time_ps - true_event_time_along(o_trace, truth, camera=path.camera)
+        o_error = _gaps(o_error, o_trace.in_view)
         ax.plot(
-            (o_trace.arrival_ps - trace.arrival_ps[0]) / frame_ps, _gaps(o_error, o_trace.in_view),
-            color=style.OTHERS[k % 4], ls=style.OTHER_DASHES[k % 4], lw=1.1, zorder=3, label=name,
-        )  # fmt: skip
-    method = getattr(path, "method", "") or "path"
-    ax.plot(
-        frame, _gaps(error, trace.in_view), color=style.EVENT, lw=1.6, zorder=5,
-        label=f"{method}, $\\pm1\\sigma$",
-    )  # fmt: skip
+            _frames(trace, o_trace.arrival_ps, frame_ps),
+            o_error,
+            color=style.OTHERS[k % 4],
+            ls=style.OTHER_DASHES[k % 4],
+            lw=1.1,
+            zorder=3,
+            label=_with_reach(name, o_error, limit),
+        )
+    ax.set_ylim(-limit, limit)
     ax.set_xlim(min(frame[0], 0.0), frame[-1])
     ax.set_xlabel(f"camera frame (one frame: {frame_ps:g} ps of arrival time)")
     ax.set_ylabel("$t$ \u2212 true $t$ (ps)")
     ax.legend(loc="best", ncols=3)
     return ax
+
+
+def _error_limit(path: Any, own: Floats, sigma: Floats, *, points: bool) -> float:
+    """Half of the vertical scale: the path and its precise pulses; other estimates may leave it."""
+    reach = [np.abs(own) + 2.0 * np.nan_to_num(sigma)]
+    if points:
+        places = places_from_path(path)
+        precise = precise_pulses(places)
+        reach.append(np.abs(places.residual_ps[precise]) + places.std_ps[precise])
+    every = np.concatenate(reach)
+    every = every[np.isfinite(every)]
+    return 1.5 * max(float(np.percentile(every, 98.0)), 1e-3) if every.size else 1.0
+
+
+def _with_reach(name: str, error: Floats, limit: float) -> str:
+    """Name of an estimate, with its extremes where it leaves the scale."""
+    if not np.isfinite(error).any() or np.nanmax(np.abs(error)) <= limit:
+        return name
+    low, high = (style.number(float(f(error)), 2, sign=True) for f in (np.nanmin, np.nanmax))
+    return f"{name} ({low} \u2026 {high} ps)"
 
 
 @style.styled
@@ -349,6 +376,7 @@ def draw_residual_map(path: Any, ax: Axes | None = None, *, limit_ps: float | No
     """Residuals as the camera's picture; the largest one where legs cross in a pixel.
 
     Negative pixels carry a dot, so that the sign survives without colour; crosses are left out.
+    The scale follows the precise pulses (at most three times the median error).
     """
     ax = style.axes_or_new(ax, 90, 80)
     places = places_from_path(path)
@@ -359,7 +387,9 @@ def draw_residual_map(path: Any, ax: Axes | None = None, *, limit_ps: float | No
     order = np.argsort(np.abs(np.nan_to_num(places.residual_ps)))
     use = order[places.used[order]]
     picture[places.row[use], places.col[use]] = places.residual_ps[use]
-    limit = style.robust_limit(picture) if limit_ps is None else limit_ps
+    precise = precise_pulses(places)
+    basis = places.residual_ps[precise if precise.any() else places.used]
+    limit = style.robust_limit(basis) if limit_ps is None else limit_ps
     ax.set_facecolor(style.WASH)
     image = ax.imshow(picture, cmap=style.signed_colormap(), vmin=-limit, vmax=limit)
     negative = np.argwhere(picture < 0)
