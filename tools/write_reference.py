@@ -1,4 +1,4 @@
-"""Write docs/reference/*.md from the code: set-up keys, flags, exit codes, commands.
+"""Write docs/reference/*.md from the code: set-up keys, flags, commands, file formats.
 
     .venv/bin/python tools/write_reference.py            # writes the pages
     .venv/bin/python tools/write_reference.py --check    # fails where a page is out of date
@@ -89,7 +89,54 @@ def _meaning(parameter: click.Parameter) -> str:
     return " ".join((getattr(parameter, "help", None) or "").split()).replace("|", "&#124;")
 
 
-PAGES = {"setup-file.md": setup_page, "flags.md": flags_page, "commands.md": commands_page}
+def formats_page() -> str:
+    """What can be read and written, with which hints; the layout of our own files."""
+    from lightflight.formats.clock import CLOCK_HINTS
+    from lightflight.formats.registry import own_formats
+    from lightflight.formats.schema import file_schema
+
+    lines = [
+        _MARK,
+        "# File formats\n",
+        "`lightflight.read(path, **hints)` knows a format by its content, then by its suffix; "
+        "`format=` goes before both. Axes of foreign arrays are never guessed: `axes` names them, "
+        "`y` rows, `x` columns, `t` codes, `p` pixels row by row, `f` frames.\n",
+        "| format | what | suffixes | hints | written (options) |",
+        "|---|---|---|---|---|",
+    ]
+    for one in own_formats():
+        hints = [hint for hint in one.hints if hint not in CLOCK_HINTS]
+        written = ", ".join(f"`{option}`" for option in one.options) or "yes" if one.write else ""
+        lines.append(
+            f"| `{one.name}` | {one.summary} | {' '.join(f'`{end}`' for end in one.suffixes)} | "
+            f"{', '.join(f'`{hint}`' for hint in hints)} | {written} |"
+        )
+    lines += ["\nHints of every format:\n", "| hint | meaning |", "|---|---|"]
+    lines += [f"| `{name}` | {meaning} |" for name, meaning in CLOCK_HINTS.items()]
+    schema = file_schema()
+    lines.append(f"\n## Our own files, schema version {schema['version']}\n")
+    lines.append(
+        'HDF5 with the root attributes `format` = "lightflight", `kind` and `schema_version`; '
+        "the dataset `attributes` is a JSON text, all other datasets are arrays.\n"
+    )
+    for kind in ("histograms", "recording"):
+        lines += [f"### {kind}\n", schema[kind]["summary"], "", "| array | shape | meaning |"]
+        lines.append("|---|---|---|")
+        for name, rule in schema[kind]["arrays"].items():
+            lines.append(f"| `{name}` | ({', '.join(rule['shape'])}) | {rule['meaning']} |")
+        lines += ["", "| attribute | meaning |", "|---|---|"]
+        known = {**schema[kind]["attributes"], **schema["attributes"]}
+        lines += [f"| `{name}` | {meaning} |" for name, meaning in known.items()]
+        lines.append("")
+    return "\n".join(lines)
+
+
+PAGES = {
+    "setup-file.md": setup_page,
+    "flags.md": flags_page,
+    "commands.md": commands_page,
+    "formats.md": formats_page,
+}
 
 
 def outdated_pages() -> list[str]:

@@ -89,9 +89,13 @@ def _options_of(function: Callable[..., Any]) -> tuple[str, ...]:
 @cache
 def known_formats() -> tuple[Format, ...]:
     """All formats: our own, then those of installed plug-ins."""
+    return (*own_formats(), *_plugged_in_formats())
+
+
+def own_formats() -> tuple[Format, ...]:
+    """The formats of this package, in the order they are asked in."""
     modules = [importlib.import_module(f"lightflight.formats.{name}") for name in _MODULES]
-    own = [file_format for module in modules for file_format in module.FORMATS]
-    return (*own, *_plugged_in_formats())
+    return tuple(file_format for module in modules for file_format in module.FORMATS)
 
 
 def _plugged_in_formats() -> list[Format]:
