@@ -7,7 +7,7 @@ The chain: `read` a file, `histogram` it, `calibrate_timing` and `calibrate_came
 `fit_pulses` or `find_arrivals`, `find_legs`, `reconstruct`; `write` keeps a record.
 
 Without a lab: `simulate` a `Scene`; `bounds` says what its photons allow; `path_error`
-compares a path with the truth.
+compares a path with the truth; `observe` says what another camera would see of it.
 
 Everything is loaded when it is first used (PEP 562): importing the package costs nothing.
 """
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from lightflight.timing.arrivals import Arrivals, find_arrivals
     from lightflight.timing.calibration import TimingCalibration, calibrate_timing
     from lightflight.timing.pulses import Pulses, fit_pulses
+    from lightflight.view.observation import observe
 
 _HOME_FROM_NAME = {
     "Arrivals": "timing.arrivals",
@@ -53,6 +54,7 @@ _HOME_FROM_NAME = {
     "find_legs": "reconstruct",
     "fit_pulses": "timing.pulses",
     "histogram": "recording",
+    "observe": "view.observation",
     "path_error": "path_error",
     "read": "recording",
     "reconstruct": "reconstruct",
@@ -81,6 +83,7 @@ __all__ = [
     "find_legs",
     "fit_pulses",
     "histogram",
+    "observe",
     "path_error",
     "read",
     "reconstruct",

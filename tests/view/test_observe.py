@@ -10,7 +10,7 @@ import pytest
 from lightflight.camera import Camera
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, apparent_speed_from_direction
-from lightflight.view.observe import observe
+from lightflight.view.observation import observe
 from tests.view import fakes
 
 C = 0.299792458

@@ -270,3 +270,22 @@ def test_the_page_appears_whole_or_not_at_all(
         write_page(fakes.fake_path(), target)
     assert target.read_bytes() == before
     assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_campaigns_index_names_files_without_their_folders(tmp_path: Path) -> None:
+    from lightflight.view.page.campaign import campaign_html
+
+    path = fakes.fake_path()
+    entries = [
+        ("/home/somebody/a/run.h5", path, "p/0001.html"),
+        ("/home/somebody/b/run.h5", path, "p/0002.html"),
+        ("/home/somebody/b/other.h5", "is empty", ""),
+    ]
+    text = campaign_html(entries, title="<Tuesday>")
+    words = " ".join(read(text).words)
+    assert "somebody" not in text
+    assert "a/run.h5" in words
+    assert "is empty" in words
+    assert "<Tuesday>" in words
+    assert text.count("<svg") == 2
+    assert campaign_html([]).count("<li>") == 0

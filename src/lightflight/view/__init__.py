@@ -10,6 +10,10 @@ Figures take records and Axes (or make a Figure) and return it:
   `draw_response_widths`, `draw_bad_pixels`;
 - `demo_figure`: one page about one reconstruction; `fiber_figure`: without a metric scale.
 
+Pages and films: `write_page`, `write_campaign`; `write_movie`, `write_recording_movie`; `observe`
+says what another camera would see. For other programs: `export_path`, `write_figure`,
+`to_xarray`.
+
 Everything is loaded when it is first used: importing this package costs nothing.
 """
 
@@ -17,6 +21,7 @@ import importlib
 from typing import Any
 
 _MODULE_FROM_NAME = {
+    "MovieSettings": "movie",
     "Viewpoint": "projection",
     "calibration_figure": "figures_calibration",
     "demo_figure": "figures_demo",
@@ -35,9 +40,17 @@ _MODULE_FROM_NAME = {
     "draw_time_errors": "figures_timing",
     "draw_time_std": "figures_timing",
     "draw_times": "figures_timing",
+    "export_path": "export",
     "fiber_figure": "figures_fiber",
     "figure_style": "style",
+    "observe": "observation",
     "pixel_cases_figure": "figures_camera",
+    "to_xarray": "arrays",
+    "write_campaign": "page.campaign",
+    "write_figure": "export",
+    "write_movie": "movie",
+    "write_page": "page",
+    "write_recording_movie": "movie_recording",
 }
 
 __all__ = sorted(_MODULE_FROM_NAME)  # noqa: PLE0605

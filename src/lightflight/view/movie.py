@@ -25,7 +25,7 @@ from lightflight.view import style
 from lightflight.view.encode import Frame, Progress, check_movie, write_frames
 from lightflight.view.figures_path import draw_path_3d
 from lightflight.view.figures_timing import leg_mark, shade_out_of_view
-from lightflight.view.observe import DEFAULT_PULSE_FWHM_PS, Observation, observe
+from lightflight.view.observation import DEFAULT_PULSE_FWHM_PS, Observation, observe
 from lightflight.view.projection import Projector, Viewpoint
 from lightflight.view.trace import (
     Trace,

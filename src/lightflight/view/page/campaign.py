@@ -108,7 +108,10 @@ def campaign_html(entries: Sequence[tuple[str, Any, str]], *, title: str = "") -
     paths = [entry[1] for entry in entries if not isinstance(entry[1], str)]
     words = title or f"{len(entries)} reconstructions"
     frame = _common_frame(paths)
-    items = "\n".join(_item(name, path, link, frame) for name, path, link in entries)
+    names = _short_names([entry[0] for entry in entries])
+    items = "\n".join(
+        _item(name, entry[1], entry[2], frame) for name, entry in zip(names, entries, strict=True)
+    )
     bad = len(entries) - len(paths)
     note = "All pictures to one scale." + (f" {bad} could not be read." if bad else "")
     return (
@@ -120,6 +123,15 @@ def campaign_html(entries: Sequence[tuple[str, Any, str]], *, title: str = "") -
         f"<title>{html.escape(words)}</title><style>{_STYLE}</style></head>\n"
         f"<body><h1>{html.escape(words)}</h1><p>{note}</p>\n<ul>\n{items}\n</ul></body></html>\n"
     )
+
+
+def _short_names(names: Sequence[str]) -> list[str]:
+    """File names without their folders; with the last one where names repeat."""
+    last = [Path(name).name for name in names]
+    return [
+        short if last.count(short) == 1 else "/".join(Path(name).parts[-2:])
+        for name, short in zip(names, last, strict=True)
+    ]
 
 
 def _on_page(points: Any) -> Floats:
@@ -151,10 +163,7 @@ def _common_frame(paths: Sequence[Any]) -> tuple[Floats, float]:
 
 def _item(name: str, path: Any, link: str, frame: tuple[Floats, float]) -> str:
     if isinstance(path, str):
-        return (
-            f"<li><h2>{html.escape(Path(name).name)}</h2>"
-            f'<p class="bad">{html.escape(path)}</p></li>'
-        )
+        return f'<li><h2>{html.escape(name)}</h2><p class="bad">{html.escape(path)}</p></li>'
     facts = "".join(
         f"<dt>{html.escape(term)}</dt><dd>{html.escape(text)}</dd>" for term, text in _facts(path)
     )
