@@ -287,6 +287,7 @@ def _light_and_pixels(
         tuple(c + scale for c in coefficients),
         float(np.log(conditions.spot_std_px)),
         float(np.log(conditions.pulse_std_ps)),
+        (0.0,) * len(lines),
     )
     keep = near.any(axis=1)
     n = int(keep.sum())

@@ -55,6 +55,8 @@ class Light:
     """Log of the spot's standard deviation, px."""
     log_std_ps: float
     """Log of the standard deviation of laser pulse and response, ps."""
+    log_scatter: tuple[float, ...]
+    """Per leg, scatter of ln(photons) from pixel to pixel that the model does not explain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,9 +231,10 @@ class Likelihood:
     information: Floats
     """(P, P), after the pixels' own nuisances (background, delay) are eliminated."""
     nuisance_gain: Floats
-    """(n, 2, P): how much the nuisances follow a step of the parameters."""
+    """(n, 2 + L, P): how much the nuisances (ln background, delay, ln photons of each leg)
+    follow a step of the parameters."""
     nuisance_step: Floats
-    """(n, 2), their own step at fixed parameters."""
+    """(n, 2 + L), their own step at fixed parameters."""
     fisher: Floats
     """(n, 3 L + 1, 3 L + 1), information of each pixel in its local variables."""
 
@@ -243,19 +246,28 @@ def likelihood(
     *,
     log_background: Floats,
     delay_shift_ps: Floats,
+    log_photons_shift: Floats | None = None,
+    log_scatter: tuple[float, ...] = (),
     expected_only: bool = False,
 ) -> Likelihood:
-    """Evaluate the likelihood and eliminate each pixel's background and delay error."""
+    """Evaluate the likelihood and eliminate each pixel's background, delay and brightness errors.
+
+    `log_photons_shift` (n, L) is by how much each pixel departs from the brightness of its leg;
+    `log_scatter` (L,) how much it may.
+    """
     n, n_legs = pixels.near.shape
     n_local = 3 * n_legs + 1
     score, information = np.zeros((n, n_local)), np.zeros((n, n_local, n_local))
+    if log_photons_shift is None:
+        log_photons_shift = np.zeros((n, n_legs))
+    scatter = np.array(log_scatter) if log_scatter else np.zeros(n_legs)
     delays = local.arrival_ps + (pixels.skew_ps + delay_shift_ps)[:, np.newaxis]
     value = photon_score(
         codes.counts,
         codes.lower_ps,
         codes.upper_ps,
         codes.period_ps,
-        local.log_photons,
+        local.log_photons + log_photons_shift,
         delays,
         local.std_ps,
         log_background,
@@ -264,10 +276,12 @@ def likelihood(
         score,
         information,
     )
-    # Nuisances of a pixel: ln background, and its delay error (moves all its legs alike).
-    to_nuisance = np.zeros((n_local, 2))
+    # Nuisances of a pixel: ln background, its delay error (moves all its legs alike), and how
+    # far each leg's light in it departs from the smooth brightness along the leg.
+    to_nuisance = np.zeros((n_local, 2 + n_legs))
     to_nuisance[-1, 0] = 1.0
     to_nuisance[1:-1:3, 1] = 1.0
+    to_nuisance[3 * np.arange(n_legs), 2 + np.arange(n_legs)] = 1.0
     crossed = information @ to_nuisance
     own = to_nuisance.T @ crossed
     own_score = score @ to_nuisance
@@ -276,6 +290,11 @@ def likelihood(
     own[:, 0, 0] += 1e-9
     own_score[:, 1] -= delay_shift_ps * precision
     value -= 0.5 * float(np.sum(delay_shift_ps**2 * precision))
+    firm = 1.0 / np.maximum(scatter, 1e-6) ** 2
+    legs = 2 + np.arange(n_legs)
+    own[:, legs, legs] += firm
+    own_score[:, 2:] -= log_photons_shift * firm
+    value -= 0.5 * float(np.sum(log_photons_shift**2 * firm))
     inverse = np.linalg.inv(own)
     step = np.einsum("nij,nj->ni", inverse, own_score)
     kept = information - np.einsum("nai,nij,nbj->nab", crossed, inverse, crossed)

@@ -133,21 +133,29 @@ def fit_joint(
     """
     std = pulse_std_ps(observations)
     members = None
+    # Shared errors found so far: pulses are told apart on the clock and by the camera as they are.
+    seen, clock = setting, observations
     if legs is not None:
-        state = _rough_fit(observations, state, setting, legs)
+        rough = _rough_fit(observations, state, setting, legs)
+        state = rough.state
+        seen, clock = _as_found(rough, setting, observations)
         members = np.full(len(observations[0].arrivals.row), -1)
         for k, leg in enumerate(legs):
             members[leg.members] = k
     floor, result = 0.0, None
     for _ in range(_PASSES):
-        state, ends = with_ends(state, observations, setting, std)
+        state, ends = with_ends(state, clock, seen, std)
         pictures = tuple(
-            measure_picture(state, o, camera=setting.camera, medium=setting.medium, std_ps=std)
+            measure_picture(state, o, camera=seen.camera, medium=setting.medium, std_ps=std)
             for o in observations
         )
         parts = [
-            _assigned(o, state, setting, picture, std, floor, members if not number else None)
-            for number, (o, picture) in enumerate(zip(observations, pictures, strict=True))
+            _assigned(o, state, seen, picture, std, floor, members if not number else None)
+            for number, (o, picture) in enumerate(zip(clock, pictures, strict=True))
+        ]
+        parts = [
+            replace(part, arrival_ps=o.arrival_ps[part.index])
+            for part, o in zip(parts, observations, strict=True)
         ]
         times = _stacked(parts)
         lines = _stacked_lines([lines_from_picture(p) for p in pictures])
@@ -155,6 +163,7 @@ def fit_joint(
         _check_enough(times, freedom.basis.shape[1])
         solution, times, floor = _solve_robustly(state, times, lines, freedom, setting)
         state = solution.state
+        seen, clock = _as_found(solution, setting, observations)
         result = JointFit(
             solution=solution,
             freedom_basis=freedom.basis,
@@ -167,6 +176,17 @@ def fit_joint(
         )
     assert result is not None
     return result
+
+
+def _as_found(
+    solution: Solution, setting: Setting, observations: list[Observation]
+) -> tuple[Setting, list[Observation]]:
+    """Setting and recordings with the shared errors that a fit found taken off."""
+    corrected = [
+        replace(o, arrival_ps=o.arrival_ps - o.arrivals.shared_modes_ps @ solution.modes)
+        for o in observations
+    ]
+    return replace(setting, camera=solution.camera), corrected
 
 
 def freedom_at(state: PathState, setting: Setting, ends: Ends | None = None) -> Freedom:
@@ -199,7 +219,7 @@ def _rough_fit(
     state: PathState,
     setting: Setting,
     legs: tuple[ImageLeg, ...],
-) -> PathState:
+) -> Solution:
     """One fit with the legs' own pulses and their lines as found, errors kept generous."""
     first = observations[0]
     index = np.concatenate([leg.members for leg in legs])
@@ -226,7 +246,7 @@ def _rough_fit(
         spread = 1.4826 * float(np.median(np.abs(solution.residual_ps)))
         floor_var = max(floor_var, spread**2)
         times = reweighted(times, solution, floor_var=floor_var, cut=min(cut, 8.0))
-    return state
+    return solution
 
 
 def _time_data(

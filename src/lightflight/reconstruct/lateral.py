@@ -59,6 +59,9 @@ class LineFit:
     """Log of the photons per pixel on the line, against `along_px`."""
     excess_variance: float
     """Chi-square per degree of freedom; the covariance is already widened by it where > 1."""
+    log_scatter: float
+    """Pixel-to-pixel scatter of ln(photons) beyond counting noise: uneven efficiency, or a spot
+    of another shape than assumed."""
     bend_places_px: Floats
     """(b,), places along the line at which a kink was looked for, px."""
     bend_chi2_at: Floats
@@ -263,11 +266,26 @@ def _results(problem: _Problem, parameters: Floats, weights: list[Floats]) -> li
                 spot_std_px=float(np.exp(parameters[-1])),
                 spline=BSpline(problem.knots[k], parameters[start : start + n], 3),
                 excess_variance=excess,
+                log_scatter=_log_scatter(d.photons, mean, variance, weights[k]),
                 bend_places_px=places,
                 bend_chi2_at=chi2,
             )
         )
     return fits
+
+
+def _log_scatter(photons: Floats, mean: Floats, variance: Floats, weights: Floats) -> float:
+    """Std of ln(photons / mean) beyond counting noise, from the pixels bright enough to show it."""
+    telling = (weights > 0) & (mean > 30.0)
+    if telling.sum() < 6:
+        return 0.0
+    ratio = (photons[telling] / mean[telling] - 1.0) ** 2
+    expected = variance[telling] / mean[telling] ** 2
+    # The median of a chi-square of one degree; chance alone passes 1.5 in few recordings.
+    excess = float(np.median(ratio / expected)) / 0.4549
+    if excess < 1.0 + 4.0 / np.sqrt(telling.sum()):
+        return 0.0
+    return float(np.sqrt(max(0.0, np.median(ratio - 0.4549 * expected) / 0.4549)))
 
 
 def _bends(

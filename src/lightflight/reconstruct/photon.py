@@ -79,6 +79,14 @@ def merged(observations: list[Observation]) -> Observation:
     )
 
 
+def without_outliers(observation: Observation, rough: LightPath) -> Observation:
+    """The recording with the pixels that disagree with the rough path blinded."""
+    wrong = rough.residuals[~rough.residuals["used"]]
+    blind = observation.blind.copy()
+    blind[wrong["row"], wrong["col"]] = True
+    return replace(observation, blind=blind)
+
+
 def light_from_picture(picture: Picture, std_ps: float) -> Light:
     """Start of the brightness: the picture's splines, re-knotted over all that is in view."""
     knots, coefficients = [], []
@@ -99,6 +107,7 @@ def light_from_picture(picture: Picture, std_ps: float) -> Light:
         tuple(coefficients),
         float(np.log(picture.spot_std_px)),
         float(np.log(std_ps)),
+        tuple(fit.log_scatter for fit in picture.fits),
     )
 
 
@@ -233,10 +242,10 @@ def climb(
     prior, hold = _priors(freedom, layout, light)
     modes = np.zeros(layout.n_modes)
     background = np.log(_background_start(codes))
-    shift = np.zeros(len(pixels.rows))
+    shift, uneven = np.zeros(len(pixels.rows)), np.zeros(pixels.near.shape)
 
     def evaluate(
-        at: PathState, lit: Light, eta: Floats, log_b: Floats, delta: Floats
+        at: PathState, lit: Light, eta: Floats, log_b: Floats, delta: Floats, departure: Floats
     ) -> tuple[Local, Likelihood, Floats, float]:
         local = local_variables(
             at,
@@ -248,11 +257,19 @@ def climb(
             camera=setting.camera,
             medium=setting.medium,
         )
-        found = likelihood(local, pixels, codes, log_background=log_b, delay_shift_ps=delta)
+        found = likelihood(
+            local,
+            pixels,
+            codes,
+            log_background=log_b,
+            delay_shift_ps=delta,
+            log_photons_shift=departure,
+            log_scatter=lit.log_scatter,
+        )
         score, value = _prior_score(at, lit, eta, freedom, layout, hold)
         return local, found, found.score + score, found.value + value
 
-    local, found, score, value = evaluate(state, light, modes, background, shift)
+    local, found, score, value = evaluate(state, light, modes, background, shift, uneven)
     damping, converged = 1e-3, False
     for _ in range(_MOST_STEPS):
         total = found.information + prior + hold
@@ -266,11 +283,12 @@ def climb(
             modes + step[layout.n_free : layout.n_free + layout.n_modes],
             background + np.clip(follow[:, 0], -1.5, 1.5),
             shift + follow[:, 1],
+            uneven + np.clip(follow[:, 2:], -1.0, 1.0),
         )
         new = evaluate(*trial)
         if np.isfinite(new[3]) and new[3] >= value - 1e-7 * (1 + abs(value)) * 1e-3:
             small = float(step @ total @ step) < _TOLERANCE**2 * layout.n_free
-            state, light, modes, background, shift = trial
+            state, light, modes, background, shift, uneven = trial
             gained = new[3] - value
             local, found, score, value = new
             damping = max(damping / 10, 1e-9)
@@ -310,7 +328,8 @@ def photon_path(
     NothingFoundError
         Where no pixel lies near the path.
     """
-    observation = merged(observations)
+    observation = without_outliers(merged(observations), rough)
+    floor_ps = rough.goodness.error_floor_ps
     state = PathState(np.array(rough.vertices_mm), float(rough.vertex_times_ps[0]))
     light: Light | None = None
     ended: Climb | None = None
@@ -322,6 +341,7 @@ def photon_path(
         )
         light = light_from_picture(picture, intrinsic)
         pixels = pixels_near_path(light, setting, observation, state)
+        pixels = replace(pixels, pixel_var=pixels.pixel_var + floor_ps**2)
         if len(pixels.rows) < 3:
             raise NothingFoundError("fewer than three usable pixels lie near the path")
         codes = codes_of_pixels(pixels, observation, state, setting, std_ps)
@@ -374,7 +394,7 @@ def _path_from_climb(ended: Climb, setting: Setting, rough: LightPath) -> LightP
             residual_rms_ps=float(np.sqrt(np.mean(residuals["residual_ps"][used] ** 2)))
             if used.any()
             else float("nan"),
-            error_floor_ps=0.0,
+            error_floor_ps=rough.goodness.error_floor_ps,
             converged=ended.converged,
         ),
         covariance_parts={"photon": whole - pixel - shared, "pixel": pixel, "shared": shared},
