@@ -15,15 +15,15 @@ from lightflight._kernels.jit import jit
 
 
 @jit
-def bins_from_codes(counts, lower, upper, period, bins):
+def bins_from_codes(lower, upper, period, edges, exposure, codes):
     """Bins of one pixel in ascending time; returns how many, 0 where no code has a width.
 
-    Codes without width are dropped together with what they counted; time that no code covers
-    becomes a bin without exposure. `period` is inf where nothing folds; a code more than one
-    period from the start of code 0 (backward codes: from its end) cannot be reached.
+    codes: the code of each bin, or -1 for time that no code covers, which becomes a bin without
+    exposure. Codes without width have no bin: what they count is dropped. `period` is inf where
+    nothing folds; a code more than one period from the start of code 0 (backward codes: from its
+    end) cannot be reached.
     """
-    bin_counts, edges, exposure = bins
-    n_codes = counts.size
+    n_codes = lower.size
     backward = lower[0] > lower[n_codes - 1]
     earliest = upper[0] - period if backward else -math.inf
     latest = math.inf if backward else lower[0] + period
@@ -36,18 +36,58 @@ def bins_from_codes(counts, lower, upper, period, bins):
         if not end > max(start, edges[n]):
             continue
         if start > edges[n] + 1e-6 * (end - start):
-            bin_counts[n], exposure[n] = 0.0, 0.0
+            exposure[n], codes[n] = 0.0, -1
             n += 1
             edges[n] = start
-        bin_counts[n] = counts[k]
-        exposure[n] = end - edges[n]
+        exposure[n], codes[n] = end - edges[n], k
         edges[n + 1] = end
         n += 1
     if n > 0 and period < math.inf and edges[n] < edges[0] + period:
-        bin_counts[n], exposure[n] = 0.0, 0.0
+        exposure[n], codes[n] = 0.0, -1
         edges[n + 1] = edges[0] + period
         n += 1
     return n
+
+
+@jit
+def copy_counts(source, values):
+    """Copy integers (or floats); returns their sum."""
+    total = 0
+    for i in range(source.size):
+        values[i] = source[i]
+        total += source[i]
+    return total
+
+
+@jit
+def take_counts(counts, codes, n, values):
+    """Counts of the bins, into `values`; returns their sum."""
+    first, after = codes[0], codes[n - 1]
+    gap = after < 0 and n > 1
+    if gap:  # the fold: the last bin is no code
+        values[n - 1] = 0
+        after = codes[n - 2]
+    if after - first + 1 == n - gap:  # slices, so that the copy becomes vector instructions
+        return copy_counts(counts[first : after + 1], values[: n - gap])
+    if first - after + 1 == n - gap:
+        copy_counts(counts[after : first + 1], values[: n - gap])
+        return reverse(values[: n - gap])
+    total = 0
+    for i in range(n):
+        values[i] = counts[codes[i]] if codes[i] >= 0 else 0
+        total += values[i]
+    return total
+
+
+@jit
+def reverse(values):
+    """Turn the order around; returns the sum."""
+    total, last = 0, values.size - 1
+    for i in range(values.size // 2):
+        values[i], values[last - i] = values[last - i], values[i]
+    for i in range(values.size):
+        total += values[i]
+    return total
 
 
 @jit
@@ -73,79 +113,173 @@ def log_excess_over(inside, expected):
 
 
 @jit
-def next_length(length):
-    """1, 2, 3, 4, 6, 8, 12, 16, 24 ...: window lengths of a scan."""
-    if length < 3:
-        return length + 1
-    return length * 3 // 2 if length % 3 else length * 4 // 3
+def wrap_tail(values, n, reach):
+    """Repeat the first bins behind the last, up to `reach` in all: windows across the fold."""
+    if reach > n:
+        copy_counts(values[: reach - n], values[n:reach])
 
 
 @jit
-def accumulate(values, n, folds, sums):
-    """Running sums over the bins, and a second time around where they fold."""
+def accumulate(values, n, reach, sums):
+    """Running sums over the bins, and on over those behind the fold."""
     sums[0] = 0.0
-    for i in range(n):
-        sums[i + 1] = sums[i] + values[i]
-    if folds:
-        for i in range(n):
-            sums[n + i + 1] = sums[n + i] + values[i]
+    for i in range(reach):
+        sums[i + 1] = sums[i] + values[i if i < n else i - n]
+
+
+@jit
+def even_width(exposure, n):
+    """Exposure of a bin where all but a few smaller ones have the same; else 0."""
+    widest, smaller = 0.0, 0
+    for k in range(n):
+        widest = max(widest, exposure[k])
+    for k in range(n):
+        smaller += exposure[k] < 0.9999 * widest
+    return widest if smaller <= 3 else 0.0
 
 
 @jit
 def edge_at(edges, n, period, i):
-    """Edge i, counted on beyond the fold."""
-    return edges[i] if i <= n else edges[i - n] + period
+    """Edge i, counted on beyond the fold and before the first."""
+    if i > n:
+        return edges[i - n] + period
+    if i < 0:
+        return edges[i + n] - period
+    return edges[i]
 
 
 @jit
-def scan_for_pulse(bins, n, folds, double_code, sums, best):
-    """Find the window of bins whose counts chance explains least; returns all counts.
+def add_arrays(left, right, both):
+    """Sum of two arrays (slices, so that the loop becomes vector instructions); its largest."""
+    best = left[0]
+    for i in range(both.size):
+        both[i] = left[i] + right[i]
+        best = max(best, both[i])
+    return best
 
-    Windows of 1, 2, 3, 4, 6, 8, ... bins are tried at every position (across the fold where
-    `folds`). What is due in a window follows its exposure, raised by what an imperfect clock may
-    do: `double_code` bins' worth of light too much in a window, and 5 % of `double_code` more.
+
+@jit
+def largest(values):
+    """Largest of at least one value."""
+    best = values[0]
+    for i in range(values.size):
+        if values[i] > best:
+            best = values[i]
+    return best
+
+
+@jit
+def index_of(values, wanted):
+    """Index of the first value that equals `wanted`."""
+    for start in range(0, values.size, 64):
+        block = values[start : start + 64]
+        if largest(block) == wanted:
+            for i in range(block.size):
+                if block[i] == wanted:
+                    return start + i
+    return 0
+
+
+@jit
+def best_window(sums, count, length, covered, due, total, best):
+    """Update best (log excess, first bin, length) with windows of one length."""
+    for i in range(count):
+        expected = due * (covered[i + length] - covered[i])
+        above = sums[i] - expected
+        # The log excess is at most chi2, which needs no logarithm.
+        if not 0.0 < above < sums[i] or expected >= total:
+            continue
+        if above * above * total > best[0] * expected * (total - expected):
+            value = log_excess(float(sums[i]), total, expected)
+            if value > best[0]:
+                best[0], best[1], best[2] = value, i, length
+
+
+@jit
+def scan_for_pulse(levels, n, reach, covered, even, double_code, total, best):
+    """Find the window of bins whose counts chance explains least.
+
+    levels[0][:reach]: counts, with a tail behind the fold where they fold; further levels are
+    filled with sums over 2, 4, 8 ... bins, the lengths that are tried at every position. What
+    is due in a window follows its exposure (`covered`: running sums), raised by what an imperfect
+    clock may do: `double_code` bins' worth of light too much in a window, and 5 % of
+    `double_code` more. even: exposure of every bin, where the fullest window is the best, or 0.
 
     best: log excess over the number of windows tried (false alarms: fewer than exp(-that), by
-    trial exp(-that - 3)), first bin, number of bins. Leaves running counts and exposure in sums.
+    trial exp(-that - 3)), first bin, number of bins. Stops early at an unmistakable pulse.
     """
-    accumulate(bins[0], n, folds, sums[0])
-    accumulate(bins[2], n, folds, sums[1])
-    total, all_exposure = sums[0][n], sums[1][n]
     best[0], best[1], best[2] = 0.0, 0.0, 1.0
-    n_lengths, length = 0, 1 if double_code < 0.5 else 2
-    while 2 * length <= n or n_lengths == 0:
-        n_lengths += 1
-        due = total * (1.0 + double_code * (1.0 / length + 0.05)) / all_exposure
-        for i in range(n if folds else n - length + 1):
-            inside = sums[0][i + length] - sums[0][i]
-            expected = due * (sums[1][i + length] - sums[1][i])
-            if inside > expected and expected < total:
-                value = log_excess(inside, total, expected)
+    level, length, where, peak = 0, 1, -1, 0.0
+    fullest = float(largest(levels[0][:n]))
+    while 2 * length <= n or length == 1:
+        if level > 0:
+            half, count = length // 2, reach - length + 1
+            below, here = levels[level - 1], levels[level]
+            fullest = float(add_arrays(below[:count], below[half : half + count], here[:count]))
+        if length > 1 or double_code < 0.5:
+            before = best[0]
+            due = total * (1.0 + double_code * (1.0 / length + 0.05)) / covered[n]
+            count = min(n, reach - length + 1)
+            if even > 0.0:
+                expected = due * min(length * even, covered[n])
+                value = log_excess(fullest, total, expected) if expected < total else 0.0
                 if value > best[0]:
-                    best[0], best[1], best[2] = value, i, length
-        length = next_length(length)
-    best[0] -= math.log(n * n_lengths)
-    return total
+                    best[0], best[2], where, peak = value, length, level, fullest
+            else:
+                best_window(levels[level], count, length, covered, due, total, best)
+            if best[0] > 50.0 and best[0] == before:
+                break
+        level += 1
+        length *= 2
+    tried = int(math.log2(max(n, 2)))
+    if where >= 0:
+        best[1] = index_of(levels[where][: min(n, reach - int(best[2]) + 1)], peak)
+    best[0] -= math.log(n * tried)
 
 
 @jit
-def start_from_window(bins, n, period, sums, first, length, theta):
-    """Rough centre, photons, std, background from the window a scan found, into theta."""
-    counts, edges, exposure = bins
-    inside = sums[0][first + length] - sums[0][first]
-    covered = sums[1][first + length] - sums[1][first]
-    unlit = max(sums[1][n] - covered, 1e-3 * sums[1][n])
-    background = min(max(sums[0][n] - inside, 0.5) / unlit, 0.9 * inside / covered)
-    signal, moment = 0.0, 0.0
-    for i in range(first, first + length):
-        k, shift = (i, 0.0) if i < n else (i - n, period)
-        excess = counts[k] - background * exposure[k]
+def residual_level(std, bin_width, n):
+    """Level of sums (2^level bins) in which a scan for another pulse of this std looks."""
+    level, length = 0, 1.0
+    while 1.414 * length < 2.5 * std / bin_width and 4.0 * length <= n:
+        level += 1
+        length *= 2.0
+    return level
+
+
+@jit
+def start_from_window(values, edges, exposure, n, period, total, covered, first, length, theta):
+    """Rough centre, photons, std, background (into theta) around the window a scan found.
+
+    Background from the rest of the range; moments in a window twice as long.
+    """
+    low, high = first - length // 2, first + length + (length + 1) // 2
+    if period == math.inf:
+        low, high = max(low, 0), min(high, n)
+    inside, exposed = 0.0, 0.0
+    for i in range(low, high):
+        k = i - n if i >= n else (i + n if i < 0 else i)
+        inside += values[k]
+        exposed += exposure[k]
+    unlit = max(covered[n] - exposed, 1e-3 * covered[n])
+    background = min(max(total - inside, 0.5) / unlit, 0.9 * inside / exposed)
+    signal, moment, square = 0.0, 0.0, 0.0
+    origin = edge_at(edges, n, period, first)
+    for i in range(low, high):
+        k = i - n if i >= n else (i + n if i < 0 else i)
+        excess = values[k] - background * exposure[k]
+        time = 0.5 * (edge_at(edges, n, period, i) + edge_at(edges, n, period, i + 1)) - origin
         signal += excess
-        moment += excess * (0.5 * (edges[k] + edges[k + 1]) + shift)
-    low, high = edges[first], edge_at(edges, n, period, first + length)
-    theta[0] = min(max(moment / signal, low), high)
-    theta[1] = 1.1 * signal
-    theta[2] = (high - low) / 3.2
+        moment += excess * time
+        square += excess * time * time
+    span = edge_at(edges, n, period, first + length) - origin
+    centre = min(max(moment / signal, 0.0), span)
+    variance = square / signal - centre * centre - (span / length) ** 2 / 12.0
+    if signal * signal < 30.0 * inside:  # moments would be those of the noise
+        variance = 0.09 * span * span
+    theta[0] = origin + centre
+    theta[1] = signal
+    theta[2] = math.sqrt(min(max(variance, 0.0144 * span * span), 0.36 * span * span))
     theta[3] = background
 
 

@@ -210,6 +210,8 @@ def bounds_of(bins, n, period, model):
     for k in range(n):
         all_exposure += bins[2][k]
         n_live += bins[2][k] > 0.0
+    if n_live == 0:
+        return 0.0, 0.0, 0.0
     span = min(period, bins[1][n] - bins[1][0])
     floor = 1e-3 / all_exposure if model[0] else -math.inf
     return 0.1 * all_exposure / n_live, 0.5 * span, floor

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from lightflight._kernels.bins import accumulate, edge_at, log_excess_over
+from lightflight._kernels.bins import accumulate, edge_at, log_excess_over, residual_level
 from lightflight._kernels.jit import jit
 from lightflight._kernels.pulse import REACH, bin_model, fit_bins
 
@@ -37,7 +37,7 @@ def expected_counts(bins, n, period, theta, n_pulses, one, slope, expected):
     """Counts that theta expects in every bin, over the whole range. `one`: room for a theta."""
     _, edges, exposure = bins
     std = theta[2 * n_pulses]
-    single, no_slope = np.int64(1), np.bool_(False)  # no literals, see `pulse_tile.fit_tile`
+    single, no_slope = np.int64(1), np.bool_(False)  # no literals, see `pulse_tile.fit_alone`
     for k in range(n):
         expected[k] = theta[2 * n_pulses + 1] * exposure[k]
         if exposure[k] <= 0.0:
@@ -56,19 +56,19 @@ def residual_scan(bins, n, period, theta, n_pulses, near, std, double_code, sums
     """Window of a pulse's length (2.5 std) with the excess over theta that chance explains least.
 
     Windows whose middle is within `near` of theta's std of a pulse are left out. `double_code` as
-    in `scan_for_pulse`, whose running sums must be in `sums`. best: log excess, middle, counts
-    in excess.
+    in `scan_for_pulse`; sums: running sums of counts and exposure. best: log excess, middle,
+    counts in excess.
     """
     vectors, _, _, _ = scratch
     expected = sums[3]
     expected_counts(bins, n, period, theta, n_pulses, vectors[3], vectors[0], expected)
-    folds = period < math.inf
-    accumulate(expected, n, folds, sums[2])
     edges = bins[1]
-    length = min(max(1, int(2.5 * std * n / (edges[n] - edges[0]) + 0.5)), n)
+    reach = 2 * n if period < math.inf else n
+    accumulate(expected, n, reach, sums[2])
+    length = 1 << residual_level(std, (edges[n] - edges[0]) / n, n)
     raised = double_code * (1.0 / length + 0.05) * theta[2 * n_pulses + 1]
     best[0], best[1], best[2] = 0.0, 0.0, 0.0
-    for i in range(n if folds else n - length + 1):
+    for i in range(min(n, reach - length + 1)):
         inside = sums[0][i + length] - sums[0][i]
         due = sums[2][i + length] - sums[2][i]
         if inside <= due:
@@ -187,7 +187,7 @@ def best_with_one_more(
     narrow = typical_std if typical_std < std / WIDER else 0.4 * std
     highest = -math.inf
     size = 2 * n_pulses + 4
-    # no literals, see `pulse_tile.fit_tile`
+    # no literals, see `pulse_tile.fit_alone`
     none, is_last, is_first = np.int64(0), np.bool_(True), np.bool_(False)
     for start in range(3):
         base[:size] = theta[:size]
@@ -225,7 +225,7 @@ def best_with_one_more(
 
 @jit
 def split_pulses(
-    bins, n, period, theta, objective, max_pulses, typical_std, log_alarms, double_code, model, work
+    bins, n, period, theta, max_pulses, typical_std, log_alarms, double_code, model, work
 ):
     """Add pulses to the single fit in theta while the counts demand it.
 
@@ -236,10 +236,12 @@ def split_pulses(
     """
     window, _, scratch, outcome, _, _, _ = work
     new = np.empty_like(theta)
-    # no literals, see `pulse_tile.fit_tile`
+    # no literals, see `pulse_tile.fit_alone`
     is_last = np.bool_(True)
     n_pulses, m = np.int64(1), 0
     span = bins[1][n] - bins[1][0]
+    fit_bins(bins, n, period, theta, n_pulses, model, is_last, window, scratch, outcome)
+    objective = outcome[0]
     while n_pulses < max_pulses:
         std = theta[2 * n_pulses]
         higher = best_with_one_more(

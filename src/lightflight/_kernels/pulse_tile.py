@@ -3,29 +3,127 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight._kernels.bins import bins_from_codes, scan_for_pulse, start_from_window
+from lightflight._kernels.bins import (
+    accumulate,
+    bins_from_codes,
+    even_width,
+    largest,
+    scan_for_pulse,
+    start_from_window,
+    take_counts,
+    wrap_tail,
+)
 from lightflight._kernels.jit import jit
-from lightflight._kernels.pulse import covariance_of_fit, describe_fit, fit_bins, new_scratch
+from lightflight._kernels.pulse import (
+    bounds_of,
+    covariance_of_fit,
+    describe_fit,
+    fit_bins,
+    new_scratch,
+)
+from lightflight._kernels.pulse_conveyor import (
+    NARROW,
+    load_lane,
+    new_conveyor,
+    run_conveyor,
+    window_of,
+)
 from lightflight._kernels.pulse_split import ALONE, residual_scan, split_pulses
 
 Floats = NDArray[np.float64]
 
-N_COLUMNS = 14
+N_COLUMNS = 12
 """Columns of a table of fits."""
 
 (
-    COUNTS, EXPOSURE, LOG_EXCESS, N_PULSES, OBJECTIVE, CONVERGED, LAST_STEP, STEPS, CHI2, CHI2_BINS,
-    CHI2_DEVIATE, HELD_SHARE, RESIDUAL, STD_FREE,
+    COUNTS, EXPOSURE, PEAK, N_PULSES, CONVERGED, STEPS_TAKEN, CHI2, CHI2_BINS, CHI2_DEVIATE,
+    HELD_SHARE, STD_FREE, RESIDUAL,
 ) = range(N_COLUMNS)  # fmt: skip
 
 
 @jit
+def new_row(counts):
+    """Room for one pixel: (levels, edges, exposure, inverse, covered, codes)."""
+    size = 2 * counts.shape[1] + 2
+    n_levels = int(math.log2(size)) + 2
+    return (
+        np.empty((n_levels, 2 * size), counts.dtype),
+        np.empty(size + 1),
+        np.empty(size),
+        np.empty(size + 2),
+        np.empty(2 * size + 1),
+        np.empty(size, np.int64),
+    )
+
+
+@jit
+def lay_out(row, lower, upper, period):
+    """Bins of a pixel into the row; returns (bins, bins with the tail behind the fold, even)."""
+    _, edges, exposure, inverse, covered, codes = row
+    n = bins_from_codes(lower, upper, period, edges, exposure, codes)
+    reach = 2 * n if period < math.inf else n
+    inverse[n], inverse[n + 1] = 0.0, 0.0
+    for k in range(n):
+        inverse[k] = 1.0 / exposure[k] if exposure[k] > 0.0 else 0.0
+        inverse[n] += inverse[k]
+        inverse[n + 1] += exposure[k] > 0.0
+    if n > 0:
+        accumulate(exposure, n, reach, covered)
+    return n, reach, even_width(exposure, n)
+
+
+@jit
+def fit_alone(row, n, period, start, dark, double_code, model, room, values, covariance, columns):
+    """Fit one pixel by the general kernel from `start`, and fill its rows of the results."""
+    levels, edges, exposure, _, covered, _ = row
+    bins, window, sums, small, best, outcome, summary, theta = room
+    counts = bins[0]
+    for k in range(n):
+        counts[k] = levels[0][k]
+    theta[:4] = start
+    small[3][2], small[3][3] = dark
+    bins = (counts, edges, exposure)
+    # Not plain 1 and True: for a literal, Numba would compile the whole fit once more.
+    single, fit_std = np.int64(1), np.bool_(True)
+    m = fit_bins(bins, n, period, theta, single, model, fit_std, window, small, outcome)
+    whole = covered[n] + dark[1]
+    if not covariance_of_fit(theta, single, model, whole, window, m, small, covariance):
+        covariance[:] = math.nan
+    swap_photons_and_std(covariance)
+    describe_fit(bins, n, theta, single, model, window, m, small, summary)
+    values[0], values[1], values[2], values[3] = theta[0], theta[2], theta[1], theta[3]
+    columns[N_PULSES] = 1.0
+    columns[CONVERGED], columns[STEPS_TAKEN] = outcome[1], outcome[3]
+    columns[CHI2 : CHI2 + 4] = summary
+    columns[STD_FREE] = small[2][2]
+    columns[RESIDUAL] = 0.0
+    if model[0]:
+        reach = 2 * n if period < math.inf else n
+        accumulate(counts, n, reach, sums[0])
+        sums[1][: reach + 1] = covered[: reach + 1]
+        residual_scan(
+            bins, n, period, theta, single, ALONE, theta[2], double_code, sums, small, best
+        )
+        columns[RESIDUAL] = best[0] - math.log(n)
+
+
+@jit
+def swap_photons_and_std(covariance):
+    """From the kernel's order (centre, photons, std, background) to that of the table."""
+    for a in range(4):
+        covariance[a, 1], covariance[a, 2] = covariance[a, 2], covariance[a, 1]
+    for a in range(4):
+        covariance[1, a], covariance[2, a] = covariance[2, a], covariance[1, a]
+
+
+@jit
 def fit_tile(
-    counts: Floats,
+    counts: NDArray[Any],
     lower: Floats,
     upper: Floats,
     period: float,
@@ -35,62 +133,86 @@ def fit_tile(
     dark_ratio: float,
     log_alarms: float,
     model: tuple[bool, bool, bool],
-    thetas: Floats,
+    values: Floats,
     covariances: Floats,
     table: Floats,
-) -> None:
-    """Fit the one strongest pulse of each pixel of a tile.
+) -> int:
+    """Fit the one strongest pulse of each pixel of a tile; returns how many lanes left over.
 
-    counts (m, codes); lower, upper (m or 1, codes); period inf where nothing folds; todo (m,);
+    counts (m, codes), int32 (rows sum to less than 2^31) or float64; lower, upper (m or 1, codes);
+    period inf where nothing folds; todo (m,);
     double_code (m,), see `scan_for_pulse`; dark_counts (m,): counts of a background recording,
     dark_ratio: its exposure over this one's (0: none); log_alarms: a pulse must be less likely by
     chance than exp(-that - 3); model: Poisson likelihood?, sampled Gaussian?, Poisson counts?
 
-    thetas (m, 4) centre, photons, std, background; covariances (m, 4, 4) in that order; table
-    (m, N_COLUMNS): counts, exposure, log excess of the scan, pulses found, objective, converged,
-    squared last step, steps, chi2, its bins, its deviate, share of the pulse in live bins,
-    log excess of the residuals far from the pulse, 1 where std is not at a bound.
+    values (m, 4) centre, std, photons, background; covariances (m, 4, 4) in that order; table
+    (m, N_COLUMNS): counts, exposure, largest bin, pulses found, converged, steps, chi2, its bins,
+    its deviate, share of the pulse in live bins, 1 where std is not at a bound, log excess of the
+    residuals far from the pulse. What has no meaning is left alone (NaN, given such).
     """
-    bins, window, sums, small = new_scratch(2 * counts.shape[1] + 2, 1)
-    best, outcome, summary = np.empty(3), np.empty(4), np.empty(4)
-    # Not plain 1 and True: for a literal, Numba would compile the whole fit once more.
-    single, is_last = np.int64(1), np.bool_(True)
-    for i in range(counts.shape[0]):
-        thetas[i], covariances[i], table[i] = math.nan, math.nan, math.nan
+    m, n_codes = counts.shape
+    row = new_row(counts)
+    levels, edges, exposure, inverse, covered, codes = row
+    bins, window, sums, small = new_scratch(2 * n_codes + 2, 1)
+    best = np.empty(3)
+    room = (bins, window, sums, small, best, np.empty(4), np.empty(4), np.empty(4))
+    conveyors, starts = (new_conveyor(), new_conveyor()), np.empty((m, 4))
+    left, n_left = np.empty(m, np.int64), np.int64(0)
+    keep_going, drain = np.bool_(False), np.bool_(True)
+    fits = table[:, N_PULSES:]
+    shared = lower.shape[0] == 1
+    n, reach, even = lay_out(row, lower[0], upper[0], period)
+    bounds = bounds_of((exposure, edges, exposure), n, period, model)
+    for i in range(m):
         if not todo[i]:
             continue
-        row = i if lower.shape[0] > 1 else 0
-        n = bins_from_codes(counts[i], lower[row], upper[row], period, bins)
-        if n == 0:
-            continue
-        total = scan_for_pulse(bins, n, period < math.inf, double_code[i], sums, best)
-        exposure = sums[1][n]
-        small[3][2], small[3][3] = dark_counts[i], dark_ratio * exposure
-        table[i, COUNTS], table[i, EXPOSURE], table[i, LOG_EXCESS] = total, exposure, best[0]
+        if not shared:
+            n, reach, even = lay_out(row, lower[i], upper[i], period)
+            bounds = bounds_of((exposure, edges, exposure), n, period, model)
         table[i, N_PULSES] = 0.0
-        if total <= 0.0 or (model[2] and best[0] < log_alarms):
-            thetas[i, 3] = (total + small[3][2]) / (exposure + small[3][3])
+        if n == 0:  # no code of this pixel has a width
+            table[i, COUNTS] = counts[i].sum()
             continue
-        theta = thetas[i]
-        start_from_window(bins, n, period, sums, int(best[1]), int(best[2]), theta)
-        m = fit_bins(bins, n, period, theta, single, model, is_last, window, small, outcome)
-        if not covariance_of_fit(theta, single, model, exposure, window, m, small, covariances[i]):
-            covariances[i] = math.nan
-        describe_fit(bins, n, theta, single, model, window, m, small, summary)
-        table[i, N_PULSES] = 1.0
-        table[i, OBJECTIVE : OBJECTIVE + 4] = outcome
-        table[i, CHI2 : CHI2 + 4] = summary
-        table[i, STD_FREE] = small[2][2]
-        if model[0]:
-            residual_scan(
-                bins, n, period, theta, single, ALONE, theta[2], double_code[i], sums, small, best
-            )
-            table[i, RESIDUAL] = best[0] - math.log(n)
+        total = float(take_counts(counts[i], codes, n, levels[0]))
+        wrap_tail(levels[0], n, reach)
+        table[i, COUNTS], table[i, EXPOSURE] = total, covered[n]
+        table[i, PEAK] = float(largest(levels[0][:n]))
+        dark = (dark_counts[i], dark_ratio * covered[n])
+        scan_for_pulse(levels, n, reach, covered, even, double_code[i], total, best)
+        if total <= 0.0 or (model[2] and best[0] < log_alarms):
+            values[i, 3] = (total + dark[0]) / (covered[n] + dark[1])
+            continue
+        first, length = int(best[1]), int(best[2])
+        start_from_window(
+            levels[0], edges, exposure, n, period, total, covered, first, length, starts[i]
+        )
+        full = (levels, edges, exposure, inverse, covered, n, total, even, bounds)
+        low, high = window_of(starts[i], first, edges, n, period) if model[0] else (0, 0)
+        if high > 0:
+            conveyor = conveyors[0] if high - low <= NARROW else conveyors[1]
+            load_lane(conveyor, i, starts[i], low, high, full, double_code[i], dark)
+            n_left = run_conveyor(conveyor, keep_going, values, covariances, fits, left, n_left)
+        else:
+            left[n_left] = i
+            n_left += 1
+    for conveyor in conveyors:
+        n_left = run_conveyor(conveyor, drain, values, covariances, fits, left, n_left)
+    for j in range(n_left):
+        i = left[j]
+        if not shared:
+            n, reach, even = lay_out(row, lower[i], upper[i], period)
+        take_counts(counts[i], codes, n, levels[0])
+        dark = (dark_counts[i], dark_ratio * covered[n])
+        fit_alone(
+            row, n, period, starts[i], dark, double_code[i], model, room, values[i],
+            covariances[i], table[i],
+        )  # fmt: skip
+    return n_left
 
 
 @jit
 def split_tile(
-    counts: Floats,
+    counts: NDArray[Any],
     lower: Floats,
     upper: Floats,
     period: float,
@@ -105,36 +227,40 @@ def split_tile(
 ) -> None:
     """Look for more pulses in pixels whose single fit is in the first 4 columns of `thetas`.
 
-    thetas (m, 2 J + 2) for up to J pulses, covariances (m, 2 J + 2, 2 J + 2), table as in
-    `fit_tile`; rows change only where more than one pulse is found. typical_std: NaN if unknown.
+    thetas (m, 2 J + 2) for up to J pulses, in the kernel's order; covariances (m, 2 J + 2,
+    2 J + 2); table as in `fit_tile`; rows change only where more than one pulse is found.
+    typical_std: NaN if unknown.
     """
     size = thetas.shape[1]
     max_pulses = size // 2 - 1
-    model = (np.bool_(True), np.bool_(False), np.bool_(True))  # no literals, see `fit_tile`
-    bins, window, sums, small = new_scratch(2 * counts.shape[1] + 2, max_pulses)
+    model = (np.bool_(True), np.bool_(False), np.bool_(True))  # no literals, see `fit_alone`
+    n_codes = counts.shape[1]
+    row = new_row(counts)
+    _, edges, exposure, _, covered, codes = row
+    room, window, sums, small = new_scratch(2 * n_codes + 2, max_pulses)
     best, outcome, summary = np.empty(3), np.empty(4), np.empty(4)
     theta = np.empty(size)
     work = (window, sums, small, outcome, best, np.empty(size), np.empty(size))
     for i in range(counts.shape[0]):
-        row = i if lower.shape[0] > 1 else 0
-        n = bins_from_codes(counts[i], lower[row], upper[row], period, bins)
-        scan_for_pulse(bins, n, period < math.inf, double_code[i], sums, best)
-        small[3][2], small[3][3] = dark_counts[i], dark_ratio * sums[1][n]
+        at = i if lower.shape[0] > 1 else 0
+        n, reach, _ = lay_out(row, lower[at], upper[at], period)
+        bins = (room[0], edges, exposure)
+        take_counts(counts[i], codes, n, bins[0])
+        accumulate(bins[0], n, reach, sums[0])
+        sums[1][: reach + 1] = covered[: reach + 1]
+        small[3][2], small[3][3] = dark_counts[i], dark_ratio * covered[n]
         theta[:] = thetas[i]
         n_pulses, m = split_pulses(
-            bins, n, period, theta, table[i, OBJECTIVE], max_pulses, typical_std, log_alarms,
-            double_code[i], model, work,
-        )  # fmt: skip
+            bins, n, period, theta, max_pulses, typical_std, log_alarms, double_code[i], model, work
+        )
         if n_pulses < 2:
             continue
         thetas[i] = theta
-        exposure = (1.0 + dark_ratio) * sums[1][n]
-        if not covariance_of_fit(
-            theta, n_pulses, model, exposure, window, m, small, covariances[i]
-        ):
+        whole = (1.0 + dark_ratio) * covered[n]
+        if not covariance_of_fit(theta, n_pulses, model, whole, window, m, small, covariances[i]):
             covariances[i] = math.nan
         describe_fit(bins, n, theta, n_pulses, model, window, m, small, summary)
         table[i, N_PULSES] = n_pulses
-        table[i, OBJECTIVE : OBJECTIVE + 4] = outcome
+        table[i, CONVERGED], table[i, STEPS_TAKEN] = outcome[1], outcome[3]
         table[i, CHI2 : CHI2 + 4] = summary
         table[i, STD_FREE] = small[2][2 * n_pulses]

@@ -59,7 +59,7 @@ def _pixel_flags(fits: Fits, hist: Histograms, todo: NDArray[np.bool_]) -> NDArr
     table = fits.table
     flags = np.zeros(len(table), dtype=np.uint32)
     flags[~todo] |= fl.MASKED
-    counts = hist.photons.ravel().astype(np.float64)
+    counts = np.nan_to_num(table[:, col.COUNTS])
     found = table[:, col.N_PULSES] > 0
     missed = todo & ~found & (counts > 0)
     few = counts < FEW_COUNTS if hist.poisson else np.zeros_like(missed)
@@ -98,17 +98,16 @@ def _count_flags(
         flags[lit & flat & (dark > SCREAMING_OCCUPANCY * hist.n_frames)] |= fl.SCREAMING
         flags[lit & (counts >= SATURATED_OCCUPANCY * hist.n_frames)] |= fl.SATURATED
     limit = np.iinfo(hist.counts.dtype).max
-    largest = hist.counts.reshape(len(counts), -1)[:, hist.photon_codes].max(axis=1)
-    flags[lit & (largest == limit)] |= fl.SATURATED
+    flags[lit & (fits.table[:, col.PEAK] >= limit)] |= fl.SATURATED
     return flags
 
 
 def _pulse_flags(fits: Fits) -> NDArray[np.uint32]:
     """(n,), pulses without usable errors, or with too few photons to be placed."""
     flags = np.zeros(len(fits.pixel), dtype=np.uint32)
-    found = fits.table[fits.pixel, col.N_PULSES] > 0
+    found = fits.column(col.N_PULSES) > 0
     known = np.isfinite(fits.std_of).all(axis=1)
-    free = fits.table[fits.pixel, col.STD_FREE] == 1
+    free = fits.column(col.STD_FREE) == 1
     with np.errstate(invalid="ignore"):
         placed = (fits.values[:, 2] > 3.0 * fits.std_of[:, 2]) & (
             fits.std_of[:, 0] < fits.values[:, 1]
@@ -126,10 +125,9 @@ def _width_flags(fits: Fits, period: float) -> NDArray[np.uint32]:
     """
     flags = np.zeros(len(fits.pixel), dtype=np.uint32)
     std, error, photons = fits.values[:, 1], fits.std_of[:, 1], fits.values[:, 2]
-    table = fits.table[fits.pixel]
     with np.errstate(invalid="ignore", divide="ignore"):
-        at_bound = (table[:, col.N_PULSES] > 0) & (table[:, col.STD_FREE] == 0)
-        wide = std > np.minimum(0.25 * table[:, col.EXPOSURE], period / PERIOD_PULSES)
+        at_bound = (fits.column(col.N_PULSES) > 0) & (fits.column(col.STD_FREE) == 0)
+        wide = std > np.minimum(0.25 * fits.column(col.EXPOSURE), period / PERIOD_PULSES)
         narrow = at_bound & ~wide
         typical = fits.typical_std
         if math.isfinite(typical):
@@ -141,19 +139,16 @@ def _width_flags(fits: Fits, period: float) -> NDArray[np.uint32]:
     return flags
 
 
-def check_recording(hist: Histograms) -> None:
-    """Raise NothingFoundError where the recording holds no photons at all."""
-    if not hist.photons.any():
-        raise NothingFoundError(
-            "the recording holds no photons: every count is zero or in the no-photon code"
-        )
-
-
 def check_fits(fits: Fits, flags: NDArray[np.uint32], period: float) -> None:
-    """Raise NothingFoundError where hot pixels or a short period leave nothing to fit.
+    """Raise NothingFoundError where darkness, hot pixels or a short period leave nothing to fit.
 
     A recording that merely shows no pulse is not refused here: its rows say so.
     """
+    if not np.nansum(fits.table[:, col.COUNTS]) > 0:
+        raise NothingFoundError(
+            "the recording holds no photons: every count is zero, in the no-photon code, or in "
+            "an excluded pixel"
+        )
     counting = (flags & (fl.NO_PHOTONS | fl.MASKED | fl.DEAD)) == 0
     hot = (flags & (fl.SCREAMING | fl.SATURATED | fl.ABNORMAL_COUNT)) != 0
     if counting.any() and hot[counting].all():
@@ -161,7 +156,7 @@ def check_fits(fits: Fits, flags: NDArray[np.uint32], period: float) -> None:
             f"all {np.unique(fits.pixel[counting]).size} pixels that count are hot or saturated: "
             "lower the light or the exposure, or shield the camera"
         )
-    found = np.isfinite(fits.values[:, 1]) & (fits.table[fits.pixel, col.N_PULSES] > 0)
+    found = np.isfinite(fits.values[:, 1]) & (fits.column(col.N_PULSES) > 0)
     if math.isfinite(period) and found.any():
         middle = float(np.median(fits.values[found, 1]))
         if middle > period / PERIOD_PULSES:

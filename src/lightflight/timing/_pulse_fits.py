@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,6 +33,9 @@ LOG_FALSE_SECOND = math.log(1e3)
 
 TILE_CODES = 1 << 19
 """Pixels times codes in work at once, per thread: some 20 MB."""
+
+SAMPLE = 8192
+"""Rows that suffice to find the typical width."""
 
 MIN_PIXELS = 8
 """Fewer good pulses than this say nothing about the array's typical width."""
@@ -114,6 +117,11 @@ class Fits:
     typical_std: float
     """Typical std of the array's pulses; NaN where there are too few or no typical one."""
 
+    def column(self, name: int) -> Floats:
+        """(n,), a column of the table for every row."""
+        values: Floats = self.table[:, name]
+        return values if len(self.pixel) == len(values) else values[self.pixel]
+
 
 def exposure_ratio(background: Histograms, hist: Histograms) -> float:
     """Exposure of a background recording over the recording's: frames over frames.
@@ -134,6 +142,15 @@ def exposure_ratio(background: Histograms, hist: Histograms) -> float:
     return background.n_frames / hist.n_frames
 
 
+def scannable(counts: NDArray[Any]) -> NDArray[Any]:
+    """Counts (pixels, codes) as int32, which scans fastest, or float64 where that cannot hold."""
+    if counts.dtype.kind == "f":
+        return np.ascontiguousarray(counts, dtype=np.float64)
+    if counts.dtype.itemsize > 2 and int(counts.max()) * counts.shape[1] >= 2**31:
+        return counts.astype(np.float64)
+    return counts.astype(np.int32)
+
+
 class _Job:
     """One recording on one clock: what every tile needs."""
 
@@ -150,17 +167,18 @@ class _Job:
         self.rows, self.cols = np.divmod(np.arange(len(self.counts)), hist.shape[1])
         self.double_code = clock.double_code(len(self.counts))
 
-    def run(self, pixels: NDArray[np.int64], work: Callable[..., None]) -> None:
-        """Call work(slice of pixels, counts, lower, upper) for every tile."""
+    def run(self, work: Callable[..., None], pixels: NDArray[np.int64] | None = None) -> None:
+        """Call work(slice, counts, lower, upper) for every tile of all (or the given) pixels."""
+        n_pixels = len(self.counts) if pixels is None else len(pixels)
         step = max(1, TILE_CODES // self.n_codes)
 
         def one(first: int) -> None:
-            part = slice(first, min(first + step, len(pixels)))
-            tile = pixels[part]
+            part = slice(first, min(first + step, n_pixels))
+            tile = part if pixels is None else pixels[part]
             lower, upper = self.clock.intervals(self.rows[tile], self.cols[tile])
-            work(part, self.counts[tile].astype(np.float64), lower, upper)
+            work(part, scannable(self.counts[tile]), lower, upper)
 
-        starts = range(0, len(pixels), step)
+        starts = range(0, n_pixels, step)
         if self.threads == 1:
             for first in starts:
                 one(first)
@@ -186,53 +204,60 @@ def fit_all(
         method == "least_squares" and hist.poisson,
         hist.poisson,
     )
-    n_pixels = todo.size
-    thetas, covariances = np.empty((n_pixels, 4)), np.empty((n_pixels, 4, 4))
-    table = np.empty((n_pixels, pulse_tile.N_COLUMNS))
-    wanted = todo.ravel()
-
-    def fit(part: slice, counts: Floats, lower: Floats, upper: Floats) -> None:
-        pulse_tile.fit_tile(
-            counts, lower, upper, clock.period, wanted[part], job.double_code[part],
-            job.dark_counts[part], job.dark_ratio, LOG_FALSE_PULSES, model,
-            thetas[part], covariances[part], table[part],
-        )  # fmt: skip
-
-    job.run(np.arange(n_pixels), fit)
-    single = _single_rows(thetas, covariances, table)
+    values, covariance, table = _fit_singles(job, todo.ravel(), model)
+    single = _rows(np.arange(todo.size), values, covariance, table)
     if max_pulses == 1 or not model[0]:
         return single
     return _with_more_pulses(single, job, max_pulses)
 
 
+def _fit_singles(
+    job: _Job, wanted: NDArray[np.bool_], model: tuple[bool, bool, bool]
+) -> tuple[Floats, Floats, Floats]:
+    """One pulse per pixel: values (n, 4), covariance (n, 4, 4) and table of `fit_tile`."""
+    n_pixels = len(wanted)
+    values, covariance = np.full((n_pixels, 4), np.nan), np.full((n_pixels, 4, 4), np.nan)
+    table = np.full((n_pixels, pulse_tile.N_COLUMNS), np.nan)
+
+    def fit(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
+        pulse_tile.fit_tile(
+            counts, lower, upper, job.clock.period, wanted[part], job.double_code[part],
+            job.dark_counts[part], job.dark_ratio, LOG_FALSE_PULSES, model,
+            values[part], covariance[part], table[part],
+        )  # fmt: skip
+
+    job.run(fit)
+    return values, covariance, table
+
+
 def _rows(pixel: NDArray[np.int64], values: Floats, covariance: Floats, table: Floats) -> Fits:
+    std_of = np.empty_like(values)
     with np.errstate(invalid="ignore"):
-        std_of = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    typical = typical_std_of(values, std_of, table[pixel])
-    return Fits(pixel, values, covariance, table, std_of, typical)
+        for i in range(4):
+            np.sqrt(covariance[:, i, i], out=std_of[:, i])
+    fits = Fits(pixel, values, covariance, table, std_of, math.nan)
+    return replace(fits, typical_std=typical_std_of(fits))
 
 
-def _single_rows(thetas: Floats, covariances: Floats, table: Floats) -> Fits:
-    covariance = covariances[:, _ORDER][:, :, _ORDER]
-    return _rows(np.arange(len(thetas)), thetas[:, _ORDER], covariance, table)
-
-
-def typical_std_of(values: Floats, std_of: Floats, table: Floats) -> float:
+def typical_std_of(fits: Fits) -> float:
     """Typical std of the array's pulses: the median over good rows, weighted by photons.
 
-    No pixel weighs more than ten median ones. NaN where fewer than MIN_PIXELS rows are good or
-    widths scatter by more than MAX_SPREAD: then no width is typical.
+    No pixel weighs more than ten median ones; of very many rows an even sample serves. NaN where
+    fewer than MIN_PIXELS rows are good or widths scatter by more than MAX_SPREAD: then no width
+    is typical.
     """
+    some = slice(None, None, max(1, len(fits.pixel) // SAMPLE))
+    std, photons = fits.values[some, 1], fits.values[some, 2]
     with np.errstate(invalid="ignore", divide="ignore"):
         good = (
-            (table[:, pulse_tile.CONVERGED] == 1)
-            & (table[:, pulse_tile.HELD_SHARE] > 0.9)
-            & (std_of[:, 1] < 0.5 * values[:, 1])
-            & (values[:, 2] > 3.0 * std_of[:, 2])
+            (fits.column(pulse_tile.CONVERGED)[some] == 1)
+            & (fits.column(pulse_tile.HELD_SHARE)[some] > 0.9)
+            & (fits.std_of[some, 1] < 0.5 * std)
+            & (photons > 3.0 * fits.std_of[some, 2])
         )
     if np.count_nonzero(good) < MIN_PIXELS:
         return math.nan
-    width, photons = np.log(values[good, 1]), values[good, 2]
+    width, photons = np.log(std[good]), photons[good]
     weight = np.minimum(photons, 10.0 * np.median(photons))
     middle = _weighted_median(width, weight)
     spread = 1.4826 * _weighted_median(np.abs(width - middle), weight)
@@ -263,13 +288,15 @@ def pixels_to_split(fits: Fits) -> NDArray[np.int64]:
 def _with_more_pulses(single: Fits, job: _Job, max_pulses: int) -> Fits:
     """Fits with the pixels of `pixels_to_split` fitted by as many pulses as they need."""
     pixels = pixels_to_split(single)
+    if not len(pixels):
+        return single
     size = 2 * max_pulses + 2
     thetas = np.full((len(pixels), size), np.nan)
     thetas[:, :4] = single.values[pixels][:, _ORDER]
     covariances = np.full((len(pixels), size, size), np.nan)
     table = single.table[pixels]
 
-    def split(part: slice, counts: Floats, lower: Floats, upper: Floats) -> None:
+    def split(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
         pulse_tile.split_tile(
             counts, lower, upper, job.clock.period, single.typical_std,
             job.double_code[pixels[part]], job.dark_counts[pixels[part]], job.dark_ratio,
@@ -277,7 +304,7 @@ def _with_more_pulses(single: Fits, job: _Job, max_pulses: int) -> Fits:
             thetas[part], covariances[part], table[part],
         )  # fmt: skip
 
-    job.run(pixels, split)
+    job.run(split, pixels)
     several = table[:, pulse_tile.N_PULSES] > 1
     if not several.any():
         return single

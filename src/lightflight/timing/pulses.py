@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from lightflight import flags as fl
 from lightflight._kernels.pulse_tile import CHI2, CHI2_BINS, N_PULSES
 from lightflight.histogram import Histograms
-from lightflight.timing._pulse_checks import check_fits, check_recording, flags_of
+from lightflight.timing._pulse_checks import check_fits, flags_of
 from lightflight.timing._pulse_fits import Clock, Fits, clock_of, fit_all
 
 if TYPE_CHECKING:
@@ -156,7 +156,6 @@ def fit_pulses(
     """
     _check_options(method, max_pulses, response, threads)
     todo = _mask_to_fit(hist, exclude_mask)
-    check_recording(hist)
     clock = clock_of(hist, timing)
     fits = fit_all(
         hist, clock, todo, method=method, max_pulses=max_pulses, background=background,
@@ -202,7 +201,7 @@ def _pulses_from_fits(
     """The table of pulses: NaN where there is none, delays folded into one period."""
     rows, cols = np.divmod(fits.pixel, hist.shape[1])
     values, covariance = fits.values.copy(), fits.covariance.copy()
-    nothing = ~(fits.table[fits.pixel, N_PULSES] > 0)
+    nothing = ~(fits.column(N_PULSES) > 0)
     values[nothing, :3] = np.nan
     covariance[nothing] = np.nan
     delay = values[:, 0]
@@ -220,7 +219,7 @@ def _pulses_from_fits(
         photons=values[:, 2],
         background_per_ps=values[:, 3],
         covariance=covariance,
-        chi2=fits.table[fits.pixel, CHI2],
+        chi2=fits.column(CHI2).copy(),
         dof=np.maximum(dof, 0).astype(np.int64)[fits.pixel],
         flags=flags,
         pulse_index=(np.arange(len(fits.pixel)) - first).astype(np.int32),
