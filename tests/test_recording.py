@@ -368,6 +368,14 @@ def test_from_events_checks_every_list():
         Recording.from_events(**good, shape=(2, 2), n_codes=8, frame=[0, 1])
 
 
+def test_a_cube_that_does_not_fit_is_refused_before_memory_is_taken(monkeypatch):
+    monkeypatch.setattr("lightflight.counting.free_memory_bytes", lambda: 1000)
+    with pytest.raises(ValueError, match=r"2 x 2 pixels and 64 codes needs 1.02e-06 GB.*codes="):
+        histogram(Recording.from_frames(_FRAMES, n_codes=64))
+    cut = histogram(Recording.from_frames(_FRAMES, n_codes=64), codes=(0, 32))
+    assert cut.counts.shape == (2, 2, 32)
+
+
 def test_the_cube_is_not_copied():
     """A megapixel cube fits into memory once, not twice."""
     counted = histogram(Recording.from_frames(_FRAMES, n_codes=8))

@@ -19,6 +19,8 @@ from lightflight.filecheck import free_memory_bytes
 from lightflight.histogram import Histograms
 from lightflight.recording import Progress, Recording, clock_of, pixel_dtype
 
+_MEMORY_SHARE = 0.8
+_PADDED_BYTES = 1 << 26
 _LISTED_PIXELS = 1 << 14
 """Pixels whose photons are listed before they are counted: the list stays in the nearest cache."""
 
@@ -77,12 +79,15 @@ class _Window:
         dtype = np.dtype(np.uint32 if most <= np.iinfo(np.uint32).max else np.uint64)
         rows, cols, codes = self.shape
         needed, free = dtype.itemsize * rows * cols * codes, free_memory_bytes()
-        if needed > free:
+        if needed > _MEMORY_SHARE * free:
             raise ValueError(
                 f"a cube of {rows} x {cols} pixels and {codes} codes needs {needed / 1e9:.3g} GB, "
                 f"{free / 1e9:.3g} GB are free: keep a part with codes=, rows= or cols="
             )
-        return np.zeros((rows, cols, padded_columns(codes, dtype.itemsize)), dtype)
+        # Padding is taken off by a copy, which a large cube may leave no room for.
+        is_small = needed <= _PADDED_BYTES
+        columns = padded_columns(codes, dtype.itemsize) if is_small else codes
+        return np.zeros((rows, cols, columns), dtype)
 
     def trimmed(self, cube: NDArray[Any]) -> NDArray[Any]:
         """The cube without the codes that were added to it; not copied where there are none."""
