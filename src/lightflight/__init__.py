@@ -112,7 +112,7 @@ class _CallableModule(ModuleType):
 
 
 class _Package(ModuleType):
-    """This package: keeps `lf.simulate(...)` working once `lightflight.simulate` is imported.
+    """Package that keeps `lf.simulate(...)` working once `lightflight.simulate` is imported.
 
     Importing a submodule binds it in the package, over the function of the same name
     (`histogram`, `path_error`, `reconstruct`, `simulate`); such a submodule is made callable.
