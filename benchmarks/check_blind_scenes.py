@@ -371,7 +371,12 @@ def main() -> None:
         sources = (
             known,
             timeless,
-            replace(timeless, position_std_mm=1.0),
+            replace(
+                timeless,
+                position_mm=case.scene.vertices[0]
+                + np.random.default_rng([seed, 1]).normal(size=3),
+                position_std_mm=1.0,
+            ),
             lf.Source(pulse_fwhm_ps=68.0),
         )
         for prior, source in zip(PRIORS, sources, strict=True):
