@@ -126,7 +126,9 @@ def write(record: Recording | Histograms, path: Path) -> None:
             attributes={_METADATA: text_from_histograms(record)},
             overwrite=True,
         )
-        node[...] = record.counts
+        # One chunk at a time: Zarr's own threads would go on writing after an error.
+        for first in range(0, rows, block):
+            node[first : first + block] = record.counts[first : first + block]
 
 
 def _matches(path: Path, start: bytes) -> bool:
