@@ -80,16 +80,20 @@ def _console(*, stderr: bool = False) -> Any:
 
 
 def print_table(
-    columns: Sequence[str], rows: Iterable[Sequence[Any]], *, title: str | None = None
+    columns: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    *,
+    title: str | None = None,
+    n_text_columns: int = 1,
 ) -> None:
-    """Print a table to stdout: first column left, the others right-aligned."""
+    """Print a table to stdout: the first `n_text_columns` left, the others right-aligned."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
     table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
     for i, column in enumerate(columns):
-        table.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
+        table.add_column(column, justify="left" if i < n_text_columns else "right", overflow="fold")
     for row in rows:
         table.add_row(*(Text(cell if isinstance(cell, str) else plain(cell)) for cell in row))
     _console().print(table)

@@ -96,7 +96,7 @@ def comparison_rows(recordings: Recordings, estimates: list[Estimate]) -> list[d
         {
             "result": "paper, Fig. 6 (measured)",
             "method": None,
-            "prior": "source known; of the emission time nothing is said",
+            "prior": "source known",
             "position_rms_mm": reported.POSITION_RMS_MM,
             "event_time_rms_ps": reported.EVENT_TIME_RMS_PS,
             "whole_position_rms_mm": None,
@@ -128,19 +128,20 @@ def _print_comparison(recordings: Recordings, estimates: list[Estimate]) -> None
         return "not stated" if row[key] is None else format(row[key], digits)
 
     print_table(
-        ("result", "in view (mm)", "in view (ps)", "to exit (mm)", "photons", "prior"),
+        ("result", "prior", "in view (mm)", "in view (ps)", "to exit (mm)", "photons"),
         [
             (
                 row["result"],
+                row["prior"],
                 cell(row, "position_rms_mm", ".3f"),
                 cell(row, "event_time_rms_ps", ".3f"),
                 cell(row, "whole_position_rms_mm", ".3f"),
                 cell(row, "photons_per_pixel", ",.0f"),
-                row["prior"],
             )
             for row in comparison_rows(recordings, estimates)
         ],
         title="Three legs: rms error of the path",
+        n_text_columns=2,
     )
     print_sentences(
         [

@@ -34,10 +34,10 @@ FLAT_PER_PIXEL = 4e5
 PRIORS: Mapping[str, str] = {
     "known": "source and emission time known",
     "fitted": "source known, emission time fitted",
-    "unsure": "as above, and the clock's scale not known: dead codes absorbed or lost",
+    "unsure": "the same, the clock's scale not known",
 }
-"""What is taken as known, by short name. Unless it says otherwise, whether the time of the
-camera's dead codes is absorbed or lost is known."""
+"""What is taken as known, by short name. The clock's scale is known where it is known what became
+of the time of the camera's dead codes; otherwise it is uncertain by 0.36 %, one sigma."""
 
 COMBINATIONS = (
     ("paper", "known"),
