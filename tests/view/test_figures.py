@@ -361,3 +361,32 @@ def test_every_public_name_of_view_exists() -> None:
         assert callable(getattr(view, name)), name
     with pytest.raises(AttributeError, match="no_such"):
         view.no_such  # noqa: B018
+
+
+@pytest.mark.parametrize("center", [2025.0, 9_990.0])
+def test_a_pixels_histogram_follows_its_codes_and_its_fit(center: float) -> None:
+    from lightflight import Histograms
+    from lightflight.view.figures_camera import draw_pixel_histogram, pixel_cases_figure
+
+    rng = np.random.default_rng(8)
+    counts = rng.poisson(0.2, size=(2, 3, 200)).astype(np.uint32)
+    codes = np.floor(center / 50.0 + rng.normal(0, 1.4, 5000)).astype(int) % 200
+    np.add.at(counts, (1, 2, codes), 1)
+    hist = Histograms(counts, bin_width_ps=50.0, laser_period_ps=10_000.0)
+    pulses = fakes.fake_pulses([1], [2], [center], std_ps=70.0, photons=5000.0)
+    ax = draw_pixel_histogram(hist, 1, 2, pulses=pulses)
+    low, high = ax.get_xlim()
+    assert low < center < high  # in one piece, also across the end of the period
+    for bar in ax.patches[:200]:
+        bar = cast(Rectangle, bar)
+        code = int(np.floor(bar.get_x() / 50.0 + 0.5)) % 200
+        assert bar.get_height() == counts[1, 2, code]
+    expected = next(p for p in ax.patches if p.get_label() == "fit").get_data().values  # type: ignore[attr-defined]
+    # Five standard deviations of 5,000 photons.
+    assert abs(expected.sum() - counts[1, 2].sum()) < 5 * np.sqrt(5000)
+    assert "5000" in words_in(ax.get_figure())
+    with pytest.raises(IndexError, match="2 x 3"):
+        draw_pixel_histogram(hist, 2, 0)
+    text = words_in(pixel_cases_figure(hist, pulses))
+    assert "no pixel is\ntoo wide" in text
+    assert "3  effective" in text

@@ -143,14 +143,8 @@ def draw_pixel_histogram(
     lower, upper, period = _pixel_intervals(hist, row, col, timing)
     fits = _pixel_pulses(pulses, row, col)
     middle = _window_middle(hist, row, col, lower, upper, fits)
-    shift = np.zeros_like(lower)
-    if np.isfinite(period):
-        shift = -period * np.rint(((lower + upper) / 2 - middle) / period)
-    lower, upper = lower + shift, upper + shift
-    order = np.argsort(lower)
-    order = order[upper[order] > lower[order]]
+    lower, upper, order = _unfolded(lower, upper, middle, period)
     counts = np.asarray(hist.counts[row, col], dtype=float)[order]
-    lower, upper = lower[order], upper[order]
     ax.bar(
         lower, counts, upper - lower, align="edge", color="#b7c4dc", edgecolor="none", zorder=2,
         label="counts",
@@ -163,7 +157,7 @@ def draw_pixel_histogram(
         )  # fmt: skip
         _draw_centers(ax, fits, middle, period)
     unit = "ps" if timing is not None or hist.bin_width_ps is not None else "codes"
-    half = _half_window(fits, lower, upper, counts, window_ps)
+    half = _half_window(fits, lower, upper, window_ps)
     inside = (upper > middle - half) & (lower < middle + half)
     top = counts[inside].max() if inside.any() else 1.0
     ax.set(xlim=(middle - half, middle + half), ylim=(0, 1.16 * max(float(top), 1.0)))
@@ -171,6 +165,18 @@ def draw_pixel_histogram(
     if annotate:
         _annotate_pixel(ax, row, col, fits, unit)
     return ax
+
+
+def _unfolded(
+    lower: Floats, upper: Floats, middle: float, period: float
+) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Live codes in ascending time within half a period of `middle`, and their order."""
+    if np.isfinite(period):
+        shift = period * np.rint(((lower + upper) / 2 - middle) / period)
+        lower, upper = lower - shift, upper - shift
+    order = np.argsort(lower)
+    order = order[upper[order] > lower[order]]
+    return lower[order], upper[order], order
 
 
 def _pixel_intervals(hist: Any, row: int, col: int, timing: Any) -> tuple[Floats, Floats, float]:
@@ -205,16 +211,13 @@ def _window_middle(
     return float((lower[top] + upper[top]) / 2)
 
 
-def _half_window(
-    fits: Floats, lower: Floats, upper: Floats, counts: Floats, window_ps: float | None
-) -> float:
+def _half_window(fits: Floats, lower: Floats, upper: Floats, window_ps: float | None) -> float:
     whole = 0.5 * float(upper.max() - lower.min())
     if window_ps is not None:
         return min(0.5 * window_ps, whole)
     if len(fits):
         width = float(np.median(upper - lower))
         return min(max(9.0 * float(fits[:, 2].max()), 12.0 * width), whole)
-    del counts
     return whole
 
 
