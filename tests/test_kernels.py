@@ -17,7 +17,7 @@ from scipy.special import ndtr
 from lightflight._kernels import bins as bin_kernels
 from lightflight._kernels import jit as jit_module
 from lightflight._kernels import pulse, pulse_lanes, pulse_split
-from lightflight._kernels.pulse_tile import N_COLUMNS, fit_tile
+from lightflight._kernels.pulse_tile import N_COLUMNS, fit_rest, fit_tile
 from tests.pulse_fakes import STD, WIDTH, expected_counts
 
 
@@ -172,11 +172,17 @@ def run_tile(function, counts, lower, upper, period=math.inf):
     m = len(counts)
     values, covariances = np.full((m, 4), np.nan), np.full((m, 4, 4), np.nan)
     table = np.full((m, N_COLUMNS), np.nan)
-    left = function(
-        counts, lower, upper, period, np.ones(m, bool), np.zeros(m), np.zeros(m), 0.0, 7.0,
-        (True, False, True), values, covariances, table,
+    starts, left = np.empty((m, 4)), np.empty(m, np.int64)
+    model, zero = (True, False, True), np.zeros(m)
+    n_left = function(
+        counts, lower, upper, period, np.ones(m, bool), zero, zero, 0.0, 7.0, model, starts, left,
+        values, covariances, table,
     )  # fmt: skip
-    return values, covariances, table, left
+    fit_rest(
+        counts, lower, upper, period, left[:n_left], zero, zero, 0.0, model, starts, values,
+        covariances, table,
+    )  # fmt: skip
+    return values, covariances, table, n_left
 
 
 def test_fit_tile_gives_the_same_in_plain_python(pixel):

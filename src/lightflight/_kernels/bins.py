@@ -15,6 +15,13 @@ from lightflight._kernels.jit import jit
 
 
 @jit
+def put(source, n, target):
+    """Copy the first n values (compiles in a tenth of the time of a slice assignment)."""
+    for i in range(n):
+        target[i] = source[i]
+
+
+@jit
 def bins_from_codes(lower, upper, period, edges, exposure, codes):
     """Bins of one pixel in ascending time; returns how many, 0 where no code has a width.
 

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from lightflight._kernels.bins import load_window
+from lightflight._kernels.bins import load_window, put
 from lightflight._kernels.jit import jit
 
 INV_SQRT_2 = math.sqrt(0.5)
@@ -92,8 +92,10 @@ def evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info):
     counts, edges, exposure = window
     poisson, sampled, _ = model
     size = 2 * n_pulses + 2
-    grad[:size] = 0.0
-    info[:size, :size] = 0.0
+    for a in range(size):
+        grad[a] = 0.0
+        for b in range(size):
+            info[a, b] = 0.0
     objective = 0.0
     for k in range(m):
         if exposure[k] <= 0.0:
@@ -189,7 +191,8 @@ def free_parameters(theta, grad, n_pulses, bounds, fit_std, free):
     """Mark the free parameters: those at a bound and pushed against it are not."""
     min_std, max_std, min_background = bounds
     size = 2 * n_pulses + 2
-    free[:size] = True
+    for a in range(size):
+        free[a] = True
     std, background = theta[size - 2], theta[size - 1]
     at_low = std <= min_std and grad[size - 2] < 0.0
     at_high = std >= max_std and grad[size - 2] > 0.0
@@ -235,35 +238,40 @@ def fit_bins(bins, n, period, theta, n_pulses, model, fit_std, window, scratch, 
     reach = 1.25 * REACH if model[0] else math.inf
     theta[size - 2] = min(max(theta[size - 2], bounds[0]), bounds[1])
     theta[size - 1] = max(theta[size - 1], bounds[2])
-    m = load_around(bins, n, period, theta, n_pulses, reach, window, outside)
-    objective = evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info)
-    damping, length2, unit, steps, converged = 0.0, math.inf, 1.0, 0, False
-    while steps < MAX_STEPS and not converged and damping < 1e10:
-        steps += 1
+    put(theta, size, trial)
+    objective, damping, length2, unit, steps, m = 0.0, 0.0, math.inf, 1.0, 0, 0
+    fresh, converged = True, False  # fresh: a new window, to be evaluated where we stand
+    while True:
+        if fresh:
+            m = load_around(bins, n, period, theta, n_pulses, reach, window, outside)
+        new = evaluate(trial, n_pulses, window, m, outside, model, slope, new_grad, new_info)
+        if fresh or new >= objective - 1e-12 * abs(objective):
+            put(trial, size, theta)
+            put(new_grad, size, grad)
+            for a in range(size):
+                put(new_info[a], size, info[a])
+            objective = new
+            if not model[0]:
+                unit = max(-2.0 * objective / max(m - size, 1), 1e-300)
+            converged = length2 < TOLERANCE * unit and damping < 1.0
+            damping = 0.0 if damping < 1e-2 else 0.1 * damping
+            fresh = m < n and not window_holds(theta, n_pulses, window, m) and steps < MAX_STEPS
+            if fresh:
+                steps += 1
+                continue
+        else:
+            damping = max(10.0 * damping, 1e-2)
         free_parameters(theta, grad, n_pulses, bounds, fit_std, free)
-        if not factorise(info, free, size, damping, scale, factor):
+        while not factorise(info, free, size, damping, scale, factor) and damping < 1e10:
             damping = max(10.0 * damping, 1e-3)
-            continue
+        if converged or steps >= MAX_STEPS or damping >= 1e10:
+            break
+        steps += 1
         solve(factor, scale, free, size, grad, step)
         length2 = 0.0
         for a in range(size):
             length2 += step[a] * grad[a]
         limited_step(theta, step, n_pulses, bounds, trial)
-        new = evaluate(trial, n_pulses, window, m, outside, model, slope, new_grad, new_info)
-        if not new >= objective - 1e-12 * abs(objective):
-            damping = max(10.0 * damping, 1e-2)
-            continue
-        theta[:size], grad[:size] = trial[:size], new_grad[:size]
-        info[:size, :size] = new_info[:size, :size]
-        objective = new
-        if not model[0]:
-            unit = max(-2.0 * objective / max(m - size, 1), 1e-300)
-        converged = length2 < TOLERANCE * unit and damping < 1.0
-        damping = 0.0 if damping < 1e-2 else 0.1 * damping
-        if m < n and not window_holds(theta, n_pulses, window, m):
-            m = load_around(bins, n, period, theta, n_pulses, reach, window, outside)
-            objective = evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info)
-    free_parameters(theta, grad, n_pulses, bounds, fit_std, free)
     converged = converged or length2 < GOOD_ENOUGH * unit
     outcome[0], outcome[1], outcome[2], outcome[3] = objective, converged, length2, steps
     return m
@@ -301,7 +309,8 @@ def describe_fit(bins, n, theta, n_pulses, model, window, m, scratch, summary):
     counts, edges, exposure = window
     slope, held = scratch[0][0], scratch[0][4]
     size = 2 * n_pulses + 2
-    held[:n_pulses] = 0.0
+    for j in range(n_pulses):
+        held[j] = 0.0
     chi2, n_bins, rich_chi2, rich_bins, rich_variance = 0.0, 0, 0.0, 0, 0.0
     for k in range(m):
         if exposure[k] <= 0.0:
@@ -330,7 +339,9 @@ def describe_fit(bins, n, theta, n_pulses, model, window, m, scratch, summary):
             rich_variance += 2.0 * n_out + inverse / background
     summary[0], summary[1] = chi2, n_bins
     summary[2] = normal_from_chi2(rich_chi2, rich_bins, rich_variance)
-    summary[3] = held[:n_pulses].min()
+    summary[3] = held[0]
+    for j in range(n_pulses):
+        summary[3] = min(summary[3], held[j])
 
 
 @jit
@@ -385,15 +396,17 @@ def covariance_of_fit(theta, n_pulses, model, whole_exposure, window, m, scratch
     counts, edges, exposure = window
     size = 2 * n_pulses + 2
     if not factorise(info, free, size, 0.0, scale, factor):
-        covariance[:size, :size] = math.nan
+        for a in range(size):
+            for b in range(size):
+                covariance[a, b] = math.nan
         return False
     for a in range(size):
-        unit[:size] = 0.0
-        unit[a] = 1.0
+        for b in range(size):
+            unit[b] = 1.0 if a == b else 0.0
+            meat[a, b] = 0.0
         solve(factor, scale, free, size, unit, column)
-        covariance[:size, a] = column[:size]
+        put(column, size, covariance[a])
     if not model[0]:
-        meat[:size, :size] = 0.0
         n_live = 0
         for k in range(m):
             if exposure[k] <= 0.0:

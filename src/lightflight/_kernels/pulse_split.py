@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from lightflight._kernels.bins import accumulate, edge_at, log_excess_over, residual_level
+from lightflight._kernels.bins import accumulate, edge_at, log_excess_over, put, residual_level
 from lightflight._kernels.jit import jit
 from lightflight._kernels.pulse import REACH, bin_model, fit_bins
 
@@ -190,7 +190,7 @@ def best_with_one_more(
     # no literals, see `pulse_tile.fit_alone`
     none, is_last, is_first = np.int64(0), np.bool_(True), np.bool_(False)
     for start in range(3):
-        base[:size] = theta[:size]
+        put(theta, size, base)
         if start == 0:
             near, width = APART, std
         elif start == 1:
@@ -219,7 +219,7 @@ def best_with_one_more(
         fit_bins(bins, n, period, trial, n_pulses + 1, model, is_last, window, scratch, outcome)
         if outcome[0] > highest:
             highest = outcome[0]
-            best_theta[:size] = trial[:size]
+            put(trial, size, best_theta)
     return highest
 
 
@@ -252,7 +252,9 @@ def split_pulses(
             break
         more = n_pulses + 1
         m = fit_bins(bins, n, period, new, more, model, is_last, window, scratch, outcome)
-        weakest = new[more : 2 * more].min()
+        weakest = new[more]
+        for j in range(more):
+            weakest = min(weakest, new[more + j])
         misplaced = double_code * new[2 * more + 1] * span / n
         if (
             outcome[1] == 0.0
@@ -260,7 +262,7 @@ def split_pulses(
             or not stands_apart(new, more, std, typical_std, window, m)
         ):
             break
-        theta[:] = new
+        put(new, theta.size, theta)
         objective = outcome[0]
         n_pulses = more
     if n_pulses > 1:

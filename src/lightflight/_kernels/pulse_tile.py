@@ -13,6 +13,7 @@ from lightflight._kernels.bins import (
     bins_from_codes,
     even_width,
     largest,
+    put,
     scan_for_pulse,
     start_from_window,
     take_counts,
@@ -85,27 +86,26 @@ def fit_alone(row, n, period, start, dark, double_code, model, room, values, cov
     counts = bins[0]
     for k in range(n):
         counts[k] = levels[0][k]
-    theta[:4] = start
+    put(start, 4, theta)
     small[3][2], small[3][3] = dark
     bins = (counts, edges, exposure)
     # Not plain 1 and True: for a literal, Numba would compile the whole fit once more.
     single, fit_std = np.int64(1), np.bool_(True)
     m = fit_bins(bins, n, period, theta, single, model, fit_std, window, small, outcome)
     whole = covered[n] + dark[1]
-    if not covariance_of_fit(theta, single, model, whole, window, m, small, covariance):
-        covariance[:] = math.nan
+    covariance_of_fit(theta, single, model, whole, window, m, small, covariance)
     swap_photons_and_std(covariance)
     describe_fit(bins, n, theta, single, model, window, m, small, summary)
     values[0], values[1], values[2], values[3] = theta[0], theta[2], theta[1], theta[3]
     columns[N_PULSES] = 1.0
     columns[CONVERGED], columns[STEPS_TAKEN] = outcome[1], outcome[3]
-    columns[CHI2 : CHI2 + 4] = summary
+    put(summary, 4, columns[CHI2:])
     columns[STD_FREE] = small[2][2]
     columns[RESIDUAL] = 0.0
     if model[0]:
         reach = 2 * n if period < math.inf else n
         accumulate(counts, n, reach, sums[0])
-        sums[1][: reach + 1] = covered[: reach + 1]
+        put(covered, reach + 1, sums[1])
         residual_scan(
             bins, n, period, theta, single, ALONE, theta[2], double_code, sums, small, best
         )
@@ -133,37 +133,38 @@ def fit_tile(
     dark_ratio: float,
     log_alarms: float,
     model: tuple[bool, bool, bool],
+    starts: Floats,
+    left: NDArray[np.int64],
     values: Floats,
     covariances: Floats,
     table: Floats,
 ) -> int:
-    """Fit the one strongest pulse of each pixel of a tile; returns how many lanes left over.
+    """Fit the one strongest pulse of each pixel of a tile, as far as lanes can.
+
+    Returns how many pixels are left for `fit_rest`; they are first in `left` (m,), with a rough
+    (centre, photons, std, background) of each pixel with a pulse in `starts` (m, 4).
 
     counts (m, codes), int32 (rows sum to less than 2^31) or float64; lower, upper (m or 1, codes);
-    period inf where nothing folds; todo (m,);
-    double_code (m,), see `scan_for_pulse`; dark_counts (m,): counts of a background recording,
-    dark_ratio: its exposure over this one's (0: none); log_alarms: a pulse must be less likely by
-    chance than exp(-that - 3); model: Poisson likelihood?, sampled Gaussian?, Poisson counts?
+    period inf where nothing folds; todo (m,); double_code (m,), see `scan_for_pulse`; dark_counts
+    (m,): counts of a background recording, dark_ratio: its exposure over this one's (0: none);
+    log_alarms: a pulse must be less likely by chance than exp(-that - 3); model: Poisson
+    likelihood?, sampled Gaussian?, Poisson counts?
 
     values (m, 4) centre, std, photons, background; covariances (m, 4, 4) in that order; table
     (m, N_COLUMNS): counts, exposure, largest bin, pulses found, converged, steps, chi2, its bins,
     its deviate, share of the pulse in live bins, 1 where std is not at a bound, log excess of the
     residuals far from the pulse. What has no meaning is left alone (NaN, given such).
     """
-    m, n_codes = counts.shape
     row = new_row(counts)
     levels, edges, exposure, inverse, covered, codes = row
-    bins, window, sums, small = new_scratch(2 * n_codes + 2, 1)
-    best = np.empty(3)
-    room = (bins, window, sums, small, best, np.empty(4), np.empty(4), np.empty(4))
-    conveyors, starts = (new_conveyor(), new_conveyor()), np.empty((m, 4))
-    left, n_left = np.empty(m, np.int64), np.int64(0)
-    keep_going, drain = np.bool_(False), np.bool_(True)
+    conveyors, best = (new_conveyor(), new_conveyor()), np.empty(3)
+    # no literals for `run_conveyor`, see `fit_alone`
+    n_left, keep_going, drain = np.int64(0), np.bool_(False), np.bool_(True)
     fits = table[:, N_PULSES:]
     shared = lower.shape[0] == 1
     n, reach, even = lay_out(row, lower[0], upper[0], period)
     bounds = bounds_of((exposure, edges, exposure), n, period, model)
-    for i in range(m):
+    for i in range(counts.shape[0]):
         if not todo[i]:
             continue
         if not shared:
@@ -197,17 +198,41 @@ def fit_tile(
             n_left += 1
     for conveyor in conveyors:
         n_left = run_conveyor(conveyor, drain, values, covariances, fits, left, n_left)
-    for j in range(n_left):
-        i = left[j]
+    return int(n_left)
+
+
+@jit
+def fit_rest(
+    counts: NDArray[Any],
+    lower: Floats,
+    upper: Floats,
+    period: float,
+    pixels: NDArray[np.int64],
+    double_code: Floats,
+    dark_counts: Floats,
+    dark_ratio: float,
+    model: tuple[bool, bool, bool],
+    starts: Floats,
+    values: Floats,
+    covariances: Floats,
+    table: Floats,
+) -> None:
+    """Fit the given pixels of a tile by the general kernel; arguments as in `fit_tile`."""
+    row = new_row(counts)
+    levels, _, _, _, covered, codes = row
+    bins, window, sums, small = new_scratch(2 * counts.shape[1] + 2, 1)
+    room = (bins, window, sums, small, np.empty(3), np.empty(4), np.empty(4), np.empty(4))
+    shared = lower.shape[0] == 1
+    n, _, _ = lay_out(row, lower[0], upper[0], period)
+    for i in pixels:
         if not shared:
-            n, reach, even = lay_out(row, lower[i], upper[i], period)
+            n, _, _ = lay_out(row, lower[i], upper[i], period)
         take_counts(counts[i], codes, n, levels[0])
         dark = (dark_counts[i], dark_ratio * covered[n])
         fit_alone(
             row, n, period, starts[i], dark, double_code[i], model, room, values[i],
             covariances[i], table[i],
         )  # fmt: skip
-    return n_left
 
 
 @jit
@@ -247,20 +272,19 @@ def split_tile(
         bins = (room[0], edges, exposure)
         take_counts(counts[i], codes, n, bins[0])
         accumulate(bins[0], n, reach, sums[0])
-        sums[1][: reach + 1] = covered[: reach + 1]
+        put(covered, reach + 1, sums[1])
         small[3][2], small[3][3] = dark_counts[i], dark_ratio * covered[n]
-        theta[:] = thetas[i]
+        put(thetas[i], size, theta)
         n_pulses, m = split_pulses(
             bins, n, period, theta, max_pulses, typical_std, log_alarms, double_code[i], model, work
         )
         if n_pulses < 2:
             continue
-        thetas[i] = theta
+        put(theta, size, thetas[i])
         whole = (1.0 + dark_ratio) * covered[n]
-        if not covariance_of_fit(theta, n_pulses, model, whole, window, m, small, covariances[i]):
-            covariances[i] = math.nan
+        covariance_of_fit(theta, n_pulses, model, whole, window, m, small, covariances[i])
         describe_fit(bins, n, theta, n_pulses, model, window, m, small, summary)
         table[i, N_PULSES] = n_pulses
         table[i, CONVERGED], table[i, STEPS_TAKEN] = outcome[1], outcome[3]
-        table[i, CHI2 : CHI2 + 4] = summary
+        put(summary, 4, table[i, CHI2:])
         table[i, STD_FREE] = small[2][2 * n_pulses]

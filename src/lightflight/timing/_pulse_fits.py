@@ -219,12 +219,20 @@ def _fit_singles(
     values, covariance = np.full((n_pixels, 4), np.nan), np.full((n_pixels, 4, 4), np.nan)
     table = np.full((n_pixels, pulse_tile.N_COLUMNS), np.nan)
 
+    starts, left = np.empty((n_pixels, 4)), np.empty(n_pixels, dtype=np.int64)
+
     def fit(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
-        pulse_tile.fit_tile(
-            counts, lower, upper, job.clock.period, wanted[part], job.double_code[part],
-            job.dark_counts[part], job.dark_ratio, LOG_FALSE_PULSES, model,
-            values[part], covariance[part], table[part],
+        period, double_code = job.clock.period, job.double_code[part]
+        dark, results = job.dark_counts[part], (values[part], covariance[part], table[part])
+        n_left = pulse_tile.fit_tile(
+            counts, lower, upper, period, wanted[part], double_code, dark, job.dark_ratio,
+            LOG_FALSE_PULSES, model, starts[part], left[part], *results,
         )  # fmt: skip
+        if n_left:
+            pulse_tile.fit_rest(
+                counts, lower, upper, period, left[part][:n_left], double_code, dark,
+                job.dark_ratio, model, starts[part], *results,
+            )  # fmt: skip
 
     job.run(fit)
     return values, covariance, table
