@@ -94,6 +94,7 @@ def lab_of(
     center: tuple[float, float] = (0.0, 0.0),
     brightness: Callable[[float], float] | None = None,
     background_per_pixel: float = 18.0,
+    blur_px: float = 0.3,
     n_codes: int = 128,
     reverse: bool = False,
 ) -> Lab:
@@ -105,6 +106,7 @@ def lab_of(
         clock=BruteClock(n_codes=n_codes, width=CODE_PS, period=PERIOD_PS, reversed=reverse),
         emission_time=START_PS,
         pulse_std=70.0,
+        blur_std_px=blur_px,
         brightness=brightness,
     )
     signal = expected_counts(scene, brightest=1.0, stride=0.5, fine=1.0)
@@ -123,6 +125,12 @@ def one_leg(angle_deg: float = 5.0) -> Lab:
     run = 375.0
     end = (-187.5 + run, 3.0, run * np.tan(np.deg2rad(angle_deg)))
     return lab_of([(-187.5, 3.0, 0.0), end])
+
+
+@cache
+def blurred_leg() -> Lab:
+    """Out of focus: the light of each place is spread over some twenty pixels."""
+    return lab_of([(-187.5, 3.0, 0.0), (187.5, 3.0, 33.0)], blur_px=1.5)
 
 
 @cache

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from lightflight import flags
 from lightflight.errors import NothingFoundError
 from lightflight.path import Goodness, LightPath
 from lightflight.reconstruct.forward import (
@@ -40,6 +41,10 @@ from lightflight.reconstruct.result import prior_in_words
 Floats = NDArray[np.float64]
 
 _PASSES = 3
+_REACH_PX = 2.5
+"""A pixel this near to a leg is on the path, px."""
+_DISTURBING = 12.0
+"""A strange pulse this many standard deviations from a leg's reaches into its light."""
 _MOST_STEPS = 40
 _TOLERANCE = 0.01
 """A step below this many standard errors ends a climb."""
@@ -79,12 +84,58 @@ def merged(observations: list[Observation]) -> Observation:
     )
 
 
-def without_outliers(observation: Observation, rough: LightPath) -> Observation:
+def without_outliers(observation: Observation, rough: LightPath, std_ps: float) -> Observation:
     """The recording with the pixels that disagree with the rough path blinded."""
     wrong = rough.residuals[~rough.residuals["used"]]
     blind = observation.blind.copy()
     blind[wrong["row"], wrong["col"]] = True
+    if len(rough.residuals):
+        blind |= pixels_off_the_path(observation, rough, std_ps)
     return replace(observation, blind=blind)
+
+
+def pixels_off_the_path(
+    observation: Observation, rough: LightPath, std_ps: float
+) -> NDArray[np.bool_]:
+    """(rows, cols), True where a pixel on the path has a pulse beside the path's time.
+
+    Such a pixel's clock is wrong, or other light sits under the leg's: the likelihood of its
+    counts would pull the path. `joint` leaves such pulses out by the same gate. A pulse between
+    the times of two legs is their mixed light and stays.
+    """
+    arrivals = observation.arrivals
+    pulses = np.flatnonzero(flags.is_usable(arrivals.flags) & np.isfinite(observation.arrival_ps))
+    state = PathState(np.array(rough.vertices_mm), float(rough.vertex_times_ps[0]))
+    gap = np.full((len(pulses), state.n_legs), np.nan)
+    for k in range(state.n_legs):
+        print_ = footprints(
+            state,
+            camera=rough.camera,
+            medium=rough.medium,
+            legs=np.full(len(pulses), k),
+            rows=arrivals.row[pulses].astype(float),
+            cols=arrivals.col[pulses].astype(float),
+        )
+        low = -0.02 if k > 0 else -np.inf
+        high = 1.02 if k < state.n_legs - 1 else np.inf
+        near = (np.abs(print_.lateral_px) < _REACH_PX) & (print_.fraction > low)
+        near &= print_.fraction < high
+        gap[near, k] = (observation.arrival_ps[pulses] - print_.arrival_ps)[near]
+    on_path = np.isfinite(gap).any(axis=1)
+    pulses, gap = pulses[on_path], gap[on_path]
+    if not len(pulses):
+        return np.zeros(arrivals.shape, dtype=bool)
+    nearest = gap[np.arange(len(gap)), np.nanargmin(np.abs(gap), axis=1)]
+    close = np.abs(nearest) < 2.0 * std_ps
+    # Errors that all pulses share (clock scale, pose) are no fault of a pixel.
+    shared = float(np.median(nearest[close])) if close.any() else 0.0
+    errors = np.hypot(arrivals.photon_std_ps, arrivals.pixel_std_ps)[pulses]
+    gate = np.maximum(6.0 * np.hypot(errors, rough.goodness.error_floor_ps), 0.5 * std_ps)
+    mixed = (np.nanmin(gap, axis=1) < 0) & (np.nanmax(gap, axis=1) > 0)
+    off = (np.abs(nearest - shared) > gate) & (np.abs(nearest) < _DISTURBING * std_ps) & ~mixed
+    wrong = np.zeros(arrivals.shape, dtype=bool)
+    wrong[arrivals.row[pulses[off]], arrivals.col[pulses[off]]] = True
+    return wrong
 
 
 def light_from_picture(picture: Picture, std_ps: float) -> Light:
@@ -328,7 +379,7 @@ def photon_path(
     NothingFoundError
         Where no pixel lies near the path.
     """
-    observation = without_outliers(merged(observations), rough)
+    observation = without_outliers(merged(observations), rough, std_ps)
     floor_ps = rough.goodness.error_floor_ps
     state = PathState(np.array(rough.vertices_mm), float(rough.vertex_times_ps[0]))
     light: Light | None = None

@@ -1,0 +1,178 @@
+"""`photon`: agrees with `joint` where light is plenty, and goes on where `joint` must stop."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lightflight.errors import NothingFoundError
+from lightflight.path import LightPath
+from lightflight.path_error import path_error
+from lightflight.reconstruct.api import reconstruct
+from lightflight.reconstruct.cramer_rao import bounds
+from tests.labs import Lab, corner_in_view, one_leg, three_legs
+
+
+def fitted(lab: Lab, hist=None, **options) -> LightPath:
+    settings = {
+        "camera": lab.camera, "source": lab.known, "timing": lab.timing, "method": "photon",
+    }  # fmt: skip
+    given = lab.recording(1) if hist is None else hist
+    return reconstruct(given, **(settings | options))
+
+
+@pytest.fixture(scope="module")
+def triple() -> LightPath:
+    return fitted(three_legs())
+
+
+class TestBright:
+    @pytest.mark.parametrize("lab", [one_leg, three_legs, corner_in_view])
+    def test_agrees_with_joint(self, lab):
+        """Both are near the bound, so they differ by a fraction of an error."""
+        joint, photon = (fitted(lab(), method=m) for m in ("joint", "photon"))
+        assert photon.method == "photon"
+        assert photon.n_legs == joint.n_legs
+        assert photon.goodness.converged
+        for a, b in zip(photon.legs, joint.legs, strict=True):
+            assert abs(a.angle_deg - b.angle_deg) < 1.0 * b.angle_std_deg
+            assert 0.7 < a.angle_std_deg / b.angle_std_deg < 1.1
+
+    def test_stated_errors_are_the_bound(self, triple):
+        lab = three_legs()
+        bound = bounds(triple, source=lab.known, photons_per_pixel=40_000.0, pulse_std_ps=70.0,
+                       background_per_code=lab.background_per_code)  # fmt: skip
+        table = triple.sample(300)
+        seen = table["in_view"]
+        variance = sum(table[f"{axis}_std_mm"][seen] ** 2 for axis in "xyz")
+        assert np.sqrt(np.mean(variance)) == pytest.approx(bound.position_rms_mm, rel=0.12)
+
+    def test_emission_time_fitted(self):
+        lab = three_legs()
+        path = fitted(lab, source=lab.timed)
+        assert path_error(path, lab.truth, lab.camera).position_rms_mm < 0.4
+        assert abs(path.emission_time_ps - 2000.0) < 6 * path.vertex_std[0, 3]
+
+
+class TestDim:
+    @pytest.mark.parametrize("photons", [100.0, 30.0])
+    def test_few_photons_in_the_brightest_pixel(self, photons):
+        """Mean square pull of six recordings' angles: 1 within 0.58; five of these is 3.9."""
+        lab, pulls = one_leg(), []
+        for seed in range(6):
+            path = fitted(lab, lab.recording(seed, photons), n_legs=1)
+            pulls.append((path.legs[0].angle_deg - 5.0) / path.legs[0].angle_std_deg)
+            ideal = bounds(path, source=lab.known, photons_per_pixel=photons, pulse_std_ps=70.0,
+                           background_per_code=lab.background_per_code)  # fmt: skip
+            assert path.legs[0].angle_std_deg < 1.5 * ideal.angle_std_deg[0]
+        assert np.mean(np.square(pulls)) < 3.9
+
+    def test_at_the_end_of_the_light_it_is_right_or_says_no(self):
+        """Six and eight photons in the brightest pixel, some 200 in all, four recordings each."""
+        lab, refused = one_leg(), 0
+        for photons in (6.0, 8.0):
+            for seed in range(4):
+                try:
+                    path = fitted(lab, lab.recording(seed, photons))
+                except NothingFoundError as problem:
+                    refused += 1
+                    assert "too little light" in str(problem)
+                    continue
+                pull = (path.legs[0].angle_deg - 5.0) / path.legs[0].angle_std_deg
+                assert path.n_legs == 1
+                assert abs(pull) < 5.0
+                assert path.legs[0].angle_std_deg < 1.0
+        assert refused <= 5
+
+    def test_no_light_at_all(self):
+        lab = one_leg()
+        rng = np.random.default_rng(0)
+        dark = lab.histograms(rng.poisson(lab.background_per_code, lab.signal.shape))
+        with pytest.raises(NothingFoundError, match="too little light"):
+            fitted(lab, dark)
+
+
+class TestSays:
+    def test_covariance_is_whole_and_in_classes(self, triple):
+        np.testing.assert_allclose(
+            sum(triple.covariance_parts.values()), triple.covariance, rtol=1e-9, atol=1e-12
+        )
+        assert np.linalg.eigvalsh(triple.covariance).min() > -1e-9
+
+    def test_pixel_errors_have_their_share(self):
+        lab = one_leg()
+        timing = lab.doubtful_timing(np.random.default_rng(4), pixel_std_ps=3.0)
+        path = fitted(lab, timing=timing)
+        clean = fitted(lab)
+        part = np.trace(path.covariance_parts["pixel"]) / np.trace(path.covariance)
+        assert part > 0.4
+        assert path.legs[0].angle_std_deg > 1.4 * clean.legs[0].angle_std_deg
+        assert abs(path.legs[0].angle_deg - 5.0) < 5 * path.legs[0].angle_std_deg
+
+    def test_residuals_follow_the_refined_path(self, triple):
+        table = triple.residuals
+        np.testing.assert_allclose(
+            table["arrival_ps"], table["model_ps"] + table["residual_ps"], atol=1e-9
+        )
+        used = table["used"]
+        scaled = table["residual_ps"][used] / table["std_ps"][used]
+        assert np.mean(scaled**2) == pytest.approx(1.0, abs=6 * np.sqrt(2 / used.sum()))
+        assert triple.goodness.n_pulses >= len(np.unique(table["col"][used]))
+
+
+class TestOptions:
+    def test_repeats_add_up(self):
+        lab = one_leg()
+        one = fitted(lab, lab.recording(1))
+        both = fitted(lab, [lab.recording(1), lab.recording(2)])
+        assert both.legs[0].angle_std_deg == pytest.approx(
+            one.legs[0].angle_std_deg / np.sqrt(2), rel=0.08
+        )
+        total = lab.histograms(
+            lab.recording(1).counts.astype(int) + lab.recording(2).counts.astype(int)
+        )
+        added = fitted(lab, total)
+        assert both.legs[0].angle_deg == pytest.approx(
+            added.legs[0].angle_deg, abs=0.3 * added.legs[0].angle_std_deg
+        )
+
+    def test_a_clock_whose_scale_is_off(self):
+        lab = one_leg()
+        timing = lab.doubtful_timing(np.random.default_rng(0), scale_std=0.007, scale_sigmas=1.5)
+        path = fitted(lab, timing=timing)
+        pull = (path.legs[0].angle_deg - 5.0) / path.legs[0].angle_std_deg
+        assert abs(pull) < 5.0
+
+    def test_wrong_pixels_do_not_pull(self):
+        lab = one_leg()
+        skew = np.zeros((32, 32))
+        skew[15, [3, 9, 14, 20, 27]] = 200.0
+        path = fitted(lab, timing=replace(lab.timing, skew_ps=skew))
+        assert abs(path.legs[0].angle_deg - 5.0) < 5 * path.legs[0].angle_std_deg
+
+    def test_a_lamp_that_flashes_does_not_pull(self):
+        lab = one_leg()
+        counts = np.array(lab.recording(1).counts, dtype=np.int64)
+        counts[13:18, 8:11, 100:105] += np.random.default_rng(1).poisson(800.0, (5, 3, 5))
+        path = fitted(lab, lab.histograms(counts))
+        assert path.n_legs == 1
+        assert abs(path.legs[0].angle_deg - 5.0) < 5 * path.legs[0].angle_std_deg
+
+    def test_a_pulse_on_the_fold_of_the_period(self):
+        """The same recording, codes rolled so that the period ends in the middle of the flight."""
+        lab = one_leg()
+        n = 1000
+        counts = np.zeros((32, 32, n), dtype=np.int64)
+        counts[:, :, : lab.signal.shape[2]] = lab.recording(1).counts
+        # 1,000 codes of 50 ps make the period whole, so that rolling is a shift of the clock.
+        whole = lab.histograms(counts, bin_width_ps=55.0, laser_period_ps=55_000.0)
+        rolled = lab.histograms(
+            np.roll(counts, -80, axis=2), bin_width_ps=55.0, laser_period_ps=55_000.0
+        )
+        source = replace(lab.known, emission_time_ps=2000.0 - 80 * 55.0)
+        clock = type(lab.timing).nominal
+        plain = fitted(lab, whole, timing=clock(whole))
+        folded = fitted(lab, rolled, timing=clock(rolled), source=source)
+        assert folded.legs[0].angle_deg == pytest.approx(plain.legs[0].angle_deg, abs=1e-5)
