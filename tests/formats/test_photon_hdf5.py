@@ -125,3 +125,12 @@ def test_files_that_lack_something(tmp_path, rng):
         file["photon_data/timestamps"][3] = 10**6
     with pytest.raises(FileFormatError, match="time stamps are no frames"):
         read(tmp_path / "x.photon.h5")
+
+
+@pytest.mark.parametrize("shape", [0, (1, 2, 3), (0, 4), (2.5, 1.0)])
+def test_a_shape_that_is_none_is_the_file_s_mistake(tmp_path, rng, shape):
+    lf.write(_recording(rng, **CLOCK), tmp_path / "x.photon.h5")
+    with h5py.File(tmp_path / "x.photon.h5", "a") as file:
+        file["user/lightflight"].attrs["shape"] = shape
+    with pytest.raises(FileFormatError, match="shape"):
+        read(tmp_path / "x.photon.h5")

@@ -67,14 +67,19 @@ def read(
         else:
             starts = None
     n_codes = told.pop("n_codes")
-    if shape is None:
-        shape = attributes.get("shape", (1, _largest(pixel) + 1))
+    if shape is not None:
+        shape = checked_shape(shape)
+    else:
+        stated = np.ravel(attributes.get("shape", (1, _largest(pixel) + 1)))
+        if len(stated) != 2 or stated.dtype.kind not in "iu":
+            raise FileFormatError("does not tell its shape: the file is damaged", path=path)
+        shape = int(stated[0]), int(stated[1])
     for name in CLOCK_FIELDS:
         if name in attributes:
             told[name] = attributes[name].item()
     with record_error_as_format_error(path):
         return Recording(
-            checked_shape(shape),
+            shape,
             n_codes=n_codes,
             pixel=pixel,
             code=code,
