@@ -294,7 +294,9 @@ def observe(
         timing=clock,
         background=background,
         exclude_mask=None if exclude_mask is None else np.asarray(exclude_mask, dtype=bool),
+        # The paper fits one Gaussian per pixel and discards what is too wide for one.
         method="least_squares" if least_squares else "likelihood",
+        max_pulses=1 if least_squares else 3,
     )
     return _unwrapped(
         Observation(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals)), setting
