@@ -18,15 +18,12 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import io
 import json
 import math
 import os
 import shutil
-import signal
 import stat
 import tempfile
-import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -35,6 +32,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.disk_file import DiskFile, interrupts_to
 from lightflight.errors import FileFormatError
 from lightflight.filecheck import (
     ANY_MOST,
@@ -251,7 +249,7 @@ def new_hdf5(path: str | os.PathLike[str]) -> Iterator[RecordWriter]:
 
     Raises OSError where the file cannot be written.
     """
-    with atomic_path(path) as fresh, _DiskFile(fresh) as disk, _interrupts_to(disk):
+    with atomic_path(path) as fresh, DiskFile(fresh) as disk, interrupts_to(disk):
         with h5py.File(disk, "w", track_order=True) as file:
             yield RecordWriter(file, disk)
         disk.check()
@@ -265,7 +263,7 @@ def json_text(attributes: Mapping[str, Any]) -> str:
 class RecordWriter:
     """Puts arrays into a file that is being written; made by `new_record` and `new_hdf5`."""
 
-    def __init__(self, file: h5py.File, disk: _DiskFile) -> None:
+    def __init__(self, file: h5py.File, disk: DiskFile) -> None:
         self.file = file
         self._disk = disk
 
@@ -344,115 +342,6 @@ def _json_value(value: object) -> Any:
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     raise TypeError(f"attribute of type {type(value).__name__} cannot be stored: {value!r}")
-
-
-@contextlib.contextmanager
-def _interrupts_to(disk: _DiskFile) -> Iterator[None]:
-    """Hold back Ctrl-C until the next `check`: raised inside HDF5 it would be lost.
-
-    Python delivers it to the main thread alone; in any other there is nothing to do.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    usual = signal.getsignal(signal.SIGINT)
-    if not callable(usual):
-        yield
-        return
-    signal.signal(signal.SIGINT, lambda number, frame: disk.fail(KeyboardInterrupt()))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, usual)
-    disk.check()  # it may have come after the last one
-
-
-class _DiskFile(io.RawIOBase):
-    """A file for HDF5 to write to that never fails in HDF5's sight.
-
-    The HDF5 library crashes the process when a disk fills up under it. Here the first error is
-    kept for `check`, and what cannot be written is held in memory until the file is closed.
-    """
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self._file = path.open("w+b", buffering=0)
-        self._position = 0
-        self._error: BaseException | None = None
-        self._unwritten: list[tuple[int, bytes]] = []
-
-    def check(self) -> None:
-        """Raise the first error that writing met, if any."""
-        if self._error is not None:
-            raise self._error
-
-    def fail(self, error: BaseException) -> None:
-        """Write no more; `check` raises `error`, unless there was another before it."""
-        self._error = self._error or error
-
-    def readable(self) -> bool:
-        return True
-
-    def writable(self) -> bool:
-        return True
-
-    def seekable(self) -> bool:
-        return True
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        if whence == os.SEEK_END:
-            size = self._file.seek(0, os.SEEK_END)
-            ends = [start + len(block) for start, block in self._unwritten]
-            offset += max([size, *ends])
-        elif whence == os.SEEK_CUR:
-            offset += self._position
-        self._position = offset
-        return offset
-
-    def tell(self) -> int:
-        return self._position
-
-    def truncate(self, size: int | None = None) -> int:
-        size = self._position if size is None else size
-        try:
-            self._file.truncate(size)
-        except BaseException as error:  # noqa: BLE001  (see the class: HDF5 must not see it)
-            self.fail(error)
-        return size
-
-    def write(self, block: Any) -> int:
-        n_bytes = memoryview(block).nbytes
-        try:
-            if self._error is None:
-                self._write_all(memoryview(block).cast("B"))
-        except BaseException as error:  # noqa: BLE001
-            self.fail(error)
-        if self._error is not None:
-            self._unwritten.append((self._position, bytes(block)))
-        self._position += n_bytes
-        return n_bytes
-
-    def _write_all(self, block: memoryview) -> None:
-        self._file.seek(self._position)
-        while block.nbytes:
-            block = block[self._file.write(block) :]
-
-    def readinto(self, buffer: Any) -> int:
-        view = memoryview(buffer).cast("B")
-        view[:] = bytes(view.nbytes)
-        self._file.seek(self._position)
-        self._file.readinto(view)
-        for start, block in self._unwritten:
-            here = self._position
-            low, high = max(start, here), min(start + len(block), here + view.nbytes)
-            if low < high:
-                view[low - here : high - here] = block[low - start : high - start]
-        self._position += view.nbytes
-        return view.nbytes
-
-    def close(self) -> None:
-        self._file.close()
-        super().close()
 
 
 # --- reading records --------------------------------------------------------------------
