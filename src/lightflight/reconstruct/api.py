@@ -19,7 +19,7 @@ from lightflight.errors import (
 )
 from lightflight.flight import Medium, Source
 from lightflight.path import RESIDUAL_DTYPE, LightPath
-from lightflight.reconstruct.freedom import Waypoint
+from lightflight.reconstruct.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.geometry import PathState
 from lightflight.reconstruct.joint import JointFit, Setting, fit_joint, pulse_std_ps
 from lightflight.reconstruct.legs import (
@@ -96,7 +96,7 @@ def reconstruct(
     source = Source() if source is None else source
     medium = Medium() if medium is None else medium
     camera = _checked_call(repeats, camera, source, method, n_legs, exclude_mask)
-    setting = Setting(camera, source, medium, tuple(waypoints))
+    setting = Setting(camera, source, medium, checked_waypoints(waypoints, n_legs))
     observations = [
         observe(
             h,
@@ -142,12 +142,12 @@ def _joint_path(
         try:
             fit = fit_from_legs(observations, legs, setting, drop=n_legs is None)
         except (GeometryError, NothingFoundError) as problem:
-            _ask_which_way(legs, observations[0], timing, problem)
+            _ask_which_way(legs, observations[0], setting.camera, timing, problem)
             raise
         if n_legs is None:
             fit = revised(observations, fit, setting)
         if timing is None and fit.floor_ps > 0.2 * pulse_std_ps(observations):
-            _warn_of_scatter(fit.floor_ps, legs, observations[0])
+            _warn_of_scatter(fit.floor_ps, legs, observations[0], setting.camera)
     else:
         fit = fit_joint(observations, _state_from_start(start, setting), setting, legs=None)
     return path_from_fit(
@@ -346,10 +346,10 @@ def _legs_of_straight_light(
     try:
         legs = search(observation.arrivals)
     except NothingFoundError:
-        _refuse_if_clearer_backwards((), observation, search)
+        _refuse_if_clearer_backwards((), observation, search, setting.camera)
         raise
-    if bend_significance(legs, observation) < -6.0:
-        _refuse_if_clearer_backwards(legs, observation, search)
+    if bend_significance(legs, observation, setting.camera) < -6.0:
+        _refuse_if_clearer_backwards(legs, observation, search, setting.camera)
     return legs
 
 
@@ -357,8 +357,9 @@ def _refuse_if_clearer_backwards(
     legs: tuple[ImageLeg, ...],
     observation: Observation,
     search: Callable[[Arrivals], tuple[ImageLeg, ...]],
+    camera: Camera,
 ) -> None:
-    """Raise CalibrationError where the clock run backwards shows longer legs, rightly bent."""
+    """Raise CalibrationError where the clock run backwards shows legs as clear, rightly bent."""
     backwards = replace(
         observation.arrivals, arrival_ps=-observation.arrival_ps, laser_period_ps=None
     )
@@ -371,7 +372,7 @@ def _refuse_if_clearer_backwards(
         return float(sum(leg.n_pixels**2 for leg in found))
 
     turned = replace(observation, arrivals=backwards, arrival_ps=backwards.arrival_ps)
-    if clarity(mirrored) > clarity(legs) and bend_significance(mirrored, turned) > 3.0:
+    if clarity(mirrored) >= clarity(legs) and bend_significance(mirrored, turned, camera) > 3.0:
         now = observation.histograms.reversed_codes
         raise CalibrationError(
             "the arrival times bend the wrong way for straight light, so the codes run backwards: "
@@ -382,11 +383,12 @@ def _refuse_if_clearer_backwards(
 def _ask_which_way(
     legs: tuple[ImageLeg, ...],
     observation: Observation,
+    camera: Camera,
     timing: TimingCalibration | None,
     problem: Exception,
 ) -> None:
     """Where no path fits on a clock nobody calibrated and its direction does not show, ask."""
-    if timing is not None or bend_significance(legs, observation) > 6.0:
+    if timing is not None or bend_significance(legs, observation, camera) > 6.0:
         return
     now = observation.histograms.reversed_codes
     raise CalibrationError(
@@ -395,10 +397,12 @@ def _ask_which_way(
     ) from problem
 
 
-def _warn_of_scatter(floor_ps: float, legs: tuple[ImageLeg, ...], observation: Observation) -> None:
+def _warn_of_scatter(
+    floor_ps: float, legs: tuple[ImageLeg, ...], observation: Observation, camera: Camera
+) -> None:
     """Say that an uncalibrated clock ruins the times, and that its direction may be wrong too."""
     now = observation.histograms.reversed_codes
-    either_way = bend_significance(legs, observation) < 6.0
+    either_way = bend_significance(legs, observation, camera) < 6.0
     doubt = (
         f", and do not show which way the codes run (the recording says reversed_codes={now}; if "
         f"in doubt try reversed_codes={not now})"

@@ -7,6 +7,7 @@ lies before. The last vertex likewise moves within the plane where the flight le
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,43 @@ Floats = NDArray[np.float64]
 
 Waypoint = tuple[int, ArrayLike, float]
 """(vertex index, position_mm (3,), one-sigma error in mm): a mirror measured with a ruler."""
+
+
+def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tuple[Waypoint, ...]:
+    """Waypoints as plain numbers.
+
+    Raises
+    ------
+    ValueError
+        For a vertex that no path can have, or a position or error that makes no sense.
+    """
+    checked: list[Waypoint] = []
+    for waypoint in waypoints:
+        try:
+            vertex, position_mm, std_mm = waypoint
+            position = np.asarray(position_mm, dtype=float)
+            std, index = float(std_mm), int(vertex)
+        except (TypeError, ValueError) as problem:
+            raise ValueError(
+                f"a waypoint must be (vertex index, position_mm, std_mm), got {waypoint!r}"
+            ) from problem
+        if index != vertex or index < 1 or (n_legs is not None and index > n_legs):
+            last = "" if n_legs is None else f" to {n_legs}"
+            raise ValueError(
+                f"waypoint of vertex {vertex}: give a corner or the end, 1{last} (vertex 0 is the "
+                "source: give its position_mm and position_std_mm)"
+            )
+        if position.shape != (3,) or not np.isfinite(position).all():
+            raise ValueError(
+                f"waypoint of vertex {index}: position_mm must be three finite numbers, got "
+                f"{position_mm!r}"
+            )
+        if not (np.isfinite(std) and std > 0):
+            raise ValueError(
+                f"waypoint of vertex {index}: std_mm must be positive and finite, got {std_mm}"
+            )
+        checked.append((index, position, std))
+    return tuple(checked)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +192,11 @@ def freedom_of_path(
     add_column(m - 1, end_basis[:, 0], "exit depth")
     add_column(m - 1, end_basis[:, 1], "exit height")
     for vertex, position_mm, std_mm in waypoints:
+        if vertex >= m:
+            raise ValueError(
+                f"waypoint of vertex {vertex}, but the path found has vertices 0 to {m - 1}: give "
+                "n_legs, or leave the waypoint out"
+            )
         for axis, value in enumerate(np.asarray(position_mm, dtype=float)):
             add_prior(3 * vertex + axis, float(value), float(std_mm))
     return Freedom(
