@@ -55,7 +55,7 @@ class TestWrongCalls:
             call(hist=hist)
 
     def test_camera_missing(self):
-        with pytest.raises(GeometryError, match="the camera's place is unknown.*give camera="):
+        with pytest.raises(GeometryError, match=r"the camera's place is unknown.*give camera="):
             call(camera=None)
 
     def test_shapes_differ(self):
@@ -84,7 +84,7 @@ class TestWrongCalls:
     def test_photon_needs_photons(self):
         lab = one_leg()
         scaled = lab.histograms(0.5 * lab.mean(), poisson=False)
-        with pytest.raises(ValueError, match="photon' needs photon counts.*use method='joint'"):
+        with pytest.raises(ValueError, match=r"photon' needs photon counts.*use method='joint'"):
             call(hist=scaled, method="photon")
 
     @pytest.mark.parametrize(
@@ -189,13 +189,13 @@ class TestWhatTheDataSay:
     def test_a_start_the_camera_does_not_see(self):
         lab = one_leg()
         for away in ([0.0, 0.0, 3000.0], [9000.0, 0.0, 0.0]):
-            with pytest.raises((GeometryError, NothingFoundError), match="leg 1|path|picture"):
+            with pytest.raises((GeometryError, NothingFoundError), match=r"leg 1|path|picture"):
                 call(start=lab.vertices_mm + np.array(away))
 
     def test_a_leg_that_points_at_the_camera(self):
         """Its picture is a point: no leg is found, rather than NaN."""
         center = one_leg().camera.center_mm
-        vertices = [center + [80.0, 10.0, -800.0], center + [20.0, 2.5, -200.0]]
+        vertices = [[*center, 80.0, 10.0, -800.0], [*center, 20.0, 2.5, -200.0]]
         lab = lab_of(vertices)
         with pytest.raises((GeometryError, NothingFoundError)):
             call(lab)
