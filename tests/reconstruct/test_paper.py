@@ -158,6 +158,23 @@ class TestProjection:
         # Linear between neighbours: off by the curvature of the arrival curve only.
         assert np.abs(seen.arrival_ps - true).max() < 1.0
 
+    def test_bad_pixels_do_not_bend_the_projection(self):
+        """One in ten pixels is blind, the brightest of a column among them: its neighbours' light
+        stands in, or the centre of mass would jump to the next row."""
+        rng = np.random.default_rng(3)
+        arrivals = arrivals_of(leg_at(0.0), CAMERA, start=START_PS, spot_px=0.6)
+        (leg,) = find_legs(arrivals, camera=CAMERA)
+        blind = rng.random(CAMERA.shape) < 0.1
+        blind[19, [2, 3, 28]] = True  # the leg's own row, by its ends
+        lost = blind[arrivals.row, arrivals.col]
+        words = np.where(lost, flags.SCREAMING, 0).astype(np.uint32)
+        spoiled = replace(observed(replace(arrivals, flags=words)), blind=blind)
+        (left,) = find_legs(spoiled.arrivals, camera=CAMERA)
+        seen = projection_of_leg(left, spoiled, CAMERA)
+        clean = projection_of_leg(leg, observed(arrivals), CAMERA)
+        assert lost.sum() > 5
+        assert np.abs(seen.rows - clean.rows[: len(seen.rows)]).max() < 0.02
+
 
 class TestChain:
     @pytest.mark.parametrize("angle", [-10.0, -3.0, 0.0, 6.0, 10.0])

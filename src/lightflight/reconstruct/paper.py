@@ -40,6 +40,11 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+_REACH_PX = 2.5
+"""Light this near to a leg's line counts for its projection, px."""
+_DARK = flags.NO_PHOTONS | flags.TOO_FEW | flags.NO_PULSE
+"""A pixel with one of these is not bad: it saw no light."""
+
 
 @dataclass(frozen=True, eq=False)
 class Projection:
@@ -92,7 +97,7 @@ def projection_of_leg(leg: ImageLeg, observation: Observation, camera: Camera) -
     steep = abs(leg.direction_px[1]) > abs(leg.direction_px[0])
     position = (arrivals.row if steep else arrivals.col)[members].astype(int)
     first, k = int(position.min()), int(np.ptp(position)) + 1
-    origin, direction = _line_through_centroids(position - first, points, photons, leg)
+    origin, direction = _line_through_centroids(leg, observation, camera, steep=steep)
     at = np.full(k, -1)
     for i in np.argsort(photons):
         at[position[i] - first] = i
@@ -113,9 +118,17 @@ def projection_of_leg(leg: ImageLeg, observation: Observation, camera: Camera) -
 
 
 def _line_through_centroids(
-    position: NDArray[np.int64], points: Floats, photons: Floats, leg: ImageLeg
+    leg: ImageLeg, observation: Observation, camera: Camera, *, steep: bool
 ) -> tuple[Floats, Floats]:
     """(origin, unit direction) of the line through the light's centres of mass, px."""
+    light = _filled_light(leg, observation, steep=steep)
+    rows, cols = np.nonzero(light > 0)
+    points = undistorted_px(camera, rows, cols)
+    offset = points - leg.origin_px
+    across = offset[:, 0] * leg.direction_px[1] - offset[:, 1] * leg.direction_px[0]
+    near = np.abs(across) < _REACH_PX
+    rows, cols, points = rows[near], cols[near], points[near]
+    photons, position = light[rows, cols], rows if steep else cols
     total = np.bincount(position, photons)
     lit = total > 0.05 * np.median(total[total > 0])
     centroid = np.column_stack(
@@ -124,6 +137,23 @@ def _line_through_centroids(
     origin = centroid.mean(axis=0)
     direction = np.linalg.svd(centroid - origin, full_matrices=False)[2][0]
     return origin, direction if direction @ leg.direction_px > 0 else -direction
+
+
+def _filled_light(leg: ImageLeg, observation: Observation, *, steep: bool) -> Floats:
+    """(rows, cols), photons of one leg; bad pixels hold the mean of their neighbours along it."""
+    arrivals = observation.arrivals
+    light = np.zeros(arrivals.shape)
+    light[arrivals.row[leg.members], arrivals.col[leg.members]] = arrivals.photons[leg.members]
+    bad = observation.blind.copy()
+    spoiled = (arrivals.flags & np.uint32(flags.EXCLUDING & ~_DARK)) != 0
+    bad[arrivals.row[spoiled], arrivals.col[spoiled]] = True
+    axis = 0 if steep else 1
+    known = np.pad(np.where(bad, np.nan, light), 1, constant_values=np.nan)
+    beside = [np.roll(known, side, axis)[1:-1, 1:-1] for side in (1, -1)]
+    count = sum(np.isfinite(value).astype(float) for value in beside)
+    mean = sum(np.nan_to_num(value) for value in beside) / np.maximum(count, 1.0)
+    filled: Floats = np.where(bad, mean, light)
+    return filled
 
 
 def _plane_axes(rays: Floats, start: Floats, camera: Camera) -> tuple[Floats, Floats]:
