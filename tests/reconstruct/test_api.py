@@ -145,6 +145,32 @@ class TestWhatTheDataSay:
             path = call()
         assert not any("nominal" in s for s in path.statements)
 
+    @pytest.mark.parametrize("lab", [one_leg, three_legs])
+    @pytest.mark.parametrize("timed", [True, False])
+    def test_codes_that_run_backwards_are_noticed(self, lab, timed):
+        """The recording says forward, and the clock ran backwards: curves bend the wrong way."""
+        lab = lab()
+        forward = lab.recording(1)
+        said = lab.histograms(forward.counts[:, :, ::-1])
+        source = lab.known if timed else lab.timed
+        timing = lf.TimingCalibration.nominal(said)
+        with pytest.raises(CalibrationError, match=r"run backwards.*reversed_codes=True"):
+            call(lab, said, source=source, timing=timing)
+
+    @pytest.mark.parametrize("angle", [-60.0, -30.0, 0.0, 30.0])
+    def test_backwards_at_any_angle(self, angle):
+        alpha = np.deg2rad(angle)
+        half = 150.0 * np.array([np.cos(alpha), 0.0, np.sin(alpha)])
+        middle = np.array([20.0, 3.0, 0.0])
+        lab = lab_of([middle - half, middle + half])
+        forward = lab.recording(1)
+        assert call(lab, forward, source=lab.timed).legs[0].angle_deg == pytest.approx(
+            angle, abs=0.2
+        )
+        said = lab.histograms(forward.counts[:, :, ::-1])
+        with pytest.raises(CalibrationError, match="run backwards"):
+            call(lab, said, source=lab.timed)
+
     def test_where_the_curve_cannot_tell_it_asks(self):
         """Straight at the camera the curve hardly bends; without a calibration one must ask."""
         alpha = np.deg2rad(60.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ from lightflight.reconstruct.joint import JointFit, Setting, fit_joint, pulse_st
 from lightflight.reconstruct.legs import (
     ImageLeg,
     find_legs,
-    undistorted_px,
+    mean_focal_px,
     unwrapped_arrivals,
 )
 from lightflight.reconstruct.observation import Observation, blind_pixels
@@ -142,12 +142,13 @@ def _joint_path(
         try:
             fit = fit_from_legs(observations, legs, setting, drop=n_legs is None)
         except (GeometryError, NothingFoundError) as problem:
-            _ask_which_way(legs, observations[0], timing, problem)
+            _refuse_if_clearer_backwards(legs, observations[0], setting, n_legs)
+            _ask_which_way(legs, observations[0], setting.camera, timing, problem)
             raise
         if n_legs is None:
             fit = revised(observations, fit, setting)
         if timing is None and fit.floor_ps > 0.2 * pulse_std_ps(observations):
-            _warn_of_scatter(fit.floor_ps, legs, observations[0])
+            _warn_of_scatter(fit.floor_ps, legs, observations[0], setting.camera)
     else:
         fit = fit_joint(observations, _state_from_start(start, setting), setting, legs=None)
     return path_from_fit(
@@ -318,6 +319,26 @@ def earliest_arrival_ps(setting: Setting) -> float | None:
     return float(source.emission_time_ps + index * gap / SPEED_OF_LIGHT_MM_PER_PS - slack)
 
 
+def _one_medium(medium: Medium) -> bool:
+    """True where the half-angle law bends every arrival curve upwards."""
+    return abs(medium.path_group_index / medium.return_group_index - 1) < 0.02
+
+
+def _search_legs(
+    arrivals: Arrivals, observation: Observation, setting: Setting, n_legs: int | None
+) -> tuple[ImageLeg, ...]:
+    """Legs in the picture of one table of arrivals."""
+    folded = arrivals.laser_period_ps is not None
+    return find_legs(
+        arrivals,
+        camera=setting.camera,
+        n_legs=n_legs,
+        earliest_ps=earliest_arrival_ps(setting) if folded else None,
+        convex=_one_medium(setting.medium),
+        computed_cube=not observation.histograms.poisson,
+    )
+
+
 def _legs_of_straight_light(
     observation: Observation, setting: Setting, n_legs: int | None
 ) -> tuple[ImageLeg, ...]:
@@ -327,43 +348,30 @@ def _legs_of_straight_light(
     round. Where the legs found bend the wrong way beyond chance, or hardly any are found, the
     search is made on the clock run backwards too, and the clearer picture decides.
     """
-    medium = setting.medium
-    one_medium = abs(medium.path_group_index / medium.return_group_index - 1) < 0.02
-    earliest = earliest_arrival_ps(setting)
-
-    def search(arrivals: Arrivals) -> tuple[ImageLeg, ...]:
-        return find_legs(
-            arrivals,
-            camera=setting.camera,
-            n_legs=n_legs,
-            earliest_ps=None if arrivals.laser_period_ps is None else earliest,
-            convex=one_medium,
-            computed_cube=not observation.histograms.poisson,
-        )
-
-    if not one_medium:
-        return search(observation.arrivals)
     try:
-        legs = search(observation.arrivals)
+        legs = _search_legs(observation.arrivals, observation, setting, n_legs)
     except NothingFoundError:
-        _refuse_if_clearer_backwards((), observation, search)
+        _refuse_if_clearer_backwards((), observation, setting, n_legs)
         raise
-    if bend_significance(legs, observation) < -6.0:
-        _refuse_if_clearer_backwards(legs, observation, search)
+    if bend_significance(legs, observation, setting.camera) < -6.0:
+        _refuse_if_clearer_backwards(legs, observation, setting, n_legs)
     return legs
 
 
 def _refuse_if_clearer_backwards(
     legs: tuple[ImageLeg, ...],
     observation: Observation,
-    search: Callable[[Arrivals], tuple[ImageLeg, ...]],
+    setting: Setting,
+    n_legs: int | None,
 ) -> None:
-    """Raise CalibrationError where the clock run backwards shows longer legs, rightly bent."""
+    """Raise CalibrationError where the clock run backwards shows legs as clear, rightly bent."""
+    if not _one_medium(setting.medium):
+        return
     backwards = replace(
         observation.arrivals, arrival_ps=-observation.arrival_ps, laser_period_ps=None
     )
     try:
-        mirrored = search(backwards)
+        mirrored = _search_legs(backwards, observation, setting, n_legs)
     except NothingFoundError:
         return
 
@@ -371,7 +379,8 @@ def _refuse_if_clearer_backwards(
         return float(sum(leg.n_pixels**2 for leg in found))
 
     turned = replace(observation, arrivals=backwards, arrival_ps=backwards.arrival_ps)
-    if clarity(mirrored) > clarity(legs) and bend_significance(mirrored, turned) > 3.0:
+    bend = bend_significance(mirrored, turned, setting.camera)
+    if clarity(mirrored) >= clarity(legs) and bend > 3.0:
         now = observation.histograms.reversed_codes
         raise CalibrationError(
             "the arrival times bend the wrong way for straight light, so the codes run backwards: "
@@ -382,11 +391,12 @@ def _refuse_if_clearer_backwards(
 def _ask_which_way(
     legs: tuple[ImageLeg, ...],
     observation: Observation,
+    camera: Camera,
     timing: TimingCalibration | None,
     problem: Exception,
 ) -> None:
     """Where no path fits on a clock nobody calibrated and its direction does not show, ask."""
-    if timing is not None or bend_significance(legs, observation) > 6.0:
+    if timing is not None or bend_significance(legs, observation, camera) > 6.0:
         return
     now = observation.histograms.reversed_codes
     raise CalibrationError(
@@ -395,10 +405,12 @@ def _ask_which_way(
     ) from problem
 
 
-def _warn_of_scatter(floor_ps: float, legs: tuple[ImageLeg, ...], observation: Observation) -> None:
+def _warn_of_scatter(
+    floor_ps: float, legs: tuple[ImageLeg, ...], observation: Observation, camera: Camera
+) -> None:
     """Say that an uncalibrated clock ruins the times, and that its direction may be wrong too."""
     now = observation.histograms.reversed_codes
-    either_way = bend_significance(legs, observation) < 6.0
+    either_way = bend_significance(legs, observation, camera) < 6.0
     doubt = (
         f", and do not show which way the codes run (the recording says reversed_codes={now}; if "
         f"in doubt try reversed_codes={not now})"
@@ -412,27 +424,34 @@ def _warn_of_scatter(floor_ps: float, legs: tuple[ImageLeg, ...], observation: O
     )
 
 
-def bend_significance(legs: tuple[ImageLeg, ...], observation: Observation) -> float:
+def bend_significance(
+    legs: tuple[ImageLeg, ...], observation: Observation, camera: Camera
+) -> float:
     """Mean bend of the legs' arrival curves in standard errors; negative: the wrong way."""
     total, variance = 0.0, 0.0
     for leg in legs:
-        bend, std = _bend_of_leg(leg, observation)
+        bend, std = _bend_of_leg(leg, observation, camera)
         if np.isfinite(std) and std > 0:
             total += bend / std**2
             variance += 1 / std**2
     return total / np.sqrt(variance) if variance > 0 else 0.0
 
 
-def _bend_of_leg(leg: ImageLeg, observation: Observation) -> tuple[float, float]:
-    """Second derivative of a leg's arrival curve and its error, ps per px^2, from a parabola."""
+def _bend_of_leg(leg: ImageLeg, observation: Observation, camera: Camera) -> tuple[float, float]:
+    """Second derivative of a leg's arrival curve and its error, from a parabola; ps per px^2.
+
+    By viewing angle (counted in pixels of the picture's middle), not by place in the picture:
+    the half-angle law bends upwards in the angle, whatever the leg; in the picture it need not.
+    """
     arrivals = observation.arrivals
     index = leg.members
     if leg.n_pixels < 10:
         return 0.0, float("inf")
-    points = undistorted_px(None, arrivals.row[index], arrivals.col[index])
-    middle = points.mean(axis=0)
-    axis = np.linalg.svd(points - middle, full_matrices=False)[2][0]
-    s = (points - middle) @ axis
+    rays = camera.rays_from_pixels(arrivals.row[index], arrivals.col[index])
+    middle = rays.mean(axis=0) / np.linalg.norm(rays.mean(axis=0))
+    across = rays - (rays @ middle)[:, np.newaxis] * middle
+    axis = np.linalg.svd(across, full_matrices=False)[2][0]
+    s = mean_focal_px(camera) * np.arctan2(rays @ axis, rays @ middle)
     # Light of the neighbouring legs mixes in about the corners.
     inner = (s > s.min() + 2.5) & (s < s.max() - 2.5)
     index, s = index[inner], s[inner]
