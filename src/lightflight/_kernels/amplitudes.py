@@ -8,11 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight._kernels.jit import jit
+from lightflight._kernels.pulse import factorise, solve
 
 Floats = NDArray[np.float64]
 
 _REACH = 5.0
 """Half width of a pulse's window, in standard deviations."""
+
+_DAMPING = 1e-9
+"""Keeps two pulses at one place apart; nothing otherwise."""
 
 
 @jit
@@ -39,7 +43,8 @@ def amplitudes_at_times(
     shape = np.zeros((n_pulses, n_codes))
     near = np.zeros(n_codes, dtype=np.int64)
     hessian = np.zeros((n_pulses, n_pulses))
-    score = np.zeros(n_pulses)
+    score, solution, norm = np.zeros(n_pulses), np.zeros(n_pulses), np.zeros(n_pulses)
+    factor, free = np.zeros((n_pulses, n_pulses)), np.ones(n_pulses, dtype=np.bool_)
     for p in range(n):
         n_near = 0
         outside_counts = 0.0
@@ -100,8 +105,8 @@ def amplitudes_at_times(
             for q in range(n_pulses):
                 if hessian[q, q] <= 0.0:
                     hessian[q, q] = 1.0
-                hessian[q, q] *= 1.0 + 1e-9
-            solution = np.linalg.solve(hessian, score)
+            factorise(hessian, free, n_pulses, _DAMPING, norm, factor)
+            solve(factor, norm, free, n_pulses, score, solution)
             for q in range(n_pulses):
                 if not math.isnan(delays[p, q]):
                     amplitude[p, q] = solution[q]

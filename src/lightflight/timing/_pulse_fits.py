@@ -146,7 +146,9 @@ def scannable(counts: NDArray[Any]) -> NDArray[Any]:
     """Counts (pixels, codes) as int32, which scans fastest, or float64 where that cannot hold."""
     if counts.dtype.kind == "f":
         return np.ascontiguousarray(counts, dtype=np.float64)
-    if counts.dtype.itemsize > 2 and int(counts.max()) * counts.shape[1] >= 2**31:
+    # Row sums, not codes x maximum: code 0 may hold millions of empty frames, and a second kind
+    # of counts costs the compilation of a second kernel.
+    if counts.dtype.itemsize > 2 and int(counts.sum(axis=1, dtype=np.int64).max()) >= 2**31:
         return counts.astype(np.float64)
     return counts.astype(np.int32)
 
