@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-
 import h5py
 import numpy as np
 import pytest
@@ -11,8 +9,7 @@ import pytest
 from lightflight.camera import Camera
 from lightflight.errors import FileFormatError
 from lightflight.flight import Medium, Source
-from lightflight.path import RESIDUAL_DTYPE, SAMPLE_DTYPE, Goodness, LightPath
-from lightflight.path_file import write_path_csv
+from lightflight.path import RESIDUAL_DTYPE, Goodness, LightPath
 from lightflight.store import load_record, save_record
 from tests.path_fakes import make_path, random_covariance, truth_of
 
@@ -174,19 +171,3 @@ class TestForeignFiles:
             file["vertices_mm"] = np.zeros((2, 3))
         with pytest.raises(FileFormatError, match=r"path\.h5.*vertices_mm.*damaged"):
             LightPath.load(tmp_path / "path.h5")
-
-
-class TestCsv:
-    def test_columns_are_those_of_sample(self, tmp_path):
-        path = full_path()
-        write_path_csv(path, tmp_path / "path.csv", n=20)
-        with (tmp_path / "path.csv").open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-        expected = path.sample(20)
-        assert list(rows[0]) == list(SAMPLE_DTYPE.names or ())
-        for name in SAMPLE_DTYPE.names or ():
-            np.testing.assert_allclose([float(r[name]) for r in rows], expected[name], rtol=1e-8)
-
-    def test_an_unwritable_folder_is_said(self, tmp_path):
-        with pytest.raises(OSError, match="nowhere"):
-            write_path_csv(make_path(), tmp_path / "nowhere" / "path.csv")

@@ -1,8 +1,7 @@
-"""A LightPath as a file: our versioned HDF5, and its vertices and samples as CSV."""
+"""A LightPath as a file: our versioned HDF5. (As a table for other programs: view.export.)"""
 
 from __future__ import annotations
 
-import csv
 import os
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -16,7 +15,7 @@ from lightflight.filecheck import damage_as_format_error
 from lightflight.flight import Medium, Source
 from lightflight.path import RESIDUAL_DTYPE, Goodness, LightPath
 from lightflight.provenance import provenance_record
-from lightflight.store import atomic_path, load_record, save_record
+from lightflight.store import load_record, save_record
 
 KIND = "path"
 """Kind of record in our HDF5 files."""
@@ -97,17 +96,3 @@ def _path_from_record(arrays: Mapping[str, Any], attributes: Mapping[str, Any]) 
         truth=truth,
         provenance=attributes["provenance"],
     )
-
-
-def write_path_csv(path: LightPath, file: str | os.PathLike[str], *, n: int = 1000) -> None:
-    """Write `n` points along the path with their errors as CSV, one row per point."""
-    table = path.sample(n)
-    with atomic_path(file) as temporary, temporary.open("w", newline="", encoding="utf-8") as out:
-        writer = csv.writer(out)
-        writer.writerow(table.dtype.names or ())
-        for row in table:
-            writer.writerow([_text(value) for value in row.tolist()])
-
-
-def _text(value: Any) -> str:
-    return f"{value:.9g}" if isinstance(value, float) else str(int(value))
