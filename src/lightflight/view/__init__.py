@@ -12,7 +12,7 @@ Figures take records and Axes (or make a Figure) and return it:
 
 Pages and films: `write_page`, `write_campaign`; `write_movie`, `write_recording_movie`; `observe`
 says what another camera would see. For other programs: `export_path`, `write_figure`,
-`to_xarray`.
+`to_xarray`, and for napari `layers_from_path` and `layers_from_histograms`.
 
 Everything is loaded when it is first used: importing this package costs nothing.
 """
@@ -43,6 +43,8 @@ _MODULE_FROM_NAME = {
     "export_path": "export",
     "fiber_figure": "figures_fiber",
     "figure_style": "style",
+    "layers_from_histograms": "napari_layers",
+    "layers_from_path": "napari_layers",
     "observe": "observation",
     "pixel_cases_figure": "figures_camera",
     "to_xarray": "arrays",
