@@ -200,6 +200,12 @@ class Camera:
         pose[:3, 3] = (*center_mm, distance_mm)
         return cls(np.array(matrix), np.empty(0), pose, (rows, cols))
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from lightflight.display import html_from_record
+
+        return html_from_record(self)
+
     @property
     def center_mm(self) -> NDArray[np.float64]:
         """(3,), mm, world: the entrance pupil A."""

@@ -129,6 +129,12 @@ class Histograms:
                 f"no_photon_code = {self.no_photon_code} is not one of the {self.n_codes} codes"
             )
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from lightflight.display import html_from_record
+
+        return html_from_record(self)
+
     @property
     def shape(self) -> tuple[int, int]:
         """(rows, cols)."""

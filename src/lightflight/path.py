@@ -205,6 +205,12 @@ class LightPath:
         object.__setattr__(self, "vertex_times_ps", times)
         object.__setattr__(self, "covariance", covariance)
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from lightflight.display import html_from_record
+
+        return html_from_record(self)
+
     @property
     def n_legs(self) -> int:
         """Number of straight legs."""

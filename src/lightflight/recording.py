@@ -119,6 +119,12 @@ class Recording:
         # The clock is described, and therefore checked, exactly as for histograms.
         _empty_histograms(self)
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from lightflight.display import html_from_record
+
+        return html_from_record(self)
+
     @property
     def kind(self) -> str:
         """Which of the two it is: "frames" or "events"."""

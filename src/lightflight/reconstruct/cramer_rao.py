@@ -68,6 +68,12 @@ class Bounds:
     condition: float
     """Condition number of the path's information matrix, parameters in their own errors' units."""
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from lightflight.display import html_from_record
+
+        return html_from_record(self)
+
     @property
     def vertex_std(self) -> Floats:
         """(m, 4), x, y, z (mm) and t (ps) of each vertex."""

@@ -87,6 +87,12 @@ class Arrivals:
     method: str
     """How the pulses were fitted."""
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from lightflight.display import html_from_record
+
+        return html_from_record(self)
+
     @property
     def usable(self) -> NDArray[np.bool_]:
         """(n,), True where no flag keeps the pulse out of a reconstruction."""

@@ -285,6 +285,12 @@ class TimingCalibration:
             assumed_skew_std_ps=assumed_skew_std_ps, notes=tuple(notes),
         )  # fmt: skip
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from lightflight.display import html_from_record
+
+        return html_from_record(self)
+
     def describe(self) -> str:
         """What this clock is, how well it is known and what is wrong, a sentence per line."""
         rows, cols = self.shape

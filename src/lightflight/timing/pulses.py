@@ -74,6 +74,12 @@ class Pulses:
     method: str
     """How it was fitted: "likelihood" or "least_squares"."""
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from lightflight.display import html_from_record
+
+        return html_from_record(self)
+
     @property
     def usable(self) -> NDArray[np.bool_]:
         """(n,), True where no flag keeps the pulse out of a reconstruction."""

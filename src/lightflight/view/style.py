@@ -23,7 +23,7 @@ from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from lightflight.view.style_text import number as number
+from lightflight.display import number as number
 
 P = ParamSpec("P")
 R = TypeVar("R")

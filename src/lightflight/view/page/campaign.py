@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight._version import __version__
+from lightflight.display import number, with_error
 from lightflight.path import LightPath
 from lightflight.store import atomic_path
 from lightflight.view.page.build import page_html
 from lightflight.view.page.tables import heading
-from lightflight.view.style_text import number, with_error
 from lightflight.view.trace import trace_from_path
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from lightflight.view.style_text import number, with_error
+from lightflight.display import number, with_error
 
 _COUNT_WORDS = {1: "One leg", 2: "Two legs", 3: "Three legs", 4: "Four legs", 5: "Five legs"}
 

@@ -1,0 +1,292 @@
+"""Records as small HTML for notebooks, and numbers as words for every picture.
+
+Takes any record by its fields (nothing of the package is imported but `flags`), gives text:
+`number`, `with_error`, and `html_from_record`, which records call in `_repr_html_`. A card has a
+title, a few facts and one small picture, made here as PNG or SVG: no plotting package is loaded.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import struct
+import zlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight import flags as fl
+
+Facts = list[tuple[str, str]]
+
+_PICTURE_PX = 128
+"""Longest side of a picture's data; larger ones are thinned by their mean."""
+
+
+def number(value: float | None, digits: int = 3, *, sign: bool = False) -> str:
+    """`value` with so many significant digits, a true minus sign and no exponent for 1e-4…1e6."""
+    if value is None or not np.isfinite(value):
+        return "\u2013"
+    if value == 0:
+        return "0"
+    size = abs(value)
+    if 1e-4 <= size < 1e7:
+        places = max(0, digits - 1 - int(np.floor(np.log10(size))))
+        text = f"{size:,.{places}f}" if size >= 10_000 else f"{size:.{places}f}"
+        text = text.replace(",", "\u2009")
+    else:
+        text = f"{size:.{digits - 1}e}"
+    return ("\u2212" if value < 0 else "+" if sign else "") + text
+
+
+def with_error(value: float | None, error: float | None) -> str:
+    """`value ± error`, the error with two significant digits; without one, six of the value."""
+    if value is None or not np.isfinite(value):
+        return "\u2013"
+    if error is None or not np.isfinite(error) or error <= 0:
+        return number(value, 6)
+    places = min(9, max(0, 1 - int(np.floor(np.log10(error)))))
+    text = f"{abs(value):.{places}f} \u00b1 {error:.{places}f}"
+    return ("\u2212" if value < 0 else "") + text
+
+
+def html_from_record(record: Any) -> str:
+    """A record as a card of HTML: title, facts, a small picture; a few kB, no scripts.
+
+    Raises
+    ------
+    TypeError
+        For anything but the package's records.
+    """
+    name = type(record).__name__
+    if name not in _CARDS:
+        raise TypeError(f"there is no card for {name}: choose one of {', '.join(_CARDS)}")
+    facts, picture, caption = _CARDS[name](record)
+    rows = "".join(
+        f'<tr><th style="text-align:left;font-weight:normal;opacity:.7;padding:1px 12px 1px 0">'
+        f'{html.escape(term)}</th><td style="text-align:left">{html.escape(text)}</td></tr>'
+        for term, text in facts
+    )
+    figure = ""
+    if picture:
+        figure = (
+            f'<figure style="margin:0">{picture}<figcaption style="font-size:85%;opacity:.7">'
+            f"{html.escape(caption)}</figcaption></figure>"
+        )
+    return (
+        '<div style="display:flex;flex-wrap:wrap;gap:8px 28px;align-items:flex-start">'
+        f"<div><b>{name}</b><table>{rows}</table></div>{figure}</div>"
+    )
+
+
+# --- pictures -----------------------------------------------------------------------------------
+
+
+def png_from_image(image: ArrayLike) -> bytes:
+    """A grey picture (rows, cols) as PNG: dark is little, NaN is clear; thinned to 128 px.
+
+    The scale runs from the smallest value to the 99th percentile.
+    """
+    values = _thinned(np.asarray(image, dtype=float))
+    finite = np.isfinite(values)
+    grey = np.zeros(values.shape)
+    if finite.any():
+        low, high = values[finite].min(), np.percentile(values[finite], 99)
+        span = high - low if high > low else 1.0
+        grey[finite] = np.clip((values[finite] - low) / span, 0.0, 1.0)
+    pixels = np.stack((35 + 220 * grey, np.where(finite, 255, 0)), axis=-1).astype(np.uint8)
+    rows, cols = values.shape
+    raw = b"".join(b"\0" + pixels[row].tobytes() for row in range(rows))
+    header = struct.pack(">IIBBBBB", cols, rows, 8, 4, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(raw, 6)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+        for kind, body in chunks
+    )
+
+
+def _thinned(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    step = -(-max(image.shape) // _PICTURE_PX)
+    if step == 1:
+        return image
+    rows, cols = (step * -(-length // step) for length in image.shape)
+    padded = np.full((rows, cols), np.nan)
+    padded[: image.shape[0], : image.shape[1]] = image
+    blocks = padded.reshape(rows // step, step, cols // step, step)
+    known = np.isfinite(blocks)
+    total = np.where(known, blocks, 0.0).sum(axis=(1, 3))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(total / known.sum(axis=(1, 3)))
+
+
+def _picture(image: ArrayLike) -> str:
+    data = base64.b64encode(png_from_image(image)).decode("ascii")
+    return (
+        f'<img src="data:image/png;base64,{data}" alt="" '
+        'style="width:128px;image-rendering:pixelated"/>'
+    )
+
+
+def _path_picture(path: Any) -> str:
+    """Front (x, y) and top (x, z) view of the vertices, one scale, as SVG."""
+    vertices = np.asarray(path.vertices_mm, dtype=float)
+    vertices = vertices[np.isfinite(vertices).all(axis=1)]
+    if len(vertices) < 2:
+        return ""
+    low, size = vertices.min(axis=0), np.ptp(vertices, axis=0)
+    scale = 240.0 / max(size[0], 2 * (size[1] + size[2]), 1e-9)
+    height = (size[1] + size[2]) * scale + 40.0
+    lines = []
+    for axis, floor in ((1, 10.0 + size[1] * scale), (2, 30.0 + (size[1] + size[2]) * scale)):
+        x = 10.0 + (vertices[:, 0] - low[0]) * scale
+        y = floor - (vertices[:, axis] - low[axis]) * scale
+        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+        lines.append(
+            f'<polyline points="{points}" fill="none" stroke="#c8440a" stroke-width="2"/>'
+            f'<circle cx="{x[0]:.1f}" cy="{y[0]:.1f}" r="3.5" fill="currentColor"/>'
+        )
+    return f'<svg width="260" height="{height:.0f}" role="img">{"".join(lines)}</svg>'
+
+
+# --- one card per record ------------------------------------------------------------------------
+
+Card = tuple[Facts, str, str]
+
+
+def _ps(value: float | None) -> str:
+    return "unknown" if value is None else f"{number(value, 5)} ps"
+
+
+def _size(record: Any) -> str:
+    rows, cols = record.shape
+    return f"{rows} \u00d7 {cols} pixels"
+
+
+def _clock_facts(record: Any) -> Facts:
+    direction = "backwards" if record.reversed_codes else "forwards"
+    return [
+        ("codes", f"{record.n_codes}, running {direction}"),
+        ("time per code", _ps(record.bin_width_ps)),
+        ("laser period", _ps(record.laser_period_ps)),
+    ]
+
+
+def _flag_facts(words: Any) -> Facts:
+    counted = ", ".join(
+        f"{count} {name.replace('_', ' ')}" for name, count in fl.count_flags(words).items()
+    )
+    return [("flagged", counted or "none")]
+
+
+def _histograms_card(hist: Any) -> Card:
+    photons = np.asarray(hist.photons, dtype=float)
+    facts = [
+        ("camera", _size(hist)),
+        *_clock_facts(hist),
+        ("photons", number(float(photons.sum()), 6)),
+        ("brightest pixel", number(float(photons.max()), 6)),
+    ]
+    if hist.n_frames is not None:
+        facts.append(("frames", number(float(hist.n_frames), 8)))
+    return facts, _picture(np.sqrt(np.maximum(photons, 0.0))), "photons by pixel (square root)"
+
+
+def _recording_card(recording: Any) -> Card:
+    facts = [("camera", _size(recording)), ("kind", recording.kind), *_clock_facts(recording)]
+    if recording.n_frames is not None:
+        facts.append(("frames", number(float(recording.n_frames), 8)))
+    if recording.n_photons is not None:
+        facts.append(("photon events", number(float(recording.n_photons), 8)))
+    # Counting it could take minutes: no picture.
+    return facts, "", ""
+
+
+def _calibration_card(timing: Any) -> Card:
+    facts = [
+        ("camera", _size(timing)),
+        *_clock_facts(timing),
+        ("error of the time scale", f"{number(100 * timing.scale_std, 2)} %"),
+        *_flag_facts(timing.flags),
+        *(("note", note) for note in timing.notes),
+    ]
+    skew = np.asarray(timing.skew_ps, dtype=float)
+    known = skew[np.isfinite(skew)]
+    if len(known) and np.ptp(known) > 0:
+        return facts, _picture(skew), "delay by pixel"
+    return facts, _picture(timing.gain), "gain by pixel"
+
+
+def _camera_card(camera: Any) -> Card:
+    x, y, z = camera.center_mm
+    axis = camera.backward_axis
+    facts = [
+        ("camera", _size(camera)),
+        ("entrance pupil", f"({number(x, 5)}, {number(y, 5)}, {number(z, 5)}) mm"),
+        ("looks along", f"({', '.join(number(-a, 3) for a in axis)})"),
+        ("focal length", f"{number(camera.matrix[0, 0], 5)} px"),
+        ("lens", "with distortion" if np.any(camera.distortion) else "without distortion"),
+    ]
+    if camera.pose_covariance is None:
+        facts.append(("pose", "taken as exact"))
+    else:
+        std = np.sqrt(np.diag(camera.pose_covariance))[3:]
+        facts.append(("pose known to", f"{', '.join(number(s, 2) for s in std)} mm"))
+    return facts, "", ""
+
+
+def _path_card(path: Any) -> Card:
+    good = path.goodness
+    facts = [
+        ("estimator", path.method),
+        ("prior", path.prior or "not said"),
+        ("length", f"{number(sum(leg.length_mm for leg in path.legs), 5)} mm, {path.n_legs} legs"),
+        ("emission time", f"{with_error(path.emission_time_ps, path.vertex_std[0, 3])} ps"),
+    ]
+    facts += [
+        (f"elevation of leg {k}", f"{with_error(leg.angle_deg, leg.angle_std_deg)}\u00b0")
+        for k, leg in enumerate(path.legs[:6], start=1)
+    ]
+    if path.n_legs > 6:
+        facts.append(("", f"and {path.n_legs - 6} legs more"))
+    facts.append(("\u03c7\u00b2 / dof", f"{number(good.chi2, 4)} / {good.dof}"))
+    if not good.converged:
+        facts.append(("converged", "NO: do not trust the errors"))
+    return facts, _path_picture(path), "from the front, and from above"
+
+
+def _table_card(table: Any, column: str, what: str) -> Card:
+    usable = np.asarray(table.usable)
+    values = np.asarray(getattr(table, column), dtype=float)[usable]
+    values = values[np.isfinite(values)]
+    facts = [("camera", _size(table)), ("pulses", f"{len(table.row)}, {int(usable.sum())} usable")]
+    if values.size:
+        facts.append((what, f"{number(values.min(), 6)} \u2026 {number(values.max(), 6)} ps"))
+        facts.append(("photons", number(float(np.nansum(table.photons[usable])), 6)))
+    return [*facts, *_flag_facts(table.flags)], _picture(table.image(column)), f"{what} by pixel"
+
+
+def _bounds_card(bounds: Any) -> Card:
+    angles = ", ".join(f"{number(a, 2)}\u00b0" for a in bounds.angle_std_deg)
+    facts = [
+        ("prior", bounds.prior),
+        ("photons", f"{number(bounds.photons, 4)} in {bounds.n_pixels} pixels"),
+        ("position, rms in view", f"{number(bounds.position_rms_mm, 3)} mm"),
+        ("event time, rms in view", f"{number(bounds.event_time_rms_ps, 3)} ps"),
+        ("elevation of the legs", angles),
+        *(("", sentence) for sentence in bounds.statements),
+    ]
+    return facts, _path_picture(bounds.path), "from the front, and from above"
+
+
+_CARDS: dict[str, Callable[[Any], Card]] = {
+    "Arrivals": lambda table: _table_card(table, "arrival_ps", "arrival time"),
+    "Bounds": _bounds_card,
+    "Camera": _camera_card,
+    "Histograms": _histograms_card,
+    "LightPath": _path_card,
+    "Pulses": lambda table: _table_card(table, "delay_ps", "delay"),
+    "Recording": _recording_card,
+    "TimingCalibration": _calibration_card,
+}
