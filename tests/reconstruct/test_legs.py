@@ -218,6 +218,11 @@ class TestFold:
         )
         np.testing.assert_allclose(times, [49_800, 50_100, 200, np.nan])
 
+    def test_a_stray_pulse_does_not_move_all_others_by_a_period(self):
+        given = [4_000.0, 5_000.0, 7_000.0, 40_000.0]
+        times = unwrapped_arrivals(given, period_ps=self.PERIOD)
+        np.testing.assert_allclose(times, [4_000.0, 5_000.0, 7_000.0, -10_000.0])
+
     def test_earliest_beyond_the_period(self):
         times = unwrapped_arrivals([100.0], period_ps=self.PERIOD, earliest_ps=120_000.0)
         np.testing.assert_allclose(times, [150_100.0])

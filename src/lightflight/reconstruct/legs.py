@@ -112,9 +112,10 @@ def unwrapped_arrivals(
         longest = int(np.argmax(silence))
         first = folded[(longest + 1) % len(folded)]
         earliest_ps = float(first - 0.5 * silence[longest])
-        # The clock's own zero is kept: only what lies before the silence moves up a period.
-        if earliest_ps < 0:
-            earliest_ps = min(earliest_ps, 0.0)
+        # The clock's own zero is kept: the greater part of the light stays within its period, and
+        # a stray pulse, however far from the others, cannot move all of them.
+        pieced = earliest_ps + np.mod(folded - earliest_ps, period_ps)
+        earliest_ps -= period_ps * float(np.floor(np.median(pieced) / period_ps))
     unwrapped: Floats = earliest_ps + np.mod(times - earliest_ps, period_ps)
     return unwrapped
 

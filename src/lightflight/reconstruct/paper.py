@@ -217,9 +217,22 @@ def paper_path(
     """
     if legs is None:
         raise ValueError("method='paper' finds its own legs: leave start out, or give n_legs")
-    camera, medium, first = setting.camera, setting.medium, observations[0]
-    projections = [projection_of_leg(leg, first, camera) for leg in legs]
+    projections = [projection_of_leg(leg, observations[0], setting.camera) for leg in legs]
     projections = [_averaged(p, observations) for p in projections]
+    return path_from_projections(projections, observations, setting)
+
+
+def path_from_projections(
+    projections: list[Projection], observations: list[Observation], setting: Setting
+) -> LightPath:
+    """Legs one after another on their reference planes (Fig. 4), from what each projects to.
+
+    Raises
+    ------
+    GeometryError
+        Where the source is unknown and no time of entry is given, or a leg cannot be placed.
+    """
+    camera, medium = setting.camera, setting.medium
     start, start_time = _start(projections[0], setting)
     placed: list[PlaneLeg] = []
     for number, seen in enumerate(projections):
