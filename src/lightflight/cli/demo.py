@@ -162,6 +162,7 @@ def _write_results(
 
     from lightflight.provenance import provenance_record
     from lightflight.recording import write
+    from lightflight.timing.arrivals import find_arrivals
     from lightflight.view.export import write_csv, write_figure
     from lightflight.view.figures_demo import demo_figure
     from lightflight.zheng2020 import reported
@@ -178,6 +179,7 @@ def _write_results(
     figure = demo_figure(
         path,
         truth=hist.truth,
+        arrivals=find_arrivals(hist, timing=timing),
         others={"paper": chosen["paper", _REFERENCE[1]]},
         published={"Zheng 2020": (reported.POSITION_RMS_MM, reported.EVENT_TIME_RMS_PS)},
     )

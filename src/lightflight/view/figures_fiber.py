@@ -21,6 +21,9 @@ from lightflight.view.figures_timing import leg_mark
 
 Floats = NDArray[np.float64]
 
+_MOST_STRAYS = 300
+"""Pulses on no leg that are drawn one by one."""
+
 _LEG_COLORS = (style.EVENT, style.ARRIVAL, "#5f9ea0", "#8c6bb1", "#a6861a", style.INK)
 
 
@@ -102,16 +105,13 @@ def _draw_picture(
     on_leg = use & (_members_of(legs, len(times)) >= 0)
     stray = use & ~on_leg
     size = (180.0 / max(rows, cols)) ** 2
-    # Where nearly every cell has something to say, crosses would drown the light.
-    many = int(stray.sum()) > 300
-    mark: dict[str, Any] = {"marker": "." if many else "x", "c": "#aab2bd" if many else style.QUIET}
-    ax.scatter(
-        arrivals.col[stray],
-        arrivals.row[stray],
-        s=(0.10 if many else 0.25) * size,
-        lw=0 if many else 0.6,
-        **mark,
-    )
+    # Where nearly every cell has something to say, marks would drown the light: a count will do.
+    few = int(stray.sum()) <= _MOST_STRAYS
+    if few:
+        ax.scatter(
+            arrivals.col[stray], arrivals.row[stray], s=0.25 * size, lw=0.6, marker="x",
+            c=style.QUIET,
+        )  # fmt: skip
     dots = ax.scatter(
         arrivals.col[on_leg], arrivals.row[on_leg], s=0.55 * size, c=times[on_leg],
         cmap=style.time_colormap(), lw=0, zorder=3,
@@ -127,8 +127,11 @@ def _draw_picture(
         )  # fmt: skip
         _number_leg(ax, ends, k)
     if stray.any():
-        word = f"on no leg ({int(stray.sum())})"
-        ax.plot([], [], mark["marker"], ls="none", color=mark["c"], ms=3.5, mew=0.6, label=word)
+        word = (
+            f"on no leg ({int(stray.sum())})" if few else f"{int(stray.sum())} on no leg, not drawn"
+        )
+        mark = "x" if few else ""
+        ax.plot([], [], mark, ls="none", color=style.QUIET, ms=3.5, mew=0.6, label=word)
     ax.set(xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
     ax.set(xlabel="column u (px)", ylabel="row v (px)")
     if on_leg.any():
