@@ -200,6 +200,54 @@ class Camera:
         pose[:3, 3] = (*center_mm, distance_mm)
         return cls(np.array(matrix), np.empty(0), pose, (rows, cols))
 
+    @classmethod
+    def looking_at(
+        cls,
+        target_mm: ArrayLike,
+        *,
+        position_mm: ArrayLike,
+        focal_length_px: float,
+        shape: tuple[int, int] = (32, 32),
+    ) -> Camera:
+        """Camera anywhere, turned towards a point and held upright (world y up), without lens.
+
+        Parameters
+        ----------
+        target_mm : (3,), world, mm: what its middle looks at.
+        position_mm : (3,), world, mm: its entrance pupil.
+        focal_length_px : pixels per unit of tan(angle), both ways.
+        shape : (rows, cols)
+
+        Raises
+        ------
+        GeometryError
+            Where position and target are one point, or a number is not finite.
+        """
+        rows, cols = int(shape[0]), int(shape[1])
+        position, target = np.asarray(position_mm, float), np.asarray(target_mm, float)
+        forward = target - position
+        distance = float(np.linalg.norm(forward))
+        if position.shape != (3,) or not (np.isfinite(distance) and distance > 0):
+            raise GeometryError(
+                f"position_mm {position} and target_mm {target} must be two different points (3,)"
+            )
+        if not (np.isfinite(focal_length_px) and focal_length_px > 0):
+            raise GeometryError(
+                f"focal_length_px must be positive and finite, got {focal_length_px}"
+            )
+        forward = forward / distance
+        up = np.array([0.0, 1.0, 0.0])
+        if abs(forward[1]) > 1 - 1e-9:  # straight up or down: the top of the picture is -z
+            up = np.array([0.0, 0.0, -1.0])
+        right = np.cross(forward, up)
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3, :3] = np.column_stack((right, np.cross(forward, right), forward))
+        pose[:3, 3] = position
+        matrix = np.diag([focal_length_px, focal_length_px, 1.0])
+        matrix[:2, 2] = (cols - 1) / 2.0, (rows - 1) / 2.0
+        return cls(matrix, np.empty(0), pose, (rows, cols))
+
     def _repr_html_(self) -> str:
         """What a notebook shows."""
         from lightflight.display import html_from_record

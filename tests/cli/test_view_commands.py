@@ -48,6 +48,34 @@ def test_view_takes_recording_and_clock(run, lab_folder, path_file, tmp_path):
     assert payload["clock"]["reversed_codes"] is True
 
 
+def test_view_and_movie_take_a_second_viewpoint(run, path_file, tmp_path):
+    pytest.importorskip("plotly")
+    done = run("view", path_file, "--viewpoint", 900, 40, 30, "-o", tmp_path / "page.html")
+    assert done.exit_code == 0, done.stderr
+    second = payload_of(tmp_path / "page.html")["second"]
+    assert second["camera"]["center_mm"] == [900.0, 40.0, 30.0]
+    small = ("--pace", 9000, "--fps", 10, "--size", "320x240")
+    for name, words in (("own", ()), ("other", ("--viewpoint", 900, 40, 30))):
+        done = run("movie", path_file, *small, *words, "-o", tmp_path / f"{name}.gif")
+        assert done.exit_code == 0, done.stderr
+    assert (tmp_path / "own.gif").read_bytes() != (tmp_path / "other.gif").read_bytes()
+
+
+@pytest.mark.parametrize("command", ["view", "movie"])
+def test_a_viewpoint_in_the_path_or_two_at_once_is_refused(run, path_file, tmp_path, command):
+    output = tmp_path / ("a.html" if command == "view" else "a.gif")
+    done = run(command, path_file, "--viewpoint", 187, 37, 25, "-o", output)
+    assert done.exit_code == 5
+    assert "further away" in done.stderr
+    lab = tmp_path / "lab.toml"
+    lab.write_text("[camera]\ndistance_mm = 535.0\nfield_of_view_mm = [245.0, 245.0]\n")
+    both = ("--viewpoint", 900, 40, 30, "--from-lab-camera", "--lab", lab)
+    done = run(command, path_file, *both, "-o", output)
+    assert done.exit_code == 2
+    assert "exclude" in done.stderr
+    assert not output.exists()
+
+
 def test_view_of_many_gives_an_index_that_survives_a_bad_file(run, path_file, tmp_path):
     pytest.importorskip("plotly")
     bad = tmp_path / "<b>bad.h5"

@@ -10,7 +10,7 @@ import pytest
 from lightflight.camera import Camera
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, apparent_speed_from_direction
-from lightflight.view.observation import observe
+from lightflight.view.observation import camera_towards, observe
 from tests.view import fakes
 
 C = 0.299792458
@@ -105,3 +105,39 @@ def test_a_camera_that_looks_away_is_refused() -> None:
         observe(fakes.fake_path(), away)
     with pytest.raises(ValueError, match="steps_per_pixel"):
         observe(fakes.fake_path(), fakes.paper_camera(), steps_per_pixel=0)
+
+
+def test_a_camera_that_looks_at_the_plane_is_the_facing_one() -> None:
+    facing = Camera.facing_plane(center_mm=(10.0, 20.0))
+    turned = Camera.looking_at(
+        (10.0, 20.0, 0.0), position_mm=(10.0, 20.0, 535.0), focal_length_px=32 * 535 / 245
+    )
+    np.testing.assert_allclose(turned.matrix, facing.matrix, rtol=1e-12)
+    np.testing.assert_allclose(turned.world_from_camera, facing.world_from_camera, atol=1e-12)
+
+
+@pytest.mark.parametrize("place", [(800.0, 40.0, 30.0), (187.0, 900.0, 25.0), (-300.0, -50.0, 400)])
+def test_a_camera_towards_a_path_sees_all_of_it_with_a_margin(place: tuple[float, ...]) -> None:
+    path = fakes.fake_path()
+    camera = camera_towards(path, place, shape=(40, 60))
+    np.testing.assert_array_equal(camera.center_mm, place)
+    row, col = camera.pixels_from_points(path.vertices_mm)
+    reach = max(np.abs(row - 19.5).max() / 40, np.abs(col - 29.5).max() / 60)
+    assert reach == pytest.approx(0.4)
+    # Upright: what is higher in the world is higher in the picture, or (from above) further away.
+    middle = path.vertices_mm.mean(axis=0)
+    higher = middle + ((0, 0, -5.0) if place[1] > 800 else (0, 5.0, 0))
+    low, high = camera.pixels_from_points(np.stack((middle, higher)))[0]
+    assert high < low
+
+
+@pytest.mark.parametrize("place", [(187.0, 37.0, 25.0), (100.0, 40.0, 20.0)])
+def test_a_viewpoint_in_the_midst_of_a_path_is_refused(place: tuple[float, ...]) -> None:
+    with pytest.raises(GeometryError, match="further away"):
+        camera_towards(fakes.fake_path(), place)
+
+
+def test_a_camera_cannot_look_at_itself() -> None:
+    for position, focal in (((0, 0, 0), 30.0), ((0, 0, 9), 0.0), ((0, np.nan, 9), 30.0)):
+        with pytest.raises(GeometryError, match=r"different points|focal_length_px"):
+            Camera.looking_at((0, 0, 0), position_mm=position, focal_length_px=focal)

@@ -19,7 +19,8 @@ from lightflight import Histograms
 from lightflight.errors import MissingExtraError
 from lightflight.view.page import build, page_html, write_page
 from lightflight.view.page.histograms import histogram_blob
-from lightflight.view.page.payload import json_for_html, packed, payload_from_records, plain
+from lightflight.view.page.packing import packed, plain
+from lightflight.view.page.payload import json_for_html, payload_from_records
 from tests.view import fakes
 
 pytest.importorskip("plotly", reason="the page needs the view extra (plotly)")

@@ -15,6 +15,7 @@ from lightflight import Histograms
 from lightflight.camera import Camera
 from lightflight.flight import Source, arrival_time_from_event, event_times_from_vertices
 from lightflight.path import RESIDUAL_DTYPE, LightPath
+from lightflight.view.observation import camera_towards, observe
 from lightflight.view.page import write_page
 from tests.view import browser as br
 from tests.view import fakes
@@ -266,6 +267,63 @@ def test_it_follows_the_systems_theme_and_its_own_button(page: br.OpenPage) -> N
     page.page.click("#theme-button")
     assert not is_dark(page)
     page.settle()
+
+
+@pytest.fixture(scope="module")
+def two_eyes(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[br.OpenPage]:
+    """The paper's page with a second camera beyond the first mirror."""
+    file = tmp_path_factory.mktemp("eyes") / "page.html"
+    path = fakes.fake_path()
+    write_page(path, file, recording=recording_of(path), second_camera=second_camera(path))
+    page = br.OpenPage(chromium, file)
+    yield page
+    page.close()
+
+
+def second_camera(path: LightPath) -> Camera:
+    return camera_towards(path, (900.0, 40.0, 30.0), shape=(24, 40))
+
+
+def test_the_second_camera_sees_the_same_pulse_at_its_own_times(two_eyes: br.OpenPage) -> None:
+    path, page = fakes.fake_path(), two_eyes
+    camera = second_camera(path)
+    page.run("lightflight.setClock('event')")
+    page.slide(700.0)
+    before = page.trace("pulse centre")
+    page.page.click("#eyes button[data-eye='1']")
+    page.run("lightflight.setClock('arrival')")
+    page.settle()
+    for name in "xyz":  # the pulse itself has not moved
+        assert page.trace("pulse centre")[name] == pytest.approx(before[name])
+    when = path.vertex_times_ps[0] + np.array([0.0, 700.0])
+    arrival = arrival_time_from_event(
+        path.position_at(when),
+        when,
+        camera_center_mm=camera.center_mm,
+        return_group_index=path.medium.return_group_index,
+    )
+    reading = page.run("lightflight.state.elapsed")
+    assert reading == pytest.approx(arrival[1] - arrival[0], abs=1e-6)
+    light = np.array(page.run(f"[...lightflight.lightAt('arrival', {reading})]")).reshape(24, 40)
+    expected = observe(path, camera).frames(arrival[1])[0]
+    assert light.max() > 0.05
+    # Per pixel and leg as one Gaussian, against steps of path: alike, not the same.
+    assert np.corrcoef(light.ravel(), expected.ravel())[0, 1] > 0.98
+    text = page.page.inner_text("#picture-title")
+    assert text == "The second camera's picture"
+    assert "computed" in page.page.inner_text("#pixel-plot")
+    page.shot("page_1280_second_camera")
+    page.page.keyboard.press("v")
+    assert page.page.inner_text("#picture-title") == "The camera's picture"
+    page.settle()
+    assert page.run("lightflight.current().t") == pytest.approx(700.0, abs=1e-6)
+    page.until("document.querySelector('#pixel-plot .plot-container') !== null")
+
+
+def test_a_page_without_a_second_camera_offers_none(page: br.OpenPage) -> None:
+    assert not page.page.is_visible("#eyes")
+    page.page.keyboard.press("v")
+    assert page.page.inner_text("#picture-title") == "The camera's picture"
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])

@@ -62,6 +62,14 @@ def _size_from_text(
     help="Of a flight: show what the camera of --lab would see, instead of the path's own.",
 )
 @click.option(
+    "--viewpoint",
+    "viewpoint_mm",
+    nargs=3,
+    type=float,
+    metavar="X Y Z",
+    help="Of a flight: show what a camera at this place (mm), turned towards the path, would see.",
+)
+@click.option(
     "--slice-codes",
     type=click.IntRange(min=1),
     default=1,
@@ -81,6 +89,7 @@ def command(
     pace: float,
     orbit: float,
     from_lab_camera: bool,
+    viewpoint_mm: tuple[float, float, float] | None,
     slice_codes: int,
     title: str,
     outputs: tuple[Path, ...],
@@ -97,6 +106,7 @@ def command(
     Examples:
       lightflight movie path.h5 -o flight.mp4
       lightflight movie path.h5 --pace 100 --orbit 60 -o flight.gif --size 640x360
+      lightflight movie path.h5 --viewpoint 900 40 30 -o from-the-side.mp4
       lightflight movie recording.h5 -o recording.mp4
     """
     from lightflight.cli._records import lab_from_options, print_lab
@@ -110,6 +120,8 @@ def command(
     check_outputs(outputs, inputs=inputs, suffixes=MOVIE_SUFFIXES, kinds=())
     if from_lab_camera and lab.camera is None:
         raise click.UsageError("--from-lab-camera needs a camera: --lab with [camera]")
+    if from_lab_camera and viewpoint_mm is not None:
+        raise click.UsageError("--from-lab-camera and --viewpoint exclude each other")
     kind = kind_of_record(file)
     if kind == "calibration":
         raise click.UsageError(f"{file.name} holds a calibration: there is nothing that moves")
@@ -117,7 +129,9 @@ def command(
         with step(f"filming {output.name}") as report:
             if kind == "path":
                 camera = lab.camera if from_lab_camera else None
-                _film_path(file, output, camera, size_px, fps or 25.0, pace, orbit, report)
+                _film_path(
+                    file, output, camera, viewpoint_mm, size_px, fps or 25.0, pace, orbit, report
+                )
             else:
                 _film_recording(
                     file, output, lab, hints, size_px, fps or 12.0, slice_codes, title, report
@@ -129,6 +143,7 @@ def _film_path(
     file: Path,
     output: Path,
     camera: Any,
+    viewpoint_mm: tuple[float, float, float] | None,
     size_px: tuple[int, int],
     fps: float,
     pace: float,
@@ -141,7 +156,12 @@ def _film_path(
     settings = MovieSettings(
         size_px=size_px, frames_per_second=fps, pace_ps_per_s=pace, orbit_deg=orbit
     )
-    write_movie(LightPath.load(file), output, camera=camera, settings=settings, progress=report)
+    path = LightPath.load(file)
+    if viewpoint_mm is not None:
+        from lightflight.view.observation import camera_towards
+
+        camera = camera_towards(path, viewpoint_mm)
+    write_movie(path, output, camera=camera, settings=settings, progress=report)
 
 
 def _film_recording(

@@ -36,6 +36,19 @@ PAGE_SUFFIXES = (".html", ".htm")
     type=click.Path(path_type=Path),
     help="Calibration of the clock it was made with.",
 )
+@click.option(
+    "--from-lab-camera",
+    is_flag=True,
+    help="Add what the camera of --lab would see of the path, as a second viewpoint.",
+)
+@click.option(
+    "--viewpoint",
+    "viewpoint_mm",
+    nargs=3,
+    type=float,
+    metavar="X Y Z",
+    help="Add what a camera at this place (mm), turned towards the path, would see of it.",
+)
 @click.option("--title", default="", help="Heading of the page.")
 @click.option("--open", "show", is_flag=True, help="Open the page in the browser.")
 @outputs_option("Page to write (.html).  [default: the path's name, ending in .html]")
@@ -47,6 +60,8 @@ def command(
     paths: tuple[Path, ...],
     recording_path: Path | None,
     timing_path: Path | None,
+    from_lab_camera: bool,
+    viewpoint_mm: tuple[float, float, float] | None,
     title: str,
     show: bool,
     outputs: tuple[Path, ...],
@@ -63,6 +78,7 @@ def command(
     \b
     Examples:
       lightflight view path.h5 --recording recording.h5 --timing calibration.h5
+      lightflight view path.h5 --viewpoint 900 40 30
       lightflight view run-*/path.h5 -o campaign.html
     """
     from lightflight.cli._records import lab_from_options, print_lab
@@ -79,12 +95,24 @@ def command(
     else:
         output = outputs[0] if outputs else paths[0].with_suffix(".html")
     check_outputs([output], inputs=inputs, suffixes=PAGE_SUFFIXES, kinds=())
+    if from_lab_camera and lab.camera is None:
+        raise click.UsageError("--from-lab-camera needs a camera: --lab with [camera]")
+    if from_lab_camera and viewpoint_mm is not None:
+        raise click.UsageError("--from-lab-camera and --viewpoint exclude each other")
     if len(paths) > 1:
-        if recording_path is not None:
-            raise click.UsageError("--recording goes with one path file, got several")
+        for name, given in (
+            ("recording", recording_path is not None),
+            ("from-lab-camera", from_lab_camera),
+            ("viewpoint", viewpoint_mm is not None),
+        ):
+            if given:
+                raise click.UsageError(f"--{name} goes with one path file, got several")
         _write_campaign(paths, timing_path, title, output)
     else:
-        _write_one(paths[0], recording_path, timing_path, lab, hints, title, output)
+        camera = lab.camera if from_lab_camera else None
+        _write_one(
+            paths[0], recording_path, timing_path, lab, hints, title, camera, viewpoint_mm, output
+        )
     print_sentences([f"Written: {output}"])
     if show:
         click.launch(str(output))
@@ -97,6 +125,8 @@ def _write_one(
     lab: Lab,
     hints: dict[str, Any],
     title: str,
+    second_camera: Any,
+    viewpoint_mm: tuple[float, float, float] | None,
     output: Path,
 ) -> None:
     from lightflight.cli._records import calibration_from_option, read_histograms
@@ -106,8 +136,19 @@ def _write_one(
     path = LightPath.load(path_file)
     timing = calibration_from_option(timing_path)
     recording = None if recording_path is None else read_histograms(recording_path, lab, hints)
+    if viewpoint_mm is not None:
+        from lightflight.view.observation import camera_towards
+
+        second_camera = camera_towards(path, viewpoint_mm)
     with step(f"writing {output.name}"):
-        write_page(path, output, recording=recording, timing=timing, title=title)
+        write_page(
+            path,
+            output,
+            recording=recording,
+            timing=timing,
+            title=title,
+            second_camera=second_camera,
+        )
 
 
 def _write_campaign(

@@ -11,8 +11,8 @@ Figures take records and Axes (or make a Figure) and return it:
 - `demo_figure`: one page about one reconstruction; `fiber_figure`: without a metric scale.
 
 Pages and films: `write_page`, `write_campaign`; `write_movie`, `write_recording_movie`; `observe`
-says what another camera would see. For other programs: `export_path`, `write_figure`,
-`to_xarray`, and for napari `layers_from_path` and `layers_from_histograms`.
+says what another camera would see, `camera_towards` places one. For other programs: `export_path`,
+`write_figure`, `to_xarray`, and for napari `layers_from_path` and `layers_from_histograms`.
 
 Everything is loaded when it is first used: importing this package costs nothing.
 """
@@ -23,6 +23,7 @@ from typing import Any
 _MODULE_FROM_NAME = {
     "MovieSettings": "movie",
     "Viewpoint": "projection",
+    "camera_towards": "observation",
     "calibration_figure": "figures_calibration",
     "demo_figure": "figures_demo",
     "draw_bad_pixels": "figures_calibration",

@@ -155,7 +155,7 @@ def _struct(table: NDArray[Any]) -> dict[str, NDArray[Any]]:
 
 def description_of(light_path: Any) -> dict[str, Any]:
     """Method, prior, statements and provenance, as JSON can hold them."""
-    from lightflight.view.page.payload import plain
+    from lightflight.view.page.packing import plain
 
     described: dict[str, Any] = plain(
         {

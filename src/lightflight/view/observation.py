@@ -8,17 +8,15 @@ brightness. NumPy only.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.camera import Camera
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, arrival_time_from_event
 from lightflight.units import std_from_fwhm
-
-if TYPE_CHECKING:
-    from lightflight.camera import Camera
 
 Floats = NDArray[np.float64]
 
@@ -160,6 +158,49 @@ def observe(
         strength=strength / strength.max(),
         leg=leg.astype(np.int64),
         pulse_std_ps=std_from_fwhm(float(width)),
+    )
+
+
+def camera_towards(
+    path: Any, position_mm: ArrayLike, *, shape: tuple[int, int] | None = None
+) -> Camera:
+    """Camera at a point, turned towards a path, with the whole of it just in view.
+
+    Parameters
+    ----------
+    path : LightPath, or anything with `vertices_mm`.
+    position_mm : (3,), world, mm: where it stands.
+    shape : (rows, cols); None: as the path's own camera.
+
+    Raises
+    ------
+    GeometryError
+        Where the point is so near that part of the path would be beside or behind it.
+    """
+    own = getattr(path, "camera", None)
+    rows, cols = shape or (own.shape if own is not None else (32, 32))
+    vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
+    vertices = vertices[np.isfinite(vertices).all(axis=1)]
+    if len(vertices) == 0:
+        raise GeometryError("the path has no vertices: there is nothing to look at")
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    unit = Camera.looking_at(
+        middle, position_mm=position_mm, focal_length_px=1.0, shape=(rows, cols)
+    )
+    x, y, depth = ((vertices - unit.center_mm) @ unit.world_from_camera[:3, :3]).T
+    if not (depth > 1e-3 * float(np.linalg.norm(middle - unit.center_mm))).all():
+        raise GeometryError(
+            f"from {np.asarray(position_mm)} mm part of the path lies behind the camera: move the "
+            "viewpoint further away"
+        )
+    # A margin of a tenth on every side.
+    with np.errstate(divide="ignore"):
+        focal = min(
+            float((0.4 * cols / abs(x / depth)).min()), float((0.4 * rows / abs(y / depth)).min())
+        )
+    focal = min(focal, 1e6)
+    return Camera.looking_at(
+        middle, position_mm=position_mm, focal_length_px=focal, shape=(rows, cols)
     )
 
 

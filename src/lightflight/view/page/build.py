@@ -82,6 +82,7 @@ def page_html(
     pulses: Any = None,
     arrivals: Any = None,
     title: str = "",
+    second_camera: Any = None,
 ) -> str:
     """The page about one reconstruction, as text.
 
@@ -93,9 +94,12 @@ def page_html(
     timing : TimingCalibration it was made with.
     pulses, arrivals : fits of the recording, where they are at hand.
     title : heading; empty: one is made from the number of legs.
+    second_camera : Camera anywhere: the page can show what it would see of the path.
 
     Raises
     ------
+    GeometryError
+        Where `second_camera` sees no part of the path.
     MissingExtraError
         Where plotly is not installed.
     """
@@ -103,7 +107,13 @@ def page_html(
     pulses, arrivals = _fits(hist, timing, pulses, arrivals)
     heading = title or tables.heading(path)
     payload = payload_from_records(
-        path, hist=hist, timing=timing, pulses=pulses, arrivals=arrivals, title=heading
+        path,
+        hist=hist,
+        timing=timing,
+        pulses=pulses,
+        arrivals=arrivals,
+        title=heading,
+        second_camera=second_camera,
     )
     library = plotly_script()
     body = "\n".join(_asset(name) for name in SCRIPTS)
@@ -162,13 +172,20 @@ def write_page(
     pulses: Any = None,
     arrivals: Any = None,
     title: str = "",
+    second_camera: Any = None,
 ) -> None:
     """Write the page about one reconstruction; parameters as in `page_html`.
 
     The file appears whole or not at all.
     """
     text = page_html(
-        path, recording=recording, timing=timing, pulses=pulses, arrivals=arrivals, title=title
+        path,
+        recording=recording,
+        timing=timing,
+        pulses=pulses,
+        arrivals=arrivals,
+        title=title,
+        second_camera=second_camera,
     )
     with atomic_path(file) as fresh:
         fresh.write_text(text, encoding="utf-8", newline="\n")

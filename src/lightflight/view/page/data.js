@@ -32,10 +32,10 @@ const vertices = path.vertices_mm;
 const nLegs = Math.max(vertices.length - 1, 0);
 const startTime = nLegs ? path.vertex_times_ps[0] : 0;
 const legTimes = path.vertex_times_ps.map((t) => t - startTime);
-const camera = payload.camera;
+let camera = payload.camera;
 const trace = unpackTable(payload.trace);
 const pulses = unpackTable(payload.pulses);
-const hasArrival = Boolean(camera) && nLegs > 0 && path.first_arrival_ps !== null;
+let hasArrival = Boolean(camera) && nLegs > 0 && path.first_arrival_ps !== null;
 
 const isFiniteNumber = (x) => typeof x === "number" && Number.isFinite(x);
 const lerp = (a, b, f) => a + (b - a) * f;
@@ -65,7 +65,7 @@ function arrivalFromEvent(t) {
 }
 
 const eventEnd = nLegs ? legTimes[nLegs] : 0;
-const arrivalEnd = hasArrival ? arrivalFromEvent(eventEnd) : 0;
+let arrivalEnd = hasArrival ? arrivalFromEvent(eventEnd) : 0;
 
 // Inverse of arrivalFromEvent: t_a grows with t along any path, so bisection cannot fail.
 function eventFromArrival(ta) {

@@ -129,7 +129,7 @@ def _coarse(lower: Floats, upper: Floats, counts: Floats) -> Floats:
 def _finish(
     hist: Any, timing: Any, entries: list[tuple[int, Floats]], strongest: Floats, left_out: int
 ) -> dict[str, Any]:
-    from lightflight.view.page.payload import packed
+    from lightflight.view.page.packing import packed
 
     pixel = np.array([e[0] for e in entries], dtype=np.int64)
     row, col = np.divmod(pixel, hist.shape[1])

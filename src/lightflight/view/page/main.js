@@ -38,7 +38,7 @@ function render() {
   byId("leg").textContent = now.leg >= 0 ? String(now.leg + 1) : "–";
   byId("speed-name").textContent = now.clock === "event" ? "speed" : "apparent speed";
   byId("speed").textContent = show(now.speed, now.clock === "event" ? 4 : 3, "c");
-  byId("picture-time").textContent = now.clock === "event" ? "if light reached it at once" : "as recorded";
+  byId("picture-time").textContent = now.clock === "event" ? "if light reached it at once" : eye === 0 ? "as recorded" : "computed from the path";
   slider.value = String(now.elapsed);
   slider.setAttribute("aria-valuetext", `${now.elapsed.toFixed(0)} picoseconds of ${now.clock} time`);
   moveScenePulse(now);
@@ -105,6 +105,35 @@ function drawStrip() {
     const v = state.clock === "event" ? legTimes[k] : arrivalFromEvent(legTimes[k]);
     g.fillRect(at(v) - scale / 2, 0, Math.max(1, scale), canvas.height);
   }
+}
+
+// The pulse stays where it is; another camera looks at it.
+function setEye(number) {
+  if (number === eye || !eyes[number]) return;
+  const now = current();
+  useEye(number);
+  for (const button of document.querySelectorAll("[data-eye]")) {
+    button.setAttribute("aria-pressed", String(Number(button.dataset.eye) === eye));
+  }
+  byId("picture-title").textContent = eye === 0 ? "The camera's picture" : "The second camera's picture";
+  pictureHelp();
+  slider.max = String(endOf(state.clock));
+  state.elapsed = state.clock === "event" ? now.t : arrivalFromEvent(now.t);
+  redrawAll();
+  selectBrightest();
+}
+
+function pictureHelp() {
+  byId("picture-note").textContent = !camera || !lights ? ""
+    : eye === 0 ? "Tinted: pixels with a pulse. Point at one for its histogram; arrow keys work too."
+      : "Computed from the path. Tinted: pixels that see it. Point at one for its times; arrow keys work too.";
+}
+
+function selectBrightest() {
+  if (!camera || !lights || !lights.row.length) return;
+  let best = 0;
+  for (let i = 0; i < lights.row.length; i += 1) if (lights.photons[i] > lights.photons[best]) best = i;
+  selectPixel(lights.row[best], lights.col[best]);
 }
 
 let lastFrame = 0;
@@ -195,6 +224,7 @@ function onKey(event) {
   const actions = {
     " ": () => !onButton && setPlaying(!state.playing),
     c: () => setClock(state.clock === "event" ? "arrival" : "event"),
+    v: () => setEye((eye + 1) % eyes.length),
     t: () => setTheme(THEMES[(THEMES.indexOf(document.documentElement.dataset.theme) + 1) % THEMES.length]),
     "?": () => byId("keys").showModal(),
     Home: () => setTime(0),
@@ -235,7 +265,9 @@ function start() {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => document.documentElement.dataset.theme === "auto" && redrawAll());
   document.addEventListener("keydown", onKey);
   new ResizeObserver(() => { drawStrip(); if (camera) drawPictureLines(current()); }).observe(document.body);
-  byId("picture-note").textContent = camera && pulses ? "Tinted: pixels with a pulse. Point at one for its histogram; arrow keys work too." : "";
+  pictureHelp();
+  byId("eyes").hidden = eyes.length < 2;
+  for (const button of document.querySelectorAll("[data-eye]")) button.addEventListener("click", () => setEye(Number(button.dataset.eye)));
   preparePicture();
   preparePictureEvents();
   addCopyButtons();
@@ -251,9 +283,7 @@ function start() {
     registerGraph("residual-plot", drawResiduals);
     registerGraph("clock-plot", drawClockCard);
     if (camera && pulses && pulses.row.length) {
-      let best = 0;
-      for (let i = 0; i < pulses.row.length; i += 1) if (pulses.photons[i] > pulses.photons[best]) best = i;
-      whenIdle(() => { if (!cursorPixel) selectPixel(pulses.row[best], pulses.col[best]); });
+      whenIdle(() => { if (!cursorPixel) selectBrightest(); });
     } else {
       say(byId("pixel-plot"), "No pulses: no pixel to show.");
     }
@@ -261,5 +291,5 @@ function start() {
 }
 
 // For tests and the curious: what is shown, and how to move it.
-window.lightflight = { state, current, setTime, setClock, setPlaying, setTheme, lightAt, pixelIndex, payload };
+window.lightflight = { state, eyes, current, setEye, setTime, setClock, setPlaying, setTheme, lightAt, pixelIndex, payload };
 start();

@@ -69,7 +69,7 @@ function drawSpeed(node) {
 function drawResiduals(node) {
   const at = pulses ? [...pulses.leg.keys()].filter((i) => pulses.leg[i] >= 0 && Number.isFinite(pulses.residual_ps[i])) : [];
   if (!at.length) { say(node, "The path carries no residuals."); return; }
-  if (residualsAs === "map" && camera) { drawResidualMap(node, at); return; }
+  if (residualsAs === "map" && payload.camera) { drawResidualMap(node, at); return; }
   if (at.length > 4000) { drawManyResiduals(node, at); return; }
   const errors = at.map((i) => pulses.std_ps[i]).sort((a, b) => a - b);
   const typical = errors[Math.floor(errors.length / 2)];
@@ -92,7 +92,7 @@ function drawResiduals(node) {
   if (node.removeAllListeners) node.removeAllListeners("plotly_hover");
   node.on("plotly_hover", (event) => {
     const i = [vague, precise, out][event.points[0].curveNumber][event.points[0].pointNumber];
-    selectPixel(pulses.row[i], pulses.col[i]);
+    if (eye === 0) selectPixel(pulses.row[i], pulses.col[i]);
   });
   addCursor(node, () => lengthAt(current().t));
 }
@@ -112,7 +112,8 @@ function drawManyResiduals(node, at) {
 }
 
 function drawResidualMap(node, at) {
-  const z = Array.from({ length: rows }, () => new Array(cols).fill(null));
+  const [height, width] = payload.camera.shape;
+  const z = Array.from({ length: height }, () => new Array(width).fill(null));
   for (const i of at) if (pulses.used[i]) z[pulses.row[i]][pulses.col[i]] = pulses.residual_ps[i];
   const sizes = z.flat().filter((v) => v !== null).map(Math.abs).sort((a, b) => a - b);
   const limit = sizes[Math.floor(0.95 * (sizes.length - 1))] || 1;
@@ -171,7 +172,7 @@ function indexHistograms() {
   const index = unpackTable(Object.fromEntries(["row", "col", "n", "start", "fit", "total"].map((k) => [k, payload.histograms[k]])));
   let at = 0;
   for (let i = 0; i < index.row.length; i += 1) {
-    pixelIndex.set(index.row[i] * cols + index.col[i], { at, n: index.n[i], start: index.start[i],
+    pixelIndex.set(index.row[i] * payload.camera.shape[1] + index.col[i], { at, n: index.n[i], start: index.start[i],
       fit: Array.from(index.fit.slice(4 * i, 4 * i + 4)), total: index.total[i] });
     at += index.n[i];
   }
@@ -197,8 +198,28 @@ async function showPixel(row, col) {
   if (blobWait) await blobWait;
   if (!pixelWanted || pixelWanted[0] !== row || pixelWanted[1] !== col) return;
   document.getElementById("pixel-title").textContent = `Pixel: row ${row}, column ${col}`;
+  if (eye !== 0) {
+    computedPixel(row, col);
+    return;
+  }
   pixelFacts(row, col);
   drawHistogram(row, col);
+}
+
+// A pixel of the second viewpoint: nobody recorded it, so it has times but no counts.
+function computedPixel(row, col) {
+  const facts = document.getElementById("pixel-facts");
+  facts.replaceChildren();
+  const fact = (name, text) => { element("dt", name, facts); element("dd", text, facts); };
+  let found = 0;
+  for (let i = 0; i < lights.row.length; i += 1) {
+    if (lights.row[i] !== row || lights.col[i] !== col) continue;
+    fact(`pulse on leg ${lights.leg[i] + 1}`, `event time ${show(lights.event_ps[i], 1, "ps")}`);
+    fact("arrival since vertex 0", show(lights.arrival_ps[i], 1, "ps"));
+    found += 1;
+  }
+  if (!found) fact("pulses", "none");
+  say(document.getElementById("pixel-plot"), "A computed view, for light scattered equally in all directions: no histograms.");
 }
 
 function pixelFacts(row, col) {

@@ -7,18 +7,17 @@ single precision is plenty for tables; vertices keep all their digits.
 
 from __future__ import annotations
 
-import base64
 import json
-import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from lightflight import flags as fl
 from lightflight.flight import Medium
 from lightflight.view.page.histograms import histogram_blob
+from lightflight.view.page.packing import camera_part, packed, plain
+from lightflight.view.page.second import second_view
 from lightflight.view.speed import apparent_speed_along
 from lightflight.view.trace import (
     Trace,
@@ -35,33 +34,6 @@ SCHEMA = 1
 
 TRACE_POINTS = 2000
 """Points along a path, all legs together, beyond the ends of the legs."""
-
-
-def packed(array: ArrayLike, kind: str) -> dict[str, Any]:
-    """An array as base64 of little-endian numbers: kind "f4", "f8", "u1", "u2", "u4" or "i4"."""
-    values = np.ascontiguousarray(np.asarray(array), dtype=f"<{kind}")
-    return {
-        "kind": kind,
-        "shape": list(values.shape),
-        "base64": base64.b64encode(values.tobytes()).decode("ascii"),
-    }
-
-
-def plain(value: Any) -> Any:
-    """Any metadata as JSON can hold it: arrays as lists, NaN and inf as null, the rest as text."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple | set | frozenset):
-        return [plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    return str(value)
 
 
 def json_for_html(payload: Any) -> str:
@@ -82,6 +54,7 @@ def payload_from_records(
     pulses: Any = None,
     arrivals: Any = None,
     title: str = "",
+    second_camera: Any = None,
 ) -> dict[str, Any]:
     """Everything the page shows, from a path and, where they are at hand, its recording and clock.
 
@@ -92,6 +65,12 @@ def payload_from_records(
     timing : TimingCalibration used.
     pulses, arrivals : fits of `hist`.
     title : heading; empty: one is made.
+    second_camera : Camera anywhere, whose view of the path is computed beside the first's.
+
+    Raises
+    ------
+    GeometryError
+        Where `second_camera` sees no part of the path.
     """
     truth = getattr(path, "truth", None)
     camera = getattr(path, "camera", None)
@@ -104,12 +83,13 @@ def payload_from_records(
         "path": _path_part(path, trace),
         "trace": _trace_part(path, trace),
         "truth": _truth_part(path, truth),
-        "camera": _camera_part(camera, path),
+        "camera": camera_part(camera, path),
         "pulses": _pulses_part(path, arrivals, trace),
         "flags": [[flag.value, flag.name, flag.meaning] for flag in fl.REGISTRY],
         "words": _words_part(path),
         "clock": _clock_part(timing),
         "histograms": None,
+        "second": None if second_camera is None else second_view(path, second_camera, trace),
         "missing": _missing(path, hist, arrivals, timing, truth),
     }
     if hist is not None:
@@ -192,22 +172,6 @@ def _truth_part(path: Any, truth: Any) -> dict[str, Any] | None:
         position, time = errors_of(path, truth)
         part["position_rms_mm"], part["time_rms_ps"] = plain(position), plain(time)
     return part
-
-
-def _camera_part(camera: Any, path: Any) -> dict[str, Any] | None:
-    if camera is None:
-        return None
-    from lightflight.view.solids import field_of_view
-
-    vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
-    finite = vertices[np.isfinite(vertices).all(axis=1)]
-    middle = finite.mean(axis=0) if len(finite) else camera.center_mm - camera.backward_axis
-    return {
-        "shape": list(camera.shape),
-        "center_mm": plain(np.asarray(camera.center_mm)),
-        "backward_axis": plain(np.asarray(camera.backward_axis)),
-        "field_mm": plain(field_of_view(camera, middle)),
-    }
 
 
 def _pulses_part(path: Any, arrivals: Any, trace: Trace) -> dict[str, Any] | None:

@@ -3,8 +3,9 @@
 const pictureNode = document.getElementById("picture");
 const lightCanvas = document.getElementById("picture-light");
 const lineCanvas = document.getElementById("picture-lines");
-const rows = camera ? camera.shape[0] : 0;
-const cols = camera ? camera.shape[1] : 0;
+let rows = camera ? camera.shape[0] : 0;
+let cols = camera ? camera.shape[1] : 0;
+let lights = pulses;
 let cursorPixel = null;
 let pictureBuffer = null;
 let brightest = 1;
@@ -25,23 +26,25 @@ function preparePicture() {
   pictureNode.style.aspectRatio = `${cols} / ${rows}`;
   lightCanvas.width = cols;
   lightCanvas.height = rows;
-  if (!pulses) return;
-  const photons = Array.from(pulses.photons).filter((x) => x > 0).sort((a, b) => a - b);
+  brightest = 1;
+  typicalWidth = path.pulse_fwhm_ps / 2.3548;
+  if (!lights) return;
+  const photons = Array.from(lights.photons).filter((x) => x > 0).sort((a, b) => a - b);
   brightest = photons.length ? photons[Math.floor(0.98 * (photons.length - 1))] : 1;
-  const widths = Array.from(pulses.width_ps).filter((x) => x > 0).sort((a, b) => a - b);
+  const widths = Array.from(lights.width_ps).filter((x) => x > 0).sort((a, b) => a - b);
   if (widths.length) typicalWidth = widths[Math.floor(widths.length / 2)];
 }
 
 // Light of every pixel at a moment of a clock, 0 … 1 of the brightest pixel's peak.
 function lightAt(clock, moment) {
   const light = new Float32Array(rows * cols);
-  if (!pulses) return light;
-  const when = clock === "event" ? pulses.event_ps : pulses.arrival_ps;
+  if (!lights) return light;
+  const when = clock === "event" ? lights.event_ps : lights.arrival_ps;
   for (let i = 0; i < when.length; i += 1) {
-    const z = (moment - when[i]) / (pulses.width_ps[i] > 0 ? pulses.width_ps[i] : typicalWidth);
+    const z = (moment - when[i]) / (lights.width_ps[i] > 0 ? lights.width_ps[i] : typicalWidth);
     if (z > 4 || z < -4 || Number.isNaN(z)) continue;
-    const strength = pulses.photons[i] > 0 ? pulses.photons[i] / brightest : 0.5;
-    light[pulses.row[i] * cols + pulses.col[i]] += strength * Math.exp(-0.5 * z * z);
+    const strength = lights.photons[i] > 0 ? lights.photons[i] / brightest : 0.5;
+    light[lights.row[i] * cols + lights.col[i]] += strength * Math.exp(-0.5 * z * z);
   }
   return light;
 }
@@ -58,9 +61,9 @@ function drawPicture(now) {
     image.data.set(base, 4 * p);
     image.data[4 * p + 3] = 255;
   }
-  if (pulses) {
-    for (let i = 0; i < pulses.row.length; i += 1) {
-      image.data.set(hint, 4 * (pulses.row[i] * cols + pulses.col[i]));
+  if (lights) {
+    for (let i = 0; i < lights.row.length; i += 1) {
+      image.data.set(hint, 4 * (lights.row[i] * cols + lights.col[i]));
     }
   }
   for (let p = 0; p < rows * cols; p += 1) {
@@ -152,4 +155,30 @@ function preparePictureEvents() {
     const from = cursorPixel || [Math.floor(rows / 2), Math.floor(cols / 2)];
     selectPixel(from[0] + step[0], from[1] + step[1]);
   });
+}
+
+// --- a second viewpoint: what another camera would see of the same path --------------------------
+
+const eyes = [{ camera, first: path.first_arrival_ps, lights: pulses,
+  trace: Object.fromEntries(["arrival_ps", "pixel", "in_view", "apparent_speed"].map((k) => [k, trace[k]])) }];
+if (payload.second) {
+  eyes.push({ camera: payload.second.camera, first: payload.second.first_arrival_ps,
+    lights: unpackTable(payload.second.lights), trace: unpackTable(payload.second.trace) });
+}
+let eye = 0;
+
+// The event stays the same; everything that depends on who looks changes. The caller redraws.
+function useEye(number) {
+  eye = number;
+  const chosen = eyes[eye];
+  camera = chosen.camera;
+  lights = chosen.lights;
+  path.first_arrival_ps = chosen.first;
+  Object.assign(trace, chosen.trace);
+  hasArrival = Boolean(camera) && nLegs > 0 && path.first_arrival_ps !== null;
+  arrivalEnd = hasArrival ? arrivalFromEvent(eventEnd) : 0;
+  rows = camera ? camera.shape[0] : 0;
+  cols = camera ? camera.shape[1] : 0;
+  cursorPixel = null;
+  preparePicture();
 }

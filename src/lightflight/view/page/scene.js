@@ -125,7 +125,7 @@ function paddedBox(points, share) {
 const pathPoints = vertices.concat(payload.truth ? payload.truth.vertices_mm : []);
 const boxes = {
   path: paddedBox(pathPoints, 0.24),
-  scene: paddedBox(pathPoints.concat(camera ? [camera.center_mm, ...camera.field_mm] : []), 0.12),
+  scene: paddedBox(pathPoints.concat([payload.camera, payload.second && payload.second.camera].flatMap((c) => (c ? [c.center_mm, ...c.field_mm] : []))), 0.12),
 };
 const sizeOf = (box) => Math.max(...box.map(([a, b]) => b - a));
 
@@ -175,7 +175,7 @@ function buildTraces() {
     out.push(lineTrace(rays, { line: { color: color("arrival"), width: 1.5 }, opacity: 0.4 }));
     out.push(lineTrace(camera.field_mm, { line: { color: color("arrival"), width: 2.5 }, opacity: 0.6 }));
     out.push({ type: "scatter3d", mode: "markers+text", x: [camera.center_mm[0]], y: [camera.center_mm[1]],
-      z: [camera.center_mm[2]], text: ["camera"], textposition: "top center", hoverinfo: "skip",
+      z: [camera.center_mm[2]], text: [eye === 0 ? "camera" : "second camera"], textposition: "top center", hoverinfo: "skip",
       textfont: { color: color("ink"), size: 12 }, showlegend: false,
       marker: { symbol: "square", size: 6, color: color("ink") } });
   }
