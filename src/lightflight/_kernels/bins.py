@@ -11,17 +11,17 @@ import math
 
 import numpy as np
 
-from lightflight._kernels.jit import jit
+from lightflight._kernels.jit import jit_inlined, jit_lent
 
 
-@jit
+@jit_lent
 def put(source, n, target):
     """Copy the first n values (compiles in a tenth of the time of a slice assignment)."""
     for i in range(n):
         target[i] = source[i]
 
 
-@jit
+@jit_lent
 def bins_from_codes(lower, upper, period, edges, exposure, codes):
     """Bins of one pixel in ascending time; returns how many, 0 where no code has a width.
 
@@ -56,7 +56,7 @@ def bins_from_codes(lower, upper, period, edges, exposure, codes):
     return n
 
 
-@jit
+@jit_lent
 def copy_counts(source, values):
     """Copy integers (or floats); returns their sum."""
     total = 0
@@ -66,7 +66,7 @@ def copy_counts(source, values):
     return total
 
 
-@jit
+@jit_inlined
 def take_counts(counts, codes, n, values):
     """Counts of the bins, into `values`; returns their sum."""
     first, after = codes[0], codes[n - 1]
@@ -86,7 +86,7 @@ def take_counts(counts, codes, n, values):
     return total
 
 
-@jit
+@jit_lent
 def reverse(values):
     """Turn the order around; returns the sum."""
     total, last = 0, values.size - 1
@@ -97,7 +97,7 @@ def reverse(values):
     return total
 
 
-@jit
+@jit_lent
 def log_excess(inside, total, expected):
     """Chernoff's bound: counts in a window this high by chance have probability <= exp(-value).
 
@@ -111,7 +111,7 @@ def log_excess(inside, total, expected):
     return value
 
 
-@jit
+@jit_lent
 def log_excess_over(inside, expected):
     """Chernoff's bound where `expected` counts are due whatever the total: see `log_excess`."""
     if inside <= expected:
@@ -119,14 +119,14 @@ def log_excess_over(inside, expected):
     return inside * math.log(inside / expected) - (inside - expected)
 
 
-@jit
+@jit_inlined
 def wrap_tail(values, n, reach):
     """Repeat the first bins behind the last, up to `reach` in all: windows across the fold."""
     if reach > n:
         copy_counts(values[: reach - n], values[n:reach])
 
 
-@jit
+@jit_lent
 def accumulate(values, n, reach, sums):
     """Running sums over the bins, and on over those behind the fold."""
     sums[0] = 0.0
@@ -134,7 +134,7 @@ def accumulate(values, n, reach, sums):
         sums[i + 1] = sums[i] + values[i if i < n else i - n]
 
 
-@jit
+@jit_lent
 def even_width(exposure, n):
     """Exposure of a bin where all but a few smaller ones have the same; else 0."""
     widest, smaller = 0.0, 0
@@ -145,7 +145,7 @@ def even_width(exposure, n):
     return widest if smaller <= 3 else 0.0
 
 
-@jit
+@jit_lent
 def edge_at(edges, n, period, i):
     """Edge i, counted on beyond the fold and before the first."""
     if i > n:
@@ -155,7 +155,7 @@ def edge_at(edges, n, period, i):
     return edges[i]
 
 
-@jit
+@jit_lent
 def add_arrays(left, right, both):
     """Sum of two arrays (slices, so that the loop becomes vector instructions); its largest."""
     best = left[0]
@@ -165,7 +165,7 @@ def add_arrays(left, right, both):
     return best
 
 
-@jit
+@jit_lent
 def largest(values):
     """Largest of at least one value."""
     best = values[0]
@@ -175,7 +175,7 @@ def largest(values):
     return best
 
 
-@jit
+@jit_lent
 def index_of(values, wanted):
     """Index of the first value that equals `wanted`."""
     for start in range(0, values.size, 64):
@@ -187,7 +187,7 @@ def index_of(values, wanted):
     return 0
 
 
-@jit
+@jit_lent
 def best_window(sums, count, length, covered, due, total, best):
     """Update best (log excess, first bin, length) with windows of one length."""
     for i in range(count):
@@ -202,7 +202,7 @@ def best_window(sums, count, length, covered, due, total, best):
                 best[0], best[1], best[2] = value, i, length
 
 
-@jit
+@jit_inlined
 def scan_for_pulse(levels, n, reach, covered, even, double_code, total, best):
     """Find the window of bins whose counts chance explains least.
 
@@ -244,7 +244,7 @@ def scan_for_pulse(levels, n, reach, covered, even, double_code, total, best):
     best[0] -= math.log(n * tried)
 
 
-@jit
+@jit_lent
 def residual_level(std, bin_width, n):
     """Level of sums (2^level bins) in which a scan for another pulse of this std looks."""
     level, length = 0, 1.0
@@ -254,7 +254,7 @@ def residual_level(std, bin_width, n):
     return level
 
 
-@jit
+@jit_inlined
 def start_from_window(values, edges, exposure, n, period, total, covered, first, length, theta):
     """Rough centre, photons, std, background (into theta) around the window a scan found.
 
@@ -290,7 +290,7 @@ def start_from_window(values, edges, exposure, n, period, total, covered, first,
     theta[3] = background
 
 
-@jit
+@jit_lent
 def load_window(bins, n, period, low, high, window):
     """Copy the bins that overlap [low, high), unfolded around it; returns how many."""
     counts, edges, exposure = bins

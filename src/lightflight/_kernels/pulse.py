@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from lightflight._kernels.bins import load_window, put
-from lightflight._kernels.jit import jit
+from lightflight._kernels.jit import jit, jit_lent
 
 INV_SQRT_2 = math.sqrt(0.5)
 INV_SQRT_2PI = 1.0 / math.sqrt(2.0 * math.pi)
@@ -23,7 +23,7 @@ GOOD_ENOUGH = 1e-3  # and take it, out of steps, below this (a background that c
 MIN_EXPECTED = 0.01  # bins expected to hold fewer counts say nothing about goodness of fit
 
 
-@jit
+@jit_lent
 def load_around(bins, n, period, theta, n_pulses, reach, window, outside):
     """Load the window that holds every pulse out to `reach` std; sum what lies outside it.
 
@@ -49,7 +49,7 @@ def load_around(bins, n, period, theta, n_pulses, reach, window, outside):
     return m
 
 
-@jit
+@jit_lent
 def bin_model(theta, n_pulses, low, high, width, sampled, slope):
     """Expected counts of one bin and their derivatives by theta (into `slope`).
 
@@ -81,7 +81,7 @@ def bin_model(theta, n_pulses, low, high, width, sampled, slope):
     return expected
 
 
-@jit
+@jit_lent
 def evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info):
     """Objective (larger is better), its gradient and expected information at theta.
 
@@ -125,7 +125,7 @@ def evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info):
     return objective
 
 
-@jit
+@jit_lent
 def factorise(info, free, size, damping, scale, factor):
     """Cholesky factor of the scaled information of the free parameters; False if singular.
 
@@ -153,7 +153,7 @@ def factorise(info, free, size, damping, scale, factor):
     return True
 
 
-@jit
+@jit_lent
 def solve(factor, scale, free, size, right, solution):
     """Solve information @ solution = right with the factor from `factorise`."""
     for a in range(size):
@@ -171,7 +171,7 @@ def solve(factor, scale, free, size, right, solution):
         solution[a] = solution[a] * scale[a] if free[a] else 0.0
 
 
-@jit
+@jit_lent
 def limited_step(theta, step, n_pulses, bounds, trial):
     """Take a step: std at most doubles or halves, photons shrink to a third, centres move 2 std."""
     min_std, max_std, min_background = bounds
@@ -186,7 +186,7 @@ def limited_step(theta, step, n_pulses, bounds, trial):
     trial[2 * n_pulses + 1] = max(background, min_background)
 
 
-@jit
+@jit_lent
 def free_parameters(theta, grad, n_pulses, bounds, fit_std, free):
     """Mark the free parameters: those at a bound and pushed against it are not."""
     min_std, max_std, min_background = bounds
@@ -202,7 +202,7 @@ def free_parameters(theta, grad, n_pulses, bounds, fit_std, free):
         free[size - 1] = False
 
 
-@jit
+@jit_lent
 def bounds_of(bins, n, period, model):
     """(smallest std, largest std, smallest background) a fit of these bins may reach.
 
@@ -220,7 +220,7 @@ def bounds_of(bins, n, period, model):
     return 0.1 * all_exposure / n_live, 0.5 * span, floor
 
 
-@jit
+@jit_lent
 def fit_bins(bins, n, period, theta, n_pulses, model, fit_std, window, scratch, outcome):
     """Damped Fisher scoring from the start in `theta`, which it replaces.
 
@@ -277,7 +277,7 @@ def fit_bins(bins, n, period, theta, n_pulses, model, fit_std, window, scratch, 
     return m
 
 
-@jit
+@jit_lent
 def window_holds(theta, n_pulses, window, m):
     """True where the loaded window holds every pulse out to REACH std."""
     reach = REACH * theta[2 * n_pulses]
@@ -287,7 +287,7 @@ def window_holds(theta, n_pulses, window, m):
     return True
 
 
-@jit
+@jit_lent
 def normal_from_chi2(chi2, expected, variance):
     """Standard normal deviate as unlikely as a chi2 of given mean and variance.
 
@@ -299,7 +299,7 @@ def normal_from_chi2(chi2, expected, variance):
     return ((chi2 / expected) ** (1.0 / 3.0) - (1.0 - narrow)) / math.sqrt(narrow)
 
 
-@jit
+@jit_lent
 def describe_fit(bins, n, theta, n_pulses, model, window, m, scratch, summary):
     """Goodness of fit, and the share of the pulses the live bins could record.
 
@@ -344,7 +344,7 @@ def describe_fit(bins, n, theta, n_pulses, model, window, m, scratch, summary):
         summary[3] = min(summary[3], held[j])
 
 
-@jit
+@jit_lent
 def outside_chi2(bins, n, window, m, background):
     """Pearson chi2 of the bins beyond the window; their number, exposure, sum of 1 / exposure."""
     squares, total, exposed, inverse, n_live = 0.0, 0.0, 0.0, 0.0, 0
@@ -362,7 +362,7 @@ def outside_chi2(bins, n, window, m, background):
     return chi2, n_live, exposed, inverse
 
 
-@jit
+@jit_lent
 def sandwich(bread, meat, size, factor, spare):
     """Bread becomes factor * bread @ meat @ bread, all symmetric."""
     for a in range(size):
@@ -381,7 +381,7 @@ def sandwich(bread, meat, size, factor, spare):
             bread[b, a] = bread[a, b]
 
 
-@jit
+@jit_lent
 def covariance_of_fit(theta, n_pulses, model, whole_exposure, window, m, scratch, covariance):
     """Covariance of theta (into `covariance`); False where the information is singular.
 

@@ -13,12 +13,11 @@ import numpy as np
 
 from lightflight._kernels import pulse_lanes as lane
 from lightflight._kernels.bins import largest, log_excess_over, residual_level
-from lightflight._kernels.jit import jit, jit_reordered
+from lightflight._kernels.jit import jit, jit_inlined, jit_lent, jit_reordered
 from lightflight._kernels.pulse import MIN_EXPECTED, normal_from_chi2
 from lightflight._kernels.pulse_lanes import LANES, MAX_BINS, MOST_STEPS, step_lanes
 
-LOAD_REACH = 7.0  # std of the start that a window must hold on either side ...
-HOLD_REACH = 6.0  # ... and of the fit, for the pulse to be nothing (1e-9) beyond
+SPARE_REACH = 1.0  # std that a window has on either side beyond the pulse of the start
 SETTLED = 1e-4  # squared length of the last step, in standard errors
 ALONE = 3.0  # residuals further than this many std from the pulse may be another one
 SUSPICIOUS = 12.0  # chi2 of such bins from which they are looked at
@@ -40,13 +39,19 @@ def new_conveyor():
     return lane.new_lanes(), kept, np.empty(MAX_BINS + 1)
 
 
-@jit
+@jit_inlined
 def free_slot(conveyor):
     """A lane with nothing in it, or -1."""
     for slot in range(LANES):
         if conveyor[1][PIXEL, slot] == FREE:
             return slot
     return -1
+
+
+@jit_inlined
+def reach_of(photons):
+    """Std on either side of its centre beyond which a pulse holds less than 1e-3 photons."""
+    return math.sqrt(2.0 * math.log(1.0 + 100.0 * max(photons, 0.0)))
 
 
 @jit_reordered
@@ -58,7 +63,7 @@ def sum_of_squares(values, inverse):
     return total
 
 
-@jit
+@jit_inlined
 def excess_outside(sums, n, low, high, length, covered, even, background):
     """Largest log excess over the background of windows outside bins [low, high).
 
@@ -84,7 +89,7 @@ def excess_outside(sums, n, low, high, length, covered, even, background):
     return best
 
 
-@jit
+@jit_inlined
 def window_of(theta, near, edges, n, period):
     """Bins (low, high) that a pulse like theta needs; (0, 0) where lanes cannot hold them.
 
@@ -100,7 +105,8 @@ def window_of(theta, near, edges, n, period):
         low += 1
     high = low + 1
     noise = math.sqrt(photons + 6.0 * background * std) / photons
-    reach = LOAD_REACH * std * (1.0 + 2.5 * noise)  # a noisy start may have to widen
+    # a noisy start may have to widen
+    reach = (reach_of(photons) + SPARE_REACH) * std * (1.0 + 2.5 * noise)
     while low > 0 and edges[low] > centre - reach:
         low -= 1
     while high < n and edges[high] < centre + reach:
@@ -110,7 +116,7 @@ def window_of(theta, near, edges, n, period):
     return low, high
 
 
-@jit
+@jit_inlined
 def load_lane(conveyor, pixel, theta, low, high, row, double_code, dark):
     """Put bins [low, high) of a pixel, and a start, into a free lane.
 
@@ -156,13 +162,13 @@ def load_lane(conveyor, pixel, theta, low, high, row, double_code, dark):
     )
 
 
-@jit
+@jit_inlined
 def is_good(conveyor, slot):
     """True where a lane holds a converged fit of a pulse well inside its window."""
     (file, w_edges, _, _, _), kept, _ = conveyor
     centre, std = file[lane.CENTRE + slot], file[lane.STD + slot]
     first, last = w_edges[slot], w_edges[int(kept[BINS, slot]) * LANES + slot]
-    reach = HOLD_REACH * std
+    reach = reach_of(file[lane.PHOTONS + slot]) * std
     settled = file[lane.LENGTH2 + slot] < SETTLED and std > 2.0 * kept[MIN_STD, slot]
     holds_low = kept[LOW_CUT, slot] == 1.0 or centre - reach >= first
     holds_high = kept[HIGH_CUT, slot] == 1.0 or centre + reach <= last
@@ -171,7 +177,7 @@ def is_good(conveyor, slot):
     return settled and holds_low and holds_high and certain and first < centre < last
 
 
-@jit
+@jit_inlined
 def read_lane(conveyor, slot, values, covariance, table):
     """Fit of a lane into its rows of the results; see `pulse_tile.fit_tile`."""
     (file, _, _, _, _), kept, _ = conveyor
@@ -210,7 +216,7 @@ def read_lane(conveyor, slot, values, covariance, table):
     table[8] = residual - math.log(kept[N_ALL, slot])
 
 
-@jit
+@jit_lent
 def residual_in_lane(conveyor, slot):
     """Largest log excess over the fit of windows in a lane that are ALONE std from the pulse."""
     (file, w_edges, w_counts, w_widths, means), kept, running = conveyor
@@ -234,7 +240,7 @@ def residual_in_lane(conveyor, slot):
     return best
 
 
-@jit
+@jit_lent
 def run_conveyor(conveyor, drain, values, covariances, table, left, n_left):
     """Step the lanes until one is free (drain: until all are); returns how many are left over.
 

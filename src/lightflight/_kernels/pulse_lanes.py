@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from lightflight._kernels.jit import jit
+from lightflight._kernels.jit import jit, jit_lent
 
 LANES = 16
 MAX_BINS = 48
@@ -55,7 +55,7 @@ _M0, _M1, _M2, _M3, _M4, _M5, _M6, _M7 = (
 )  # fmt: skip
 
 
-@jit
+@jit_lent
 def normal_pdf_tail(z):
     """Density phi(z) and tail 1 - Phi(|z|) of the standard normal, for |z| <= 8.5.
 
@@ -76,7 +76,7 @@ def normal_pdf_tail(z):
     return pdf, pdf * mills
 
 
-@jit
+@jit_lent
 def start_pass(f):
     """Clear the sums; terms of the first edge; what the bins outside the window contribute."""
     for i in range(LANES):
@@ -99,7 +99,7 @@ def start_pass(f):
         f[RICH_CHI2 + i] = f[N_RICH + i] = f[RICH_VARIANCE + i] = _ZERO
 
 
-@jit
+@jit_lent
 def add_bin(f):
     """Add the bin that ends at EDGE, with COUNT counts and WIDTH of exposure, to all sums."""
     for i in range(LANES):
@@ -147,10 +147,11 @@ def add_bin(f):
         f[N_RICH + i] += rich
         f[RICH_VARIANCE + i] += (_TWO + weight) * rich
         far = live if abs(z + before) > _TWO * _FAR else _ZERO
-        f[FAR_CHI2 + i] += far * off * off / (mean + _SOFT)
+        excess = max(off, _ZERO)
+        f[FAR_CHI2 + i] += far * excess * excess / (mean + _SOFT)
 
 
-@jit
+@jit_lent
 def invert_information(f):
     """Set V to the inverse of the 4 x 4 information F, by its factors L D L^T.
 
@@ -187,7 +188,7 @@ def invert_information(f):
         f[V_BB + i] = d3
 
 
-@jit
+@jit_lent
 def take_step(f):
     """Step V G, limited; LENGTH2 is its squared length in standard errors (inf if limited)."""
     for i in range(LANES):
@@ -209,14 +210,14 @@ def take_step(f):
         f[BACKGROUND + i] = max(background + db, f[FLOOR + i])
 
 
-@jit
+@jit_lent
 def put_row(f, row, source, start):
     """One row of the lane file from a larger array."""
     for i in range(LANES):
         f[row + i] = source[start + i]
 
 
-@jit
+@jit_lent
 def step_lanes(lanes, n_bins):
     """One Fisher scoring step of every lane, over windows of up to n_bins bins.
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from lightflight._kernels.bins import accumulate, edge_at, log_excess_over, put, residual_level
-from lightflight._kernels.jit import jit
+from lightflight._kernels.jit import jit, jit_lent
 from lightflight._kernels.pulse import REACH, bin_model, fit_bins
 
 APART = 1.5  # centres closer than this many std are one pulse
@@ -24,7 +24,7 @@ SAME = 1.12  # and its parts are as wide as one to within this
 VALLEY = 5.0  # log-likelihood by which a valley must be better than a slope
 
 
-@jit
+@jit_lent
 def wrapped(difference, period):
     """Time difference moved into [-period/2, period/2)."""
     if period == math.inf:
@@ -32,7 +32,7 @@ def wrapped(difference, period):
     return difference - period * math.floor(difference / period + 0.5)
 
 
-@jit
+@jit_lent
 def expected_counts(bins, n, period, theta, n_pulses, one, slope, expected):
     """Counts that theta expects in every bin, over the whole range. `one`: room for a theta."""
     _, edges, exposure = bins
@@ -51,7 +51,7 @@ def expected_counts(bins, n, period, theta, n_pulses, one, slope, expected):
                 expected[k] += theta[n_pulses + j] * share
 
 
-@jit
+@jit_lent
 def residual_scan(bins, n, period, theta, n_pulses, near, std, double_code, sums, scratch, best):
     """Window of a pulse's length (2.5 std) with the excess over theta that chance explains least.
 
@@ -81,7 +81,7 @@ def residual_scan(bins, n, period, theta, n_pulses, near, std, double_code, sums
                 best[0], best[1], best[2] = value, middle, inside - due
 
 
-@jit
+@jit_lent
 def closest_pulse(time, theta, n_pulses, period):
     """Distance to the nearest centre."""
     closest = math.inf
@@ -90,7 +90,7 @@ def closest_pulse(time, theta, n_pulses, period):
     return closest
 
 
-@jit
+@jit_lent
 def counts_between(window, m, low, high):
     """Counts and exposure of the bins whose middles lie in [low, high); of the nearest if none."""
     counts, edges, exposure = window
@@ -108,7 +108,7 @@ def counts_between(window, m, low, high):
     return counts[nearest], exposure[nearest]
 
 
-@jit
+@jit_lent
 def valley_between(window, m, left, right, weaker, std):
     """Log-likelihood by which the counts between two centres lie below those of the weaker pulse.
 
@@ -131,7 +131,7 @@ def valley_between(window, m, left, right, weaker, std):
     return gain
 
 
-@jit
+@jit_lent
 def stands_apart(theta, n_pulses, std_before, typical_std, window, m):
     """True where the pulses are separate ones, not the parts of one pulse of another shape."""
     std = theta[2 * n_pulses]
@@ -161,7 +161,7 @@ def stands_apart(theta, n_pulses, std_before, typical_std, window, m):
     return True
 
 
-@jit
+@jit_lent
 def with_one_more(theta, n_pulses, time, photons, std, period, trial):
     """Start of a fit with a further pulse: theta, the new pulse in the same period, std."""
     for j in range(n_pulses):
@@ -173,7 +173,7 @@ def with_one_more(theta, n_pulses, time, photons, std, period, trial):
     trial[2 * n_pulses + 3] = theta[2 * n_pulses + 1]
 
 
-@jit
+@jit_lent
 def best_with_one_more(
     bins, n, period, theta, n_pulses, typical_std, double_code, model, work, best_theta
 ):

@@ -19,7 +19,7 @@ from lightflight._kernels.bins import (
     take_counts,
     wrap_tail,
 )
-from lightflight._kernels.jit import jit
+from lightflight._kernels.jit import jit, jit_lent
 from lightflight._kernels.pulse import (
     bounds_of,
     covariance_of_fit,
@@ -62,7 +62,7 @@ def new_row(counts):
     )
 
 
-@jit
+@jit_lent
 def lay_out(row, lower, upper, period):
     """Bins of a pixel into the row; returns (bins, bins with the tail behind the fold, even)."""
     _, edges, exposure, inverse, covered, codes = row
@@ -78,7 +78,7 @@ def lay_out(row, lower, upper, period):
     return n, reach, even_width(exposure, n)
 
 
-@jit
+@jit_lent
 def fit_alone(row, n, period, start, dark, double_code, model, room, values, covariance, columns):
     """Fit one pixel by the general kernel from `start`, and fill its rows of the results."""
     levels, edges, exposure, _, covered, _ = row
@@ -112,7 +112,7 @@ def fit_alone(row, n, period, start, dark, double_code, model, room, values, cov
         columns[RESIDUAL] = best[0] - math.log(n)
 
 
-@jit
+@jit_lent
 def swap_photons_and_std(covariance):
     """From the kernel's order (centre, photons, std, background) to that of the table."""
     for a in range(4):
@@ -155,9 +155,25 @@ def fit_tile(
     its deviate, share of the pulse in live bins, 1 where std is not at a bound, log excess of the
     residuals far from the pulse. What has no meaning is left alone (NaN, given such).
     """
-    row = new_row(counts)
+    room = (new_row(counts), (new_conveyor(), new_conveyor()), np.empty(3))
+    return int(
+        fit_in_lanes(
+            counts, lower, upper, period, todo, double_code, (dark_counts, dark_ratio), log_alarms,
+            model, starts, left, (values, covariances, table), room,
+        )
+    )  # fmt: skip
+
+
+@jit_lent
+def fit_in_lanes(
+    counts, lower, upper, period, todo, double_code, dark_recording, log_alarms, model, starts,
+    left, results, room,
+):  # fmt: skip
+    """`fit_tile` with the arrays it works in: room is (row, (two conveyors), (3,))."""
+    row, conveyors, best = room
+    values, covariances, table = results
+    dark_counts, dark_ratio = dark_recording
     levels, edges, exposure, inverse, covered, codes = row
-    conveyors, best = (new_conveyor(), new_conveyor()), np.empty(3)
     # no literals for `run_conveyor`, see `fit_alone`
     n_left, keep_going, drain = np.int64(0), np.bool_(False), np.bool_(True)
     fits = table[:, N_PULSES:]
@@ -198,7 +214,7 @@ def fit_tile(
             n_left += 1
     for conveyor in conveyors:
         n_left = run_conveyor(conveyor, drain, values, covariances, fits, left, n_left)
-    return int(n_left)
+    return n_left
 
 
 @jit

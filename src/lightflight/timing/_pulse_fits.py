@@ -150,6 +150,8 @@ def scannable(counts: NDArray[Any]) -> NDArray[Any]:
     # of counts costs the compilation of a second kernel.
     if counts.dtype.itemsize > 2 and int(counts.sum(axis=1, dtype=np.int64).max()) >= 2**31:
         return counts.astype(np.float64)
+    if counts.dtype.itemsize == 4 and counts.flags.c_contiguous:
+        return counts.view(np.int32)  # no count is so large that this would change it
     return counts.astype(np.int32)
 
 
@@ -241,10 +243,8 @@ def _fit_singles(
 
 
 def _rows(pixel: NDArray[np.int64], values: Floats, covariance: Floats, table: Floats) -> Fits:
-    std_of = np.empty_like(values)
     with np.errstate(invalid="ignore"):
-        for i in range(4):
-            np.sqrt(covariance[:, i, i], out=std_of[:, i])
+        std_of = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     fits = Fits(pixel, values, covariance, table, std_of, math.nan)
     return replace(fits, typical_std=typical_std_of(fits))
 

@@ -204,17 +204,18 @@ def _mask_to_fit(hist: Histograms, exclude_mask: ArrayLike | None) -> NDArray[np
 def _pulses_from_fits(
     fits: Fits, flags: NDArray[np.uint32], hist: Histograms, clock: Clock, method: str
 ) -> Pulses:
-    """The table of pulses: NaN where there is none, delays folded into one period."""
+    """The table of pulses, delays folded into one period."""
     rows, cols = np.divmod(fits.pixel, hist.shape[1])
-    values, covariance = fits.values.copy(), fits.covariance.copy()
-    nothing = ~(fits.column(N_PULSES) > 0)
-    values[nothing, :3] = np.nan
-    covariance[nothing] = np.nan
+    values, covariance = fits.values, fits.covariance
     delay = values[:, 0]
     if math.isfinite(clock.period):
         delay = np.mod(delay, clock.period)
         delay = np.where(delay >= clock.period, 0.0, delay)
-    first = np.searchsorted(fits.pixel, fits.pixel)
+    number = np.arange(len(fits.pixel))
+    if len(fits.pixel) > len(fits.table):
+        number -= np.searchsorted(fits.pixel, fits.pixel)
+    else:
+        number[:] = 0
     n_pulses = np.nan_to_num(fits.table[:, N_PULSES])
     dof = np.nan_to_num(fits.table[:, CHI2_BINS]) - (2 * n_pulses + 2)
     return Pulses(
@@ -228,7 +229,7 @@ def _pulses_from_fits(
         chi2=fits.column(CHI2).copy(),
         dof=np.maximum(dof, 0).astype(np.int64)[fits.pixel],
         flags=flags,
-        pulse_index=(np.arange(len(fits.pixel)) - first).astype(np.int32),
+        pulse_index=number.astype(np.int32),
         shape=hist.shape,
         laser_period_ps=clock.period if math.isfinite(clock.period) else None,
         method=method if hist.poisson else "least_squares",
