@@ -10,6 +10,7 @@ import click
 
 from lightflight._version import __version__
 from lightflight.cli import (
+    batch,
     calibrate,
     demo,
     export,
@@ -55,5 +56,9 @@ def main() -> None:
     """
 
 
-for _module in (demo, simulate, info, calibrate, reconstruct, view, movie, plot, export, versions):
+_COMMANDS = (
+    demo, simulate, info, calibrate, reconstruct, batch, view, movie, plot, export, versions,
+)  # fmt: skip
+
+for _module in _COMMANDS:
     main.add_command(_module.command)

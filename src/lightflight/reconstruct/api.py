@@ -95,7 +95,7 @@ def reconstruct(
     repeats = [hist] if not isinstance(hist, Sequence) else list(hist)
     source = Source() if source is None else source
     medium = Medium() if medium is None else medium
-    camera = _checked_call(repeats, camera, source, method, n_legs, exclude_mask)
+    camera = checked_call(repeats, camera, source, method, n_legs, exclude_mask)
     setting = Setting(camera, source, medium, checked_waypoints(waypoints, n_legs))
     observations = [
         observe(
@@ -108,6 +108,21 @@ def reconstruct(
         )
         for h in repeats
     ]
+    return path_from_observations(
+        observations, setting, timing=timing, method=method, n_legs=n_legs, start=start
+    )
+
+
+def path_from_observations(
+    observations: list[Observation],
+    setting: Setting,
+    *,
+    timing: TimingCalibration | None,
+    method: str = "joint",
+    n_legs: int | None = None,
+    start: LightPath | ArrayLike | None = None,
+) -> LightPath:
+    """Path from recordings whose pulses are found; parameters and errors as in `reconstruct`."""
     if method == "paper":
         from lightflight.reconstruct.paper import paper_path
 
@@ -187,7 +202,7 @@ def _pooled_path(
             break
         coarse = replace(setting, camera=pooled_camera(setting.camera, factor))
         try:
-            pooled = [_unwrapped(pooled_observation(whole, factor), coarse)]
+            pooled = [unwrapped_observation(pooled_observation(whole, factor), coarse)]
             path = _joint_path(pooled, coarse, timing=timing, n_legs=n_legs, start=None)
         except (GeometryError, NothingFoundError, CalibrationError) as found:
             problem = found
@@ -200,7 +215,7 @@ def _pooled_path(
     ) from problem
 
 
-def _unwrapped(observation: Observation, setting: Setting) -> Observation:
+def unwrapped_observation(observation: Observation, setting: Setting) -> Observation:
     """The observation with arrivals folded to where light can come from."""
     times = unwrapped_arrivals(
         observation.arrivals.arrival_ps,
@@ -212,7 +227,7 @@ def _unwrapped(observation: Observation, setting: Setting) -> Observation:
     )
 
 
-def _checked_call(
+def checked_call(
     repeats: list[Any],
     camera: Camera | None,
     source: Source,
@@ -279,17 +294,7 @@ def observe(
     least_squares: bool,
 ) -> Observation:
     """Pulses of one recording on the clock, unwrapped."""
-    if timing is None:
-        warnings.warn(
-            "no timing calibration: nominal codes are used, which costs a few ps per pixel, and "
-            "the whole delay between pixels where it was never measured; give timing=",
-            UncalibratedWarning,
-            stacklevel=3,
-        )
-        clock = TimingCalibration.nominal(hist)
-    else:
-        clock = timing
-        clock.check_matches(hist)
+    clock = clock_or_nominal(hist, timing)
     arrivals = find_arrivals(
         hist,
         timing=clock,
@@ -299,9 +304,23 @@ def observe(
         method="least_squares" if least_squares else "likelihood",
         max_pulses=1 if least_squares else 3,
     )
-    return _unwrapped(
+    return unwrapped_observation(
         Observation(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals)), setting
     )
+
+
+def clock_or_nominal(hist: Histograms, timing: TimingCalibration | None) -> TimingCalibration:
+    """The calibration, if it fits the recording; else the nominal clock, with a warning."""
+    if timing is not None:
+        timing.check_matches(hist)
+        return timing
+    warnings.warn(
+        "no timing calibration: nominal codes are used, which costs a few ps per pixel, and "
+        "the whole delay between pixels where it was never measured; give timing=",
+        UncalibratedWarning,
+        stacklevel=4,
+    )
+    return TimingCalibration.nominal(hist)
 
 
 def earliest_arrival_ps(setting: Setting) -> float | None:

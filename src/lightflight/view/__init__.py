@@ -8,6 +8,7 @@ Figures take records and Axes (or make a Figure) and return it:
 - `draw_camera_picture`, `draw_pixel_histogram`, `pixel_cases_figure` (paper Fig. 2b, 2c);
 - `calibration_figure` and its parts `draw_gain_map`, `draw_phases`, `draw_delay_map`,
   `draw_response_widths`, `draw_bad_pixels`;
+- `campaign_figure` and its parts `draw_set_points`, `draw_set_point_errors`, `draw_repeat_pulls`;
 - `demo_figure`: one page about one reconstruction; `fiber_figure`: without a metric scale.
 
 Pages and films: `write_page`, `write_campaign`; `write_movie`, `write_recording_movie`; `observe`
@@ -25,6 +26,7 @@ _MODULE_FROM_NAME = {
     "Viewpoint": "projection",
     "camera_towards": "observation",
     "calibration_figure": "figures_calibration",
+    "campaign_figure": "figures_campaign",
     "demo_figure": "figures_demo",
     "draw_bad_pixels": "figures_calibration",
     "draw_camera_picture": "figures_camera",
@@ -35,9 +37,12 @@ _MODULE_FROM_NAME = {
     "draw_phases": "figures_calibration",
     "draw_pixel_histogram": "figures_camera",
     "draw_pulls": "figures_timing",
+    "draw_repeat_pulls": "figures_campaign",
     "draw_residual_map": "figures_timing",
     "draw_residuals_along": "figures_timing",
     "draw_response_widths": "figures_calibration",
+    "draw_set_point_errors": "figures_campaign",
+    "draw_set_points": "figures_campaign",
     "draw_time_errors": "figures_timing",
     "draw_time_std": "figures_timing",
     "draw_times": "figures_timing",

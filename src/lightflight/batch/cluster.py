@@ -1,0 +1,128 @@
+"""Dask: workers of this machine, or of a lab's cluster (the only module that imports it)."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from lightflight.errors import ConfigError, MissingExtraError
+
+_MOST_DEATHS = 2
+"""Workers a task may take with it before it is given up."""
+
+_CONNECT_S = 15
+_ENVIRONMENT = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+"""One thread per worker: the work is shared out by recordings."""
+
+
+def cores() -> int:
+    """Cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@contextlib.contextmanager
+def workers(
+    *,
+    scheduler: str | None = None,
+    n_workers: int | None = None,
+    scratch: Path,
+    loud: bool = False,
+) -> Iterator[Any]:
+    """Client of a cluster: a new one on this machine, or the one at `scheduler`.
+
+    Parameters
+    ----------
+    scheduler : "tcp://host:port"; its workers need lightflight and the same folders.
+    n_workers : workers on this machine; None: one per core.
+    scratch : folder for Dask's own temporary files on this machine.
+    loud : let Dask say what it does.
+
+    Raises
+    ------
+    ConfigError
+        Where nobody answers at `scheduler`.
+    MissingExtraError
+        Without dask.
+    """
+    try:
+        import dask
+        import distributed
+    except ImportError as error:
+        raise MissingExtraError(
+            'campaigns need dask, which is not installed: pip install "lightflight[batch]"'
+        ) from error
+    level = logging.INFO if loud else logging.CRITICAL + 1
+    logging.getLogger("distributed").setLevel(level)
+    dask_cluster: Any = distributed.LocalCluster
+    dask_client: Any = distributed.Client
+    options = {
+        "distributed.scheduler.allowed-failures": _MOST_DEATHS,
+        "distributed.worker.daemon": True,
+        "distributed.admin.system-monitor.gil.enabled": False,
+        "distributed.comm.timeouts.connect": f"{_CONNECT_S}s",
+        "distributed.nanny.pre-spawn-environ": _ENVIRONMENT,
+        "distributed.logging.distributed": logging.getLevelName(level) if loud else "CRITICAL",
+    }
+    with dask.config.set(options), contextlib.ExitStack() as stack:
+        if scheduler is None:
+            address: Any = stack.enter_context(
+                dask_cluster(
+                    n_workers=n_workers or cores(),
+                    threads_per_worker=1,
+                    host="127.0.0.1",
+                    dashboard_address=None,
+                    local_directory=str(scratch),
+                    silence_logs=False if loud else level,
+                )
+            )
+        else:
+            address = scheduler
+        try:
+            client = stack.enter_context(
+                dask_client(address, timeout=_CONNECT_S, set_as_default=False)
+            )
+        except (OSError, ValueError) as error:
+            raise ConfigError(
+                f"--scheduler {scheduler}: no Dask scheduler answers there ({error})"
+            ) from None
+        client.register_plugin(_deaf_to_interrupts(), name="lightflight-interrupts")
+        yield client
+
+
+def _deaf_to_interrupts() -> Any:
+    """Plug-in that lets the main process alone answer Ctrl-C, which a terminal sends to all."""
+    from distributed import WorkerPlugin
+
+    class Deaf(WorkerPlugin):
+        def setup(self, worker: Any) -> None:
+            with contextlib.suppress(ValueError):  # not in the main thread: nothing arrives there
+                signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    return Deaf()
+
+
+def submit(client: Any, function: Callable[..., Any], *arguments: Any, name: str) -> Any:
+    """Future of function(*arguments); arguments may be futures, alone or in lists."""
+    return client.submit(function, *arguments, key=name, pure=False)
+
+
+def reason_of(error: BaseException | None) -> str | None:
+    """In words, why Dask gave up a task; None where the task itself raised."""
+    from distributed import KilledWorker
+    from distributed.client import FutureCancelledError
+
+    if isinstance(error, KilledWorker):
+        return (
+            f"its worker died {_MOST_DEATHS + 1} times over it, perhaps for want of memory: use "
+            "fewer --workers, smaller pieces and tiles, or fewer codes"
+        )
+    if isinstance(error, FutureCancelledError):
+        return "the connection to the scheduler was lost"
+    return None

@@ -1,0 +1,271 @@
+"""Run a campaign: every recording on some worker, finished ones kept, faults told.
+
+`run_campaign` first takes up what an earlier run finished, then hands the rest out. A recording
+that fails is a row with its reason, and the others go on; a full disk ends the run, since the
+others would fail too. Whatever ends it, the path files that are there are whole.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import tempfile
+import time
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lightflight.batch import cluster, pieces, tiles, work
+from lightflight.batch.campaign import Campaign
+from lightflight.batch.table import CampaignTable, row_from_failure, row_from_path
+from lightflight.batch.work import Job, JobError, Plan
+
+_LOOK_S = 0.2
+
+
+@dataclass(frozen=True)
+class Status:
+    """How far a campaign is."""
+
+    n_done: int
+    """Recordings with a path, those of earlier runs included."""
+
+    n_failed: int
+    """Recordings that gave none."""
+
+    n_all: int
+    """Recordings of the campaign."""
+
+    n_kept: int
+    """Of `n_done`, those that an earlier run had finished."""
+
+    share: float
+    """Part of this run's work that is done, by size of the recordings, 0 ... 1."""
+
+    left_s: float | None
+    """Time this run still needs, s; None: not known yet."""
+
+
+class StoppedError(OSError):
+    """The disk is full: the run ended early. What was finished is kept."""
+
+    exit_code = 3
+
+
+Report = Callable[[Status], None]
+
+
+def run_campaign(
+    campaign: Campaign,
+    *,
+    scheduler: str | None = None,
+    n_workers: int | None = None,
+    progress: Report | None = None,
+    loud: bool = False,
+) -> CampaignTable:
+    """Reconstruct every recording of a campaign.
+
+    Parameters
+    ----------
+    campaign : from `campaign_from_toml`.
+    scheduler : address of a Dask scheduler; None: workers on this machine.
+    n_workers : workers on this machine; None: one per core.
+    progress : called with a `Status`, a few times a second at most.
+    loud : let Dask say what it does.
+
+    Returns
+    -------
+    CampaignTable
+        One row per recording, whatever became of it.
+
+    Raises
+    ------
+    StoppedError
+        Where the disk is full.
+    ConfigError
+        Where nobody answers at `scheduler`.
+    FileFormatError
+        Where calibration or background cannot be read.
+    """
+    jobs = work.jobs_from_campaign(campaign)
+    (campaign.output / "paths").mkdir(parents=True, exist_ok=True)
+    rows: dict[int, dict[str, Any]] = {}
+    for i, job in enumerate(jobs):
+        path = work.finished_path(job)
+        if path is not None:
+            rows[i] = row_from_path(campaign.shots[i], path)
+    run = _Run(campaign, jobs, rows, progress)
+    run.report()
+    if run.left:
+        with (
+            tempfile.TemporaryDirectory(
+                prefix="lightflight-", ignore_cleanup_errors=True
+            ) as folder,
+            cluster.workers(
+                scheduler=scheduler, n_workers=n_workers, scratch=Path(folder), loud=loud
+            ) as client,
+        ):
+            run.drive(client)
+    with contextlib.suppress(OSError):
+        (campaign.output / "parts").rmdir()
+    return CampaignTable(tuple(rows[i] for i in range(len(jobs))))
+
+
+@dataclass(eq=False)
+class _Run:
+    """One run: what is under way, and what became of it."""
+
+    campaign: Campaign
+    jobs: list[Job]
+    rows: dict[int, dict[str, Any]]
+    progress: Report | None
+    futures: dict[int, list[Any]] = field(default_factory=dict)
+    ended: queue.SimpleQueue[tuple[int, str, Any]] = field(default_factory=queue.SimpleQueue)
+    done_share: dict[int, float] = field(default_factory=dict)
+    n_tasks: dict[int, int] = field(default_factory=dict)
+    nonce: str = field(default_factory=lambda: uuid.uuid4().hex)
+    started: float = field(default_factory=time.monotonic)
+
+    def __post_init__(self) -> None:
+        self.n_kept = len(self.rows)
+        self.left = [i for i in range(len(self.jobs)) if i not in self.rows]
+        sizes = {i: float(_size_of(self.jobs[i].recording)) for i in self.left}
+        total = sum(sizes.values()) or 1.0
+        self.weight = {i: size / total for i, size in sizes.items()}
+
+    def drive(self, client: Any) -> None:
+        """Hand out all recordings, and answer what comes back until none is left."""
+        self.started = time.monotonic()
+        for i in self.left:
+            self._watch(i, "begin", cluster.submit(
+                client, work.begin, self.jobs[i], name=self._name(i, "begin")
+            ))  # fmt: skip
+        waiting = set(self.left)
+        while waiting:
+            try:
+                i, role, future = self.ended.get(timeout=_LOOK_S)
+            except queue.Empty:
+                self.report()
+                continue
+            if i in waiting and self._answer(client, i, role, future):
+                waiting.discard(i)
+                self.futures.pop(i, None)
+                self.report()
+
+    def _name(self, i: int, role: str, *numbers: int) -> str:
+        """Name of a task; new in every run, so that a scheduler does not answer from memory."""
+        return "-".join(
+            [f"lightflight_{role}", f"{id(self):x}{self.started:.6f}", str(i), *map(str, numbers)]
+        )
+
+    def _watch(self, i: int, role: str, future: Any) -> None:
+        self.futures.setdefault(i, []).append(future)
+        future.add_done_callback(lambda one: self.ended.put((i, role, one)))
+
+    def _answer(self, client: Any, i: int, role: str, future: Any) -> bool:
+        """Take up one finished task; True where nothing more is to come for its recording."""
+        if future.status != "finished":
+            self._failed(i, _exception_of(future))
+            return True
+        if role == "piece":
+            self.done_share[i] = self.done_share.get(i, 0.0) + 1.0 / self.n_tasks[i]
+            return False
+        plan = future.result() if role == "begin" else None
+        if isinstance(plan, Plan):
+            self._hand_out(client, i, plan)
+            return False
+        path = work.finished_path(self.jobs[i])
+        if path is None:
+            self._failed(i, JobError("its path file is not where the worker wrote it: workers "
+                                     "need the same folders as this machine"))  # fmt: skip
+        else:
+            self.rows[i] = row_from_path(self.campaign.shots[i], path)
+        return True
+
+    def _hand_out(self, client: Any, i: int, plan: Plan) -> None:
+        """The tasks of a recording that is done in pieces or tiles."""
+        job = self.jobs[i]
+        self.n_tasks[i] = plan.n_pieces + plan.n_tiles
+        read = tiles.sort_piece if plan.n_tiles else pieces.count_piece
+        parts = [
+            cluster.submit(client, read, job, k, plan.n_pieces, name=self._name(i, "piece", k))
+            for k in range(plan.n_pieces)
+        ]
+        for part in parts:
+            self._watch(i, "piece", part)
+        if plan.n_tiles:
+            fitted = [
+                cluster.submit(
+                    client, tiles.fit_tile, job, k, *parts, name=self._name(i, "tile", k)
+                )
+                for k in range(plan.n_tiles)
+            ]
+            for tile in fitted:
+                self._watch(i, "piece", tile)
+            last = cluster.submit(
+                client, tiles.finish_tiles, job, parts, fitted, name=self._name(i, "finish")
+            )
+        else:
+            level = 0
+            while len(parts) > 1 or not level:
+                groups = [
+                    parts[k : k + pieces.BRANCHES] for k in range(0, len(parts), pieces.BRANCHES)
+                ]
+                parts = [
+                    cluster.submit(
+                        client, pieces.add_up, job, *group, name=self._name(i, "sum", level, k)
+                    )
+                    for k, group in enumerate(groups)
+                ]
+                level += 1
+            last = cluster.submit(
+                client, pieces.finish_pieces, job, parts[0], name=self._name(i, "finish")
+            )
+        self._watch(i, "finish", last)
+
+    def _failed(self, i: int, error: BaseException | None) -> None:
+        reason = cluster.reason_of(error)
+        if isinstance(error, JobError) and error.ends_run:
+            raise StoppedError(
+                f"{error.reason}; {self._n_done} of {len(self.jobs)} recordings are finished and "
+                "kept: free some space and run the same command again"
+            )
+        if reason is None:
+            reason = str(error) if isinstance(error, JobError) else f"internal error, {error!r}"
+        self.rows[i] = row_from_failure(self.campaign.shots[i], reason)
+
+    @property
+    def _n_done(self) -> int:
+        return sum(row["status"] == "done" for row in self.rows.values())
+
+    def report(self) -> None:
+        """Tell the caller how far the run is."""
+        if self.progress is None:
+            return
+        share = sum(
+            weight * (1.0 if i in self.rows else min(self.done_share.get(i, 0.0), 0.99))
+            for i, weight in self.weight.items()
+        )
+        taken = time.monotonic() - self.started
+        left = taken * (1.0 - share) / share if share > 0 and self.futures else None
+        n_failed = len(self.rows) - self._n_done
+        self.progress(Status(self._n_done, n_failed, len(self.jobs), self.n_kept, share, left))
+
+
+def _size_of(path: str) -> int:
+    """Bytes of a recording, for shares of the work; 1 where it cannot be told."""
+    with contextlib.suppress(OSError):
+        file = Path(path)
+        if file.is_dir():
+            return sum(one.stat().st_size for one in file.rglob("*")) or 1
+        return file.stat().st_size or 1
+    return 1
+
+
+def _exception_of(future: Any) -> BaseException | None:
+    try:
+        return future.exception()  # type: ignore[no-any-return]
+    except BaseException as error:  # noqa: BLE001  (a cancelled future raises instead)
+        return error
