@@ -14,6 +14,8 @@ from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lightflight.reconstruct.curves import kink_place
+
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -333,8 +335,10 @@ def cut_at_kink(
     s = (points[members] - origin) @ direction
     tolerance = time_tolerance(errors[members], settings)
     along = s if np.polyfit(s, times[members], 1)[0] > 0 else -s
-    if not settings.convex or not _bends_down(along, times[members], tolerance):
+    if not settings.convex:
         return [members]
+    if not _bends_down(along, times[members], tolerance):
+        return _halves_at_kink(along, times[members], errors[members], members, settings)
     order = np.argsort(along)
     positions = np.rint(along[order] - along[order[0]])
     best_cost, best_cut = np.inf, 0
@@ -351,6 +355,20 @@ def cut_at_kink(
     if not best_cut:
         return [members]
     return [members[order[:best_cut]], members[order[best_cut:]]]
+
+
+def _halves_at_kink(
+    along: Floats, times: Floats, errors: Floats, members: Indices, settings: SearchSettings
+) -> list[Indices]:
+    """Members cut where the slope of their arrival curve jumps, beyond chance."""
+    kink = kink_place(along, times, errors)
+    if kink is None:
+        return [members]
+    halves = [members[along < kink], members[along >= kink]]
+    places = (along[along < kink], along[along >= kink])
+    if min(distinct_positions(place) for place in places) < settings.min_pixels:
+        return [members]
+    return halves
 
 
 def part_where_curved(

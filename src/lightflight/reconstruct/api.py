@@ -19,13 +19,13 @@ from lightflight.errors import (
 )
 from lightflight.flight import Medium, Source
 from lightflight.path import RESIDUAL_DTYPE, LightPath
+from lightflight.reconstruct.bend import bend_significance
 from lightflight.reconstruct.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.geometry import PathState
 from lightflight.reconstruct.joint import JointFit, Setting, fit_joint, pulse_std_ps
 from lightflight.reconstruct.legs import (
     ImageLeg,
     find_legs,
-    mean_focal_px,
     unwrapped_arrivals,
 )
 from lightflight.reconstruct.observation import Observation, blind_pixels
@@ -441,57 +441,6 @@ def _warn_of_scatter(
         SuspectDataWarning,
         stacklevel=3,
     )
-
-
-def bend_significance(
-    legs: tuple[ImageLeg, ...], observation: Observation, camera: Camera
-) -> float:
-    """Mean bend of the legs' arrival curves in standard errors; negative: the wrong way."""
-    total, variance = 0.0, 0.0
-    for leg in legs:
-        bend, std = _bend_of_leg(leg, observation, camera)
-        if np.isfinite(std) and std > 0:
-            total += bend / std**2
-            variance += 1 / std**2
-    return total / np.sqrt(variance) if variance > 0 else 0.0
-
-
-def _bend_of_leg(leg: ImageLeg, observation: Observation, camera: Camera) -> tuple[float, float]:
-    """Second derivative of a leg's arrival curve and its error, from a parabola; ps per px^2.
-
-    By viewing angle (counted in pixels of the picture's middle), not by place in the picture:
-    the half-angle law bends upwards in the angle, whatever the leg; in the picture it need not.
-    """
-    arrivals = observation.arrivals
-    index = leg.members
-    if leg.n_pixels < 10:
-        return 0.0, float("inf")
-    rays = camera.rays_from_pixels(arrivals.row[index], arrivals.col[index])
-    middle = rays.mean(axis=0) / np.linalg.norm(rays.mean(axis=0))
-    across = rays - (rays @ middle)[:, np.newaxis] * middle
-    axis = np.linalg.svd(across, full_matrices=False)[2][0]
-    s = mean_focal_px(camera) * np.arctan2(rays @ axis, rays @ middle)
-    # Light of the neighbouring legs mixes in about the corners.
-    inner = (s > s.min() + 2.5) & (s < s.max() - 2.5)
-    index, s = index[inner], s[inner]
-    times = observation.arrival_ps[index]
-    errors = np.hypot(arrivals.photon_std_ps, arrivals.pixel_std_ps)[index]
-    weight = 1.0 / np.maximum(errors, 0.2 * np.median(errors))
-    design = np.polynomial.polynomial.polyvander(s, 2)
-    keep = np.ones(len(s), dtype=bool)
-    coefficients = np.zeros(3)
-    for _ in range(3):
-        coefficients = np.linalg.lstsq(
-            design[keep] * weight[keep, np.newaxis], times[keep] * weight[keep], rcond=None
-        )[0]
-        residual = times - design @ coefficients
-        spread = 1.4826 * float(np.median(np.abs(residual[keep]))) + 1e-9
-        keep = np.abs(residual) < 5 * np.maximum(spread, errors)
-    scaled = residual[keep] * weight[keep]
-    inflation = max(1.0, float(np.sum(scaled**2)) / max(1, int(keep.sum()) - 3))
-    rows = design[keep] * weight[keep, np.newaxis]
-    covariance = np.linalg.pinv(rows.T @ rows) * inflation
-    return float(2 * coefficients[2]), float(2 * np.sqrt(covariance[2, 2]))
 
 
 def _state_from_start(start: Any, setting: Setting) -> PathState:
