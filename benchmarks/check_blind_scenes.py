@@ -315,6 +315,7 @@ def _bound(case: Case, source: lf.Source, camera: lf.Camera, photons: float) -> 
     subject = SimpleNamespace(
         vertices_mm=scene.vertices, camera=camera, source=source, medium=lf.Medium(),
         emission_time_ps=scene.emission_time, vertex_times_ps=true_times(scene),
+        strength=lambda along, _leg: np.array([scene.brightness(s) for s in along]),
     )  # fmt: skip
     try:
         with warnings.catch_warnings():
