@@ -1,12 +1,13 @@
 """From the photons of a SPAD camera to the 4D path (x, y, z, t) of a laser pulse.
 
 Records: `Histograms`, `Recording`, `TimingCalibration`, `Pulses`, `Arrivals`, `Camera`,
-`Source`, `Medium`, `LightPath`, `Scene`, `Detector`, `Bounds`.
+`Source`, `Medium`, `LightPath`, `Scene`, `Detector`, `Bounds`, `Plan`.
 
 The chain: `read` a file, `histogram` it, `calibrate_timing` and `calibrate_camera`,
 `fit_pulses` or `find_arrivals`, `find_legs`, `reconstruct`; `write` keeps a record.
 
-Without a lab: `simulate` a `Scene`; `bounds` says what its photons allow; `path_error`
+Without a lab: `simulate` a `Scene`; `bounds` says what its photons allow,
+`plan` what light a wanted error takes; `path_error`
 compares a path with the truth; `observe` says what another camera would see of it.
 
 Everything is loaded when it is first used (PEP 562): importing the package costs nothing.
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from lightflight.path import LightPath
     from lightflight.path_error import path_error
     from lightflight.reconstruct import Bounds, bounds, find_legs, reconstruct
+    from lightflight.reconstruct.planning import Plan, plan
     from lightflight.recording import Recording, histogram, read, write
     from lightflight.simulate import Detector, Scene, simulate
     from lightflight.timing.arrivals import Arrivals, find_arrivals
@@ -42,6 +44,7 @@ _HOME_FROM_NAME = {
     "Histograms": "histogram",
     "LightPath": "path",
     "Medium": "flight",
+    "Plan": "reconstruct.planning",
     "Pulses": "timing.pulses",
     "Recording": "recording",
     "Scene": "simulate",
@@ -56,6 +59,7 @@ _HOME_FROM_NAME = {
     "histogram": "recording",
     "observe": "view.observation",
     "path_error": "path_error",
+    "plan": "reconstruct.planning",
     "read": "recording",
     "reconstruct": "reconstruct",
     "simulate": "simulate",
@@ -70,6 +74,7 @@ __all__ = [
     "Histograms",
     "LightPath",
     "Medium",
+    "Plan",
     "Pulses",
     "Recording",
     "Scene",
@@ -85,6 +90,7 @@ __all__ = [
     "histogram",
     "observe",
     "path_error",
+    "plan",
     "read",
     "reconstruct",
     "simulate",

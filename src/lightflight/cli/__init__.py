@@ -16,6 +16,7 @@ from lightflight.cli import (
     export,
     info,
     movie,
+    plan,
     plot,
     reconstruct,
     simulate,
@@ -57,7 +58,7 @@ def main() -> None:
 
 
 _COMMANDS = (
-    demo, simulate, info, calibrate, reconstruct, batch, view, movie, plot, export, versions,
+    demo, plan, simulate, info, calibrate, reconstruct, batch, view, movie, plot, export, versions,
 )  # fmt: skip
 
 for _module in _COMMANDS:

@@ -160,6 +160,15 @@ def bounds(
     return _bounds(state, whole, freedom, conditions, camera=camera, source=source, medium=medium)
 
 
+def spot_std_of(subject: Any, *, finer: float = 1.0) -> float:
+    """Std of optics and active area, px; among pixels `finer` times as many the lens blurs more."""
+    detector = getattr(subject, "detector", None)
+    optics = getattr(detector, "psf_std_px", None)
+    if optics is None:
+        return 0.35 * finer
+    return float(np.hypot(optics * finer, getattr(detector, "active_width_px", 0.0) / np.sqrt(12)))
+
+
 def _conditions(
     subject: Any,
     source: Source,
@@ -174,9 +183,7 @@ def _conditions(
     detector = getattr(subject, "detector", None)
     width = code_width_ps or getattr(detector, "bin_width_ps", None) or 55.0
     if spot_std_px is None:
-        optics = getattr(detector, "psf_std_px", None)
-        active = getattr(detector, "active_width_px", 0.0)
-        spot_std_px = 0.35 if optics is None else float(np.hypot(optics, active / np.sqrt(12)))
+        spot_std_px = spot_std_of(subject)
     if pulse_std_ps is None:
         laser = source.pulse_fwhm_ps or getattr(subject, "pulse_fwhm_ps", None) or 68.0
         response = getattr(detector, "response_fwhm_ps", 150.0)
