@@ -1,4 +1,4 @@
-"""A small campaign on disk: 16 x 16 pixels, two angles, three repeats."""
+"""A small campaign on disk: 16 x 16 pixels, two angles, five repeats."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ recordings = "angle_{set_point_deg}/*.h5"
 """
 
 ANGLES = (-4, 4)
-N_REPEATS = 3
+N_REPEATS = 5
 
 
 def recording_at(angle_deg: float, seed: int, photons: float = 300.0) -> lf.Recording:
@@ -57,7 +57,7 @@ def recording_at(angle_deg: float, seed: int, photons: float = 300.0) -> lf.Reco
 
 @pytest.fixture(scope="session")
 def campaign_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with campaign.toml, lab.toml and six recordings."""
+    """Folder with campaign.toml, lab.toml and ten recordings."""
     folder = tmp_path_factory.mktemp("campaign")
     (folder / "lab.toml").write_text(LAB)
     (folder / "campaign.toml").write_text(CAMPAIGN)

@@ -1,0 +1,222 @@
+"""Campaigns that are interrupted: by a full disk, Ctrl-C, kill -9, and workers that die.
+
+Everything happens for real, in processes of its own. What was finished before a fault must be
+there after it, untouched, and the table must come out the same, byte for byte.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from tests.batch.conftest import N_REPEATS as N
+
+pytest.importorskip("distributed")
+pytestmark = pytest.mark.slow
+
+COMMAND = (sys.executable, "-m", "lightflight", "batch", "campaign.toml")
+LIMIT_S = 120
+
+
+@contextmanager
+def running(folder: Path, *words: str, **options) -> Iterator[subprocess.Popen[str]]:
+    """The command line in a process group of its own, of which nothing is left behind."""
+    process = subprocess.Popen(
+        [*COMMAND, *words], cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        start_new_session=True, **options,
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+
+
+def run(folder: Path, *words: str, **options) -> tuple[int, str, str]:
+    with running(folder, *words, **options) as process:
+        out, err = process.communicate(timeout=LIMIT_S)
+    return process.returncode, out, err
+
+
+def finished(folder: Path) -> dict[str, int]:
+    """Path files that are there, and when they were written."""
+    return {
+        file.name: file.stat().st_mtime_ns
+        for file in (folder / "results" / "paths").glob("*.h5")
+        if not file.name.startswith(".")
+    }
+
+
+def wait_for(folder: Path, n: int) -> None:
+    """Until `n` paths are finished."""
+    end = time.monotonic() + LIMIT_S
+    while len(finished(folder)) < n:
+        assert time.monotonic() < end, "no path was finished"
+        time.sleep(0.005)
+
+
+def worker_ids(parent: int) -> list[int]:
+    """Processes of Dask workers below a process."""
+    found = []
+    for status in Path("/proc").glob("[0-9]*/status"):
+        try:
+            lines = dict(
+                line.split(":", 1) for line in status.read_text().splitlines() if ":" in line
+            )
+            words = (status.parent / "cmdline").read_bytes()
+        except OSError:
+            continue
+        if int(lines["PPid"]) == parent and b"spawn_main" in words:
+            found.append(int(lines["Pid"]))
+    return found
+
+
+@pytest.fixture
+def folder(campaign_folder, tmp_path) -> Path:
+    """A copy of the campaign, with a file that is no recording among the ten."""
+    copy = tmp_path / "campaign"
+    shutil.copytree(campaign_folder, copy)
+    (copy / "angle_4" / "broken.h5").write_bytes(b"this is a letter\n" * 9)
+    return copy
+
+
+@pytest.fixture(scope="module")
+def undisturbed(campaign_folder, tmp_path_factory) -> bytes:
+    """The table of the same campaign by one worker whom nothing disturbs."""
+    copy = tmp_path_factory.mktemp("undisturbed") / "campaign"
+    shutil.copytree(campaign_folder, copy)
+    (copy / "angle_4" / "broken.h5").write_bytes(b"this is a letter\n" * 9)
+    code, _, err = run(copy, "--workers", "1")
+    assert code == 0, err
+    return (copy / "results" / "table.csv").read_bytes()
+
+
+def test_one_bad_recording_is_a_row_and_the_others_go_on(undisturbed):
+    rows = list(csv.DictReader(undisturbed.decode().splitlines()))
+    assert [row["status"] for row in rows] == ["done"] * N + ["failed"] + ["done"] * N
+    assert rows[N]["recording"] == "angle_4/broken.h5"
+    assert "is not an HDF5 file" in rows[N]["reason"]
+    for row in rows[:N] + rows[N + 1 :]:
+        set_point, angle = float(row["set_point_deg"]), float(row["leg1_angle_deg"])
+        assert abs(angle - set_point) < 6 * float(row["leg1_angle_std_deg"])
+    # No clock times: nothing in it is as long as a date, and there is no such column
+    assert not any("utc" in name or "date" in name for name in rows[0])
+
+
+def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed):
+    """A full disk, Ctrl-C, kill -9 of the whole run, and then a worker's death: one after another.
+
+    Each run has two workers and is hit once something is finished; the last one ends well.
+    """
+    sizes = "import resource as r, runpy, sys; r.setrlimit(r.RLIMIT_FSIZE, (9000, 9000)); "
+    script = f"{sizes}sys.argv = sys.argv[1:]; runpy.run_module('lightflight', run_name='__main__')"
+    done = subprocess.run(
+        [sys.executable, "-c", script, *COMMAND[2:], "--workers", "2"],
+        cwd=folder, capture_output=True, text=True, check=False, timeout=LIMIT_S,
+    )  # fmt: skip
+    assert done.returncode == 3, done.stderr
+    assert "File too large" in done.stderr
+    assert "0 of 11 recordings are finished and kept" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert finished(folder) == {}
+
+    with running(folder, "--workers", "2") as process:
+        wait_for(folder, 1)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of them
+        _, err = process.communicate(timeout=LIMIT_S)
+    kept = finished(folder)
+    assert process.returncode == 130, err
+    assert "interrupted; what is finished is kept" in err
+    assert "Traceback" not in err
+    assert 1 <= len(kept) < 2 * N
+
+    with running(folder, "--workers", "2") as process:
+        wait_for(folder, len(kept) + 1)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    after = finished(folder)
+    assert {name: after[name] for name in kept} == kept
+    assert len(kept) < len(after)
+
+    with running(folder, "--workers", "2") as process:
+        end = time.monotonic() + LIMIT_S
+        while not (workers := worker_ids(process.pid)):
+            assert time.monotonic() < end, "no worker was started"
+            time.sleep(0.005)
+        wait_for(folder, min(2 * N, len(after) + 1))
+        os.kill(workers[0], signal.SIGKILL)
+        _, err = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 0, err
+    assert "Traceback" not in err
+    last = finished(folder)
+    assert {name: last[name] for name in after} == after
+    assert (folder / "results" / "table.csv").read_bytes() == undisturbed
+
+    code, _, err = run(folder, "--workers", "1")  # nothing is left but the broken one
+    assert code == 0, err
+    assert finished(folder) == last
+    assert (folder / "results" / "table.csv").read_bytes() == undisturbed
+    assert [file.name for file in (folder / "results").glob(".*")] == []
+
+
+def test_a_disk_that_fills_up_under_a_worker(folder, undisturbed, tmp_path):
+    """Every flush to disk fails with ENOSPC after the second path file, in the workers too."""
+    (tmp_path / "fault").mkdir()
+    (tmp_path / "fault" / "sitecustomize.py").write_text(
+        "import errno, os, pathlib\n"
+        "usual = os.fsync\n"
+        "def fsync(handle):\n"
+        "    name = os.readlink(f'/proc/self/fd/{handle}')\n"
+        "    paths = pathlib.Path(name).parent\n"
+        "    if paths.name == 'paths' and len(list(paths.glob('angle*.h5'))) >= 2:\n"
+        "        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))\n"
+        "    return usual(handle)\n"
+        "os.fsync = fsync\n"
+    )
+    path = os.pathsep.join(filter(None, (str(tmp_path / "fault"), os.environ.get("PYTHONPATH"))))
+    code, out, err = run(folder, "--workers", "1", env={**os.environ, "PYTHONPATH": path})
+    assert code == 3, (out, err)
+    assert "No space left on device" in err
+    assert "2 of 11 recordings are finished and kept" in err
+    kept = finished(folder)
+    assert len(kept) == 2
+    assert not (folder / "results" / "table.csv").exists()
+
+    code, _, err = run(folder, "--workers", "2")
+    assert code == 0, err
+    last = finished(folder)
+    assert {name: last[name] for name in kept} == kept
+    assert (folder / "results" / "table.csv").read_bytes() == undisturbed
+
+
+def test_a_recording_that_kills_its_workers_is_given_up(folder):
+    """One recording ends the process that reads it; the others get their paths."""
+    (folder / "fault").mkdir()
+    (folder / "fault" / "sitecustomize.py").write_text(
+        "import os\n"
+        "import lightflight.recording as recording\n"
+        "usual = recording.read\n"
+        "def read(path, **hints):\n"
+        "    if str(path).endswith('angle_4/run9.h5'):\n"
+        "        os._exit(9)\n"
+        "    return usual(path, **hints)\n"
+        "recording.read = read\n"
+    )
+    path = os.pathsep.join(filter(None, (str(folder / "fault"), os.environ.get("PYTHONPATH"))))
+    code, _, err = run(folder, "--workers", "2", env={**os.environ, "PYTHONPATH": path})
+    assert code == 0, err
+    rows = list(csv.DictReader((folder / "results" / "table.csv").read_text().splitlines()))
+    reasons = {row["recording"]: row["reason"] for row in rows if row["status"] == "failed"}
+    assert "died 3 times" in reasons.pop("angle_4/run9.h5")
+    assert list(reasons) == ["angle_4/broken.h5"]
