@@ -156,7 +156,7 @@ def _filled_light(leg: ImageLeg, observation: Observation, *, steep: bool) -> Fl
     return filled
 
 
-def _plane_axes(rays: Floats, start: Floats, camera: Camera) -> tuple[Floats, Floats]:
+def plane_axes(rays: Floats, start: Floats, camera: Camera) -> tuple[Floats, Floats]:
     """(along, upright) of the viewing plane of a leg seen along `rays`, from its start."""
     n = camera.backward_axis
     # Viewing rays meet the reference plane (normal n, through the start) at the points E_i.
@@ -239,7 +239,7 @@ def path_from_projections(
         rays = camera.rays_from_pixels(seen.rows, seen.cols)
         if number:
             start, start_time = _corner(placed[-1], rays, camera, medium)
-        along, upright = _plane_axes(rays, start, camera)
+        along, upright = plane_axes(rays, start, camera)
 
         def angles_at(
             time: float,

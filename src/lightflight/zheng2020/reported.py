@@ -20,3 +20,15 @@ BIN_WIDTH_PS = 55.0
 
 PULSE_FWHM_PS = 68.0
 """Laser pulse width by the laser's manual; 65 ps were measured (Fig. 5c)."""
+
+DECONVOLVED_FWHM_PS = 65.0
+"""Width of the laser pulse measured on one leg, response taken off (Fig. 5c)."""
+
+DECONVOLVED_FWHM_THREE_LEGS_PS = 70.0
+"""The same on three legs, "approximately" (Fig. 6)."""
+
+TRANSVERSE_RESOLUTION_MM = 8.0
+"""Transverse resolution of the set-up, one pixel, which the path is better than (Section 5)."""
+
+LONGITUDINAL_RESOLUTION_MM = 16.5
+"""Length of 55 ps of light, which the path is better than (Section 5)."""

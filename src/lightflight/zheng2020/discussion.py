@@ -1,0 +1,326 @@
+"""What the paper's discussion hopes for: steep angles, larger arrays, media, bends, cavities.
+
+Not covered: single-shot recordings by gated sensors of 10 ns (the paper's reference 29), which
+see the whole flight in one frame and have no arrival time per photon.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.camera import Camera
+from lightflight.flight import Medium
+from lightflight.path_error import path_error
+from lightflight.reconstruct import reconstruct
+from lightflight.reconstruct.cramer_rao import bounds
+from lightflight.simulate import Mirror, Scene, simulate, vertices_from_mirrors
+from lightflight.simulate.presets import angle_scene, paper_scene, pf32, spad256
+from lightflight.timing.calibration import TimingCalibration, calibrate_timing
+from lightflight.zheng2020.laboratory import (
+    PHOTONS_PER_PIXEL,
+    calibrated_clock,
+    known_source,
+    one_leg,
+    recorded,
+)
+from lightflight.zheng2020.work import Unit
+
+Floats = NDArray[np.float64]
+
+STEEP_DEG = (-75.0, -60.0, -45.0, -30.0, 30.0, 45.0, 60.0, 75.0)
+MEDIA: Mapping[str, Medium] = {
+    "air": Medium(),
+    "water": Medium(1.345, 1.345),
+    "fibre, seen through air": Medium(1.468, 1.00027),
+}
+"""Group indices at 637 nm, out and back."""
+
+NOT_COVERED = (
+    "Single-shot recordings by gated silicon sensors (10 ns frames) are not covered: they have no "
+    "arrival time per photon."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One thing tried, and how far each estimator was from the truth."""
+
+    topic: str
+    """Which wish of the discussion it belongs to."""
+    name: str
+    """What was tried."""
+    quantity: str
+    """What the numbers are, unit included."""
+    errors: Mapping[str, float]
+    """By estimator; NaN where it found nothing."""
+    bound: float
+    """Cramér-Rao bound; NaN where there is none to compare with."""
+    note: str
+    """What to know about it, or why an estimator failed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Discussion:
+    """Everything tried."""
+
+    cases: tuple[Case, ...]
+    """In the order of the paper's discussion."""
+
+
+def units(*, quick: bool) -> tuple[Unit, ...]:
+    """One unit per thing tried."""
+    steep = STEEP_DEG[2:6:3] if quick else STEEP_DEG
+    array: dict[str, Any] = {"pixels": 256, "methods": ["paper", "joint", "photon"]}
+    if quick:
+        array = {"pixels": 64, "methods": ["paper", "joint"]}
+    return (
+        *(Unit(f"steep{a:+04.0f}", "discussion:measure_steep", {"angle_deg": a}) for a in steep),
+        Unit(f"array-{array['pixels']}", "discussion:measure_array", array),
+        *(
+            Unit(f"medium-{k}", "discussion:measure_medium", {"name": name})
+            for k, name in enumerate(MEDIA)
+        ),
+        Unit("airy", "bending:measure_bend", {"bend_mm": 25.0, "pieces": 8}),
+        Unit("cavity", "discussion:measure_cavity", {"passes": 5 if quick else 7}),
+    )
+
+
+def record_from_results(results: Sequence[Mapping[str, Any]]) -> Discussion:
+    """The discussion from the results of `units`."""
+    cases = [case for result in results for case in result["cases"]]
+    return Discussion(
+        tuple(
+            Case(
+                case["topic"],
+                case["name"],
+                case["quantity"],
+                {k: float("nan") if v is None else v for k, v in case["errors"].items()},
+                float("nan") if case["bound"] is None else case["bound"],
+                case["note"],
+            )
+            for case in cases
+        )
+    )
+
+
+def case_of(
+    topic: str,
+    name: str,
+    quantity: str,
+    errors: Mapping[str, float],
+    *,
+    bound: float | None = None,
+    note: str = "",
+) -> dict[str, Any]:
+    """A case as plain values; NaN becomes None."""
+    return {
+        "topic": topic,
+        "name": name,
+        "quantity": quantity,
+        "errors": {k: None if not np.isfinite(v) else float(v) for k, v in errors.items()},
+        "bound": bound,
+        "note": note,
+    }
+
+
+def _tried(methods: Sequence[str], measure: Any) -> tuple[dict[str, float], str]:
+    """Error by method, NaN where one finds nothing, and what it said then."""
+    errors, said = {}, []
+    for method in methods:
+        try:
+            errors[method] = float(measure(method))
+        except (ValueError, RuntimeError) as problem:
+            errors[method] = float("nan")
+            said.append(f"{method}: {problem}")
+    return errors, "; ".join(said)
+
+
+def measure_steep(*, angle_deg: float, seed: int) -> dict[str, Any]:
+    """One leg at a steep angle: error of the angle by every estimator."""
+    scene = one_leg(angle_deg)
+    hist = recorded(scene, seed=3_000_000 * (seed + 1) + round(angle_deg + 90))
+    timing = calibrated_clock("codes", seed=seed)
+
+    def error(method: str) -> float:
+        path = reconstruct(
+            hist,
+            camera=scene.camera,
+            source=known_source(scene),
+            timing=timing,
+            method=method,
+            n_legs=1,
+        )
+        return abs(path.legs[0].angle_deg - angle_deg)
+
+    errors, said = _tried(("paper", "joint", "photon"), error)
+    bound = bounds(scene, source=known_source(scene), photons_per_pixel=PHOTONS_PER_PIXEL)
+    return {
+        "cases": [
+            case_of(
+                "steep angles",
+                f"{angle_deg:+.0f}°",
+                "angle (deg)",
+                errors,
+                bound=float(bound.angle_std_deg[0]),
+                note=said,
+            )
+        ]
+    }
+
+
+def measure_array(*, pixels: int, methods: Sequence[str], seed: int) -> dict[str, Any]:
+    """The three legs seen by a square array with 61 % fill factor and a clock of 38 ps.
+
+    The same field, laser and time: a pixel's light goes with its active area, so 256 x 256 pixels
+    of 61 % get 0.64 times the photons of a pixel of 32 x 32 with 1.5 %. Smaller arrays of such
+    pixels are stopped at the paper's 40,000.
+    """
+    camera = Camera.facing_plane(
+        (pixels, pixels),
+        distance_mm=535.0,
+        field_of_view_mm=(245.0, 245.0),
+        center_mm=(187.5, 37.5),
+    )
+    scene = paper_scene(spad256(), camera=camera)
+    photons = min(PHOTONS_PER_PIXEL, PHOTONS_PER_PIXEL * (0.61 / 0.0149) * (32.0 / pixels) ** 2)
+    counts = 1e6
+    first = 4_000_000 * (seed + 1)
+    timing = _clock_of_array(scene, counts, first)
+    hist = simulate(scene, photons_per_pixel=photons, seed=first + 2)
+
+    def error(method: str) -> float:
+        path = reconstruct(
+            hist, camera=camera, source=known_source(scene), timing=timing, method=method
+        )
+        return path_error(path, scene, camera).position_rms_mm
+
+    errors, said = _tried(methods, error)
+    bound = bounds(scene, source=known_source(scene), photons_per_pixel=photons)
+    note = f"{photons:,.0f} photons in the brightest pixel; bound of a perfect clock"
+    return {
+        "cases": [
+            case_of(
+                "larger array",
+                f"{pixels} × {pixels}, 61 % fill factor",
+                "position (mm)",
+                errors,
+                bound=bound.position_rms_mm,
+                note=f"{note}; {said}" if said else note,
+            )
+        ]
+    }
+
+
+def _clock_of_array(scene: Scene, counts: float, first: int) -> TimingCalibration:
+    density = simulate(scene, photons_per_pixel=counts, seed=first, kind="code_density")
+    flat = simulate(scene, photons_per_pixel=0.1 * counts, seed=first + 1, kind="flat")
+    return calibrate_timing(density, flat=flat, flat_arrival_ps=flat.truth.flat_arrival_ps)
+
+
+def measure_medium(*, name: str, seed: int) -> dict[str, Any]:
+    """One leg at 3 degrees in a medium: with its indices known, and taken for air."""
+    medium, angle = MEDIA[name], 3.0
+    scene = angle_scene(angle, pf32(), medium=medium)
+    place = list(MEDIA).index(name)
+    hist = recorded(scene, seed=5_000_000 * (seed + 1) + place)
+    timing = calibrated_clock("codes", seed=seed)
+
+    def error(method: str, taken: Medium = medium) -> float:
+        path = reconstruct(
+            hist,
+            camera=scene.camera,
+            source=known_source(scene),
+            medium=taken,
+            timing=timing,
+            method=method,
+            n_legs=1,
+        )
+        return abs(path.legs[0].angle_deg - angle)
+
+    errors, said = _tried(("paper", "joint", "photon"), error)
+    if name != "air":
+        wrong, told = _tried(("joint",), lambda method: error(method, Medium()))
+        told = told or f"{wrong['joint']:.2g}° off"
+        said = "; ".join(filter(None, (said, f"taken for air: {told}")))
+    bound = bounds(scene, source=known_source(scene), photons_per_pixel=PHOTONS_PER_PIXEL)
+    return {
+        "cases": [
+            case_of(
+                "refractive indices",
+                name,
+                "angle (deg)",
+                errors,
+                bound=float(bound.angle_std_deg[0]),
+                note=said,
+            )
+        ]
+    }
+
+
+@cache
+def cavity_scene(passes: int) -> Scene:
+    """A pulse between two parallel mirrors, seen from the side; one leg per pass."""
+    mirrors = (Mirror((375.0, 0.0, 0.0), (1.0, 0.0, 0.0)), Mirror((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
+    step = np.array([375.0, 25.0, 12.0])
+    vertices = vertices_from_mirrors(
+        (0.0, 0.0, 0.0),
+        direction=step,
+        mirrors=mirrors,
+        exit_length_mm=float(np.linalg.norm(step)),
+        most_reflections=passes - 1,
+    )
+    camera = Camera.facing_plane(
+        (32, 32),
+        distance_mm=535.0,
+        field_of_view_mm=(245.0, 245.0),
+        center_mm=(187.5, 12.5 * passes),
+    )
+    return paper_scene(pf32(), camera=camera, vertices_mm=vertices)
+
+
+def measure_cavity(*, passes: int, seed: int) -> dict[str, Any]:
+    """Position and round-trip time of a pulse in a cavity; the number of legs is found."""
+    scene = cavity_scene(passes)
+    hist = recorded(scene, seed=6_000_000 * (seed + 1))
+    timing = calibrated_clock("codes", seed=seed, three_legs=True)
+    true_trip = float(scene.vertex_times_ps[2] - scene.vertex_times_ps[0])
+    trips, legs = {}, {}
+
+    def error(method: str) -> float:
+        path = reconstruct(
+            hist, camera=scene.camera, source=known_source(scene), timing=timing, method=method
+        )
+        times = path.vertex_times_ps
+        inner = times[2:-1] - times[:-3]
+        trips[method] = abs(float(np.mean(inner)) - true_trip)
+        legs[method] = path.n_legs
+        return path_error(path, scene, scene.camera).position_rms_mm
+
+    errors, said = _tried(("paper", "joint", "photon"), error)
+    bound = bounds(scene, source=known_source(scene), photons_per_pixel=PHOTONS_PER_PIXEL)
+    found = ", ".join(f"{method} {n}" for method, n in legs.items())
+    note = f"{passes} passes; legs found: {found}"
+    return {
+        "cases": [
+            case_of(
+                "cavity",
+                f"{passes} passes",
+                "position (mm)",
+                errors,
+                bound=bound.position_rms_mm,
+                note=f"{note}; {said}" if said else note,
+            ),
+            case_of(
+                "cavity",
+                f"round trip of {true_trip:.1f} ps",
+                "round-trip time (ps)",
+                {method: trips.get(method, float("nan")) for method in errors},
+            ),
+        ]
+    }
