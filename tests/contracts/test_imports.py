@@ -38,7 +38,7 @@ def test_help_loads_no_heavy_package_and_no_numpy():
 
 
 @pytest.mark.parametrize(
-    "command", ["simulate", "info", "calibrate", "reconstruct", "demo", "versions"]
+    "command", ["simulate", "info", "calibrate", "reconstruct", "demo", "paper", "versions"]
 )
 def test_help_of_a_command_loads_no_heavy_package(command):
     statement = (

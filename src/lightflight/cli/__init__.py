@@ -16,6 +16,7 @@ from lightflight.cli import (
     export,
     info,
     movie,
+    paper,
     plan,
     plot,
     reconstruct,
@@ -58,7 +59,8 @@ def main() -> None:
 
 
 _COMMANDS = (
-    demo, plan, simulate, info, calibrate, reconstruct, batch, view, movie, plot, export, versions,
+    demo, paper, plan, simulate, info, calibrate, reconstruct, batch, view, movie, plot, export,
+    versions,
 )  # fmt: skip
 
 for _module in _COMMANDS:

@@ -127,7 +127,8 @@ def arrivals_from_pulses(pulses: Pulses, *, timing: TimingCalibration | None) ->
         `timing` is of a camera with another number of pixels.
     """
     n = len(pulses.row)
-    std_of = np.sqrt(np.diagonal(pulses.covariance, axis1=1, axis2=2))
+    with np.errstate(invalid="ignore"):  # a variance that came out negative is unknown: NaN
+        std_of = np.sqrt(np.diagonal(pulses.covariance, axis1=1, axis2=2))
     if timing is None:
         skew, flags = np.zeros(n), pulses.flags | np.uint32(fl.UNCALIBRATED)
         pixel_std = np.where(np.isnan(pulses.delay_ps), np.nan, 0.0)

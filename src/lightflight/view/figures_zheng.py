@@ -31,7 +31,8 @@ _COLORS = {"paper": _PAPER, "joint": _JOINT, "photon": _PHOTON}
 def fig2_figure(record: Any) -> Figure:
     """The four kinds of pixel (Fig. 2b), and the arrival times of those kept (Fig. 2c)."""
     figure = style.new_figure(250, 125, layout="constrained")
-    left, right = np.atleast_1d(figure.subfigures(1, 2, width_ratios=(1.45, 1.0)))
+    grid = figure.add_gridspec(1, 2, width_ratios=(1.45, 1.0))
+    left, right = (figure.add_subfigure(grid[0, k]) for k in (0, 1))
     axes = left.subplots(2, 2).ravel()
     for number, (ax, (name, bits)) in enumerate(zip(axes, FIG_2B_CASES, strict=True), start=1):
         pixel = _pixel_of_kind(record.pulses, bits)

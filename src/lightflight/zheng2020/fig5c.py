@@ -51,6 +51,13 @@ def units(*, quick: bool) -> tuple[Unit, ...]:
     return fig5a.units(quick=quick)
 
 
+def theory_of_angle(*, angle_deg: float, seed: int) -> dict[str, float]:
+    """Width of the pulse in a frame by theory; no photon is drawn, so the seed does not matter."""
+    del seed
+    scene = one_leg(angle_deg)
+    return {"frame_fwhm_ps": frame_width_theory_ps(scene, scene.pulse_fwhm_ps)}
+
+
 def record_from_results(results: Sequence[Mapping[str, Any]]) -> Fig5c:
     """The figure from the results of `units`."""
 

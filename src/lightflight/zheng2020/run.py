@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from lightflight.zheng2020 import (
@@ -80,10 +80,11 @@ def records_of_results(
     results = results_of_units(
         units, folder, seed=seed, workers=workers, fresh=fresh, progress=progress
     )
-    makers: dict[str, Callable[[], Any]] = {"fig2": lambda: fig2.record(seed=seed)}
+    records = {}
     for name in names:
         if name in MODULES:
-            module = MODULES[name]
-            own = [results[unit.name] for unit in module.units(quick=quick)]
-            makers[name] = lambda module=module, own=own: module.record_from_results(own)
-    return {name: makers[name]() for name in names}
+            own = [results[unit.name] for unit in MODULES[name].units(quick=quick)]
+            records[name] = MODULES[name].record_from_results(own)
+        else:
+            records[name] = fig2.record(seed=seed)
+    return records

@@ -89,24 +89,27 @@ def _angle_rows(figure: Fig5a) -> Iterator[Row]:
             figure.recordings**-0.5,
         ),
     ):
-        averaged = shrink != 1.0
+        what = f"angle error, 32 times, {words}"
+        known, fitted = (figure.bound_deg[p] * shrink for p in ("known", "fitted"))
         yield Row(
-            f"angle error, 32 times, {words}", "deg", "Fig. 5a",
-            reported.MEAN_ANGLE_ERROR_DEG if averaged else None,
-            errors[at["paper, delays"]], errors[at["joint"]], errors[at["photon"]],
-            figure.bound_deg["known"] * shrink,
-            "source, emission time known; paper: delays calibrated, ours: code widths too",
+            f"{what}; paper's clock: delays, ours: code widths too", "deg", "Fig. 5a",
+            reported.MEAN_ANGLE_ERROR_DEG if shrink != 1.0 else None,
+            errors[at["paper, delays"]], errors[at["joint"]], errors[at["photon"]], known,
+            "source, emission time known",
         )  # fmt: skip
         yield Row(
-            f"angle error, 32 times, {words}", "deg", "Fig. 5a", None,
-            errors[at["paper, codes"]], errors[at["joint, emission fitted"]], None,
-            figure.bound_deg["fitted"] * shrink,
-            "code widths calibrated; joint and bound: emission time fitted",
+            f"{what}; code widths calibrated", "deg", "Fig. 5a", None, errors[at["paper, codes"]],
+            errors[at["joint"]], errors[at["photon"]], known, "source, emission time known",
+        )  # fmt: skip
+        yield Row(
+            f"{what}; emission time fitted", "deg", "Fig. 5a", None, None,
+            errors[at["joint, emission fitted"]], None, fitted, "source known, emission fitted",
         )  # fmt: skip
     yield Row(
-        "angle error, 2 times", "deg", "Fig. 5a", reported.ANGLE_ERROR_TWO_TIMES_DEG,
+        "angle error, 2 times; paper's clock: delays", "deg", "Fig. 5a",
+        reported.ANGLE_ERROR_TWO_TIMES_DEG,
         figure.averaged_deg["delays"][0], None, None, None,
-        "the first two in the order of flight; delays calibrated",
+        "source, emission time known; the first two in the order of flight",
     )  # fmt: skip
 
 
@@ -137,18 +140,18 @@ def _path_rows(figure: Fig6) -> Iterator[Row]:
         for clock, known in (("delays", True), ("codes", True), ("codes", False)):
             prior = "emission time known" if known else "emission time fitted"
             given = (
-                "paper: delays calibrated, ours: code widths too"
+                "paper's clock: delays, ours: code widths too"
                 if clock == "delays"
                 else "code widths calibrated"
             )
             yield Row(
-                f"{words} error, three legs, in view, rms", unit, "Fig. 6",
+                f"{words} error, three legs, in view, rms; {prior}; {given}", unit, "Fig. 6",
                 number if clock == "delays" else None,
                 error(values, "paper", clock, known=known),
                 error(values, "joint", "codes", known=known),
                 error(values, "photon", "codes", known=known),
                 bound[known],
-                f"source known, {prior}; {given}",
+                f"source known, {prior}",
             )  # fmt: skip
     yield Row(
         "arrival time against event time, before correction, rms", "ps", "Fig. 6b",

@@ -108,8 +108,7 @@ def _one_thread() -> None:
 
 
 def _do(unit: Unit, place: Path, seed: int) -> None:
-    module, _, function = unit.maker.partition(":")
-    maker = getattr(importlib.import_module(f"lightflight.zheng2020.{module}"), function)
+    maker = _maker(unit.maker)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # half of these experiments leave things out on purpose
         result = dict(maker(**unit.settings, seed=seed))
@@ -119,6 +118,15 @@ def _do(unit: Unit, place: Path, seed: int) -> None:
     record = {**_label(unit, seed), "result": result, _PATHS: sorted(paths)}
     with atomic_path(place / f"{unit.name}.json") as fresh:
         fresh.write_text(json.dumps(record), encoding="utf-8")
+
+
+def _maker(name: str) -> Callable[..., Mapping[str, Any]]:
+    """The function that "module:function" names."""
+    module, _, function = name.partition(":")
+    found: Callable[..., Mapping[str, Any]] = getattr(
+        importlib.import_module(f"lightflight.zheng2020.{module}"), function
+    )
+    return found
 
 
 def _label(unit: Unit, seed: int) -> dict[str, Any]:
