@@ -125,3 +125,13 @@ def test_a_real_lifetime_image_shows_a_pulse(data_dir):
     found: Any = describe_recording(lf.read(path, axes="yxt", bin_width_ps=41.1))
     assert found.has_pulse
     assert found.n_pulse_pixels > 0.85 * 128 * 192
+
+
+def test_bright_pixels_of_a_dark_scene_do_not_scream(rng):
+    """The light itself is all there is; one pixel full of darkness does scream."""
+    counts = np.zeros((16, 16, 128), int)
+    counts[7] = rng.poisson(900 * np.exp(-0.5 * ((np.arange(128) - 60) / 2.0) ** 2) / 5, (16, 128))
+    counts[2, 3] = rng.poisson(5.0, 128)
+    found = describe_recording(lf.Histograms(counts, bin_width_ps=55.0))
+    assert found.n_screaming == 1
+    assert found.n_pulse_pixels == 16

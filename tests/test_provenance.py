@@ -43,3 +43,15 @@ def test_missing_package_and_missing_file(tmp_path):
     assert version_of("no-such-package-on-any-index") is None
     with pytest.raises(FileNotFoundError, match="gone"):
         input_record(tmp_path / "gone.h5")
+
+
+def test_a_folder_is_known_by_all_its_files(tmp_path):
+    folder = tmp_path / "x.zarr"
+    (folder / "c").mkdir(parents=True)
+    (folder / "zarr.json").write_text("{}")
+    (folder / "c" / "0").write_bytes(b"123")
+    before = input_record(folder)
+    assert (before["name"], before["bytes"]) == ("x.zarr", 5)
+    assert input_record(folder) == before
+    (folder / "c" / "0").rename(folder / "c" / "1")
+    assert input_record(folder)["sha256"] != before["sha256"]

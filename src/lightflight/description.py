@@ -65,7 +65,8 @@ class Description:
     """Median over pixels of photons per frame; None where frames are unknown."""
 
     n_screaming: int
-    """Pixels that fire in most frames, or count over ten times the median pixel."""
+    """Pixels that fire in most frames; where frames are unknown, those whose counts away from
+    their highest codes are over ten times those of the median pixel."""
 
     n_silent: int
     """Pixels without a single photon."""
@@ -181,10 +182,27 @@ def _sum_of(halves: list[Histograms]) -> Histograms:
 
 
 def _screaming(hist: Histograms, photons: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(rows, cols), by occupancy where it is known, else against the median pixel."""
+    """(rows, cols), by occupancy where it is known, else by darkness against the median pixel.
+
+    Bright is not screaming: on a dark scene the light itself is all there is.
+    """
     if hist.occupancy is not None and hist.no_photon_code is not None:
         return hist.occupancy > SCREAMING_OCCUPANCY
-    return photons > 10 * max(float(np.median(photons)), _FEWEST_COUNTS)
+    dark = photons - np.stack([_near_highest_code(hist, row) for row in range(hist.shape[0])])
+    return dark > 10 * max(float(np.median(dark)), _FEWEST_COUNTS)
+
+
+def _near_highest_code(hist: Histograms, row: int) -> NDArray[np.float64]:
+    """(cols,), counts of one row within `_HALF_WIDTH_CODES` of each pixel's highest code."""
+    counts = np.where(hist.photon_codes, hist.counts[row], 0).astype(float)
+    total = np.zeros((counts.shape[0], counts.shape[1] + 1))
+    np.cumsum(counts, axis=1, out=total[:, 1:])
+    highest = counts.argmax(axis=1)
+    first = np.maximum(highest - _HALF_WIDTH_CODES, 0)
+    end = np.minimum(highest + _HALF_WIDTH_CODES + 1, counts.shape[1])
+    pixel = np.arange(counts.shape[0])
+    near: NDArray[np.float64] = total[pixel, end] - total[pixel, first]
+    return near
 
 
 def _n_saturated(hist: Histograms) -> int:
@@ -205,8 +223,10 @@ def _live_codes(hist: Histograms, usable: NDArray[np.bool_]) -> tuple[int, int] 
 def _pulse_pixels(hist: Histograms, live: tuple[int, int] | None) -> NDArray[np.bool_]:
     """(rows, cols), True where some window stands far above the pixel's median window.
 
-    Poisson counts must exceed it by half and by six standard deviations, which over a thousand
-    pixels of a thousand codes happens by chance less than once in a thousand recordings.
+    So does a window that holds most of the pixel's photons: without background the live codes
+    are those of the pulse, and no window is without it. Poisson counts must exceed the median by
+    half and by six standard deviations, which over a thousand pixels of a thousand codes happens
+    by chance less than once in a thousand recordings.
     """
     found = np.zeros(hist.shape, dtype=bool)
     if live is None:
@@ -221,7 +241,9 @@ def _pulse_pixels(hist: Histograms, live: tuple[int, int] | None) -> NDArray[np.
             mad = np.median(np.abs(windows - middle[:, None]), axis=1)
             noise = _MAD_SIGMAS * _STD_FROM_MAD * mad
             limit = np.maximum(_CONTRAST * middle, middle + noise)
-        found[row] = highest > limit
+        total = hist.counts[row, :, live[0] : live[1] + 1].sum(axis=1, dtype=float)
+        fewest = 4 * _FEWEST_COUNTS if hist.poisson else 0.0
+        found[row] = (highest > limit) | (highest > np.maximum(0.5 * total, fewest))
     return found
 
 

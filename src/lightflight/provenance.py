@@ -32,9 +32,20 @@ def sha256_of_file(path: str | os.PathLike[str]) -> str:
 
 
 def input_record(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Name, size and SHA-256 of one input file; its folder stays on the machine it lies on."""
+    """Name, size and SHA-256 of one input file; its folder stays on the machine it lies on.
+
+    Of a folder (Zarr): the SHA-256 of its files' names and SHA-256, in the order of their names.
+    """
     file = Path(path)
-    return {"name": file.name, "bytes": file.stat().st_size, "sha256": sha256_of_file(file)}
+    if not file.is_dir():
+        return {"name": file.name, "bytes": file.stat().st_size, "sha256": sha256_of_file(file)}
+    parts = sorted(part for part in file.rglob("*") if part.is_file())
+    lines = [f"{sha256_of_file(part)}  {part.relative_to(file).as_posix()}\n" for part in parts]
+    return {
+        "name": file.name,
+        "bytes": sum(part.stat().st_size for part in parts),
+        "sha256": hashlib.sha256("".join(lines).encode()).hexdigest(),
+    }
 
 
 def provenance_record(

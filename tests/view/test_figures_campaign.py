@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -29,7 +31,8 @@ def is_text(artist) -> bool:
 
 def test_means_stand_at_their_set_points(groups):
     ax = draw_set_points(groups)
-    x, y = ax.containers[0].lines[0].get_data()
+    bars: Any = ax.containers[0]
+    x, y = bars.lines[0].get_data()
     np.testing.assert_array_equal(x, [-5.0, 0.0, 2.5, 5.0])
     np.testing.assert_allclose(y[[0, 1, 3]], [groups[k].mean_deg for k in (0, 1, 3)])
     assert np.isnan(y[2])
@@ -37,7 +40,8 @@ def test_means_stand_at_their_set_points(groups):
 
 def test_every_repeat_is_drawn_beside_its_set_point_without_overlap(groups):
     ax = draw_set_point_errors(groups)
-    places = [bars.lines[0].get_xdata() for bars in ax.containers[1::2]]  # thin, thick, thin ...
+    containers: Any = ax.containers[1::2]  # thin, thick, thin ...
+    places = [bars.lines[0].get_xdata() for bars in containers]
     drawn = np.concatenate(places)
     assert len(drawn) == len(np.unique(drawn)) == 8
     assert np.abs(places[0] + 5.0).max() < 1.25  # half the least distance of set-points

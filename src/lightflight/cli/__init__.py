@@ -12,6 +12,7 @@ from lightflight._version import __version__
 from lightflight.cli import (
     batch,
     calibrate,
+    convert,
     demo,
     export,
     info,
@@ -59,8 +60,8 @@ def main() -> None:
 
 
 _COMMANDS = (
-    demo, paper, plan, simulate, info, calibrate, reconstruct, batch, view, movie, plot, export,
-    versions,
+    demo, paper, plan, simulate, info, convert, calibrate, reconstruct, batch, view, movie, plot,
+    export, versions,
 )  # fmt: skip
 
 for _module in _COMMANDS:

@@ -15,7 +15,14 @@ from lightflight.cli._console import (
     print_sentences,
     step,
 )
-from lightflight.cli._options import debug_option, hint_option, json_option, lab_options
+from lightflight.cli._options import (
+    FIGURE_SUFFIXES,
+    check_outputs,
+    debug_option,
+    hint_option,
+    json_option,
+    lab_options,
+)
 
 if TYPE_CHECKING:
     from lightflight.lab import Lab
@@ -23,6 +30,11 @@ if TYPE_CHECKING:
 
 @click.command("info", short_help="Say what a file holds.")
 @click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--plot",
+    type=click.Path(path_type=Path),
+    help="Draw where and when the photons of a recording fall, into this file (.png .pdf .svg).",
+)
 @lab_options
 @hint_option
 @json_option
@@ -30,6 +42,7 @@ if TYPE_CHECKING:
 def command(
     *,
     file: Path,
+    plot: Path | None,
     lab_path: Path | None,
     assignments: tuple[str, ...],
     hints: dict[str, Any],
@@ -40,7 +53,7 @@ def command(
 
     \b
     Examples:
-      lightflight info recording.h5
+      lightflight info recording.h5 --plot recording.png
       lightflight info streak.mat --hint axes=tyx --hint bin_width_ps=7.5
     """
     from lightflight.cli._records import lab_from_options, print_lab
@@ -49,7 +62,12 @@ def command(
     if dry_run:
         print_lab(lab)
         return
+    if plot is not None:
+        check_outputs([plot], inputs=[file], suffixes=FIGURE_SUFFIXES)
     facts, sentences = _facts_of(file, lab, hints)
+    if plot is not None:
+        _draw(file, lab, hints, plot)
+        sentences = [*sentences, f"Written: {plot}"]
     facts = [Fact("file", "file", file.name), *facts]
     if as_json:
         print_json(json_from_facts(facts) | {"notes": sentences})
@@ -69,6 +87,20 @@ def _facts_of(file: Path, lab: Lab, hints: dict[str, Any]) -> tuple[list[Fact], 
         case "pulses" | "arrivals" as kind:
             return _table_facts(file, kind)
     return _recording_facts(file, lab, hints)
+
+
+def _draw(file: Path, lab: Lab, hints: dict[str, Any], plot: Path) -> None:
+    from lightflight.cli._records import read_histograms
+    from lightflight.store import kind_of_record
+
+    if not file.is_dir() and kind_of_record(file) not in (None, "histograms", "recording"):
+        raise click.UsageError(f"--plot draws recordings: lightflight plot {file.name} -o {plot}")
+    from lightflight.view.export import write_figure
+    from lightflight.view.figures_recording import recording_figure
+
+    hist = read_histograms(file, lab, hints)
+    with step(f"writing {plot.name}"):
+        write_figure(recording_figure(hist, title=file.name), plot)
 
 
 def _recording_facts(file: Path, lab: Lab, hints: dict[str, Any]) -> tuple[list[Fact], list[str]]:

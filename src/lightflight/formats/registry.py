@@ -38,6 +38,7 @@ _MODULES: tuple[str, ...] = (
     "hdf5_dataset",
     "pf32_frames",
     "spc",
+    "tables",
 )
 """Asked in this order: formats that know themselves by content before those that cannot."""
 
@@ -200,7 +201,7 @@ def write_file(
         raise TypeError(f"only a Recording or Histograms can be written, got {type(record)}")
     options = dict(options)
     name = options.pop("format", None)
-    file_format = _format_by_name(name) if name is not None else _format_to_write(Path(path))
+    file_format = _format_by_name(name) if name is not None else format_to_write(Path(path))
     if file_format.write is None:
         raise ValueError(f"{file_format.name} files can be read, not written")
     for option in options:
@@ -210,7 +211,8 @@ def write_file(
     file_format.write(record, Path(path), **options)
 
 
-def _format_to_write(path: Path) -> Format:
+def format_to_write(path: Path) -> Format:
+    """Format that the suffix of a new file asks for; ValueError where none does."""
     writers = [file_format for file_format in known_formats() if file_format.write]
     by_suffix = _format_by_suffix(path, writers)
     if by_suffix is not None:

@@ -8,6 +8,7 @@ Figures take records and Axes (or make a Figure) and return it:
 - `draw_camera_picture`, `draw_pixel_histogram`, `pixel_cases_figure` (paper Fig. 2b, 2c);
 - `calibration_figure` and its parts `draw_gain_map`, `draw_phases`, `draw_delay_map`,
   `draw_response_widths`, `draw_bad_pixels`;
+- `recording_figure` and its parts `draw_counts`, `draw_code_sum`: before anything is fitted;
 - `campaign_figure` and its parts `draw_set_points`, `draw_set_point_errors`, `draw_repeat_pulls`;
 - `demo_figure`: one page about one reconstruction; `fiber_figure`: without a metric scale.
 
@@ -30,6 +31,8 @@ _MODULE_FROM_NAME = {
     "demo_figure": "figures_demo",
     "draw_bad_pixels": "figures_calibration",
     "draw_camera_picture": "figures_camera",
+    "draw_code_sum": "figures_recording",
+    "draw_counts": "figures_recording",
     "draw_delay_map": "figures_calibration",
     "draw_gain_map": "figures_calibration",
     "draw_path_3d": "figures_path",
@@ -53,6 +56,7 @@ _MODULE_FROM_NAME = {
     "layers_from_path": "napari_layers",
     "observe": "observation",
     "pixel_cases_figure": "figures_camera",
+    "recording_figure": "figures_recording",
     "to_xarray": "arrays",
     "write_campaign": "page.campaign",
     "write_figure": "export",
