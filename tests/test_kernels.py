@@ -20,6 +20,8 @@ from lightflight._kernels import pulse, pulse_lanes, pulse_split
 from lightflight._kernels.pulse_tile import N_COLUMNS, fit_rest, fit_tile
 from tests.pulse_fakes import STD, WIDTH, expected_counts
 
+GAUSSIAN = np.empty((3, 0))
+
 
 def plain(kernel: Any) -> Any:
     """The kernel as Python runs it, not compiled."""
@@ -55,7 +57,9 @@ def test_compiled_and_plain_evaluate_agree(pixel):
     for function in (pulse.evaluate, plain(pulse.evaluate)):
         slope, grad, info = np.empty(4), np.empty(4), np.empty((4, 4))
         outside = np.array([3.0, 500.0])
-        value = function(theta, 1, window, m, outside, (True, False, True), slope, grad, info)
+        value = function(
+            theta, 1, window, m, outside, (True, False, True, GAUSSIAN), slope, grad, info
+        )
         results.append((value, grad, info))
     assert results[0][0] == pytest.approx(results[1][0], rel=1e-13)
     np.testing.assert_allclose(results[0][1], results[1][1], rtol=1e-9, atol=1e-12)
@@ -66,12 +70,13 @@ def test_compiled_and_plain_evaluate_agree(pixel):
 def test_slopes_of_the_model_are_its_derivatives(sampled):
     theta = np.array([1490.0, 1600.0, 380.0, 90.0, 75.0, 0.012])
     slope, spare = np.empty(6), np.empty(6)
-    pulse.bin_model(theta, 2, 1540.0, 1595.0, 55.0, sampled, slope)
+    model = (True, sampled, True, GAUSSIAN)
+    pulse.bin_model(theta, 2, 1540.0, 1595.0, 55.0, model, slope)
     for a in range(6):
         step = np.zeros(6)
         step[a] = 1e-5 * theta[a]
-        high = pulse.bin_model(theta + step, 2, 1540.0, 1595.0, 55.0, sampled, spare)
-        low = pulse.bin_model(theta - step, 2, 1540.0, 1595.0, 55.0, sampled, spare)
+        high = pulse.bin_model(theta + step, 2, 1540.0, 1595.0, 55.0, model, spare)
+        low = pulse.bin_model(theta - step, 2, 1540.0, 1595.0, 55.0, model, spare)
         assert slope[a] == pytest.approx((high - low) / (2 * step[a]), rel=1e-6)
 
 
@@ -90,7 +95,7 @@ def test_window_and_sums_give_the_likelihood_of_the_full_range(pixel):
         for window, size, out in ((whole, n, np.zeros(2)), (part, m, outside)):
             slope, grad, info = np.empty(4), np.empty(4), np.empty((4, 4))
             value = pulse.evaluate(
-                theta, 1, window, size, out, (True, False, True), slope, grad, info
+                theta, 1, window, size, out, (True, False, True, GAUSSIAN), slope, grad, info
             )
             values.append((value, grad, info))
     for first in (0, 2):
@@ -173,13 +178,14 @@ def run_tile(function, counts, lower, upper, period=math.inf):
     values, covariances = np.full((m, 4), np.nan), np.full((m, 4, 4), np.nan)
     table = np.full((m, N_COLUMNS), np.nan)
     starts, left = np.empty((m, 4)), np.empty(m, np.int64)
-    model, zero = (True, False, True), np.zeros(m)
+    model, zero, never = (True, False, True, GAUSSIAN), np.zeros(m), np.full(m, np.inf)
     n_left = function(
-        counts, lower, upper, period, np.ones(m, bool), zero, zero, 0.0, 7.0, model, starts, left,
+        counts, lower, upper, period, np.ones(m, bool), zero, never, zero, zero, 7.0, model, starts,
+        left,
         values, covariances, table,
     )  # fmt: skip
     fit_rest(
-        counts, lower, upper, period, left[:n_left], zero, zero, 0.0, model, starts, values,
+        counts, lower, upper, period, left[:n_left], zero, never, zero, zero, model, starts, values,
         covariances, table,
     )  # fmt: skip
     return values, covariances, table, n_left
@@ -228,7 +234,7 @@ def run_tile_without_lanes(counts, lower, upper):
     total, peak = bins[0][:n].sum(), int(np.argmax(bins[0][:n]))
     start = bins[1][peak] + 0.5 * WIDTH
     theta, outcome = np.array([start, 0.8 * total, STD, 0.01]), np.empty(4)
-    model = (True, False, True)
+    model = (True, False, True, GAUSSIAN)
     m = pulse.fit_bins(bins, n, math.inf, theta, 1, model, True, window, small, outcome)
     covariance = np.empty((4, 4))
     whole = bins[2][:n].sum()

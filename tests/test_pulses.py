@@ -29,6 +29,7 @@ def fake_timing(lower, upper, *, period=None, shape=None, flags=None):
     return SimpleNamespace(
         shape=shape,
         laser_period_ps=period,
+        response=None,
         flags=np.zeros(shape, np.uint32) if flags is None else flags,
         phases=np.full((*shape, 1), 1.001),
         check_matches=lambda hist: None,

@@ -50,12 +50,34 @@ def load_around(bins, n, period, theta, n_pulses, reach, window, outside):
 
 
 @jit_lent
-def bin_model(theta, n_pulses, low, high, width, sampled, slope):
+def shape_at(shape, z):
+    """Share of a pulse that has come by z std after its centre, and its density there.
+
+    shape (3, m): z in even steps, cumulated shape, density; the density is straight in between.
+    """
+    step = shape[0, 1] - shape[0, 0]
+    place = (z - shape[0, 0]) / step
+    if not place > 0.0:
+        return 0.0, 0.0
+    if place >= shape.shape[1] - 1:
+        return 1.0, 0.0
+    i = int(place)
+    part = place - i
+    density = shape[2, i] + part * (shape[2, i + 1] - shape[2, i])
+    return shape[1, i] + 0.5 * part * step * (shape[2, i] + density), density
+
+
+@jit_lent
+def bin_model(theta, n_pulses, low, high, width, model, slope):
     """Expected counts of one bin and their derivatives by theta (into `slope`).
 
-    Integrated Gaussian, or `sampled` at the bin's middle as the paper's least squares does.
+    model: (Poisson likelihood?, sampled?, Poisson counts?, shape). Pulses are Gaussians or of the
+    tabulated shape (see `shape_at`), integrated over the bin, or Gaussians `sampled` at its middle
+    as the paper's least squares does. A bin whose width is less than what lies between its edges
+    was alive for that part only.
     """
-    std = theta[2 * n_pulses]
+    _, sampled, _, shape = model
+    std, live = theta[2 * n_pulses], width / (high - low)
     expected = theta[2 * n_pulses + 1] * width
     slope_std = 0.0
     for j in range(n_pulses):
@@ -67,11 +89,16 @@ def bin_model(theta, n_pulses, low, high, width, sampled, slope):
             by_std = share * (z * z - 1.0) / std
         else:
             z_low, z_high = (low - theta[j]) / std, (high - theta[j]) / std
-            share = 0.5 * (math.erf(z_high * INV_SQRT_2) - math.erf(z_low * INV_SQRT_2))
-            pdf_low = INV_SQRT_2PI * math.exp(-0.5 * z_low * z_low)
-            pdf_high = INV_SQRT_2PI * math.exp(-0.5 * z_high * z_high)
-            by_centre = (pdf_low - pdf_high) / std
-            by_std = (z_low * pdf_low - z_high * pdf_high) / std
+            if shape.shape[1] > 0:
+                before, pdf_low = shape_at(shape, z_low)
+                after, pdf_high = shape_at(shape, z_high)
+                share = live * (after - before)
+            else:
+                share = 0.5 * live * (math.erf(z_high * INV_SQRT_2) - math.erf(z_low * INV_SQRT_2))
+                pdf_low = INV_SQRT_2PI * math.exp(-0.5 * z_low * z_low)
+                pdf_high = INV_SQRT_2PI * math.exp(-0.5 * z_high * z_high)
+            by_centre = live * (pdf_low - pdf_high) / std
+            by_std = live * (z_low * pdf_low - z_high * pdf_high) / std
         expected += photons * share
         slope[j] = photons * by_centre
         slope[n_pulses + j] = share
@@ -79,6 +106,15 @@ def bin_model(theta, n_pulses, low, high, width, sampled, slope):
     slope[2 * n_pulses] = slope_std
     slope[2 * n_pulses + 1] = width
     return expected
+
+
+@jit_lent
+def reach_of_pulse(model):
+    """Std on either side of its centre beyond which a pulse is nothing."""
+    shape = model[3]
+    if shape.shape[1] == 0:
+        return REACH
+    return max(-shape[0, 0], shape[0, shape.shape[1] - 1])
 
 
 @jit_lent
@@ -90,7 +126,7 @@ def evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info):
     sums are all they contribute.
     """
     counts, edges, exposure = window
-    poisson, sampled, _ = model
+    poisson = model[0]
     size = 2 * n_pulses + 2
     for a in range(size):
         grad[a] = 0.0
@@ -100,7 +136,7 @@ def evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info):
     for k in range(m):
         if exposure[k] <= 0.0:
             continue
-        expected = bin_model(theta, n_pulses, edges[k], edges[k + 1], exposure[k], sampled, slope)
+        expected = bin_model(theta, n_pulses, edges[k], edges[k + 1], exposure[k], model, slope)
         if poisson:
             weight = 1.0 / expected
             pull = counts[k] * weight - 1.0
@@ -235,7 +271,7 @@ def fit_bins(bins, n, period, theta, n_pulses, model, fit_std, window, scratch, 
     info, new_info, factor = matrices
     size = 2 * n_pulses + 2
     bounds = bounds_of(bins, n, period, model)
-    reach = 1.25 * REACH if model[0] else math.inf
+    reach = 1.25 * reach_of_pulse(model) if model[0] else math.inf
     theta[size - 2] = min(max(theta[size - 2], bounds[0]), bounds[1])
     theta[size - 1] = max(theta[size - 1], bounds[2])
     put(theta, size, trial)
@@ -255,7 +291,9 @@ def fit_bins(bins, n, period, theta, n_pulses, model, fit_std, window, scratch, 
                 unit = max(-2.0 * objective / max(m - size, 1), 1e-300)
             converged = length2 < TOLERANCE * unit and damping < 1.0
             damping = 0.0 if damping < 1e-2 else 0.1 * damping
-            fresh = m < n and not window_holds(theta, n_pulses, window, m) and steps < MAX_STEPS
+            fresh = (
+                m < n and not window_holds(theta, n_pulses, model, window, m) and steps < MAX_STEPS
+            )
             if fresh:
                 steps += 1
                 continue
@@ -278,9 +316,9 @@ def fit_bins(bins, n, period, theta, n_pulses, model, fit_std, window, scratch, 
 
 
 @jit_lent
-def window_holds(theta, n_pulses, window, m):
-    """True where the loaded window holds every pulse out to REACH std."""
-    reach = REACH * theta[2 * n_pulses]
+def window_holds(theta, n_pulses, model, window, m):
+    """True where the loaded window holds all of every pulse."""
+    reach = reach_of_pulse(model) * theta[2 * n_pulses]
     for j in range(n_pulses):
         if theta[j] - reach < window[1][0] or theta[j] + reach > window[1][m]:
             return False
@@ -315,9 +353,10 @@ def describe_fit(bins, n, theta, n_pulses, model, window, m, scratch, summary):
     for k in range(m):
         if exposure[k] <= 0.0:
             continue
-        expected = bin_model(theta, n_pulses, edges[k], edges[k + 1], exposure[k], model[1], slope)
+        expected = bin_model(theta, n_pulses, edges[k], edges[k + 1], exposure[k], model, slope)
+        live = exposure[k] / (edges[k + 1] - edges[k])
         for j in range(n_pulses):
-            held[j] += slope[n_pulses + j]
+            held[j] += slope[n_pulses + j] / live
         if expected < MIN_EXPECTED:
             continue
         term = (counts[k] - expected) ** 2 / expected
@@ -412,9 +451,7 @@ def covariance_of_fit(theta, n_pulses, model, whole_exposure, window, m, scratch
             if exposure[k] <= 0.0:
                 continue
             n_live += 1
-            expected = bin_model(
-                theta, n_pulses, edges[k], edges[k + 1], exposure[k], model[1], slope
-            )
+            expected = bin_model(theta, n_pulses, edges[k], edges[k + 1], exposure[k], model, slope)
             variance = max(expected, 0.0) if model[2] else (counts[k] - expected) ** 2
             for a in range(size):
                 for b in range(size):

@@ -13,7 +13,7 @@ import numpy as np
 
 from lightflight._kernels.bins import accumulate, edge_at, log_excess_over, put, residual_level
 from lightflight._kernels.jit import jit, jit_lent
-from lightflight._kernels.pulse import REACH, bin_model, fit_bins
+from lightflight._kernels.pulse import bin_model, fit_bins, reach_of_pulse
 
 APART = 1.5  # centres closer than this many std are one pulse
 ALONE = 3.0  # further than this many std from every pulse, light is another pulse or a tail
@@ -33,11 +33,12 @@ def wrapped(difference, period):
 
 
 @jit_lent
-def expected_counts(bins, n, period, theta, n_pulses, one, slope, expected):
+def expected_counts(bins, n, period, theta, n_pulses, model, one, slope, expected):
     """Counts that theta expects in every bin, over the whole range. `one`: room for a theta."""
     _, edges, exposure = bins
     std = theta[2 * n_pulses]
-    single, no_slope = np.int64(1), np.bool_(False)  # no literals, see `pulse_tile.fit_alone`
+    single = np.int64(1)  # no literal, see `pulse_tile.fit_alone`
+    reach = reach_of_pulse(model) * std
     for k in range(n):
         expected[k] = theta[2 * n_pulses + 1] * exposure[k]
         if exposure[k] <= 0.0:
@@ -45,14 +46,16 @@ def expected_counts(bins, n, period, theta, n_pulses, one, slope, expected):
         middle, half = 0.5 * (edges[k] + edges[k + 1]), 0.5 * (edges[k + 1] - edges[k])
         for j in range(n_pulses):
             away = wrapped(middle - theta[j], period)
-            if abs(away) - half <= REACH * std:
+            if abs(away) - half <= reach:
                 one[0], one[1], one[2], one[3] = middle - away, 1.0, std, 0.0
-                share = bin_model(one, single, edges[k], edges[k + 1], exposure[k], no_slope, slope)
+                share = bin_model(one, single, edges[k], edges[k + 1], exposure[k], model, slope)
                 expected[k] += theta[n_pulses + j] * share
 
 
 @jit_lent
-def residual_scan(bins, n, period, theta, n_pulses, near, std, double_code, sums, scratch, best):
+def residual_scan(
+    bins, n, period, theta, n_pulses, model, near, std, double_code, sums, scratch, best
+):
     """Window of a pulse's length (2.5 std) with the excess over theta that chance explains least.
 
     Windows whose middle is within `near` of theta's std of a pulse are left out. `double_code` as
@@ -61,7 +64,7 @@ def residual_scan(bins, n, period, theta, n_pulses, near, std, double_code, sums
     """
     vectors, _, _, _ = scratch
     expected = sums[3]
-    expected_counts(bins, n, period, theta, n_pulses, vectors[3], vectors[0], expected)
+    expected_counts(bins, n, period, theta, n_pulses, model, vectors[3], vectors[0], expected)
     edges = bins[1]
     reach = 2 * n if period < math.inf else n
     accumulate(expected, n, reach, sums[2])
@@ -199,14 +202,25 @@ def best_with_one_more(
             if n_pulses == 1:
                 trial[0], trial[1] = narrow, theta[3]
                 residual_scan(
-                    bins, n, period, trial, none, 0.0, narrow, double_code, sums, scratch, best
+                    bins,
+                    n,
+                    period,
+                    trial,
+                    none,
+                    model,
+                    0.0,
+                    narrow,
+                    double_code,
+                    sums,
+                    scratch,
+                    best,
                 )
                 base[0] = theta[0] + wrapped(best[1] - theta[0], period)
             fit_bins(bins, n, period, base, n_pulses, model, is_first, window, scratch, outcome)
         else:
             near, width = 0.0, narrow
         residual_scan(
-            bins, n, period, base, n_pulses, near, width, double_code, sums, scratch, best
+            bins, n, period, base, n_pulses, model, near, width, double_code, sums, scratch, best
         )
         with_one_more(base, n_pulses, best[1], max(best[2], 1.0), width, period, trial)
         if start == 2:

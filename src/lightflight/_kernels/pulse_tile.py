@@ -37,6 +37,7 @@ from lightflight._kernels.pulse_conveyor import (
 from lightflight._kernels.pulse_split import ALONE, residual_scan, split_pulses
 
 Floats = NDArray[np.float64]
+Model = tuple[bool, bool, bool, Floats]
 
 N_COLUMNS = 12
 """Columns of a table of fits."""
@@ -65,8 +66,15 @@ def new_row(counts):
 @jit_lent
 def lay_out(row, lower, upper, period):
     """Bins of a pixel into the row; returns (bins, bins with the tail behind the fold, even)."""
-    _, edges, exposure, inverse, covered, codes = row
+    _, edges, exposure, _, _, codes = row
     n = bins_from_codes(lower, upper, period, edges, exposure, codes)
+    return n, *sum_exposure(row, n, period)
+
+
+@jit_lent
+def sum_exposure(row, n, period):
+    """Sums over the exposure of the bins into the row; see `lay_out`."""
+    _, _, exposure, inverse, covered, _ = row
     reach = 2 * n if period < math.inf else n
     inverse[n], inverse[n + 1] = 0.0, 0.0
     for k in range(n):
@@ -75,7 +83,25 @@ def lay_out(row, lower, upper, period):
         inverse[n + 1] += exposure[k] > 0.0
     if n > 0:
         accumulate(exposure, n, reach, covered)
-    return n, reach, even_width(exposure, n)
+    return reach, even_width(exposure, n)
+
+
+@jit_lent
+def thin_exposure(counts, n, trials, exposure):
+    """Exposure of bins that an earlier photon of the same period may have closed.
+
+    A period ends with its first photon: of `trials` periods, those that saw none before bin k
+    reach it. Counts among them are binomial with chance 1 - exp(-rate); the exposure given, counts
+    over the rate that explains them, makes that a Poisson likelihood with the same maximum.
+    """
+    alive = trials
+    for k in range(n):
+        left = max(alive - counts[k], 1e-3)
+        seen = alive
+        if counts[k] > 0 and left < alive:
+            seen = counts[k] / math.log(alive / left)
+        exposure[k] *= seen / trials
+        alive = left
 
 
 @jit_lent
@@ -107,7 +133,7 @@ def fit_alone(row, n, period, start, dark, double_code, model, room, values, cov
         accumulate(counts, n, reach, sums[0])
         put(covered, reach + 1, sums[1])
         residual_scan(
-            bins, n, period, theta, single, ALONE, theta[2], double_code, sums, small, best
+            bins, n, period, theta, single, model, ALONE, theta[2], double_code, sums, small, best
         )
         columns[RESIDUAL] = best[0] - math.log(n)
 
@@ -129,10 +155,11 @@ def fit_tile(
     period: float,
     todo: NDArray[np.bool_],
     double_code: Floats,
+    trials: Floats,
     dark_counts: Floats,
-    dark_ratio: float,
+    dark_ratio: Floats,
     log_alarms: float,
-    model: tuple[bool, bool, bool],
+    model: Model,
     starts: Floats,
     left: NDArray[np.int64],
     values: Floats,
@@ -145,10 +172,11 @@ def fit_tile(
     (centre, photons, std, background) of each pixel with a pulse in `starts` (m, 4).
 
     counts (m, codes), int32 (rows sum to less than 2^31) or float64; lower, upper (m or 1, codes);
-    period inf where nothing folds; todo (m,); double_code (m,), see `scan_for_pulse`; dark_counts
-    (m,): counts of a background recording, dark_ratio: its exposure over this one's (0: none);
-    log_alarms: a pulse must be less likely by chance than exp(-that - 3); model: Poisson
-    likelihood?, sampled Gaussian?, Poisson counts?
+    period inf where nothing folds; todo (m,); double_code (m,), see `scan_for_pulse`; trials (m,):
+    laser periods that could have ended with a photon, see `thin_exposure` (inf: no pile-up);
+    dark_counts (m,): counts of a background recording, dark_ratio (m,): its exposure over this
+    one's (0: none); log_alarms: a pulse must be less likely by chance than exp(-that - 3); model:
+    see `pulse.bin_model`.
 
     values (m, 4) centre, std, photons, background; covariances (m, 4, 4) in that order; table
     (m, N_COLUMNS): counts, exposure, largest bin, pulses found, converged, steps, chi2, its bins,
@@ -158,16 +186,16 @@ def fit_tile(
     room = (new_row(counts), (new_conveyor(), new_conveyor()), np.empty(3))
     return int(
         fit_in_lanes(
-            counts, lower, upper, period, todo, double_code, (dark_counts, dark_ratio), log_alarms,
-            model, starts, left, (values, covariances, table), room,
+            counts, lower, upper, period, todo, double_code, trials, (dark_counts, dark_ratio),
+            log_alarms, model, starts, left, (values, covariances, table), room,
         )
     )  # fmt: skip
 
 
 @jit_lent
 def fit_in_lanes(
-    counts, lower, upper, period, todo, double_code, dark_recording, log_alarms, model, starts,
-    left, results, room,
+    counts, lower, upper, period, todo, double_code, trials, dark_recording, log_alarms, model,
+    starts, left, results, room,
 ):  # fmt: skip
     """`fit_tile` with the arrays it works in: room is (row, (two conveyors), (3,))."""
     row, conveyors, best = room
@@ -178,13 +206,15 @@ def fit_in_lanes(
     n_left, keep_going, drain = np.int64(0), np.bool_(False), np.bool_(True)
     fits = table[:, N_PULSES:]
     shared = lower.shape[0] == 1
-    n, reach, even = lay_out(row, lower[0], upper[0], period)
-    bounds = bounds_of((exposure, edges, exposure), n, period, model)
+    fresh, gaussian = False, model[3].shape[1] == 0
+    n, reach, even = 0, 0, 0.0
     for i in range(counts.shape[0]):
         if not todo[i]:
             continue
-        if not shared:
-            n, reach, even = lay_out(row, lower[i], upper[i], period)
+        if not (shared and fresh):
+            at = 0 if shared else i
+            n, reach, even = lay_out(row, lower[at], upper[at], period)
+            fresh = True
             bounds = bounds_of((exposure, edges, exposure), n, period, model)
         table[i, N_PULSES] = 0.0
         if n == 0:  # no code of this pixel has a width
@@ -193,8 +223,12 @@ def fit_in_lanes(
         total = float(take_counts(counts[i], codes, n, levels[0]))
         wrap_tail(levels[0], n, reach)
         table[i, COUNTS], table[i, EXPOSURE] = total, covered[n]
+        if trials[i] < math.inf:
+            thin_exposure(levels[0], n, trials[i], exposure)
+            reach, even = sum_exposure(row, n, period)
+            fresh = False
         table[i, PEAK] = float(largest(levels[0][:n]))
-        dark = (dark_counts[i], dark_ratio * covered[n])
+        dark = (dark_counts[i], dark_ratio[i] * table[i, EXPOSURE])
         scan_for_pulse(levels, n, reach, covered, even, double_code[i], total, best)
         if total <= 0.0 or (model[2] and best[0] < log_alarms):
             values[i, 3] = (total + dark[0]) / (covered[n] + dark[1])
@@ -204,7 +238,9 @@ def fit_in_lanes(
             levels[0], edges, exposure, n, period, total, covered, first, length, starts[i]
         )
         full = (levels, edges, exposure, inverse, covered, n, total, even, bounds)
-        low, high = window_of(starts[i], first, edges, n, period) if model[0] else (0, 0)
+        low, high = 0, 0
+        if model[0] and gaussian and fresh:
+            low, high = window_of(starts[i], first, edges, n, period)
         if high > 0:
             conveyor = conveyors[0] if high - low <= NARROW else conveyors[1]
             load_lane(conveyor, i, starts[i], low, high, full, double_code[i], dark)
@@ -225,9 +261,10 @@ def fit_rest(
     period: float,
     pixels: NDArray[np.int64],
     double_code: Floats,
+    trials: Floats,
     dark_counts: Floats,
-    dark_ratio: float,
-    model: tuple[bool, bool, bool],
+    dark_ratio: Floats,
+    model: Model,
     starts: Floats,
     values: Floats,
     covariances: Floats,
@@ -235,16 +272,17 @@ def fit_rest(
 ) -> None:
     """Fit the given pixels of a tile by the general kernel; arguments as in `fit_tile`."""
     row = new_row(counts)
-    levels, _, _, _, covered, codes = row
+    levels, _, exposure, _, _, codes = row
     bins, window, sums, small = new_scratch(2 * counts.shape[1] + 2, 1)
     room = (bins, window, sums, small, np.empty(3), np.empty(4), np.empty(4), np.empty(4))
-    shared = lower.shape[0] == 1
-    n, _, _ = lay_out(row, lower[0], upper[0], period)
     for i in pixels:
-        if not shared:
-            n, _, _ = lay_out(row, lower[i], upper[i], period)
+        at = i if lower.shape[0] > 1 else 0
+        n, _, _ = lay_out(row, lower[at], upper[at], period)
         take_counts(counts[i], codes, n, levels[0])
-        dark = (dark_counts[i], dark_ratio * covered[n])
+        if trials[i] < math.inf:
+            thin_exposure(levels[0], n, trials[i], exposure)
+            sum_exposure(row, n, period)
+        dark = (dark_counts[i], dark_ratio[i] * table[i, EXPOSURE])
         fit_alone(
             row, n, period, starts[i], dark, double_code[i], model, room, values[i],
             covariances[i], table[i],
@@ -259,9 +297,11 @@ def split_tile(
     period: float,
     typical_std: float,
     double_code: Floats,
+    trials: Floats,
     dark_counts: Floats,
-    dark_ratio: float,
+    dark_ratio: Floats,
     log_alarms: float,
+    shape: Floats,
     thetas: Floats,
     covariances: Floats,
     table: Floats,
@@ -270,11 +310,11 @@ def split_tile(
 
     thetas (m, 2 J + 2) for up to J pulses, in the kernel's order; covariances (m, 2 J + 2,
     2 J + 2); table as in `fit_tile`; rows change only where more than one pulse is found.
-    typical_std: NaN if unknown.
+    typical_std: NaN if unknown; shape: see `pulse.shape_at`, (3, 0) for a Gaussian.
     """
     size = thetas.shape[1]
     max_pulses = size // 2 - 1
-    model = (np.bool_(True), np.bool_(False), np.bool_(True))  # no literals, see `fit_alone`
+    model = (np.bool_(True), np.bool_(False), np.bool_(True), shape)  # no literals, see above
     n_codes = counts.shape[1]
     row = new_row(counts)
     _, edges, exposure, _, covered, codes = row
@@ -287,9 +327,12 @@ def split_tile(
         n, reach, _ = lay_out(row, lower[at], upper[at], period)
         bins = (room[0], edges, exposure)
         take_counts(counts[i], codes, n, bins[0])
+        if trials[i] < math.inf:
+            thin_exposure(bins[0], n, trials[i], exposure)
+            sum_exposure(row, n, period)
         accumulate(bins[0], n, reach, sums[0])
         put(covered, reach + 1, sums[1])
-        small[3][2], small[3][3] = dark_counts[i], dark_ratio * covered[n]
+        small[3][2], small[3][3] = dark_counts[i], dark_ratio[i] * table[i, EXPOSURE]
         put(thetas[i], size, theta)
         n_pulses, m = split_pulses(
             bins, n, period, theta, max_pulses, typical_std, log_alarms, double_code[i], model, work
@@ -297,7 +340,7 @@ def split_tile(
         if n_pulses < 2:
             continue
         put(theta, size, thetas[i])
-        whole = (1.0 + dark_ratio) * covered[n]
+        whole = covered[n] + dark_ratio[i] * table[i, EXPOSURE]
         covariance_of_fit(theta, n_pulses, model, whole, window, m, small, covariances[i])
         describe_fit(bins, n, theta, n_pulses, model, window, m, small, summary)
         table[i, N_PULSES] = n_pulses

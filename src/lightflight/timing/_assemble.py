@@ -23,6 +23,7 @@ from lightflight.timing.code_density import CodeDensityFit, pixel_flags
 from lightflight.timing.delay_scan import DelayScan, fit_scan
 from lightflight.timing.delays import FlatDelays, delays_from_flat, skews_near_median
 from lightflight.timing.flat_geometry import fit_tilt, tilt_ps
+from lightflight.timing.response import Response, tail_of_flat
 
 Floats = NDArray[np.float64]
 
@@ -235,6 +236,7 @@ def with_flats(
     nominal_codes: bool,
 ) -> TimingCalibration:
     """The clock with the delays that flat recordings show, and what several say of its gains."""
+    clock = _with_response(clock, flats[0], flat_pulse)
     seen_by = delays_of_flats(clock, flats, arrivals_ps, flat_pulse)
     if nominal_codes:
         clock = _with_misfit_of_flat(clock, float(np.mean([x.chi2_excess for x in seen_by])))
@@ -265,6 +267,23 @@ def with_flats(
     return _with_gains_of_scan(clock, scan) if len(flats) > 1 else clock
 
 
+def flat_pulse_is(flat_pulse: Any, *names: str) -> bool:
+    """Whether the shape of the flat's pulse is named by one of these words."""
+    return isinstance(flat_pulse, str) and flat_pulse in names
+
+
+def _with_response(
+    clock: TimingCalibration, flat: Histograms, flat_pulse: Any
+) -> TimingCalibration:
+    """The clock with the shape that its pulses are fitted with, found from the flat for "tail"."""
+    response = flat_pulse
+    if flat_pulse_is(flat_pulse, "tail"):
+        response = tail_of_flat(flat, timing=clock)
+    if not isinstance(response, Response):
+        return clock
+    return replace(clock, response_curve=np.stack([response.time_ps, response.density]))
+
+
 def delays_of_flats(
     clock: TimingCalibration,
     flats: Sequence[Histograms],
@@ -273,7 +292,7 @@ def delays_of_flats(
 ) -> list[FlatDelays]:
     """Delays by each flat alone: a Gaussian pulse, or one of the shape `calibrate_timing` names."""
     pairs = zip(flats, arrivals_ps, strict=True)
-    if isinstance(flat_pulse, str) and flat_pulse == "gaussian":
+    if isinstance(flat_pulse, Response) or flat_pulse_is(flat_pulse, "gaussian", "tail"):
         return [delays_from_flat(flat, timing=clock, flat_arrival_ps=at) for flat, at in pairs]
     from lightflight.timing.shaped_flat import delays_from_shaped_flat
 
@@ -456,9 +475,10 @@ def check_parts(
     """Raise for parts that are missing, of the wrong kind or of different cameras."""
     if code_density is None and not flats:
         raise ValueError("nothing to calibrate from: give code_density, flat, or both")
-    if isinstance(flat_pulse, str) and flat_pulse not in ("gaussian", "mean"):
+    if isinstance(flat_pulse, str) and flat_pulse not in ("gaussian", "tail", "mean"):
         raise ValueError(
-            f'flat_pulse must be "gaussian", "mean", or counts of a response, got {flat_pulse!r}'
+            'flat_pulse must be "gaussian", "tail", "mean", a Response, or counts of a response, '
+            f"got {flat_pulse!r}"
         )
     if dead_codes not in (None, "absorbed", "lost"):
         raise ValueError(f'dead_codes must be "absorbed", "lost" or None, got {dead_codes!r}')

@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 from lightflight import flags as fl
 from lightflight._kernels import pulse_split, pulse_tile
 from lightflight.histogram import Histograms
+from lightflight.timing.pile_up import PileUp, pile_up_of
 
 if TYPE_CHECKING:
     from lightflight.timing.calibration import TimingCalibration
+    from lightflight.timing.response import Response
 
 Floats = NDArray[np.float64]
 
@@ -159,13 +161,21 @@ class _Job:
     """One recording on one clock: what every tile needs."""
 
     def __init__(
-        self, hist: Histograms, clock: Clock, background: Histograms | None, threads: int
+        self,
+        hist: Histograms,
+        clock: Clock,
+        background: Histograms | None,
+        pile_up: PileUp,
+        threads: int,
     ) -> None:
         self.clock, self.threads = clock, threads
-        self.dark_counts, self.dark_ratio = np.zeros(hist.shape).ravel(), 0.0
+        self.trials = pile_up.trials
+        self.dark_counts, self.dark_ratio = np.zeros((2, hist.shape[0] * hist.shape[1]))
         if background is not None:
             self.dark_counts = background.photons.astype(np.float64).ravel()
-            self.dark_ratio = exposure_ratio(background, hist)
+            # A count of either recording stands for as many photons as its pile-up says.
+            ratio = exposure_ratio(background, hist)
+            self.dark_ratio = ratio * pile_up.scale / pile_up_of(background).scale
         self.n_codes = hist.n_codes
         self.counts = hist.counts.reshape(-1, hist.n_codes)
         self.rows, self.cols = np.divmod(np.arange(len(self.counts)), hist.shape[1])
@@ -199,24 +209,27 @@ def fit_all(
     method: str,
     max_pulses: int,
     background: Histograms | None,
+    pile_up: PileUp,
+    response: Response | None,
     threads: int,
 ) -> Fits:
     """Every pixel's pulses: one each, then more where one does not explain the counts."""
-    job = _Job(hist, clock, background, threads)
+    job = _Job(hist, clock, background, pile_up, threads)
     model = (
         method == "likelihood" and hist.poisson,
         method == "least_squares" and hist.poisson,
         hist.poisson,
+        np.empty((3, 0)) if response is None else response.table(),
     )
     values, covariance, table = _fit_singles(job, todo.ravel(), model)
     single = _rows(np.arange(todo.size), values, covariance, table)
     if max_pulses == 1 or not model[0]:
         return single
-    return _with_more_pulses(single, job, max_pulses)
+    return _with_more_pulses(single, job, max_pulses, model[3])
 
 
 def _fit_singles(
-    job: _Job, wanted: NDArray[np.bool_], model: tuple[bool, bool, bool]
+    job: _Job, wanted: NDArray[np.bool_], model: pulse_tile.Model
 ) -> tuple[Floats, Floats, Floats]:
     """One pulse per pixel: values (n, 4), covariance (n, 4, 4) and table of `fit_tile`."""
     n_pixels = len(wanted)
@@ -227,15 +240,16 @@ def _fit_singles(
 
     def fit(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
         period, double_code = job.clock.period, job.double_code[part]
-        dark, results = job.dark_counts[part], (values[part], covariance[part], table[part])
+        trials, results = job.trials[part], (values[part], covariance[part], table[part])
+        dark = job.dark_counts[part], job.dark_ratio[part]
         n_left = pulse_tile.fit_tile(
-            counts, lower, upper, period, wanted[part], double_code, dark, job.dark_ratio,
+            counts, lower, upper, period, wanted[part], double_code, trials, *dark,
             LOG_FALSE_PULSES, model, starts[part], left[part], *results,
         )  # fmt: skip
         if n_left:
             pulse_tile.fit_rest(
-                counts, lower, upper, period, left[part][:n_left], double_code, dark,
-                job.dark_ratio, model, starts[part], *results,
+                counts, lower, upper, period, left[part][:n_left], double_code, trials,
+                *dark, model, starts[part], *results,
             )  # fmt: skip
 
     job.run(fit)
@@ -295,7 +309,7 @@ def pixels_to_split(fits: Fits) -> NDArray[np.int64]:
     return np.flatnonzero(found & (elsewhere | wide | misshapen | failed))
 
 
-def _with_more_pulses(single: Fits, job: _Job, max_pulses: int) -> Fits:
+def _with_more_pulses(single: Fits, job: _Job, max_pulses: int, shape: Floats) -> Fits:
     """Fits with the pixels of `pixels_to_split` fitted by as many pulses as they need."""
     pixels = pixels_to_split(single)
     if not len(pixels):
@@ -307,10 +321,11 @@ def _with_more_pulses(single: Fits, job: _Job, max_pulses: int) -> Fits:
     table = single.table[pixels]
 
     def split(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
+        some = pixels[part]
         pulse_tile.split_tile(
             counts, lower, upper, job.clock.period, single.typical_std,
-            job.double_code[pixels[part]], job.dark_counts[pixels[part]], job.dark_ratio,
-            LOG_FALSE_SECOND,
+            job.double_code[some], job.trials[some], job.dark_counts[some],
+            job.dark_ratio[some], LOG_FALSE_SECOND, shape,
             thetas[part], covariances[part], table[part],
         )  # fmt: skip
 

@@ -19,6 +19,7 @@ from lightflight.timing.pulses import Pulses, fit_pulses, image_of_strongest
 
 if TYPE_CHECKING:
     from lightflight.timing.calibration import TimingCalibration
+    from lightflight.timing.response import Response
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +173,7 @@ def find_arrivals(
     method: str = "likelihood",
     max_pulses: int = 3,
     background: Histograms | None = None,
-    response: Any = None,
+    response: Response | ArrayLike | None = None,
     exclude_mask: ArrayLike | None = None,
     threads: int = 1,
 ) -> Arrivals:

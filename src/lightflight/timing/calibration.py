@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,9 @@ from lightflight.timing.code_edges import (
     relative_widths,
     walk_variance,
 )
+
+if TYPE_CHECKING:
+    from lightflight.timing.response import Response
 
 ASSUMED_GAIN_STD = 0.0065
 """Spread of the gain between pixels of a camera whose gain was never measured (a real PF32)."""
@@ -48,6 +51,9 @@ _ARRAY_FIELDS = {
 """Per-pixel arrays of a calibration and how many axes they have beyond (rows, cols)."""
 
 _SCHEMA = 1
+
+_LATER_FIELDS = {"response_curve"}
+"""Fields that files of earlier versions do not have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +149,10 @@ class TimingCalibration:
     flat_mode_names: tuple[str, ...] = ()
     """(k), names of `flat_modes_ps`."""
 
+    response_curve: NDArray[np.float64] = field(default_factory=lambda: np.zeros((2, 0)))
+    """(2, m), time (ps) and density of the shape that the flat's pulse was fitted with, and a
+    recording's will be; no columns: a Gaussian."""
+
     notes: tuple[str, ...] = ()
     """What was measured, what is nominal, and what that costs, in sentences."""
 
@@ -179,6 +189,16 @@ class TimingCalibration:
             raise ValueError(f"flat_modes_ps has shape {modes.shape}, names {self.flat_mode_names}")
         modes.setflags(write=False)
         object.__setattr__(self, "flat_modes_ps", modes)
+        curve = np.array(self.response_curve, dtype=np.float64).reshape(2, -1)
+        curve.setflags(write=False)
+        object.__setattr__(self, "response_curve", curve)
+
+    @property
+    def response(self) -> Response | None:
+        """Shape of the flat's pulse; None: a Gaussian."""
+        from lightflight.timing.response import Response
+
+        return Response(*self.response_curve) if self.response_curve.shape[1] else None
 
     @property
     def n_phases(self) -> int:
@@ -363,12 +383,12 @@ class TimingCalibration:
             )
         known = {item.name for item in fields(cls)}
         values = {**attributes, **arrays}
-        missing = known - values.keys()
+        missing = known - values.keys() - _LATER_FIELDS
         if missing:
             raise FileFormatError(f"calibration lacks {', '.join(sorted(missing))}", path=path)
         for name in ("shape", "notes", "flat_mode_names"):
             values[name] = tuple(values[name])
-        return cls(**{name: values[name] for name in known})
+        return cls(**{name: values[name] for name in known if name in values})
 
     def _checked_pixels(
         self, rows: ArrayLike, cols: ArrayLike
@@ -477,7 +497,7 @@ def calibrate_timing(
     dark: Histograms | None = None,
     assumed_skew_std_ps: float = 0.0,
     flat_tilt_std_ps: float = 0.0,
-    flat_pulse: str | ArrayLike = "gaussian",
+    flat_pulse: str | Response | ArrayLike = "gaussian",
 ) -> TimingCalibration:
     """The camera's clock from a code-density recording, a flat recording, or both.
 
@@ -504,11 +524,13 @@ def calibrate_timing(
         How far the flat's beam may have been tilted, as arrival time from edge to edge of the
         array, ps (a sensor 1.6 mm wide: 0.09 ps per degree). The tilt is then fitted; what stays
         unknown of it is a shared error. A screen has no tilt: see `flat_arrival_from_screen_ps`.
-    flat_pulse : "gaussian", "mean", or (codes,)
-        Shape of the flat's pulse: a Gaussian of each pixel's own width; the array's own mean
-        pulse (fluorescence, tails); or the counts of the instrument's response, which is then
-        convolved with an exponential decay that is fitted. Delays are those of the pulse's
-        centre for "gaussian", of its onset (half height) for the others.
+    flat_pulse : "gaussian", "tail", Response, "mean", or (codes,)
+        Shape of the flat's pulse: a Gaussian of each pixel's own width; a Gaussian with an
+        exponential tail, found from the flat; a shape of your own (`Response`). With the latter
+        two, recordings on this clock are fitted by the same shape, and delays are those of its
+        mean. For light that lasts longer than the response (fluorescence): the array's own mean
+        pulse; or the counts of the instrument's response, which is then convolved with an
+        exponential decay that is fitted; delays are then those of the onset (half height).
 
     Returns
     -------

@@ -20,6 +20,7 @@ from lightflight.histogram import Histograms
 if TYPE_CHECKING:
     from lightflight.timing.calibration import TimingCalibration
     from lightflight.timing.pulses import Pulses
+    from lightflight.timing.response import Response
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +53,11 @@ class FlatDelays:
 
 
 def delays_from_flat(
-    flat: Histograms, *, timing: TimingCalibration, flat_arrival_ps: ArrayLike = 0.0
+    flat: Histograms,
+    *,
+    timing: TimingCalibration,
+    flat_arrival_ps: ArrayLike = 0.0,
+    response: Response | None = None,
 ) -> FlatDelays:
     """Delay of every pixel that shows the flat's pulse.
 
@@ -61,6 +66,7 @@ def delays_from_flat(
     flat : counts, (rows, cols, codes).
     timing : clock whose codes are calibrated (or nominal); its delays are not used.
     flat_arrival_ps : arrival time of the pulse at each pixel, scalar or (rows, cols), ps.
+    response : shape of the pulse; None: that of the clock, or a Gaussian.
 
     Raises
     ------
@@ -72,7 +78,7 @@ def delays_from_flat(
     from lightflight.timing.pulses import fit_pulses
 
     arrival = checked_arrivals_ps(flat_arrival_ps, flat.shape)
-    pulses = fit_pulses(flat, timing=timing)
+    pulses = fit_pulses(flat, timing=timing, response=response)
     row = _strongest_rows(pulses)
     delay, photons = pulses.delay_ps[row], pulses.photons[row]
     std = np.sqrt(pulses.covariance[row, 0, 0])

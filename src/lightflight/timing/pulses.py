@@ -20,9 +20,11 @@ from lightflight._kernels.pulse_tile import CHI2, CHI2_BINS, N_PULSES
 from lightflight.histogram import Histograms
 from lightflight.timing._pulse_checks import check_fits, flags_of
 from lightflight.timing._pulse_fits import Clock, Fits, clock_of, fit_all
+from lightflight.timing.pile_up import HIGH_RATE, PileUp, pile_up_of
 
 if TYPE_CHECKING:
     from lightflight.timing.calibration import TimingCalibration
+    from lightflight.timing.response import Response
 
 METHODS = ("likelihood", "least_squares")
 
@@ -119,7 +121,7 @@ def fit_pulses(
     method: str = "likelihood",
     max_pulses: int = 3,
     background: Histograms | None = None,
-    response: Any = None,
+    response: Response | ArrayLike | None = None,
     exclude_mask: ArrayLike | None = None,
     threads: int = 1,
 ) -> Pulses:
@@ -144,11 +146,19 @@ def fit_pulses(
         likelihood of each pixel with its own Poisson error, scaled by the frames of both;
         nothing is subtracted. Used by "likelihood" only.
     response
-        Response shape other than a Gaussian; not supported yet.
+        Shape of the pulse: a `Response` (`lightflight.timing.response`), or the counts of a
+        measured one, (codes,), on the nominal codes. None: that of `timing`, where its flat was
+        fitted with one, else a Gaussian. `std_ps` is then the standard deviation of the shape,
+        stretched about its mean to fit; `delay_ps` its mean.
     exclude_mask
         (rows, cols), True where a pixel is not to be used.
     threads
         Threads to share the pixels among; results do not depend on it.
+
+    Where the recording says how many frames it holds and how many laser periods are in one, each
+    frame is taken to show its first photon only: `photons` and `background_per_ps` are those that
+    came, -log(1 - occupancy) per frame, and times are corrected for the late photons of a period
+    that an early one hid (see `lightflight.timing.pile_up`).
 
     Raises
     ------
@@ -162,16 +172,17 @@ def fit_pulses(
     """
     _check_options(method, max_pulses, response, threads)
     todo = _mask_to_fit(hist, exclude_mask)
-    clock = clock_of(hist, timing)
+    clock, pile_up = clock_of(hist, timing), pile_up_of(hist)
     fits = fit_all(
         hist, clock, todo, method=method, max_pulses=max_pulses, background=background,
-        threads=threads,
+        pile_up=pile_up, response=_response_for(hist, timing, response), threads=threads,
     )  # fmt: skip
     flags = flags_of(fits, hist, todo, clock.period)
+    flags |= (pile_up.rate > HIGH_RATE)[fits.pixel] * np.uint32(fl.PILE_UP)
     if timing is not None:
         flags |= timing.flags.ravel()[fits.pixel]
     check_fits(fits, flags, clock.period)
-    return _pulses_from_fits(fits, flags, hist, clock, method)
+    return _pulses_from_fits(fits, flags, hist, clock, pile_up, method)
 
 
 def _check_options(
@@ -186,8 +197,22 @@ def _check_options(
         raise ValueError(f"max_pulses must be at least 1, got {max_pulses}")
     if threads < 1:
         raise ValueError(f"threads must be at least 1, got {threads}")
-    if response is not None:
-        raise NotImplementedError("fit_pulses knows only Gaussian pulses yet: leave response out")
+    if response is not None and method == "least_squares":
+        raise ValueError(
+            "the least squares of the paper fit Gaussians: leave response out, or take "
+            'method="likelihood"'
+        )
+
+
+def _response_for(
+    hist: Histograms, timing: TimingCalibration | None, response: Response | ArrayLike | None
+) -> Response | None:
+    """Shape to fit: the one asked for, else the one of the flat; None: a Gaussian."""
+    from lightflight.timing.response import Response
+
+    if response is None:
+        return None if timing is None else timing.response
+    return response if isinstance(response, Response) else Response.from_counts(response, hist)
 
 
 def _mask_to_fit(hist: Histograms, exclude_mask: ArrayLike | None) -> NDArray[np.bool_]:
@@ -202,11 +227,20 @@ def _mask_to_fit(hist: Histograms, exclude_mask: ArrayLike | None) -> NDArray[np
 
 
 def _pulses_from_fits(
-    fits: Fits, flags: NDArray[np.uint32], hist: Histograms, clock: Clock, method: str
+    fits: Fits,
+    flags: NDArray[np.uint32],
+    hist: Histograms,
+    clock: Clock,
+    pile_up: PileUp,
+    method: str,
 ) -> Pulses:
-    """The table of pulses, delays folded into one period."""
+    """The table of pulses: photons that came, not only those counted; delays in one period."""
     rows, cols = np.divmod(fits.pixel, hist.shape[1])
     values, covariance = fits.values, fits.covariance
+    if (pile_up.rate > 0).any():
+        scale = np.ones((len(fits.pixel), 4))
+        scale[:, 2:] = pile_up.scale[fits.pixel, None]
+        values, covariance = values * scale, covariance * scale[:, :, None] * scale[:, None, :]
     delay = values[:, 0]
     if math.isfinite(clock.period):
         delay = np.mod(delay, clock.period)
