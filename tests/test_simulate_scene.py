@@ -14,7 +14,10 @@ from lightflight.simulate.mirrors import Mirror, dust, reflected, vertices_from_
 from lightflight.simulate.scattering import (
     polarizations_from_vertices,
     rayleigh_from_directions,
+    rim_of_camera,
+    vignetting_from_directions,
 )
+from lightflight.simulate.tables import scene_arguments
 
 CAMERA = Camera.facing_plane((16, 16), distance_mm=300.0, field_of_view_mm=(245.0, 245.0))
 LEG = [(-200.0, 3.0, 0.0), (200.0, 3.0, 30.0)]
@@ -314,3 +317,48 @@ def test_source_may_be_known_worse_than_the_truth():
         for s in (Source(), guess)
     )
     np.testing.assert_array_equal(known.counts, guessed.counts)
+
+
+def test_vignetting_holds_back_its_share_in_the_corner_and_nothing_on_the_axis():
+    rim = rim_of_camera(CAMERA)
+    corner = -CAMERA.rays_from_pixels(-0.5, -0.5)
+    axis = CAMERA.backward_axis
+    half = axis + 0.5 * (corner / (corner @ axis) - axis)
+    towards = np.array([axis, half / np.linalg.norm(half), corner])
+    found = vignetting_from_directions(towards, axis, rim=rim, loss=0.4)
+    np.testing.assert_allclose(found, [1.0, 1.0 - 0.4 / 16, 0.6], atol=1e-12)
+
+
+def test_vignetting_darkens_the_picture_by_its_law():
+    plain = Scene(LEG, camera=CAMERA, inverse_square=False)
+    points, col, _ = seen_points(plain)
+    near = np.array([np.average(points, axis=0, weights=np.abs(col - k) < 0.5) for k in range(16)])
+    towards = (CENTER - near) / np.linalg.norm(CENTER - near, axis=1)[:, None]
+    base = expected(plain).sum(axis=0)
+    dark = expected(Scene(LEG, camera=CAMERA, inverse_square=False, vignetting=0.8)).sum(axis=0)
+    wanted = vignetting_from_directions(
+        towards, CAMERA.backward_axis, rim=rim_of_camera(CAMERA), loss=0.8
+    )
+    assert wanted.min() < 0.9
+    np.testing.assert_allclose(dark / base, wanted, rtol=4e-3)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"mirrors": [[0, 0, 0, 1, 0, 0, 0]], "vertices_mm": [[0, 0, 0], [1, 0, 0]]}, "either"),
+        ({"mirrors": [[0, 0, 0, 1, 0, 0, 0]]}, "source_direction and exit_length_mm"),
+        ({"source_direction": [1, 0, 0], "exit_length_mm": 5.0}, "position_mm"),
+        ({"dust_seed": 3}, "dust_contrast"),
+        ({"dust_contrast": 0.3, "brightness": [1.0]}, "not both"),
+    ],
+)
+def test_scene_tables_that_do_not_go_together(table, message):
+    with pytest.raises(ValueError, match=message):
+        scene_arguments(table, Source())
+
+
+def test_dust_of_a_table_is_the_dust_of_the_function():
+    brightness = scene_arguments({"dust_contrast": 0.4, "dust_seed": 5}, Source())["brightness"]
+    length = np.linspace(0.0, 100.0, 7)
+    np.testing.assert_array_equal(brightness(length), dust(5, contrast=0.4)(length))

@@ -126,11 +126,35 @@ RECONSTRUCT_KEYS = (
 SCENE_KEYS = (
     Key("vertices_mm", "source, mirrors and end of the path, mm", config.table_of_numbers(3)),
     Key(
+        "source_direction",
+        "in place of vertices_mm: in which the pulse leaves [source] position_mm; of any length",
+        config.numbers(3),
+    ),
+    Key(
+        "mirrors",
+        "plane mirrors that the pulse may meet, in any order; one row (x, y, z of the middle, x, "
+        "y, z of the normal, diameter) each, mm; diameter 0: no rim",
+        config.table_of_numbers(7),
+    ),
+    Key("exit_length_mm", "length of the last leg of a path by way of mirrors, mm", config.number),
+    Key(
+        "most_reflections",
+        "where a path by way of mirrors ends at the latest (a cavity); 100",
+        config.integer,
+    ),
+    Key(
         "photons_per_pixel",
         "expected signal counts in the brightest pixel (code_density, flat: mean counts)",
         config.number,
     ),
     Key("brightness", "relative scattering strength of each leg", config.numbers()),
+    Key(
+        "dust_contrast",
+        "in place of brightness: uneven scattering; standard deviation of its logarithm",
+        config.number,
+    ),
+    Key("dust_correlation_mm", "path length over which dust stays alike, mm; 10", config.number),
+    Key("dust_seed", "decides the pattern of the dust; 0", config.integer),
     Key("background", "expected background counts per pixel", config.number),
     Key(
         "true_emission_time_ps",
@@ -149,6 +173,11 @@ SCENE_KEYS = (
     ),
     Key("inverse_square", "light thins with the distance to the camera", config.flag),
     Key("cos4_falloff", "the lens darkens towards the rim of its field", config.flag),
+    Key(
+        "vignetting",
+        "share of light that the lens's mount holds back in the corner of the picture, 0 to 1",
+        config.number,
+    ),
 )
 
 

@@ -221,3 +221,45 @@ def test_versions_names_what_a_bug_report_needs(run):
         assert word in done.stdout
     assert json.loads(run("versions", "--json").stdout)["lightflight"] == lf.__version__
     assert lf.__version__ in run("--version").stdout
+
+
+MIRRORS = """
+[camera]
+distance_mm = 535.0
+field_of_view_mm = [245.0, 245.0]
+center_mm = [187.5, 37.5]
+[source]
+position_mm = [0.0, 0.0, 0.0]
+[scene]
+source_direction = [375.0, 25.0, 50.0]
+mirrors = [
+    [0.0, 50.0, 10.0, 1.0, 0.0, 0.0, 25.4],
+    [375.0, 25.0, 50.0, 1.0, 0.0, 0.0, 25.4],
+]
+exit_length_mm = 380.0
+dust_contrast = 0.2
+"""
+
+
+def test_simulate_follows_mirrors_and_says_the_path_it_made_of_them(run, tmp_path):
+    lab = tmp_path / "lab.toml"
+    lab.write_text(MIRRORS.replace("[0.0, 50.0, 10.0,", "[0.0, 50.0, 100.0,"))
+    done = run("simulate", "--lab", lab, "-o", tmp_path / "r.h5", "--dry-run")
+    assert done.exit_code == 0, done.stderr
+    table = tomllib.loads(done.stdout)
+    assert "mirrors" not in table["scene"]
+    # both mirrors stand across x: y and z go on as they were
+    np.testing.assert_allclose(table["scene"]["vertices_mm"][1:3], [[375, 25, 50], [0, 50, 100]])
+    done = run("simulate", "--lab", lab, "--photons", 500, "-o", tmp_path / "r.h5", "--json")
+    assert done.exit_code == 0, done.stderr
+    np.testing.assert_allclose(
+        lf.read(tmp_path / "r.h5").truth.vertices_mm[:3], [[0, 0, 0], [375, 25, 50], [0, 50, 100]]
+    )
+
+
+def test_a_pulse_that_meets_no_mirror_is_said_so(run, tmp_path):
+    lab = tmp_path / "lab.toml"
+    lab.write_text(MIRRORS.replace("[375.0, 25.0, 50.0]\nmirrors", "[0.0, -1.0, 0.0]\nmirrors"))
+    done = run("simulate", "--lab", lab, "-o", tmp_path / "r.h5")
+    assert done.exit_code != 0
+    assert "meets none of the mirrors" in done.stderr

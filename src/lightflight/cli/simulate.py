@@ -68,7 +68,8 @@ def command(
     """Simulate what a camera would record of a pulse, photon by photon.
 
     Without --lab: the paper's three-leg experiment, seen by its camera with all the defects of
-    a real one. In a set-up, [scene] vertices_mm is the path and [detector] the camera's clock.
+    a real one. In a set-up, [scene] has the path (vertices_mm, or source_direction and mirrors)
+    and [detector] the camera's clock.
 
     \b
     Examples:
@@ -104,14 +105,22 @@ def scene_from_lab(lab: Lab) -> Scene:
     Raises
     ------
     ConfigError
-        Where there is a path but no camera to see it.
+        Where there is a path but no camera to see it, or keys that do not go together.
+    GeometryError
+        Where the pulse meets none of the mirrors.
     """
-    from lightflight.errors import ConfigError
+    from lightflight.errors import ConfigError, GeometryError
     from lightflight.simulate import Scene, paper_scene, pf32
+    from lightflight.simulate.tables import scene_arguments
 
-    options = {k: v for k, v in lab.scene.items() if k not in ("vertices_mm", "photons_per_pixel")}
+    try:
+        options = scene_arguments(lab.scene, lab.source)
+    except GeometryError:
+        raise
+    except ValueError as problem:
+        raise ConfigError(f"[scene] {problem}") from problem
     detector = pf32() if lab.detector is None else lab.detector
-    vertices = lab.scene.get("vertices_mm")
+    vertices = options.pop("vertices_mm", None)
     if vertices is None:
         if lab.camera is not None:
             options["camera"] = lab.camera
@@ -135,6 +144,9 @@ def resolved_lab(lab: Lab, scene: Scene) -> Lab:
     """Set-up with everything that the scene filled in."""
     from dataclasses import replace
 
+    from lightflight.simulate.tables import MIRROR_KEYS
+
+    own = {key: value for key, value in lab.scene.items() if key not in MIRROR_KEYS}
     return replace(
         lab,
         camera=scene.camera,
@@ -142,7 +154,7 @@ def resolved_lab(lab: Lab, scene: Scene) -> Lab:
         medium=scene.medium,
         detector=scene.detector,
         scene={
-            **lab.scene,
+            **own,
             "vertices_mm": scene.vertices_mm,
             "true_emission_time_ps": scene.emission_time_ps,
         },

@@ -23,6 +23,8 @@ from lightflight.simulate.scattering import (
     inverse_square_from_distance,
     polarizations_from_vertices,
     rayleigh_from_directions,
+    rim_of_camera,
+    vignetting_from_directions,
 )
 from lightflight.simulate.scene import Scene
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
@@ -122,6 +124,13 @@ def _strength_at(scene: Scene, leg: int, points: Floats, length_mm: Floats) -> F
         strength = strength * inverse_square_from_distance(distance)
     if scene.cos4_falloff:
         strength = strength * cos4_from_directions(towards, scene.camera.backward_axis)
+    if scene.vignetting > 0.0:
+        strength = strength * vignetting_from_directions(
+            towards,
+            scene.camera.backward_axis,
+            rim=rim_of_camera(scene.camera),
+            loss=scene.vignetting,
+        )
     if scene.scattering == "rayleigh":
         field = None
         if scene.polarization is not None:

@@ -8,10 +8,13 @@ backward axis n.
 from __future__ import annotations
 
 import itertools
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from lightflight.camera import Camera
 
 Floats = NDArray[np.float64]
 
@@ -48,6 +51,31 @@ def cos4_from_directions(towards_camera: ArrayLike, backward_axis: ArrayLike) ->
     """Natural fall-off of a lens towards the rim of its field: cos^4 of the field angle."""
     cosine = np.sum(np.asarray(towards_camera, float) * np.asarray(backward_axis, float), axis=-1)
     return np.asarray(np.clip(cosine, 0.0, 1.0) ** 4)
+
+
+def rim_of_camera(camera: Camera) -> float:
+    """Tangent of the field angle at the farthest corner of the picture."""
+    rows, cols = camera.shape
+    corners = camera.rays_from_pixels(
+        np.array([-0.5, -0.5, rows - 0.5, rows - 0.5]), np.array([-0.5, cols - 0.5] * 2)
+    )
+    cosine = -(corners @ camera.backward_axis)
+    return float(np.sqrt(np.max(1.0 / cosine**2 - 1.0)))
+
+
+def vignetting_from_directions(
+    towards_camera: ArrayLike, backward_axis: ArrayLike, *, rim: float, loss: float
+) -> Floats:
+    """Share of light that the mount of the lens lets through: 1 - loss (tan w / rim)^4, not < 0.
+
+    Parameters
+    ----------
+    rim : tangent of the field angle at which `loss` is lost, see `rim_of_camera`.
+    """
+    cosine = np.sum(np.asarray(towards_camera, float) * np.asarray(backward_axis, float), axis=-1)
+    with np.errstate(divide="ignore"):
+        tangent2 = np.where(cosine > 0, 1.0 / cosine**2 - 1.0, np.inf)
+    return np.asarray(np.clip(1.0 - loss * (tangent2 / rim**2) ** 2, 0.0, 1.0))
 
 
 def polarizations_from_vertices(vertices_mm: ArrayLike, polarization: ArrayLike) -> Floats:

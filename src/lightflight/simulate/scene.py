@@ -95,6 +95,10 @@ class Scene:
     cos4_falloff: bool = field(default=False, kw_only=True)
     """The lens darkens towards the rim of its field."""
 
+    vignetting: float = field(default=0.0, kw_only=True)
+    """Share of light that the lens's mount holds back in the farthest corner of the picture; it
+    grows with the fourth power of the distance from the optical axis. 0: none."""
+
     def __post_init__(self) -> None:
         vertices = _checked_vertices(self.vertices_mm)
         object.__setattr__(self, "vertices_mm", vertices)
@@ -110,6 +114,8 @@ class Scene:
             value = getattr(self, name)
             if not np.isfinite(value) or (name != "true_emission_time_ps" and value < 0):
                 raise ValueError(f"{name} must be finite and not negative, got {value}")
+        if not 0.0 <= self.vignetting <= 1.0:
+            raise ValueError(f"vignetting must lie between 0 and 1, got {self.vignetting}")
         if self.scattering not in ("uniform", "rayleigh"):
             raise ValueError(f'scattering must be "uniform" or "rayleigh", got {self.scattering!r}')
         if self.polarization is not None:
