@@ -33,7 +33,7 @@ def calibrated():
 @pytest.mark.parametrize("first_edge_ps", [0.0, 120.0])
 def test_nominal_clock_has_the_nominal_codes(reversed_codes, first_edge_ps):
     hist = lf.Histograms(
-        np.zeros((2, 3, 300), int), bin_width_ps=55.0, laser_period_ps=12_000.0,
+        np.zeros((2, 3, 210), int), bin_width_ps=55.0, laser_period_ps=12_000.0,
         reversed_codes=reversed_codes, first_edge_ps=first_edge_ps, no_photon_code=0,
     )  # fmt: skip
     timing = TimingCalibration.nominal(hist)
@@ -42,6 +42,21 @@ def test_nominal_clock_has_the_nominal_codes(reversed_codes, first_edge_ps):
     want = hist.code_intervals_ps()
     np.testing.assert_allclose(lower, np.stack([want[0]] * 2), atol=1e-9)
     np.testing.assert_allclose(upper, np.stack([want[1]] * 2), atol=1e-9)
+
+
+@pytest.mark.parametrize("reversed_codes", [True, False])
+def test_nominal_codes_cover_one_period_once(reversed_codes):
+    """1,024 codes of 55 ps reach beyond 50 ns: those beyond stand for no second time."""
+    hist = lf.Histograms(
+        np.zeros((1, 1, 1024), int), bin_width_ps=55.0, laser_period_ps=50_000.0,
+        reversed_codes=reversed_codes,
+    )  # fmt: skip
+    lower, upper = (x[0] for x in TimingCalibration.nominal(hist).code_intervals_ps([0], [0]))
+    assert np.sum(upper - lower) == pytest.approx(50_000.0)
+    assert lower.min() == pytest.approx(0.0, abs=1e-9)
+    assert upper.max() == pytest.approx(50_000.0)
+    np.testing.assert_allclose((upper - lower)[:909], 55.0)
+    assert (upper - lower)[910:].max() == pytest.approx(0.0, abs=1e-9)
 
 
 def test_nominal_clock_of_unknown_width_counts_in_codes():

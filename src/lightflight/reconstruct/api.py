@@ -33,7 +33,7 @@ from lightflight.reconstruct.result import path_from_fit
 from lightflight.reconstruct.revise import fit_from_legs, revised
 from lightflight.reconstruct.statements import statements_from_covariance
 from lightflight.timing.arrivals import find_arrivals
-from lightflight.timing.calibration import TimingCalibration
+from lightflight.timing.calibration import ASSUMED_GAIN_STD, TimingCalibration
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
@@ -314,13 +314,17 @@ def clock_or_nominal(hist: Histograms, timing: TimingCalibration | None) -> Timi
     if timing is not None:
         timing.check_matches(hist)
         return timing
+    clock = TimingCalibration.nominal(hist)
+    span_ps = clock.laser_period_ps or hist.n_codes * clock.bin_width_ps
     warnings.warn(
-        "no timing calibration: nominal codes are used, which costs a few ps per pixel, and "
-        "the whole delay between pixels where it was never measured; give timing=",
+        "no timing calibration: nominal codes are used. Unequal codes cost 3-6 ps per pixel, "
+        f"unequal gains {100 * ASSUMED_GAIN_STD:.2g} % of the delay (up to "
+        f"{ASSUMED_GAIN_STD * span_ps:.0f} ps), and the delays between pixels, often hundreds of "
+        "ps, go unseen; give timing=",
         UncalibratedWarning,
         stacklevel=4,
     )
-    return TimingCalibration.nominal(hist)
+    return clock
 
 
 def earliest_arrival_ps(setting: Setting) -> float | None:

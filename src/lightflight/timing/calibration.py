@@ -135,7 +135,8 @@ class TimingCalibration:
     """(rows, cols), see `lightflight.flags`."""
 
     period_end_seen: bool = False
-    """True where `end_code` was measured: later codes then hold no time."""
+    """True where the codes' own period ends at `end_code`, as measured or by the nominal code
+    width: later codes then hold no time. False: unknown, nothing is cut."""
 
     scale_std: float = 0.0
     """Relative error of `bin_width_ps`, shared by all pixels (dead codes absorbed or lost)."""
@@ -303,6 +304,8 @@ class TimingCalibration:
             skew_std_ps=image + assumed_skew_std_ps, anchor_delay_ps=image + np.nan,
             response_std_ps=image + np.nan, flags=image.astype(np.uint32),
             assumed_skew_std_ps=assumed_skew_std_ps, notes=tuple(notes),
+            # Codes beyond one period would stand for the same delays once more.
+            period_end_seen=period is not None,
         )  # fmt: skip
 
     def _repr_html_(self) -> str:
