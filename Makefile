@@ -12,7 +12,7 @@ PYTEST_FLAGS ?= -n 2
 export MPLBACKEND := Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check lint types layers format fuzz clean install install-dev python-is-new-enough
+.PHONY: help demo test quick check lint types layers docs format fuzz clean install install-dev python-is-new-enough
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -38,6 +38,10 @@ types: $(VENV)/.installed-dev ## mypy, strict
 layers: $(VENV)/.installed-dev ## import-linter: nothing imports upward
 	@$(BIN)/lint-imports
 
+docs: $(VENV)/.installed-docs ## the pages under docs/ as HTML in out/docs; warnings are errors
+	@$(BIN)/python -m sphinx -q -W --keep-going -b html docs out/docs
+	@echo "docs: out/docs/index.html" >&2
+
 format: $(VENV)/.installed-dev ## let ruff order and format the code
 	@$(BIN)/ruff check --fix .
 	@$(BIN)/ruff format .
@@ -48,6 +52,7 @@ fuzz: $(VENV)/.installed-dev ## new random input at length: property tests, 20,0
 
 clean: ## remove the environment, results and caches
 	@rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	@rm -rf docs/reference/generated
 	@find src tests benchmarks tools -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 
 install: $(VENV)/.installed ## the environment alone, as `make demo` needs it
@@ -66,6 +71,12 @@ $(VENV)/.installed-dev: pyproject.toml | $(VENV)/.installed
 	@echo "installing what the tests need into $(VENV) ..." >&2
 	@$(PIP) install --quiet --upgrade "pip>=25.1"
 	@$(PIP) install --quiet --editable ".[readers,camera,view,batch]" --group dev
+	@touch $@
+
+$(VENV)/.installed-docs: pyproject.toml | $(VENV)/.installed
+	@echo "installing what the docs need into $(VENV) ..." >&2
+	@$(PIP) install --quiet --upgrade "pip>=25.1"
+	@$(PIP) install --quiet --editable ".[docs]"
 	@touch $@
 
 python-is-new-enough:

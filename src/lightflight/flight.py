@@ -126,7 +126,7 @@ def event_times_from_vertices(
 def return_time_from_points(
     points_mm: ArrayLike, *, camera_center_mm: ArrayLike, return_group_index: float
 ) -> Floats:
-    """Time that scattered light needs to the camera: n_r |A - X| / c; (...), ps."""
+    """Time that scattered light needs to the camera: `n_r |A - X| / c`; (...), ps."""
     separation = np.asarray(camera_center_mm, dtype=float) - np.asarray(points_mm, dtype=float)
     distance: Floats = np.linalg.norm(separation, axis=-1)
     return return_group_index * distance / SPEED_OF_LIGHT_MM_PER_PS
@@ -139,7 +139,7 @@ def arrival_time_from_event(
     camera_center_mm: ArrayLike,
     return_group_index: float = AIR_GROUP_INDEX,
 ) -> Floats:
-    """Arrival time of light scattered at points X at event times t: t_a = t + n_r |A - X| / c.
+    """Arrival time of light scattered at points X at event times t: `t_a = t + n_r |A - X| / c`.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def event_time_from_arrival(
     camera_center_mm: ArrayLike,
     return_group_index: float = AIR_GROUP_INDEX,
 ) -> Floats:
-    """Event time at known points from their arrival times: t = t_a - n_r |A - X| / c; (...), ps."""
+    """Event time at known points from arrival times: `t = t_a - n_r |A - X| / c`; (...), ps."""
     return np.asarray(arrival_ps, dtype=float) - return_time_from_points(
         points_mm, camera_center_mm=camera_center_mm, return_group_index=return_group_index
     )
@@ -179,7 +179,7 @@ def distance_from_arrival(
 ) -> Floats:
     """Distance along a pixel's ray to the point where light straight from the source scattered.
 
-    With tau = t_a - t_B, s = |A - B|, q = r . (A - B), the point X = A + lambda r obeys
+    With tau = t_a - t_B, `s = |A - B|`, q = r . (A - B), the point X = A + lambda r obeys
 
         n_p^2 (s^2 + 2 lambda q + lambda^2) = (c tau - n_r lambda)^2,
 
@@ -319,7 +319,7 @@ def arrival_time_from_propagation_time(
     Parameters
     ----------
     propagation_time_ps : t, since the pulse was at B; ps.
-    start_distance_mm : s = |BA|, mm.
+    start_distance_mm : `s = |BA|`, mm.
     propagation_angle : alpha, angle of the leg out of the reference plane, rad.
     start_angle : theta, signed: sin(theta) = (A - B).e / s with e the unit vector along viewing
         plane and reference plane, in the direction of flight; rad.
@@ -347,7 +347,7 @@ def propagation_time_from_projection(
 ) -> Floats:
     """Eq. 2 of the paper: t = (1/c) s l cos(theta) / (l sin(alpha) + s cos(alpha + theta)).
 
-    `projected_length_mm` is l = |BE|, where E is the point at which the viewing ray of the pixel
+    `projected_length_mm` is `l = |BE|`, where E is the point at which the viewing ray of the pixel
     meets the reference plane; the other parameters are those of
     `arrival_time_from_propagation_time`. Returns (...), ps since the pulse was at B.
     """

@@ -23,7 +23,7 @@ class PathError(NamedTuple):
     """Distance between a path and the truth."""
 
     position_rms_mm: float
-    """rms of |X_hat(t) - X(t)| at equal event times, mm."""
+    """rms of `|X_hat(t) - X(t)|` at equal event times, mm."""
     event_time_rms_ps: float
     """rms of t_hat - t on the rays of the pixels that see the true path, ps."""
 
@@ -31,7 +31,7 @@ class PathError(NamedTuple):
 def path_error(path: Any, truth: Any, camera: Camera, *, whole: bool = False) -> PathError:
     """Position and time error of `path` against `truth`.
 
-    *Position*: rms |X_hat(t) - X(t)| at 1,000 equal event times of the true path; *time*: rms
+    *Position*: rms `|X_hat(t) - X(t)|` at 1,000 equal event times of the true path; *time*: rms
     t_hat - t on the rays of the visible pixels. Both in view of the camera; with `whole=True` the
     position is taken from source to exit, in view or not.
 

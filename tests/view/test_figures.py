@@ -347,6 +347,19 @@ def test_fiber_figure_claims_no_millimetres() -> None:
     assert "no leg was found" in words_in(fiber_figure(hist, arrivals, []))
 
 
+def test_strays_without_number_are_counted_not_drawn() -> None:
+    n = 400
+    table = SimpleNamespace(
+        row=np.arange(n) // 32, col=np.arange(n) % 32, arrival_ps=np.linspace(90.0, 100.0, n),
+        std_ps=np.ones(n), flags=np.zeros(n, np.uint32), shape=(32, 32), laser_period_ps=None,
+    )  # fmt: skip
+    hist = SimpleNamespace(photons=np.ones((32, 32)), bin_width_ps=None)
+    figure = fiber_figure(hist, table, [])
+    assert "400 on no leg, not drawn" in words_in(figure)
+    drawn = [len(c.get_offsets()) for c in figure.axes[0].collections]
+    assert max(drawn, default=0) < 400
+
+
 def test_legends_of_the_path_name_every_estimate() -> None:
     path = fakes.fake_path()
     ax = draw_path_3d(path, others={"paper": path, "start": path})

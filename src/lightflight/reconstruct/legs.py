@@ -1,7 +1,7 @@
 """Legs in the picture: straight pieces in (u, v, t_a), found without being told how many.
 
-Takes `Arrivals`, gives `ImageLeg`s in the order of flight. No metric scale is needed: where time
-per bin and camera distance are unknown, the chain ends here.
+Takes `Arrivals`, gives legs (`ImageLeg`) in the order of flight. No metric scale is needed: where
+time per bin and camera distance are unknown, the chain ends here.
 
 What makes a leg: its pulses lie on one straight line of the undistorted picture, and their
 arrival times run smoothly along it, one way. Light that flies and returns in one medium reaches

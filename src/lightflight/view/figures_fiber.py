@@ -131,7 +131,7 @@ def _draw_picture(
             f"on no leg ({int(stray.sum())})" if few else f"{int(stray.sum())} on no leg, not drawn"
         )
         mark = "x" if few else ""
-        ax.plot([], [], mark, ls="none", color=style.QUIET, ms=3.5, mew=0.6, label=word)
+        ax.plot([], [], marker=mark, ls="none", color=style.QUIET, ms=3.5, mew=0.6, label=word)
     ax.set(xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
     ax.set(xlabel="column u (px)", ylabel="row v (px)")
     if on_leg.any():

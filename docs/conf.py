@@ -1,0 +1,59 @@
+"""Sphinx: how the pages under docs/ are built (`make docs`). No network is used."""
+
+import sys
+from pathlib import Path
+
+import lightflight
+
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+project = "lightflight"
+author = "The lightflight developers"
+release = lightflight.__version__
+html_title = f"lightflight {release}"
+
+extensions = [
+    "myst_parser",
+    "numpydoc",
+    "offline_math",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+]
+exclude_patterns = ["_ext", "_templates", "README.md"]
+templates_path = ["_templates"]
+
+myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+html_math_renderer = "mathml"
+
+# Docstrings write `name` for code, as Markdown does.
+default_role = "code"
+autosummary_generate = True
+autosummary_context = {"exported": lightflight.__all__}  # have pages of their own
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+autodoc_preserve_defaults = True
+numpydoc_show_class_members = False
+numpydoc_class_members_toctree = False
+add_module_names = False
+
+# "GNU/Linux" and the like never break a build; a missing page or name does.
+nitpicky = False
+
+html_theme = "pydata_sphinx_theme"
+html_static_path = ["_static"]
+html_css_files = ["page.css"]
+html_show_sourcelink = False
+html_copy_source = False
+html_theme_options = {
+    "logo": {"text": "lightflight"},
+    "navbar_end": ["theme-switcher"],
+    "navbar_align": "left",
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "show_prev_next": True,
+    "pygments_light_style": "a11y-high-contrast-light",
+    "pygments_dark_style": "a11y-high-contrast-dark",
+}
+copyright = "The lightflight developers"
