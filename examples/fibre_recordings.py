@@ -89,10 +89,11 @@ def main() -> None:
     """Legs, figures and assumed paths of all three recordings."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("file", type=Path, help="lift_derived.h5")
+    parser.add_argument("--only", choices=RECORDINGS, help="one of the three recordings")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/fibre"))
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
-    for name in RECORDINGS:
+    for name in [args.only] if args.only else RECORDINGS:
         hist, arrivals, legs = legs_in_picture(args.file, name)
         track = read_track(args.file, name)
         distance = np.median(distance_to_legs_px(track, legs))

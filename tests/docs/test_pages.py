@@ -76,7 +76,7 @@ def test_every_public_name_is_on_the_page_of_the_api() -> None:
 
 def test_no_page_is_empty_and_every_picture_exists() -> None:
     for page in DOCS.rglob("*.md"):
-        if "generated" in page.parts:
+        if "generated" in page.parts or page.name == "index.md":
             continue
         text = page.read_text(encoding="utf-8")
         assert len(text) > 200, page
