@@ -64,7 +64,11 @@ def commands_page() -> str:
     from lightflight.cli._errors import EXIT_CODES
 
     lines = [_MARK, "# The command line\n"]
-    for name, command in sorted(main.commands.items()):
+    commands = dict(main.commands)
+    for name, command in main.commands.items():
+        if isinstance(command, click.Group):
+            commands |= {f"{name} {part}": inner for part, inner in command.commands.items()}
+    for name, command in sorted(commands.items()):
         text = inspect.cleandoc(command.help or "")
         prose, _, examples = text.partition("\b\n")
         lines += [f"## lightflight {name}\n", prose.strip(), ""]

@@ -24,6 +24,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,12 @@ _UNKNOWN = "none"
 _per_axis = config.either(config.number, config.numbers(3))
 
 CAMERA_KEYS = (
+    Key(
+        "file",
+        "set-up file of a calibrated camera (from `lightflight calibrate camera`), beside this "
+        "one; stands in place of all other keys",
+        config.text,
+    ),
     Key("shape", "(rows, cols) of the pixel array", config.integers(2)),
     Key(
         "distance_mm",
@@ -110,6 +117,16 @@ TIMING_KEYS = (
         "assumed_skew_std_ps",
         "spread of the pixels' own delays to assume where no flat was recorded, ps",
         config.number,
+    ),
+    Key(
+        "flat_tilt_std_ps",
+        "how far the flat's beam may have been tilted, as time from edge to edge of the array, ps",
+        config.number,
+    ),
+    Key(
+        "flat_pulse",
+        "shape of the flat's pulse, and of the recordings' where it is a tail",
+        config.choice("gaussian", "tail", "mean"),
     ),
 )
 
@@ -295,7 +312,7 @@ def lab_from_toml(path: str | os.PathLike[str] | None, *, assignments: Iterable[
 def lab_from_table(table: Mapping[str, Any], *, where: str = "set-up") -> Lab:
     """Lab from the tables of a set-up; see `lab_from_toml`."""
     sections = config.checked_sections(table, SECTIONS, where=where)
-    camera_table = sections.get("camera", {})
+    camera_table = _with_camera_file(sections.get("camera", {}), where)
     needs = _missing_camera_keys(camera_table)
     with _naming(where, "camera"):
         camera = None if needs else _camera_from_table(camera_table)
@@ -316,6 +333,21 @@ def lab_from_table(table: Mapping[str, Any], *, where: str = "set-up") -> Lab:
         camera_needs=needs,
         **options,
     )
+
+
+def _with_camera_file(table: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+    """[camera], or that of the file it names (from the folder of this one)."""
+    if "file" not in table:
+        return table
+    if len(table) > 1:
+        raise ConfigError(f"{where}: [camera] give either file or the other keys, not both")
+    path = Path(where).parent / table["file"]
+    sections = config.checked_sections(
+        config.table_from_toml(path), SECTIONS, where=os.fspath(path)
+    )
+    if "file" in sections.get("camera", {"file": ""}):
+        raise ConfigError(f"{path}: holds no [camera] of its own")
+    return sections["camera"]
 
 
 @contextmanager
@@ -420,6 +452,12 @@ def toml_from_lab(lab: Lab) -> str:
         lines += ["", f"[{section}]"]
         lines += [f"{key} = {_toml_text(value)}" for key, value in values.items()]
     return "\n".join(lines[1:]) + "\n"
+
+
+def toml_from_camera(camera: Camera) -> str:
+    """Text of a set-up file with this camera alone."""
+    lines = [f"{key} = {_toml_text(value)}" for key, value in _table_from_camera(camera).items()]
+    return "\n".join(["[camera]", *lines]) + "\n"
 
 
 def _toml_text(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""`lightflight calibrate`: the camera's clock from two recordings of light."""
+"""`lightflight calibrate`: the camera's clock from recordings of light."""
 
 from __future__ import annotations
 
@@ -26,13 +26,19 @@ from lightflight.cli._options import (
     lab_options,
     outputs_option,
 )
+from lightflight.cli.calibrate_camera import command as camera_command
 
 if TYPE_CHECKING:
     from lightflight.histogram import Histograms
+    from lightflight.lab import Lab
     from lightflight.timing.calibration import TimingCalibration
 
 
-@click.command("calibrate", short_help="Calibrate the camera's clock from two recordings.")
+@click.group(
+    "calibrate",
+    invoke_without_command=True,
+    short_help="Calibrate the camera's clock from recordings of light; `camera`: its place.",
+)
 @click.option(
     "--code-density",
     type=click.Path(path_type=Path),
@@ -40,8 +46,12 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--flat",
+    "flats",
     type=click.Path(path_type=Path),
-    help="Recording of pulses that reach all pixels at one known time: gives each pixel's delay.",
+    multiple=True,
+    help="Recording of pulses that reach all pixels at one known time: gives each pixel's delay. "
+    "Given more than once, with as many --flat-arrival-ps: a delay scan, which also measures the "
+    "clock's scale and tells where the time of the dead codes went.",
 )
 @click.option("--dark", type=click.Path(path_type=Path), help="Recording without light.")
 @click.option(
@@ -50,23 +60,71 @@ if TYPE_CHECKING:
     help="Whether the first live codes absorb the time of the dead ones, or it is lost. Unless "
     "you know, the clock's scale stays uncertain by what lies between.",
 )
-@click.option("--flat-arrival-ps", type=float, help="When the flat's light arrived, ps.")
+@click.option(
+    "--flat-arrival-ps",
+    "flat_arrivals",
+    metavar="TIME",
+    multiple=True,
+    help="When the flat's light arrived, ps: a number, or a .npy file with a time for each pixel "
+    "(rows, cols); one for each --flat.",
+)
+@click.option(
+    "--flat-pulse",
+    type=click.Choice(["gaussian", "tail", "mean"]),
+    help="Shape of the flat's pulse: a Gaussian, one with an exponential tail (then used for the "
+    "recordings too), or whatever the array's mean pulse is (fluorescence; delays are those of "
+    "its onset).  [default: gaussian]",
+)
+@click.option(
+    "--flat-response",
+    type=click.Path(path_type=Path),
+    help="Instrument response, counts per code (.npy or text): the flat's pulse is taken as it, "
+    "convolved with an exponential decay that is fitted.",
+)
+@click.option(
+    "--flat-tilt-std-ps",
+    type=click.FloatRange(min=0),
+    help="How far the flat's beam may have been tilted, as time from edge to edge of the array, "
+    "ps: the tilt is fitted.",
+)
+@click.option(
+    "--screen",
+    nargs=9,
+    type=float,
+    metavar="SX SY SZ PX PY PZ NX NY NZ",
+    help="The flat is a screen lit from a pulsed source: source and a point of the screen, mm, "
+    "and the screen's normal; arrival times follow with the [camera] of --lab.",
+)
+@click.option(
+    "--plot",
+    "plots",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    help="Figure of the calibration to write (.png .pdf .svg): gain, code phases, delays, "
+    "response, bad pixels with reasons.",
+)
 @outputs_option(
     "File to write: the calibration (.h5), a figure of it (.png .pdf .svg); may be given more "
     "than once.",
-    required=True,
 )
 @lab_options
 @hint_option
 @json_option
 @debug_option
+@click.pass_context
 def command(
+    context: click.Context,
     *,
     code_density: Path | None,
-    flat: Path | None,
+    flats: tuple[Path, ...],
     dark: Path | None,
     dead_codes: str | None,
-    flat_arrival_ps: float | None,
+    flat_arrivals: tuple[str, ...],
+    flat_pulse: str | None,
+    flat_response: Path | None,
+    flat_tilt_std_ps: float | None,
+    screen: tuple[float, ...] | None,
+    plots: tuple[Path, ...],
     outputs: tuple[Path, ...],
     lab_path: Path | None,
     assignments: tuple[str, ...],
@@ -76,16 +134,25 @@ def command(
 ) -> None:
     """Calibrate the camera's clock: true code widths, and the delay of every pixel.
 
+    `lightflight calibrate camera` finds where the camera stands, and its lens.
+
     \b
-    Example:
+    Examples:
       lightflight calibrate --code-density bright.h5 --flat flat.h5 -o calibration.h5
+      lightflight calibrate --code-density bright.h5 --flat near.h5 --flat far.h5 \\
+          --flat-arrival-ps 0 --flat-arrival-ps 3335.6 -o calibration.h5 --plot calibration.png
     """
+    if context.invoked_subcommand is not None:
+        return
     from lightflight.cli._records import lab_from_options, print_lab, provenance, read_histograms
     from lightflight.timing.calibration import calibrate_timing
 
-    if code_density is None and flat is None:
+    outputs = (*outputs, *plots)
+    if code_density is None and not flats:
         raise click.UsageError("give --code-density, --flat, or better both")
-    inputs = [path for path in (code_density, flat, dark) if path is not None]
+    if not outputs:
+        raise click.UsageError("give -o with the calibration (.h5) or a figure to write")
+    inputs = [path for path in (code_density, *flats, dark) if path is not None]
     check_outputs(
         outputs,
         inputs=inputs,
@@ -93,21 +160,25 @@ def command(
         kinds=("calibration",),
     )
     lab = lab_from_options(lab_path, assignments)
-    given = {"dead_codes": dead_codes, "flat_arrival_ps": flat_arrival_ps}
+    given = {"dead_codes": dead_codes, "flat_tilt_std_ps": flat_tilt_std_ps}
+    given |= flat_options(flats, flat_arrivals, flat_pulse, flat_response, screen, lab)
     options = {**lab.timing, **{k: v for k, v in given.items() if v is not None}}
-    lab = replace(lab, timing=options)
+    lab = replace(lab, timing={k: v for k, v in options.items() if _is_short(v)})
     if dry_run:
         print_lab(lab)
         return
     recordings: dict[str, Any] = {
         name: read_histograms(path, lab, hints)
-        for name, path in (("code_density", code_density), ("flat", flat), ("dark", dark))
+        for name, path in (("code_density", code_density), ("dark", dark))
         if path is not None
     }
     notes: tuple[str, ...] = ()
-    if "flat" in recordings and "flat_arrival_ps" not in options:
-        options["flat_arrival_ps"], notes = _flat_arrival(recordings["flat"])
-        lab = replace(lab, timing=options)
+    if flats:
+        lit = [read_histograms(path, lab, hints) for path in flats]
+        recordings["flat"] = lit if len(lit) > 1 else lit[0]
+        if "flat_arrival_ps" not in options:
+            options["flat_arrival_ps"], notes = _flat_arrival(lit[0])
+            lab = replace(lab, timing={**lab.timing, "flat_arrival_ps": options["flat_arrival_ps"]})
     with step("calibrating the clock"):
         calibration = calibrate_timing(**recordings, **options)
     calibration = replace(calibration, notes=(*calibration.notes, *notes))
@@ -125,6 +196,77 @@ def command(
     print_facts(facts, title="Clock")
     print_sentences(calibration.notes)
     print_sentences([f"Written: {', '.join(map(str, outputs))}"])
+
+
+def flat_options(
+    flats: tuple[Path, ...],
+    arrivals: tuple[str, ...],
+    pulse: str | None,
+    response: Path | None,
+    screen: tuple[float, ...] | None,
+    lab: Lab,
+) -> dict[str, Any]:
+    """What the command line says of the flats, as options of `calibrate_timing`.
+
+    Raises click.UsageError for what contradicts itself or is missing.
+    """
+    if (arrivals or pulse or response or screen) and not flats:
+        raise click.UsageError("options of the flat need --flat")
+    if pulse and response:
+        raise click.UsageError("give --flat-pulse or --flat-response, not both")
+    if screen and (arrivals or len(flats) > 1):
+        raise click.UsageError("--screen gives the arrival times of one --flat by itself")
+    if screen and lab.camera is None:
+        raise click.UsageError("--screen needs the [camera] of a set-up file: give --lab")
+    if len(flats) > 1 and len(arrivals) != len(flats):
+        raise click.UsageError(
+            f"{len(flats)} flats need as many --flat-arrival-ps, got {len(arrivals)}"
+        )
+    if len(flats) == 1 and len(arrivals) > 1:
+        raise click.UsageError(f"one --flat needs one --flat-arrival-ps, got {len(arrivals)}")
+    options: dict[str, Any] = {"flat_pulse": pulse}
+    if response is not None:
+        options["flat_pulse"] = _array_from_file(response)
+    if arrivals:
+        times = [_arrival_from_text(text) for text in arrivals]
+        options["flat_arrival_ps"] = times if len(flats) > 1 else times[0]
+    if screen:
+        from lightflight.timing.flat_geometry import flat_arrival_from_screen_ps
+
+        assert lab.camera is not None
+        options["flat_arrival_ps"] = flat_arrival_from_screen_ps(
+            lab.camera, source_mm=screen[:3], screen_point_mm=screen[3:6],
+            screen_normal=screen[6:], medium=lab.medium,
+        )  # fmt: skip
+    return options
+
+
+def _is_short(value: Any) -> bool:
+    """Whether an option can be written down in a set-up: no map, no curve."""
+    parts = value if isinstance(value, list) else [value]
+    return all(isinstance(part, int | float | str) for part in parts)
+
+
+def _arrival_from_text(text: str) -> Any:
+    """A number, or the map of a .npy file."""
+    try:
+        return float(text)
+    except ValueError:
+        return _array_from_file(Path(text))
+
+
+def _array_from_file(path: Path) -> Any:
+    """Numbers of a .npy file or a text file."""
+    import numpy as np
+
+    from lightflight.errors import FileFormatError
+
+    try:
+        if path.suffix.lower() == ".npy":
+            return np.load(path, allow_pickle=False)
+        return np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None)
+    except ValueError as error:
+        raise FileFormatError(f"holds no array of numbers ({error})", path=path) from error
 
 
 def _flat_arrival(flat: Histograms) -> tuple[float, tuple[str, ...]]:
@@ -199,3 +341,5 @@ def calibration_facts(calibration: TimingCalibration) -> list[Fact]:
 
 
 _MOST_PHASES_SHOWN = 16
+
+command.add_command(camera_command)

@@ -35,6 +35,17 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path),
     help="Draw where and when the photons of a recording fall, into this file (.png .pdf .svg).",
 )
+@click.option(
+    "--timing",
+    "timing_path",
+    type=click.Path(path_type=Path),
+    help="Calibration of the clock: says how far it has drifted, FILE being a new flat.",
+)
+@click.option(
+    "--slices",
+    type=click.IntRange(min=2),
+    help="Cut a long recording into this many stretches and say how its pulses move.",
+)
 @lab_options
 @hint_option
 @json_option
@@ -42,6 +53,8 @@ if TYPE_CHECKING:
 def command(
     *,
     file: Path,
+    timing_path: Path | None,
+    slices: int | None,
     plot: Path | None,
     lab_path: Path | None,
     assignments: tuple[str, ...],
@@ -55,6 +68,8 @@ def command(
     Examples:
       lightflight info recording.h5 --plot recording.png
       lightflight info streak.mat --hint axes=tyx --hint bin_width_ps=7.5
+      lightflight info new_flat.h5 --timing calibration.h5
+      lightflight info long.h5 --slices 10
     """
     from lightflight.cli._records import lab_from_options, print_lab
 
@@ -69,6 +84,11 @@ def command(
         _draw(file, lab, hints, plot)
         sentences = [*sentences, f"Written: {plot}"]
     facts = [Fact("file", "file", file.name), *facts]
+    if timing_path is not None or slices is not None:
+        from lightflight.cli._drift import drift_facts
+
+        moved, words = drift_facts(file, lab, hints, timing_path=timing_path, slices=slices)
+        facts, sentences = [*facts, *moved], [*sentences, *words]
     if as_json:
         print_json(json_from_facts(facts) | {"notes": sentences})
         return

@@ -69,6 +69,17 @@ def read(
     )
 
 
+def array_from_file(path: Path, variable: str | None) -> NDArray[Any]:
+    """One array of numbers; `variable` names it where there is more than one candidate.
+
+    Raises FileFormatError for what is no MATLAB file, or has no such array.
+    """
+    with path.open("rb") as file:
+        opened = _opened_v73 if file.read(10) == b"MATLAB 7.3" else _opened_v5
+    shapes, load, _ = opened(path)
+    return np.asarray(load(_chosen(variable, shapes, path)))
+
+
 def _opened_v5(path: Path) -> tuple[_Shapes, _Load, dict[str, str]]:
     from lightflight.formats.matlab5 import array_of, text_of, variables_in
 

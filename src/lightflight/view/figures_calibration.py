@@ -102,7 +102,7 @@ def draw_delay_map(timing: Any, ax: Axes | None = None) -> Axes:
     ax = style.axes_or_new(ax, 85, 75)
     delay = _blank_bad(timing, timing.skew_ps)
     if not np.isfinite(delay).any() or float(np.nanstd(delay)) == 0.0:
-        style.title(ax, "Delay")
+        style.title(ax, "Delay", "not measured", stacked=True)
         return style.message(ax, "no flat recording:\nthe delays were not measured")
     centred = delay - np.nanmedian(delay)
     limit = style.robust_limit(centred, percentile=99.0, floor=1e-3)
@@ -124,7 +124,7 @@ def draw_response_widths(timing: Any, ax: Axes | None = None) -> Axes:
     width = FWHM_PER_STD * _blank_bad(timing, timing.response_std_ps)
     width = width[np.isfinite(width)]
     if width.size == 0:
-        style.title(ax, "Response")
+        style.title(ax, "Response", "not measured", stacked=True)
         return style.message(ax, "no flat recording:\nthe response was not measured")
     low, high = np.percentile(width, [0.5, 99.5])
     pad = max(0.08 * (high - low), 1e-3 * high)
@@ -153,12 +153,14 @@ def draw_bad_pixels(flagged: Any, ax: Axes | None = None) -> Axes:
     ax.set_aspect("equal")
     counted = fl.count_flags(words)
     size = max(1.6, 95.0 / max(rows, cols))
+    note = ""
     reasons = sorted(counted, key=lambda name: counted[name])[-len(_REASON_MARKS) :]
     for name, (mark, color) in zip(reversed(reasons), _REASON_MARKS, strict=False):
         bit = next(flag.value for flag in fl.REGISTRY if flag.name == name)
         at = np.argwhere(words & np.uint32(bit))
         if len(at) > 0.9 * words.size:
-            ax.plot([], [], " ", label=f"{name.replace('_', ' ')}: {len(at)} (all, not drawn)")
+            ax.plot([], [], " ", label=f"{name.replace('_', ' ')}: {len(at)} *")
+            note += "  (* not drawn)"
             continue
         hollow: dict[str, Any] = {"mfc": "none"} if mark not in "x+" else {}
         ax.plot(
@@ -166,7 +168,7 @@ def draw_bad_pixels(flagged: Any, ax: Axes | None = None) -> Axes:
             label=f"{name.replace('_', ' ')}: {len(at)}", **hollow,
         )  # fmt: skip
     n_bad = int((~fl.is_usable(words)).sum())
-    style.title(ax, "Pixels", f"{words.size - n_bad} of {words.size} usable", stacked=True)
+    style.title(ax, "Pixels", f"{words.size - n_bad} of {words.size} usable{note}", stacked=True)
     if reasons:
         ax.legend(
             loc="upper left", bbox_to_anchor=(1.02, 1.0), handletextpad=0.4, borderaxespad=0.0

@@ -1,0 +1,115 @@
+"""Points of known place and the pixels that saw them, and pictures of boards, from files."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.errors import FileFormatError, MissingExtraError
+
+Floats = NDArray[np.float64]
+
+COLUMNS = ("x_mm", "y_mm", "z_mm", "row", "col")
+_MOST_BYTES = 64 << 20
+
+
+def points_from_file(
+    path: Path, *, variable: str | None = None
+) -> tuple[Floats, Floats, tuple[int, int] | None]:
+    """Points (n, 3) in the file's unit, pixels (n, 2) as (row, col), and the array's shape.
+
+    - .csv with the columns x_mm, y_mm, z_mm, row, col (others are passed over); z_mm may lack
+    - .npz with points_mm (n, 3) and pixels (n, 2)
+    - .npz, .npy or .mat with one array (2 or 3, rows, cols): where each pixel looks; z = 0 for two
+
+    Raises
+    ------
+    FileFormatError
+        For a file that is missing, too large, or holds none of these.
+    """
+    if not path.is_file():
+        raise FileFormatError("no such file: give a table of points", path=path)
+    if path.stat().st_size > _MOST_BYTES:
+        raise FileFormatError("too large for a table of points", path=path)
+    suffix = path.suffix.lower()
+    if suffix in (".csv", ".txt"):
+        return *_points_from_csv(path), None
+    if suffix == ".mat":
+        from lightflight.formats.matlab import array_from_file
+
+        return _points_of_map(array_from_file(path, variable), path)
+    if suffix not in (".npz", ".npy"):
+        raise FileFormatError("is no .csv, .npz, .npy or .mat file", path=path)
+    try:
+        loaded = np.load(path, allow_pickle=False)
+        arrays = {name: loaded[name] for name in loaded.files} if suffix == ".npz" else {"": loaded}
+    except (ValueError, OSError, EOFError) as error:
+        raise FileFormatError(f"cannot be read ({error})", path=path) from error
+    if variable is None and {"points_mm", "pixels"} <= arrays.keys():
+        points, seen = (np.asarray(arrays[name], float) for name in ("points_mm", "pixels"))
+        shape = arrays.get("shape")
+        return points, seen, None if shape is None else (int(shape[0]), int(shape[1]))
+    if variable is None and len(arrays) == 1:
+        variable = next(iter(arrays))
+    if variable not in arrays:
+        raise FileFormatError(
+            f"holds {', '.join(arrays)}: name one with --variable, or points_mm and pixels",
+            path=path,
+        )
+    return _points_of_map(arrays[variable], path)
+
+
+def _points_from_csv(path: Path) -> tuple[Floats, Floats]:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = list(csv.DictReader(stream, skipinitialspace=True))
+        if not rows:
+            raise ValueError("it is empty")
+        missing = [name for name in COLUMNS if name not in rows[0] and name != "z_mm"]
+        if missing:
+            raise ValueError(f"it lacks the columns {', '.join(missing)}")
+        table = np.array([[float(row.get(name) or 0.0) for name in COLUMNS] for row in rows])
+    except (ValueError, TypeError, UnicodeDecodeError, csv.Error) as error:
+        raise FileFormatError(
+            f"is no table with the columns {', '.join(COLUMNS)}: {error}", path=path
+        ) from error
+    return table[:, :3], table[:, 3:]
+
+
+def _points_of_map(
+    places: NDArray[np.generic], path: Path
+) -> tuple[Floats, Floats, tuple[int, int]]:
+    """Points and pixels of a map (2 or 3, rows, cols) of where each pixel looks."""
+    if places.ndim != 3 or places.shape[0] not in (2, 3):
+        raise FileFormatError(
+            f"holds an array of shape {places.shape}: a map of where pixels look has (2 or 3, "
+            "rows, cols); name another with --variable",
+            path=path,
+        )
+    rows, cols = places.shape[1:]
+    points = np.zeros((rows * cols, 3))
+    points[:, : len(places)] = places.reshape(len(places), -1).T
+    seen = np.indices((rows, cols)).reshape(2, -1).T.astype(float)
+    return points, seen, (rows, cols)
+
+
+def picture_from_file(path: Path) -> Floats:
+    """Picture (rows, cols) in grey, needs OpenCV.
+
+    Raises MissingExtraError without the `camera` extra, FileFormatError for what is no picture.
+    """
+    try:
+        import cv2
+    except ImportError as error:
+        raise MissingExtraError(
+            "reading pictures of boards needs OpenCV: pip install 'lightflight[camera]'"
+        ) from error
+    if not path.is_file():
+        raise FileFormatError("no such file: give pictures of a board", path=path)
+    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if picture is None:
+        raise FileFormatError("is no picture that OpenCV can read", path=path)
+    return np.asarray(picture, dtype=np.float64)
