@@ -45,6 +45,7 @@ html_static_path = ["_static"]
 html_css_files = ["page.css"]
 html_show_sourcelink = False
 html_copy_source = False
+html_context = {"default_mode": "auto"}
 html_theme_options = {
     "logo": {"text": "lightflight"},
     "navbar_end": ["theme-switcher"],

@@ -27,6 +27,7 @@ TUTORIAL = {
     "path.png": "tutorial-path.png",
     "two-clocks.png": "tutorial-times.png",
 }
+EXAMPLES = {"light_against_error": "example-light.png", "three_cameras": "example-cameras.png"}
 FIBRE = {
     "LinearFiber.png": "tutorial-fibre-straight.png",
     "CurveFiber.png": "tutorial-fibre-curved.png",
@@ -42,6 +43,11 @@ def keep(file: Path, name: str) -> None:
         small = small.resize((WIDTH_PX, height), Image.Resampling.LANCZOS)
     small.quantize(128).save(IMAGES / name, optimize=True)
     print(f"docs/images/{name}: {(IMAGES / name).stat().st_size / 1024:.0f} kB")
+
+
+def run_example(name: str, *words: str) -> None:
+    """Run a script of examples/ in the present folder."""
+    subprocess.run([sys.executable, str(ROOT / "examples" / f"{name}.py"), *words], check=True)
 
 
 def main() -> None:
@@ -62,10 +68,11 @@ def main() -> None:
         Page(DOCS / "tutorial" / "first-path.md").run()
         for made, name in TUTORIAL.items():
             keep(Path(made), name)
+        for example, name in EXAMPLES.items():
+            run_example(example, "-o", name)
+            keep(Path(name), name)
         if args.fibre is not None:
-            script = str(ROOT / "examples" / "fibre_recordings.py")
-            file = str((start / args.fibre).resolve())
-            subprocess.run([sys.executable, script, file, "-o", "."], check=True)
+            run_example("fibre_recordings", str((start / args.fibre).resolve()), "-o", ".")
             for made, name in FIBRE.items():
                 keep(Path(made), name)
         os.chdir(start)
