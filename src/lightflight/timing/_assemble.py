@@ -24,6 +24,7 @@ from lightflight.timing.delay_scan import DelayScan, fit_scan
 from lightflight.timing.delays import FlatDelays, delays_from_flat, skews_near_median
 from lightflight.timing.flat_geometry import fit_tilt, tilt_ps
 from lightflight.timing.response import Response, tail_of_flat
+from lightflight.timing.sync import check_sync
 
 Floats = NDArray[np.float64]
 
@@ -473,6 +474,9 @@ def check_parts(
     stds: Mapping[str, float],
 ) -> None:
     """Raise for parts that are missing, of the wrong kind or of different cameras."""
+    for part in (code_density, *flats):
+        if isinstance(part, Histograms) and part.poisson:
+            check_sync(part)
     if code_density is None and not flats:
         raise ValueError("nothing to calibrate from: give code_density, flat, or both")
     if isinstance(flat_pulse, str) and flat_pulse not in ("gaussian", "tail", "mean"):

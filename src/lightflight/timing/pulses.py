@@ -21,10 +21,14 @@ from lightflight.histogram import Histograms
 from lightflight.timing._pulse_checks import check_fits, flags_of
 from lightflight.timing._pulse_fits import Clock, Fits, clock_of, fit_all
 from lightflight.timing.pile_up import HIGH_RATE, PileUp, pile_up_of
+from lightflight.timing.sync import check_sync
 
 if TYPE_CHECKING:
     from lightflight.timing.calibration import TimingCalibration
     from lightflight.timing.response import Response
+
+_FEW_PULSES = 0.1
+"""Share of usable pulses below which a missing sync is looked for."""
 
 METHODS = ("likelihood", "least_squares")
 
@@ -168,7 +172,7 @@ def fit_pulses(
         A wrong `method`, `max_pulses`, `threads`, or shape of `exclude_mask`; a background
         recording of another shape, or with unknown frames.
     CalibrationError
-        The calibration does not fit the recording.
+        The calibration does not fit the recording, or the camera ran without sync.
     """
     _check_options(method, max_pulses, response, threads)
     todo = _mask_to_fit(hist, exclude_mask)
@@ -181,6 +185,8 @@ def fit_pulses(
     flags |= (pile_up.rate > HIGH_RATE)[fits.pixel] * np.uint32(fl.PILE_UP)
     if timing is not None:
         flags |= timing.flags.ravel()[fits.pixel]
+    if not fl.is_usable(flags).mean() > _FEW_PULSES:
+        check_sync(hist)
     check_fits(fits, flags, clock.period)
     return _pulses_from_fits(fits, flags, hist, clock, pile_up, method)
 
