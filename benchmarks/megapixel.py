@@ -13,6 +13,7 @@ import argparse
 import csv
 import os
 import platform
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -29,7 +30,7 @@ from lightflight.simulate.presets import ideal
 MOST_MEMORY_GB = 1.0
 MOST_RATIO = 1.15
 N_CODES, WINDOW = 128, (32, 96)
-PHOTONS, BACKGROUND = 300.0, 200.0
+PHOTONS, BACKGROUND = 300.0, 600.0
 ANGLE_DEG = 5.0
 TICK_S = 0.05
 
@@ -176,28 +177,45 @@ def check_path(folder: Path) -> None:
     assert abs(error) < 5 * std
 
 
+def best_of(folder: Path, rounds: int) -> dict[int, Used]:
+    """Least CPU time and most memory with one worker and with two, in turns."""
+    runs: dict[int, list[Used]] = {1: [], 2: []}
+    for _ in range(rounds):
+        for n, found in runs.items():
+            shutil.rmtree(folder / f"out{n}", ignore_errors=True)
+            found.append(run_batch(folder, n))
+    return {
+        n: replace(
+            min(found, key=lambda used: used.cpu_s),
+            worker_gb=max(used.worker_gb for used in found),
+        )
+        for n, found in runs.items()
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--full", action="store_true", help="up to 1,024 x 1,024 pixels")
+    parser.add_argument("--rounds", type=int, default=2, help="the least of so many counts")
     options = parser.parse_args()
     sides = (256, 512, 1024) if options.full else (128, 256)
     print(f"Python {platform.python_version()}, NumPy {np.__version__}, {os.cpu_count()} cores")
-    rows = []
     with tempfile.TemporaryDirectory() as name:
         write_campaign_folder(Path(name, "warm"), 32)
-        idle = run_batch(Path(name, "warm"), 1)  # kernels are compiled by now
-        idle = run_batch(Path(name, "warm"), 2)
+        run_batch(Path(name, "warm"), 1)  # kernels are compiled by now
+        start = best_of(Path(name, "warm"), options.rounds)
+        rows = []
         for side in sides:
             folder = Path(name, str(side))
             n_photons = write_campaign_folder(folder, side)
-            used = {n: run_batch(folder, n) for n in (1, 2)}
+            rows.append((side, n_photons, best_of(folder, options.rounds)))
             check_path(folder)
-            rows.append((side, n_photons, used))
-    print(f"start of two workers and a 32 x 32 recording: {idle.cpu_s:.1f} s of CPU")
+    said = " and ".join(f"{start[n].cpu_s:.1f} s with {n}" for n in (1, 2))
+    print(f"to start workers and reconstruct 32 x 32 pixels takes {said}; per Mpx: beyond that")
     print("| pixels | photons | CPU, 1 worker | per Mpx | CPU, 2 workers | ratio | memory |")
     print("|---:|---:|---:|---:|---:|---:|---:|")
     for side, n_photons, used in rows:
-        per_mpx = used[1].cpu_s / (side * side / 1e6)
+        per_mpx = (used[1].cpu_s - start[1].cpu_s) / (side * side / 1e6)
         print(
             f"| {side} x {side} | {n_photons:,} | {used[1].cpu_s:.1f} s | {per_mpx:.1f} s | "
             f"{used[2].cpu_s:.1f} s | {used[2].cpu_s / used[1].cpu_s:.2f} | "

@@ -250,7 +250,9 @@ def _report(
             }
         )
         return
-    print_facts(facts, title=campaign.title or None)
+    if campaign.title:
+        print_sentences([campaign.title])
+    print_facts(facts)
     _print_groups(groups, campaign.leg)
     if failed:
         rows = [(row["recording"], row["reason"]) for row in failed[:_MOST_LINES]]
