@@ -32,6 +32,7 @@ autosummary_generate = True
 autosummary_context = {"exported": lightflight.__all__}  # have pages of their own
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
+autodoc_type_aliases = {name: name for name in ("ArrayLike", "Floats", "Indices")}
 autodoc_preserve_defaults = True
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
