@@ -294,3 +294,19 @@ class TestEarliestArrival:
         )
         assert sure is not None
         assert unsure == pytest.approx(sure - 5000.0)
+
+
+class TestNumberOfLegs:
+    """`n_legs` is kept or refused, never replaced in silence."""
+
+    @pytest.mark.parametrize("n_legs", [2, 3])
+    def test_more_than_show_is_kept_or_refused(self, n_legs):
+        lab = one_leg()
+        hist = lab.recording(3, 4000.0)
+        try:
+            found = lf.reconstruct(
+                hist, camera=lab.camera, source=lab.known, timing=lab.timing, n_legs=n_legs
+            ).n_legs
+        except NothingFoundError as refused:
+            found = n_legs if f"n_legs={n_legs}" in str(refused) else 0
+        assert found == n_legs

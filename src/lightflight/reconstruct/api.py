@@ -30,7 +30,7 @@ from lightflight.reconstruct.legs import (
 )
 from lightflight.reconstruct.observation import Observation, blind_pixels
 from lightflight.reconstruct.result import path_from_fit
-from lightflight.reconstruct.revise import fit_from_legs, revised
+from lightflight.reconstruct.revise import fit_from_legs, revised, with_n_legs
 from lightflight.reconstruct.statements import statements_from_covariance
 from lightflight.timing.arrivals import find_arrivals
 from lightflight.timing.calibration import ASSUMED_GAIN_STD, TimingCalibration
@@ -45,6 +45,11 @@ Floats = NDArray[np.float64]
 
 _POOLING = (2, 4)
 """Pixels pooled along each axis where single ones are too dim."""
+
+_FEW_PULSES = 12
+"""A leg that no more pulses than this speak for is looked at again by all its counts."""
+_WORSE_CHI2 = 10.0
+"""The path by all counts must not miss the pulses by more than this."""
 
 METHODS = ("paper", "joint", "photon")
 """Estimators, from the paper's to the limit."""
@@ -129,7 +134,10 @@ def path_from_observations(
         found = _legs_of_straight_light(observations[0], setting, n_legs) if start is None else None
         return paper_path(observations, setting, legs=found)
     try:
-        path = _joint_path(observations, setting, timing=timing, n_legs=n_legs, start=start)
+        path = _joint_path(
+            observations, setting, timing=timing, n_legs=n_legs, start=start,
+            by_counts=method == "joint",
+        )  # fmt: skip
         std_ps = pulse_std_ps(observations)
     except NothingFoundError:
         if method != "photon" or start is not None:
@@ -149,8 +157,12 @@ def _joint_path(
     timing: TimingCalibration | None,
     n_legs: int | None,
     start: LightPath | ArrayLike | None,
+    by_counts: bool = False,
 ) -> LightPath:
-    """The joint fit, from legs in the picture or from the user's start."""
+    """The joint fit, from legs in the picture or from the user's start.
+
+    `by_counts`: legs that rest on few pulses are fitted by all their counts.
+    """
     legs: tuple[ImageLeg, ...] | None = None
     if start is None:
         legs = _legs_of_straight_light(observations[0], setting, n_legs)
@@ -162,11 +174,13 @@ def _joint_path(
             raise
         if n_legs is None:
             fit = revised(observations, fit, setting)
+        else:
+            fit = with_n_legs(observations, fit, setting, n_legs)
         if timing is None and fit.floor_ps > 0.2 * pulse_std_ps(observations):
             _warn_of_scatter(fit.floor_ps, legs, observations[0], setting.camera)
     else:
         fit = fit_joint(observations, _state_from_start(start, setting), setting, legs=None)
-    return path_from_fit(
+    path = path_from_fit(
         fit,
         observations,
         setting,
@@ -174,6 +188,32 @@ def _joint_path(
         statements=_statements(fit, timing),
         truth=observations[0].histograms.truth,
     )
+    return _by_all_counts(observations, fit, setting, path) if by_counts else path
+
+
+def _by_all_counts(
+    observations: list[Observation], fit: JointFit, setting: Setting, path: LightPath
+) -> LightPath:
+    """The path; where a leg rests on few pulses, by all counts, if those agree with the pulses.
+
+    A short leg near a corner or the picture's edge may settle on a wrong line: at wrong times
+    its light is not seen. Counts that no single pulse claims pull it back.
+    """
+    used = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=path.n_legs)
+    weak = np.flatnonzero(used <= _FEW_PULSES)
+    if not len(weak) or not all(o.histograms.poisson for o in observations):
+        return path
+    from lightflight.reconstruct.photon import photon_path
+
+    try:
+        better = photon_path(observations, setting, path, std_ps=pulse_std_ps(observations))
+    except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
+        return path
+    worse = better.goodness.chi2 > path.goodness.chi2 + _WORSE_CHI2
+    if worse or not better.goodness.converged:
+        return path
+    said = f"Leg {weak[0] + 1} rests on {used[weak[0]]} pulses: all counts were fitted."
+    return replace(better, method="joint", statements=(said, *path.statements))
 
 
 def _pooled_path(

@@ -50,7 +50,9 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _PASSES = 4
-"""Rounds of picture and path; the second already agrees with the last to a tenth of an error."""
+"""Most rounds of picture and path; the second often agrees with the last to a tenth of an error."""
+_STILL = 0.03
+"""A round that moves nothing by more than this, in its own errors, was the last."""
 _OUTLIER = 5.0
 """A pulse this many standard errors from the path takes no part."""
 _REACH_PX = 2.2
@@ -143,7 +145,7 @@ def fit_joint(
         for k, leg in enumerate(legs):
             members[leg.members] = k
     floor, result = 0.0, None
-    for _ in range(_PASSES):
+    for passed in range(_PASSES):
         state, ends = with_ends(state, clock, seen, std)
         pictures = tuple(
             measure_picture(state, o, camera=seen.camera, medium=setting.medium, std_ps=std)
@@ -161,6 +163,7 @@ def fit_joint(
         lines = _stacked_lines([lines_from_picture(p) for p in pictures])
         freedom = freedom_at(state, setting, ends)
         _check_enough(times, freedom.basis.shape[1])
+        before = state
         solution, times, floor = _solve_robustly(state, times, lines, freedom, setting)
         state = solution.state
         seen, clock = _as_found(solution, setting, observations)
@@ -174,8 +177,22 @@ def fit_joint(
             pictures=pictures,
             floor_ps=floor,
         )
+        if passed > 0 and _settled(before, solution, freedom):
+            break
     assert result is not None
     return result
+
+
+def _settled(before: PathState, solution: Solution, freedom: Freedom) -> bool:
+    """True where a pass moved the path by a small part of its errors: the next would not."""
+    moved = np.append(
+        (solution.state.vertices_mm - before.vertices_mm).ravel(),
+        solution.state.start_time_ps - before.start_time_ps,
+    )
+    step = np.linalg.lstsq(freedom.basis, moved, rcond=None)[0]
+    own = solution.covariance[: len(step), : len(step)]
+    std = np.sqrt(np.maximum(np.diag(own), 1e-300))
+    return bool(np.all(np.abs(step) < _STILL * std))
 
 
 def _as_found(

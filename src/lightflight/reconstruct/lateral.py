@@ -9,6 +9,8 @@ leg, one knot every three pixels; across the leg the counts follow the spot.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -109,13 +111,16 @@ class _Problem:
     lever: list[Floats]
     anchors: list[Floats]
 
-    @property
-    def sizes(self) -> list[int]:
-        return [basis.shape[1] + 2 for basis in self.basis]
+    @cached_property
+    def starts(self) -> list[int]:
+        """Where each leg's parameters start; last, where the spot's stands."""
+        return [0, *accumulate(basis.shape[1] + 2 for basis in self.basis)]
 
-    @property
-    def starts(self) -> NDArray[np.int64]:
-        return np.concatenate(([0], np.cumsum(self.sizes)))
+    @cached_property
+    def bends(self) -> list[Floats]:
+        """Second differences of each spline's coefficients, times their weak prior."""
+        sizes = [basis.shape[1] for basis in self.basis]
+        return [0.05 * np.diff(np.eye(n), 2, axis=0) if n > 2 else np.zeros((0, n)) for n in sizes]
 
 
 def fit_lines(data: list[LineData]) -> list[LineFit]:
@@ -228,7 +233,7 @@ def _step_and_deviance(
     for k in range(len(problem.data)):
         # A dark stretch leaves its strength undefined: hold it weakly to its neighbours.
         n = problem.basis[k].shape[1]
-        bend = 0.05 * np.diff(np.eye(n), 2, axis=0) if n > 2 else np.zeros((0, n))
+        bend = problem.bends[k]
         own_slice = slice(problem.starts[k], problem.starts[k] + n)
         information[own_slice, own_slice] += bend.T @ bend + 1e-9 * np.eye(n)
         score[own_slice] -= bend.T @ (bend @ parameters[own_slice])

@@ -88,8 +88,8 @@ def path_from_fit(
     setting: Setting,
     *,
     method: str,
-    statements: tuple[str, ...],
-    truth: Any,
+    statements: tuple[str, ...] = (),
+    truth: Any = None,
 ) -> LightPath:
     """The fit as the record users get."""
     solution = fit.solution

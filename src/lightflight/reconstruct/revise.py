@@ -95,6 +95,45 @@ def revised(observations: list[Observation], fit: JointFit, setting: Setting) ->
     return fit
 
 
+def with_n_legs(
+    observations: list[Observation], fit: JointFit, setting: Setting, n_legs: int
+) -> JointFit:
+    """The fit with as many legs as the user says, cut where times and light bend most.
+
+    Raises
+    ------
+    NothingFoundError
+        Where no further corner can be placed.
+    """
+    while fit.solution.state.n_legs < n_legs:
+        state = fit.solution.state
+        bends = [_sharpest_bend(observations, fit, k, setting) for k in range(state.n_legs)]
+        trials = (
+            _opened(observations, state, int(k), bends[int(k)][1], setting)
+            for k in np.argsort([-chi2 for chi2, _ in bends])
+            if bends[int(k)][0] > 0.0
+        )
+        longer = next((trial for trial in trials if trial is not None), None)
+        if longer is None:
+            raise NothingFoundError(
+                f"n_legs={n_legs} was given but only {state.n_legs} show: leave n_legs out, or "
+                "give a starting path (start=)"
+            )
+        fit = longer
+    return fit
+
+
+def _opened(
+    observations: list[Observation], state: PathState, leg: int, fraction: float, setting: Setting
+) -> JointFit | None:
+    """Refit with a corner more, at a fraction of a leg; None where there is no such path."""
+    vertices = state.vertices_mm
+    corner = vertices[leg] + fraction * (vertices[leg + 1] - vertices[leg])
+    longer = PathState(np.insert(vertices, leg + 1, corner, axis=0), state.start_time_ps)
+    moved = tuple((i + (i > leg), p, s) for i, p, s in setting.waypoints)
+    return _refitted(observations, longer, replace(setting, waypoints=moved))
+
+
 def _refitted(
     observations: list[Observation], state: PathState, setting: Setting
 ) -> JointFit | None:
@@ -190,11 +229,7 @@ def _split_once(
         chi2, fraction = bends[int(k)]
         if chi2 < _BEND_CHI2:
             return None
-        vertices = state.vertices_mm
-        corner = vertices[k] + fraction * (vertices[k + 1] - vertices[k])
-        opened = PathState(np.insert(vertices, k + 1, corner, axis=0), state.start_time_ps)
-        moved = tuple((i + (i > k), p, s) for i, p, s in setting.waypoints)
-        trial = _refitted(observations, opened, replace(setting, waypoints=moved))
+        trial = _opened(observations, state, int(k), fraction, setting)
         if trial is None or turn_deg(trial.solution.state, int(k) + 1) < _LEAST_TURN_DEG:
             continue
         after = trial.solution.chi2 + sum(f.bend_chi2 for p in trial.pictures for f in p.fits)
