@@ -73,9 +73,10 @@ def main() -> None:
     misses = []
     print(f"{n:,} fits per row")
     print(
-        "| photons | background per code | error / bound | bias / bound | pull width | > 1 code |"
+        "| photons | background per code | error / bound | bias / bound | pull width "
+        "| > 1 code off | not found |"
     )
-    print("|---:|---:|---:|---:|---:|---:|")
+    print("|---:|---:|---:|---:|---:|---:|---:|")
     for seed, (photons, background) in enumerate(CASES):
         hist, delay = drawn(photons, background, n, seed)
         error, stated = strongest(lf.fit_pulses(hist, max_pulses=1), delay)
