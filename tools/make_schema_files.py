@@ -8,11 +8,15 @@ Run once for each schema version that is released, never again for an old one: t
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
 import lightflight as lf
+from lightflight.flight import event_times_from_vertices
+from lightflight.path import RESIDUAL_DTYPE, Goodness
 from lightflight.store import SCHEMA_VERSION
 
 FOLDER = Path(__file__).resolve().parents[1] / "tests" / "data"
@@ -34,6 +38,44 @@ def known_frames() -> np.ndarray:
     return codes.reshape(9, 2, 3).astype(np.uint16)
 
 
+def known_path() -> lf.LightPath:
+    """Two legs with everything a path file can hold; numbers that follow from formulas."""
+    vertices = np.array([(0.0, 0.0, 0.0), (300.0, 20.0, 40.0), (10.0, 45.0, 15.0)])
+    table = np.zeros(3, RESIDUAL_DTYPE)
+    for k, name in enumerate(RESIDUAL_DTYPE.names or ()):
+        table[name] = (np.arange(3) + k) % 2 if name == "used" else np.arange(3) + k
+    half = np.eye(12) / 8
+    return lf.LightPath(
+        vertices,
+        event_times_from_vertices(vertices, emission_time_ps=2000.0),
+        2 * half,
+        camera=lf.Camera.facing_plane(center_mm=(150.0, 20.0)),
+        source=lf.Source((0.0, 0.0, 0.0), position_std_mm=(0.5, 0.5, 1.0), pulse_fwhm_ps=68.0),
+        medium=lf.Medium(1.33, 1.0),
+        goodness=Goodness(3.5, 2, 3, 0, 0.75, 0.0, True),
+        covariance_parts={"photon": half, "pixel": 0.5 * half, "shared": 0.5 * half},
+        residuals=table,
+        prior="source ± (0.5, 0.5, 1) mm",
+        statements=("Made by hand: µ.",),
+        truth=SimpleNamespace(vertices_mm=vertices + 1.0, vertex_times_ps=np.arange(3.0)),
+        provenance={"command": "tools/make_schema_files.py"},
+    )
+
+
+def known_calibration() -> lf.TimingCalibration:
+    """A nominal clock with a gain and a delay of its own in every pixel."""
+    recording = lf.Recording.from_frames(known_frames(), n_codes=32, **CLOCK)
+    index = np.arange(6.0).reshape(2, 3)
+    nominal = lf.TimingCalibration.nominal(lf.histogram(recording))
+    return replace(
+        nominal,
+        gain=1.0 + index / 1000,
+        skew_ps=10.0 * index,
+        notes=("Made by hand: µ.",),
+        provenance={"command": "tools/make_schema_files.py"},
+    )
+
+
 def main() -> None:
     """Write the files of the current version."""
     FOLDER.mkdir(exist_ok=True)
@@ -49,6 +91,13 @@ def main() -> None:
             print(f"{path.name} exists and stays as it is")
             continue
         lf.write(record, path, provenance={"command": "tools/make_schema_files.py"})
+        print(f"{path.name}: {path.stat().st_size} bytes")
+    for name, result in (("path", known_path()), ("calibration", known_calibration())):
+        path = FOLDER / f"{name}_schema_{SCHEMA_VERSION}.h5"
+        if path.exists():
+            print(f"{path.name} exists and stays as it is")
+            continue
+        result.save(path)
         print(f"{path.name}: {path.stat().st_size} bytes")
 
 

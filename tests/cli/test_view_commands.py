@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 
+import h5py
 import numpy as np
 import pytest
 
@@ -46,6 +47,32 @@ def test_view_takes_recording_and_clock(run, lab_folder, path_file, tmp_path):
     payload = payload_of(tmp_path / "page.html")
     assert payload["histograms"]["left_out"] == 0
     assert payload["clock"]["reversed_codes"] is True
+
+
+@pytest.mark.parametrize("words", [("view",), ("movie",), ("export",), ("plot",)])
+def test_a_path_of_a_newer_version_is_refused_in_a_sentence(run, path_file, tmp_path, words):
+    newer = tmp_path / "newer.h5"
+    newer.write_bytes(path_file.read_bytes())
+    with h5py.File(newer, "r+") as file:
+        file.attrs["schema_version"] = 99
+    suffix = {"view": "html", "movie": "gif", "export": "csv", "plot": "png"}[words[0]]
+    done = run(*words, newer, "-o", tmp_path / f"out.{suffix}")
+    assert done.exit_code == 3
+    assert "newer lightflight (schema 99" in done.stderr
+    assert [file.name for file in tmp_path.iterdir()] == ["newer.h5"]
+
+
+def test_a_campaign_with_a_path_of_a_newer_version_shows_the_others(run, path_file, tmp_path):
+    pytest.importorskip("plotly")
+    newer = tmp_path / "newer.h5"
+    newer.write_bytes(path_file.read_bytes())
+    with h5py.File(newer, "r+") as file:
+        file.attrs["schema_version"] = 99
+    done = run("view", path_file, newer, "-o", tmp_path / "index.html")
+    assert done.exit_code == 0, done.stderr
+    text = (tmp_path / "index.html").read_text()
+    assert text.count("<svg") == 1
+    assert "schema 99" in text
 
 
 def test_view_and_movie_take_a_second_viewpoint(run, path_file, tmp_path):

@@ -14,7 +14,13 @@ import lightflight as lf
 from lightflight.errors import FileFormatError
 from lightflight.formats.schema import check_arrays, file_schema
 from lightflight.store import SCHEMA_VERSION, load_record, save_record
-from tools.make_schema_files import CLOCK, SETTINGS, known_frames
+from tools.make_schema_files import (
+    CLOCK,
+    SETTINGS,
+    known_calibration,
+    known_frames,
+    known_path,
+)
 
 read: Any = lf.read
 FOLDER = Path(__file__).resolve().parents[1] / "data"
@@ -34,6 +40,26 @@ def test_files_of_every_schema_are_read(version):
         assert record.n_frames == len(frames)
     dense = read(FOLDER / f"frames_schema_{version}.h5")
     np.testing.assert_array_equal(dense.frames, frames)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_results_of_every_schema_are_read(version):
+    expected, found = known_path(), lf.LightPath.load(FOLDER / f"path_schema_{version}.h5")
+    for name in ("vertices_mm", "vertex_times_ps", "covariance", "residuals"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
+    for name in ("source", "medium", "method", "goodness", "prior", "statements", "provenance"):
+        assert getattr(found, name) == getattr(expected, name), name
+    for name, part in expected.covariance_parts.items():
+        np.testing.assert_array_equal(found.covariance_parts[name], part, name)
+    np.testing.assert_array_equal(found.truth.vertices_mm, expected.truth.vertices_mm)
+    np.testing.assert_array_equal(found.camera.matrix, expected.camera.matrix)
+    np.testing.assert_array_equal(found.camera.world_from_camera, expected.camera.world_from_camera)
+    clock = lf.TimingCalibration.load(FOLDER / f"calibration_schema_{version}.h5")
+    known = known_calibration()
+    for name in ("gain", "phases", "code_widths", "skew_ps", "response_std_ps", "flags"):
+        np.testing.assert_array_equal(getattr(clock, name), getattr(known, name), name)
+    for name in ("shape", "n_codes", "laser_period_ps", "reversed_codes", "scale_std", "notes"):
+        assert getattr(clock, name) == getattr(known, name), name
 
 
 def test_all_that_is_written_is_in_the_schema(tmp_path):
