@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from lightflight.path_error import path_error
 from lightflight.reconstruct.geometry import PathState, footprints
-from lightflight.reconstruct.paper import Projection
+from lightflight.reconstruct.legs import find_legs
+from lightflight.reconstruct.paper import Projection, projection_of_leg
 from lightflight.simulate import Detector, Scene, simulate
 from lightflight.simulate.presets import ideal, paper_scene, pf32
 from lightflight.timing.calibration import calibrate_timing
@@ -25,6 +26,7 @@ from lightflight.zheng2020.laboratory import (
     calibrated_clock,
     chain_of_recording,
     known_source,
+    observation_of,
 )
 from lightflight.zheng2020.work import Unit
 
@@ -73,6 +75,8 @@ class Variant:
     """Its calibration; None: nominal, for clean clocks."""
     change: Change = _nothing
     """What is put right from the truth."""
+    alone: bool = False
+    """True: each leg's line is taken from a recording in which it alone shines."""
 
 
 VARIANTS: Mapping[str, Variant] = {
@@ -101,6 +105,12 @@ VARIANTS: Mapping[str, Variant] = {
         "clean clock, lens blur 0.25 px instead of 0.35", lambda: ideal(psf_std_px=0.25), None
     ),
     "spot-0.50": Variant("clean clock, lens blur 0.50 px", lambda: ideal(psf_std_px=0.5), None),
+    "alone": Variant(
+        "clean clock, each leg's line from a recording of that leg alone", ideal, None, alone=True
+    ),
+    "alone-0.50": Variant(
+        "the same, lens blur 0.50 px", lambda: ideal(psf_std_px=0.5), None, alone=True
+    ),
     "filled": Variant(
         "clean clock, 61 % fill factor", lambda: ideal(active_width_px=0.61**0.5), None
     ),
@@ -159,11 +169,29 @@ def measure_variant(*, name: str, recordings: int, seed: int) -> dict[str, Any]:
             scene,
             timing,
             source=known_source(scene),
-            change=lambda projections: variant.change(projections, scene),
+            change=_lines_alone(scene, timing, run, seed)
+            if variant.alone
+            else lambda projections: variant.change(projections, scene),
         ).path
         errors.append(list(path_error(path, scene, scene.camera)))
         angles.append([leg.angle_deg - t for leg, t in zip(path.legs, truth, strict=True)])
     return {"name": name, "errors": errors, "angle_error_deg": angles}
+
+
+def _lines_alone(
+    scene: Scene, timing: Any, run: int, seed: int
+) -> Callable[[list[Projection]], list[Projection]]:
+    """Projections of legs that shine one at a time: no leg's light falls on another's pixels."""
+    alone = []
+    for leg in range(scene.n_legs):
+        only = replace(scene, brightness=[float(k == leg) for k in range(scene.n_legs)])
+        hist = simulate(
+            only, photons_per_pixel=PHOTONS_PER_PIXEL, seed=9_000_000 * (seed + 1) + 10 * run + leg
+        )
+        observation = observation_of(hist, only, timing)
+        (found,) = find_legs(observation.arrivals, camera=scene.camera, n_legs=1, convex=True)
+        alone.append(projection_of_leg(found, observation, scene.camera))
+    return lambda _projections: alone
 
 
 def _clock_of(variant: Variant, scene: Scene, seed: int) -> Any:

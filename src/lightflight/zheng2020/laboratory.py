@@ -114,16 +114,27 @@ def chain_of_recording(
     source : None: place and emission time known.
     change : what becomes of the projections before the chain goes on (to find what limits it).
     """
-    source = known_source(scene) if source is None else source
-    setting = Setting(scene.camera, source, scene.medium)
-    clock = TimingCalibration.nominal(hist) if timing is None else timing
-    observation = observe(
-        hist, setting, timing=clock, background=None, exclude_mask=None, least_squares=True
-    )
+    setting = Setting(scene.camera, source or known_source(scene), scene.medium)
+    observation = observation_of(hist, scene, timing, source=source)
     legs = find_legs(observation.arrivals, camera=scene.camera, n_legs=scene.n_legs, convex=True)
     projections = change([projection_of_leg(leg, observation, scene.camera) for leg in legs])
     path = path_from_projections(projections, [observation], setting)
     return Chain(path, projections, observation, setting)
+
+
+def observation_of(
+    hist: Histograms,
+    scene: Scene,
+    timing: TimingCalibration | None,
+    *,
+    source: Source | None = None,
+) -> Observation:
+    """Pulses of a recording as the paper fits them; arguments as in `chain_of_recording`."""
+    setting = Setting(scene.camera, source or known_source(scene), scene.medium)
+    clock = TimingCalibration.nominal(hist) if timing is None else timing
+    return observe(
+        hist, setting, timing=clock, background=None, exclude_mask=None, least_squares=True
+    )
 
 
 def angles_of_first_leg(chain: Chain) -> Floats:
