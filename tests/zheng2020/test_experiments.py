@@ -125,9 +125,8 @@ def test_figures_of_the_three_legs_show_their_record(legs, limits):
     planes = figures_zheng.fig4_figure(fig4.record_from_results([legs]))
     assert [ax.get_title(loc="left") for ax in planes.axes] == ["Leg 1", "Leg 2", "Leg 3"]
     bars = figures_zheng.contributions_figure(limits).axes[0].patches
-    np.testing.assert_allclose(
-        [bar.get_width() for bar in bars], np.maximum(limits.position_rms_mm, 1e-3)
-    )
+    ends = [bar.get_path().get_extents(bar.get_patch_transform()).x1 for bar in bars]
+    np.testing.assert_allclose(ends, np.maximum(limits.position_rms_mm, 1e-3))
 
 
 def test_picture_of_the_set_up_shows_mirrors_where_they_stand(legs):
