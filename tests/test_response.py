@@ -53,8 +53,8 @@ def test_a_tabulated_gaussian_is_the_gaussian_fit(rng):
     std = np.sqrt(plain.covariance[:, 0, 0])
     np.testing.assert_allclose(tabulated.delay_ps, plain.delay_ps, atol=0.02 * std.min())
     np.testing.assert_allclose(tabulated.std_ps, plain.std_ps, rtol=1e-3)
-    errors = [np.diagonal(fit.covariance, axis1=1, axis2=2) for fit in (tabulated, plain)]
-    np.testing.assert_allclose(*errors, rtol=2e-3)
+    found, expected = (np.diagonal(fit.covariance, axis1=1, axis2=2) for fit in (tabulated, plain))
+    np.testing.assert_allclose(found, expected, rtol=2e-3)
 
 
 @pytest.mark.parametrize("measured", [False, True])
