@@ -95,7 +95,7 @@ def command(
         return
     if rows:
         _print_rows(rows)
-    print_sentences(_closing(what, records))
+    print_sentences(_closing(records, output))
     print_sentences([f"Written: {', '.join(written)}. {seconds:.0f} s."])
 
 
@@ -129,13 +129,15 @@ def _draw(records: dict[str, Any], output: Path) -> list[str]:
 # --- the table -------------------------------------------------------------------------------
 
 
-def _closing(what: str, records: dict[str, Any]) -> list[str]:
+def _closing(records: dict[str, Any], output: Path) -> list[str]:
     from lightflight.zheng2020.discussion import NOT_COVERED
     from lightflight.zheng2020.table import NOTE
 
     said = []
     if "fig6" in records:
         said.append(NOTE)
+        path = output / "units" / "legs-00-joint.h5"
+        said.append(f"The film (Visualization 1): lightflight movie {path} -o flight.mp4")
     if "discussion" in records:
         said.append(NOT_COVERED)
     return said
