@@ -14,6 +14,7 @@ from lightflight.errors import (
     GeometryError,
     LightflightWarning,
     NothingFoundError,
+    SuspectDataWarning,
     UncalibratedWarning,
 )
 from lightflight.reconstruct.api import METHODS, earliest_arrival_ps
@@ -310,3 +311,26 @@ class TestNumberOfLegs:
         except NothingFoundError as refused:
             found = n_legs if f"n_legs={n_legs}" in str(refused) else 0
         assert found == n_legs
+
+
+class TestLaserPeriod:
+    """A period that cannot be right is refused or asked about, in one sentence."""
+
+    @pytest.mark.filterwarnings("ignore")
+    @pytest.mark.parametrize("period_ps", [200.0, 400.0, 1000.0])
+    def test_shorter_than_the_pulses(self, period_ps):
+        lab = one_leg()
+        short = lf.Histograms(lab.recording(1).counts, bin_width_ps=55.0, laser_period_ps=period_ps)
+        with pytest.raises(CalibrationError, match="check laser_period_ps"):
+            lf.reconstruct(short, camera=lab.camera, source=lab.known)
+
+    @pytest.mark.filterwarnings("ignore::lightflight.errors.UncalibratedWarning")
+    def test_codes_over_many_periods_are_asked_about(self):
+        lab = one_leg()
+        counts = lab.recording(1).counts
+        period_ps = counts.shape[2] * 55.0
+        padded = np.concatenate((counts, np.zeros_like(counts), np.zeros_like(counts)), axis=2)
+        long = lf.Histograms(padded, bin_width_ps=55.0, laser_period_ps=period_ps)
+        with pytest.warns(SuspectDataWarning, match="cover 3.0 laser periods"):
+            path = lf.reconstruct(long, camera=lab.camera, source=lab.known)
+        assert path.n_legs == 1

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight import flags
 from lightflight.errors import (
     CalibrationError,
     GeometryError,
@@ -50,6 +51,9 @@ _FEW_PULSES = 12
 """A leg that no more pulses than this speak for is looked at again by all its counts."""
 _WORSE_CHI2 = 10.0
 """The path by all counts must not miss the pulses by more than this."""
+
+_MOST_PERIODS = 2.0
+"""Codes that cover more laser periods than this are worth a question."""
 
 METHODS = ("paper", "joint", "photon")
 """Estimators, from the paper's to the limit."""
@@ -344,9 +348,32 @@ def observe(
         method="least_squares" if least_squares else "likelihood",
         max_pulses=1 if least_squares else 3,
     )
+    _check_period(hist, arrivals)
     return unwrapped_observation(
         Observation(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals)), setting
     )
+
+
+def _check_period(hist: Histograms, arrivals: Arrivals) -> None:
+    """Notice a laser period that cannot be right: shorter than the pulses, or than the codes."""
+    period_ps = hist.laser_period_ps
+    if period_ps is None or hist.bin_width_ps is None:
+        return
+    widths = arrivals.std_ps[np.isfinite(arrivals.std_ps)]
+    if len(widths) and period_ps < 6.0 * float(np.median(widths)):
+        raise CalibrationError(
+            f"the laser period of {period_ps:g} ps is shorter than the pulses need (std "
+            f"{float(np.median(widths)):.0f} ps): check laser_period_ps and bin_width_ps"
+        )
+    covered = hist.n_codes * hist.bin_width_ps / period_ps
+    if covered > _MOST_PERIODS:
+        doubt = (
+            f"the codes cover {covered:.1f} laser periods of {period_ps:g} ps: check "
+            "laser_period_ps and bin_width_ps"
+        )
+        if not flags.is_usable(arrivals.flags).any():
+            raise CalibrationError(f"no pixel shows a pulse, and {doubt}")
+        warnings.warn(doubt, SuspectDataWarning, stacklevel=4)
 
 
 def clock_or_nominal(hist: Histograms, timing: TimingCalibration | None) -> TimingCalibration:

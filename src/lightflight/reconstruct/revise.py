@@ -265,7 +265,9 @@ def _sharpest_bend(
         own = float(hinge @ (weight * hinge) - response @ precision @ response)
         score = float(hinge @ (weight * solution.residual_ps))
         in_time = score**2 / own if own > 1e-9 * float(hinge @ (weight * hinge)) else 0.0
-        total = in_time + float(np.interp(at, line_fit.bend_places_px, line_fit.bend_chi2_at))
+        total = in_time
+        if len(line_fit.bend_places_px):
+            total += float(np.interp(at, line_fit.bend_places_px, line_fit.bend_chi2_at))
         if total > best:
             best, place = total, float(at)
     del observations
