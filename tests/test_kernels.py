@@ -156,7 +156,8 @@ def test_scan_finds_the_window_of_a_brute_force_search(rng, folds, uneven):
                     if value > highest:
                         highest, found = value, (first, length)
         assert (best[1], best[2]) == found
-        assert best[0] == pytest.approx(highest - np.log(40 * 5))
+        assert best[0] == pytest.approx(highest)
+        assert bin_kernels.log_trials(40) == pytest.approx(np.log(40 * 5))
 
 
 def test_valley_separates_two_bumps_from_a_slope():

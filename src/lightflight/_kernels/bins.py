@@ -202,6 +202,12 @@ def best_window(sums, count, length, covered, due, total, best):
                 best[0], best[1], best[2] = value, i, length
 
 
+@jit_lent
+def log_trials(n):
+    """Logarithm of the number of windows that `scan_for_pulse` tries over n bins."""
+    return math.log(max(n, 1) * int(math.log2(max(n, 2))))
+
+
 @jit_inlined
 def scan_for_pulse(levels, n, reach, covered, even, double_code, total, best):
     """Find the window of bins whose counts chance explains least.
@@ -212,8 +218,8 @@ def scan_for_pulse(levels, n, reach, covered, even, double_code, total, best):
     clock may do: `double_code` bins' worth of light too much in a window, and 5 % of
     `double_code` more. even: exposure of every bin, where the fullest window is the best, or 0.
 
-    best: log excess over the number of windows tried (false alarms: fewer than exp(-that), by
-    trial exp(-that - 3)), first bin, number of bins. Stops early at an unmistakable pulse.
+    best: log excess, first bin, number of bins; false alarms are fewer than exp(log_trials -
+    excess), by trial exp(log_trials - excess - 3). Stops early at an unmistakable pulse.
     """
     best[0], best[1], best[2] = 0.0, 0.0, 1.0
     level, length, where, peak = 0, 1, -1, 0.0
@@ -238,10 +244,8 @@ def scan_for_pulse(levels, n, reach, covered, even, double_code, total, best):
                 break
         level += 1
         length *= 2
-    tried = int(math.log2(max(n, 2)))
     if where >= 0:
         best[1] = index_of(levels[where][: min(n, reach - int(best[2]) + 1)], peak)
-    best[0] -= math.log(n * tried)
 
 
 @jit_lent

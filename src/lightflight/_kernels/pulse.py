@@ -334,7 +334,7 @@ def normal_from_chi2(chi2, expected, variance):
     if expected <= 0.0:
         return 0.0
     narrow = variance / (9.0 * expected * expected)
-    return ((chi2 / expected) ** (1.0 / 3.0) - (1.0 - narrow)) / math.sqrt(narrow)
+    return (np.cbrt(chi2 / expected) - (1.0 - narrow)) / math.sqrt(narrow)
 
 
 @jit_lent

@@ -27,14 +27,14 @@ FREE = -1.0
 # What is kept of the pixel in each lane, beside its window (rows of `kept`).
 (
     PIXEL, BINS, STEPS, ORIGIN, OUT_COUNTS, OUT_EXPOSURE, OUT_SQUARES, OUT_INVERSES, OUT_BINS,
-    WHOLE, LENGTH, RAISED, LOW_CUT, HIGH_CUT, MIN_STD, RESIDUAL, N_ALL,
-) = range(17)  # fmt: skip
+    WHOLE, LENGTH, RAISED, LOW_CUT, HIGH_CUT, MIN_STD, RESIDUAL, LOG_ALL, REACH,
+) = range(18)  # fmt: skip
 
 
 @jit
 def new_conveyor():
     """Lanes with nothing in them: lanes, what is kept of their pixels, running sums."""
-    kept = np.zeros((17, LANES))
+    kept = np.zeros((18, LANES))
     kept[PIXEL] = FREE
     return lane.new_lanes(), kept, np.empty(MAX_BINS + 1)
 
@@ -51,7 +51,7 @@ def free_slot(conveyor):
 @jit_inlined
 def reach_of(photons):
     """Std on either side of its centre beyond which a pulse holds less than 1e-3 photons."""
-    return math.sqrt(2.0 * math.log(1.0 + 100.0 * max(photons, 0.0)))
+    return math.sqrt(2.0 * math.log(1.0 + 100.0 * photons))
 
 
 @jit_reordered
@@ -72,28 +72,29 @@ def excess_outside(sums, n, low, high, length, covered, even, background):
     count = n - length + 1
     before = min(max(low - length // 2, 0), count)
     after = max(high - length // 2 + 1, 0)
-    best = 0.0
+    best, fullest = 0.0, 0.0
     for part in range(2):
         first, last = (0, before) if part == 0 else (after, count)
         if last <= first:
             continue
         if even > 0.0:
-            fullest = float(largest(sums[first:last]))
-            best = max(best, log_excess_over(fullest, background * even * length))
+            fullest = max(fullest, float(largest(sums[first:last])))
             continue
         for i in range(first, last):
             due = background * (covered[i + length] - covered[i])
             above = sums[i] - due
             if above > 0.0 and above * above > best * due:  # the excess is at most chi2
                 best = max(best, log_excess_over(float(sums[i]), due))
+    if even > 0.0:
+        return log_excess_over(fullest, background * even * length)
     return best
 
 
 @jit_inlined
-def window_of(theta, near, edges, n, period):
+def window_of(theta, near, edges, n, period, total):
     """Bins (low, high) that a pulse like theta needs; (0, 0) where lanes cannot hold them.
 
-    near: a bin near the centre.
+    near: a bin near the centre; total: counts of the pixel, which bound those of the pulse.
     """
     centre, photons, std, background = theta
     if not edges[0] < centre < edges[n]:
@@ -106,7 +107,7 @@ def window_of(theta, near, edges, n, period):
     high = low + 1
     noise = math.sqrt(photons + 6.0 * background * std) / photons
     # a noisy start may have to widen
-    reach = (reach_of(photons) + SPARE_REACH) * std * (1.0 + 2.5 * noise)
+    reach = (reach_of(total) + SPARE_REACH) * std * (1.0 + 2.5 * noise)
     while low > 0 and edges[low] > centre - reach:
         low -= 1
     while high < n and edges[high] < centre + reach:
@@ -120,11 +121,11 @@ def window_of(theta, near, edges, n, period):
 def load_lane(conveyor, pixel, theta, low, high, row, double_code, dark):
     """Put bins [low, high) of a pixel, and a start, into a free lane.
 
-    row: (levels, edges, exposure, inverse, covered, n, total, even, bounds); dark: (counts,
-    exposure) of a background recording.
+    row: (levels, edges, exposure, inverse, covered, n, total, even, bounds, log of n); dark:
+    (counts, exposure) of a background recording.
     """
     (file, w_edges, w_counts, w_widths, _), kept, _ = conveyor
-    levels, edges, exposure, inverse, covered, n, total, even, bounds = row
+    levels, edges, exposure, inverse, covered, n, total, even, bounds, n_log = row
     centre, std, background = theta[0], theta[2], max(theta[3], bounds[2])
     slot = free_slot(conveyor)
     out_counts, out_exposure, out_inverses, out_bins = total, covered[n], inverse[n], inverse[n + 1]
@@ -151,7 +152,8 @@ def load_lane(conveyor, pixel, theta, low, high, row, double_code, dark):
     length = 1 << level
     raised = double_code * (1.0 / length + 0.05) * background
     kept[PIXEL, slot], kept[BINS, slot], kept[STEPS, slot] = pixel, high - low, 0.0
-    kept[ORIGIN, slot], kept[N_ALL, slot] = centre, n
+    kept[ORIGIN, slot], kept[LOG_ALL, slot] = centre, n_log
+    kept[REACH, slot] = reach_of(total)
     kept[OUT_COUNTS, slot], kept[OUT_EXPOSURE, slot] = out_counts, out_exposure
     kept[OUT_SQUARES, slot], kept[OUT_INVERSES, slot] = out_squares, out_inverses
     kept[OUT_BINS, slot], kept[WHOLE, slot] = out_bins, covered[n] + dark[1]
@@ -168,7 +170,7 @@ def is_good(conveyor, slot):
     (file, w_edges, _, _, _), kept, _ = conveyor
     centre, std = file[lane.CENTRE + slot], file[lane.STD + slot]
     first, last = w_edges[slot], w_edges[int(kept[BINS, slot]) * LANES + slot]
-    reach = reach_of(file[lane.PHOTONS + slot]) * std
+    reach = kept[REACH, slot] * std
     settled = file[lane.LENGTH2 + slot] < SETTLED and std > 2.0 * kept[MIN_STD, slot]
     holds_low = kept[LOW_CUT, slot] == 1.0 or centre - reach >= first
     holds_high = kept[HIGH_CUT, slot] == 1.0 or centre + reach <= last
@@ -213,7 +215,7 @@ def read_lane(conveyor, slot, values, covariance, table):
     table[0], table[1], table[2], table[3] = 1.0, 1.0, kept[STEPS, slot], chi2
     table[4], table[5] = n_bins, normal_from_chi2(rich_chi2, n_rich, rich_variance)
     table[6], table[7] = file[lane.HELD + slot], 1.0
-    table[8] = residual - math.log(kept[N_ALL, slot])
+    table[8] = residual - kept[LOG_ALL, slot]
 
 
 @jit_lent

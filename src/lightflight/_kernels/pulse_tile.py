@@ -13,6 +13,7 @@ from lightflight._kernels.bins import (
     bins_from_codes,
     even_width,
     largest,
+    log_trials,
     put,
     scan_for_pulse,
     start_from_window,
@@ -207,7 +208,7 @@ def fit_in_lanes(
     fits = table[:, N_PULSES:]
     shared = lower.shape[0] == 1
     fresh, gaussian = False, model[3].shape[1] == 0
-    n, reach, even = 0, 0, 0.0
+    n, reach, even, trials_log, n_log = 0, 0, 0.0, 0.0, 0.0
     for i in range(counts.shape[0]):
         if not todo[i]:
             continue
@@ -215,6 +216,7 @@ def fit_in_lanes(
             at = 0 if shared else i
             n, reach, even = lay_out(row, lower[at], upper[at], period)
             fresh = True
+            trials_log, n_log = log_trials(n), math.log(max(n, 1))
             bounds = bounds_of((exposure, edges, exposure), n, period, model)
         table[i, N_PULSES] = 0.0
         if n == 0:  # no code of this pixel has a width
@@ -230,17 +232,17 @@ def fit_in_lanes(
         table[i, PEAK] = float(largest(levels[0][:n]))
         dark = (dark_counts[i], dark_ratio[i] * table[i, EXPOSURE])
         scan_for_pulse(levels, n, reach, covered, even, double_code[i], total, best)
-        if total <= 0.0 or (model[2] and best[0] < log_alarms):
+        if total <= 0.0 or (model[2] and best[0] < log_alarms + trials_log):
             values[i, 3] = (total + dark[0]) / (covered[n] + dark[1])
             continue
         first, length = int(best[1]), int(best[2])
         start_from_window(
             levels[0], edges, exposure, n, period, total, covered, first, length, starts[i]
         )
-        full = (levels, edges, exposure, inverse, covered, n, total, even, bounds)
+        full = (levels, edges, exposure, inverse, covered, n, total, even, bounds, n_log)
         low, high = 0, 0
         if model[0] and gaussian and fresh:
-            low, high = window_of(starts[i], first, edges, n, period)
+            low, high = window_of(starts[i], first, edges, n, period, total)
         if high > 0:
             conveyor = conveyors[0] if high - low <= NARROW else conveyors[1]
             load_lane(conveyor, i, starts[i], low, high, full, double_code[i], dark)

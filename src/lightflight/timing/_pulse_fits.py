@@ -259,6 +259,8 @@ def _fit_singles(
 def _rows(pixel: NDArray[np.int64], values: Floats, covariance: Floats, table: Floats) -> Fits:
     with np.errstate(invalid="ignore"):
         std_of = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    # From here on columns are looked at, not rows.
+    values, table, std_of = (np.asfortranarray(part) for part in (values, table, std_of))
     fits = Fits(pixel, values, covariance, table, std_of, math.nan)
     return replace(fits, typical_std=typical_std_of(fits))
 
@@ -318,7 +320,7 @@ def _with_more_pulses(single: Fits, job: _Job, max_pulses: int, shape: Floats) -
     thetas = np.full((len(pixels), size), np.nan)
     thetas[:, :4] = single.values[pixels][:, _ORDER]
     covariances = np.full((len(pixels), size, size), np.nan)
-    table = single.table[pixels]
+    table = np.ascontiguousarray(single.table[pixels])
 
     def split(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
         some = pixels[part]

@@ -42,11 +42,14 @@ class PileUp:
 
 def pile_up_of(hist: Histograms) -> PileUp:
     """Rate, correction and scale of every pixel, from the share of frames with a photon."""
-    counts = hist.photons.ravel().astype(np.float64)
-    one = np.ones(len(counts))
     frames, periods = hist.n_frames, hist.periods_per_frame
-    if not hist.poisson or frames is None or periods is None or counts.max() > frames:
-        return PileUp(0.0 * one, np.inf * one, one)
+    one = np.ones(hist.shape[0] * hist.shape[1])
+    none = PileUp(0.0 * one, np.inf * one, one)
+    if not hist.poisson or frames is None or periods is None:
+        return none
+    counts = hist.photons.ravel().astype(np.float64)
+    if counts.max() > frames:
+        return none
     empty = np.maximum(frames - counts, 0.5) / frames
     rate = -np.log(empty) / periods
     with np.errstate(divide="ignore", invalid="ignore"):
