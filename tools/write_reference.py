@@ -45,6 +45,29 @@ def setup_page() -> str:
     return "\n".join(lines)
 
 
+def campaign_page() -> str:
+    """Sections of a campaign file beside those of a set-up."""
+    from lightflight.batch.campaign import CAMPAIGN_SECTIONS, DEFAULTS
+
+    lines = [
+        _MARK,
+        "# The campaign file\n",
+        "What `lightflight batch` takes: TOML, with paths relative to the file. Every section of a "
+        "[set-up file](setup-file.md) may stand in it too. `--dry-run` prints what was "
+        "understood, every recording by name.\n",
+    ]
+    for section, keys in CAMPAIGN_SECTIONS.items():
+        many = section == "groups"
+        lines.append("## [[groups]], one or more\n" if many else f"## [{section}]\n")
+        lines += ["| key | meaning | default |", "|---|---|---|"]
+        for key in keys:
+            default = DEFAULTS.get(key.name) if section == "campaign" else None
+            shown = "" if default in (None, "") else f"`{default}`"
+            lines.append(f"| `{key.name}` | {key.meaning} | {shown} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
 def flags_page() -> str:
     """Everything that can be wrong with a pixel or a pulse."""
     from lightflight.flags import REGISTRY
@@ -137,6 +160,7 @@ def formats_page() -> str:
 
 PAGES = {
     "setup-file.md": setup_page,
+    "campaign-file.md": campaign_page,
     "flags.md": flags_page,
     "commands.md": commands_page,
     "formats.md": formats_page,

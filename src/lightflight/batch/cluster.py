@@ -16,6 +16,7 @@ _MOST_DEATHS = 2
 """Workers a task may take with it before it is given up."""
 
 _CONNECT_S = 15
+_ANSWER_S = 5
 _ENVIRONMENT = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """One thread per worker: the work is shared out by recordings."""
 
@@ -59,7 +60,9 @@ def workers(
             'campaigns need dask, which is not installed: pip install "lightflight[batch]"'
         ) from error
     level = logging.INFO if loud else logging.CRITICAL + 1
-    logging.getLogger("distributed").setLevel(level)
+    for name in [*logging.root.manager.loggerDict, "distributed"]:
+        if name.partition(".")[0] == "distributed":
+            logging.getLogger(name).setLevel(level)
     dask_cluster: Any = distributed.LocalCluster
     dask_client: Any = distributed.Client
     options = {
@@ -113,16 +116,27 @@ def submit(client: Any, function: Callable[..., Any], *arguments: Any, name: str
     return client.submit(function, *arguments, key=name, pure=False)
 
 
+def is_lost(future: Any) -> bool:
+    """Whether the connection to the scheduler went, and the answer with it."""
+    return future.status in ("cancelled", "lost")
+
+
+def answers(client: Any) -> bool:
+    """Whether the scheduler is there."""
+    try:
+        client.sync(client.scheduler.identity, callback_timeout=_ANSWER_S)
+    except Exception:  # noqa: BLE001  (whatever Dask raises over a broken connection)
+        return False
+    return True
+
+
 def reason_of(error: BaseException | None) -> str | None:
     """In words, why Dask gave up a task; None where the task itself raised."""
     from distributed import KilledWorker
-    from distributed.client import FutureCancelledError
 
     if isinstance(error, KilledWorker):
         return (
             f"its worker died {_MOST_DEATHS + 1} times over it, perhaps for want of memory: use "
             "fewer --workers, smaller pieces and tiles, or fewer codes"
         )
-    if isinstance(error, FutureCancelledError):
-        return "the connection to the scheduler was lost"
     return None

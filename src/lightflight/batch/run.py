@@ -23,6 +23,10 @@ from lightflight.batch.table import CampaignTable, row_from_failure, row_from_pa
 from lightflight.batch.work import Job, JobError, Plan
 
 _LOOK_S = 0.2
+_MOST_BEGINS = 4
+_NOT_THERE = (
+    "its path file is not where the worker wrote it: workers need the same folders as this machine"
+)
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,7 @@ class Status:
 
 
 class StoppedError(OSError):
-    """The disk is full: the run ended early. What was finished is kept."""
+    """The disk is full, or the scheduler gone: the run ended early. What was finished is kept."""
 
     exit_code = 3
 
@@ -83,7 +87,7 @@ def run_campaign(
     Raises
     ------
     StoppedError
-        Where the disk is full.
+        Where the disk is full, or the scheduler is gone.
     ConfigError
         Where nobody answers at `scheduler`.
     FileFormatError
@@ -122,9 +126,10 @@ class _Run:
     rows: dict[int, dict[str, Any]]
     progress: Report | None
     futures: dict[int, list[Any]] = field(default_factory=dict)
-    ended: queue.SimpleQueue[tuple[int, str, Any]] = field(default_factory=queue.SimpleQueue)
+    ended: queue.SimpleQueue[tuple[int, int, str, Any]] = field(default_factory=queue.SimpleQueue)
     done_share: dict[int, float] = field(default_factory=dict)
     n_tasks: dict[int, int] = field(default_factory=dict)
+    n_begun: dict[int, int] = field(default_factory=dict)
     nonce: str = field(default_factory=lambda: uuid.uuid4().hex)
     started: float = field(default_factory=time.monotonic)
 
@@ -139,50 +144,70 @@ class _Run:
         """Hand out all recordings, and answer what comes back until none is left."""
         self.started = time.monotonic()
         for i in self.left:
-            self._watch(i, "begin", cluster.submit(
-                client, work.begin, self.jobs[i], name=self._name(i, "begin")
-            ))  # fmt: skip
+            self._begin(client, i)
         waiting = set(self.left)
         while waiting:
             try:
-                i, role, future = self.ended.get(timeout=_LOOK_S)
+                i, begun, role, future = self.ended.get(timeout=_LOOK_S)
             except queue.Empty:
                 self.report()
                 continue
-            if i in waiting and self._answer(client, i, role, future):
+            if i not in waiting or begun != self.n_begun.get(i, 1):
+                continue  # of a recording that has failed, or was begun again
+            if self._answer(client, i, role, future):
                 waiting.discard(i)
                 self.futures.pop(i, None)
                 self.report()
 
     def _name(self, i: int, role: str, *numbers: int) -> str:
         """Name of a task; new in every run, so that a scheduler does not answer from memory."""
-        return "-".join(
-            [f"lightflight_{role}", f"{id(self):x}{self.started:.6f}", str(i), *map(str, numbers)]
-        )
+        begun = self.n_begun.get(i, 1)
+        return "-".join([f"lightflight_{role}", self.nonce, str(i), *map(str, (begun, *numbers))])
 
     def _watch(self, i: int, role: str, future: Any) -> None:
         self.futures.setdefault(i, []).append(future)
-        future.add_done_callback(lambda one: self.ended.put((i, role, one)))
+        begun = self.n_begun.get(i, 1)
+        future.add_done_callback(lambda one: self.ended.put((i, begun, role, one)))
 
     def _answer(self, client: Any, i: int, role: str, future: Any) -> bool:
         """Take up one finished task; True where nothing more is to come for its recording."""
+        if cluster.is_lost(future):
+            return self._begin_again(client, i)
         if future.status != "finished":
             self._failed(i, _exception_of(future))
             return True
         if role == "piece":
             self.done_share[i] = self.done_share.get(i, 0.0) + 1.0 / self.n_tasks[i]
             return False
-        plan = future.result() if role == "begin" else None
+        path = work.finished_path(self.jobs[i])
+        if path is not None:
+            self.rows[i] = row_from_path(self.campaign.shots[i], path)
+            return True
+        try:
+            plan = future.result()
+        except OSError:  # the worker that held it is gone
+            return self._begin_again(client, i)
         if isinstance(plan, Plan):
             self._hand_out(client, i, plan)
             return False
-        path = work.finished_path(self.jobs[i])
-        if path is None:
-            self._failed(i, JobError("its path file is not where the worker wrote it: workers "
-                                     "need the same folders as this machine"))  # fmt: skip
-        else:
-            self.rows[i] = row_from_path(self.campaign.shots[i], path)
+        self._failed(i, JobError(_NOT_THERE))
         return True
+
+    def _begin_again(self, client: Any, i: int) -> bool:
+        """Where an answer was lost: what its tasks kept is there, so little is done twice."""
+        if not cluster.answers(client):
+            raise self._stopped("the scheduler is gone", "see to it")
+        self.n_begun[i] = self.n_begun.get(i, 1) + 1
+        if self.n_begun[i] > _MOST_BEGINS:
+            self._failed(i, JobError(f"its worker was lost {_MOST_BEGINS} times"))
+            return True
+        self._begin(client, i)
+        return False
+
+    def _begin(self, client: Any, i: int) -> None:
+        name = self._name(i, "begin")
+        self.futures[i] = []
+        self._watch(i, "begin", cluster.submit(client, work.begin, self.jobs[i], name=name))
 
     def _hand_out(self, client: Any, i: int, plan: Plan) -> None:
         """The tasks of a recording that is done in pieces or tiles."""
@@ -228,13 +253,16 @@ class _Run:
     def _failed(self, i: int, error: BaseException | None) -> None:
         reason = cluster.reason_of(error)
         if isinstance(error, JobError) and error.ends_run:
-            raise StoppedError(
-                f"{error.reason}; {self._n_done} of {len(self.jobs)} recordings are finished and "
-                "kept: free some space and run the same command again"
-            )
+            raise self._stopped(error.reason, "free some space")
         if reason is None:
             reason = str(error) if isinstance(error, JobError) else f"internal error, {error!r}"
         self.rows[i] = row_from_failure(self.campaign.shots[i], reason)
+
+    def _stopped(self, why: str, remedy: str) -> StoppedError:
+        return StoppedError(
+            f"{why}; {self._n_done} of {len(self.jobs)} recordings are finished and kept: "
+            f"{remedy} and run the same command again"
+        )
 
     @property
     def _n_done(self) -> int:

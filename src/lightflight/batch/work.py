@@ -6,12 +6,14 @@ and that carries the key of the job, so that a later run can tell whether it may
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import functools
 import hashlib
 import json
 import os
 import shutil
+import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -292,17 +294,47 @@ def keep_path(job: Job, path: LightPath, said: list[str]) -> None:
 # --- helpers ---------------------------------------------------------------------------------
 
 
+class _Said(threading.local):
+    """Where the warnings of this thread go."""
+
+    lists: tuple[list[str], ...] = ()
+
+
+_said = _Said()
+_listening = threading.Lock()
+_n_listeners = 0
+_restore = contextlib.ExitStack()
+
+
 @contextmanager
 def caught_warnings() -> Iterator[list[str]]:
-    """Collect the warnings of this package, as texts."""
+    """Collect the warnings that this package gives in this thread, as texts.
+
+    `warnings.catch_warnings` alone would mix up the threads of a worker that has several.
+    """
+    global _n_listeners  # noqa: PLW0603  (filters are global to the process, and so is their use)
     said: list[str] = []
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("ignore")
-        warnings.simplefilter("always", LightflightWarning)
-        try:
-            yield said
-        finally:
-            said.extend(" ".join(str(one.message).split()) for one in caught)
+    with _listening:
+        if _n_listeners == 0:
+            _restore.enter_context(warnings.catch_warnings())
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("always", LightflightWarning)
+            warnings.showwarning = _note
+        _n_listeners += 1
+    _said.lists = (*_said.lists, said)
+    try:
+        yield said
+    finally:
+        _said.lists = _said.lists[:-1]
+        with _listening:
+            _n_listeners -= 1
+            if _n_listeners == 0:
+                _restore.close()
+
+
+def _note(message: Warning | str, *_: Any, **__: Any) -> None:
+    if _said.lists:
+        _said.lists[-1].append(" ".join(str(message).split()))
 
 
 def read_recording(path: str, lab: Lab) -> Recording | Histograms:
