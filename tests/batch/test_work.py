@@ -152,6 +152,14 @@ def test_the_path_does_not_depend_on_the_tiles(job):
     assert not Path(job.parts).exists()
 
 
+def test_photons_are_sorted_in_pieces_that_fit_into_memory(job, monkeypatch):
+    """However long a piece may be that is merely counted."""
+    monkeypatch.setattr(tiles, "PIECE_BYTES", 5000)
+    n_bytes = pieces.bytes_of(lf.read(job.recording))
+    plan = work.begin(replace(job, tile_bytes=5 * 16 * 128 * 4, piece_bytes=1e9))
+    assert plan == Plan(n_pieces=-(-n_bytes // 5000), n_tiles=4)
+
+
 def test_a_window_of_codes_moves_no_time(job):
     whole = whole_path(job)
     small = replace(job, codes=(20, 110), tile_bytes=5 * 16 * 90 * 4)

@@ -234,13 +234,13 @@ def plan_of(job: Job, recording: Recording) -> Plan | None:
         Where it needs tiles and the method does not work in tiles.
     """
     from lightflight.batch.pieces import n_pieces_of
-    from lightflight.batch.tiles import check_tiles, n_tiles_of
+    from lightflight.batch.tiles import check_tiles, n_sorted_pieces_of, n_tiles_of
 
-    n_pieces = n_pieces_of(recording, job.piece_bytes)
     n_tiles = n_tiles_of(recording, job.codes, job.tile_bytes)
     if n_tiles > 1:
         check_tiles(job)
-        return Plan(n_pieces, n_tiles)
+        return Plan(n_sorted_pieces_of(recording, job.piece_bytes), n_tiles)
+    n_pieces = n_pieces_of(recording, job.piece_bytes)
     return None if n_pieces == 1 else Plan(n_pieces)
 
 
