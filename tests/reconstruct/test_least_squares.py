@@ -98,9 +98,8 @@ def solved(times, lines, freedom, *, start=TRUE, camera=PAPER, medium=AIR, floor
         times,
         lines,
         freedom,
-        camera=camera,
+        cameras=(camera,),
         medium=medium,
-        focal_px=mean_focal_px(camera),
         floor_var=floor,
     )
 

@@ -62,10 +62,10 @@ METHODS = ("paper", "joint", "photon")
 def reconstruct(
     hist: Histograms | Sequence[Histograms],
     *,
-    camera: Camera | None = None,
+    camera: Camera | Sequence[Camera] | None = None,
     source: Source | None = None,
     medium: Medium | None = None,
-    timing: TimingCalibration | None = None,
+    timing: TimingCalibration | Sequence[TimingCalibration] | None = None,
     background: Histograms | None = None,
     method: str = "joint",
     n_legs: int | None = None,
@@ -77,11 +77,15 @@ def reconstruct(
 
     Parameters
     ----------
-    hist : one recording, or repeats of the same scene by the same camera.
-    camera : where every pixel looks; needed for anything beyond (u, v, t_a).
+    hist : one recording, or repeats of the same scene.
+    camera : where every pixel looks; needed for anything beyond (u, v, t_a). One for all
+        recordings, or a list of one for each: the same flight seen from several places, fitted
+        at once (`joint` only). Legs are looked for in the first camera's picture, and where that
+        one's view ends the path ends.
     source : where and when the pulse starts, as far as known; None: nothing is known.
     medium : group indices out and back; None: air.
-    timing : calibrated clock; None: nominal codes, with a warning.
+    timing : calibrated clock; None: nominal codes, with a warning. With several cameras, a list
+        of one for each: all clocks count from the same zero (the trigger, or one flat).
     background : recording without the pulse, same clock; enters the likelihood, is not subtracted.
     method : "paper" (literal baseline), "joint" (default) or "photon".
     n_legs : number of straight legs where the user knows it.
@@ -104,21 +108,29 @@ def reconstruct(
     repeats = [hist] if not isinstance(hist, Sequence) else list(hist)
     source = Source() if source is None else source
     medium = Medium() if medium is None else medium
-    camera = checked_call(repeats, camera, source, method, n_legs, exclude_mask)
-    setting = Setting(camera, source, medium, checked_waypoints(waypoints, n_legs))
+    several = isinstance(camera, Sequence)
+    cameras, clocks = _views(camera, timing, repeats, method)
+    views = [
+        checked_call([one] if several else repeats, view, source, method, n_legs, exclude_mask)
+        for one, view in zip(repeats, cameras, strict=False)
+    ]
+    setting = Setting(
+        views[0], source, medium, checked_waypoints(waypoints, n_legs), tuple(views[1:])
+    )
     observations = [
         observe(
             h,
-            setting,
-            timing=timing,
+            setting.at(k if several else 0),
+            timing=clock,
             background=background,
             exclude_mask=exclude_mask,
             least_squares=method == "paper",
+            view=k if several else 0,
         )
-        for h in repeats
+        for k, (h, clock) in enumerate(zip(repeats, clocks, strict=True))
     ]
     return path_from_observations(
-        observations, setting, timing=timing, method=method, n_legs=n_legs, start=start
+        observations, setting, timing=clocks[0], method=method, n_legs=n_legs, start=start
     )
 
 
@@ -205,7 +217,7 @@ def _by_all_counts(
     """
     used = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=path.n_legs)
     weak = np.flatnonzero(used <= _FEW_PULSES)
-    if not len(weak) or not all(o.histograms.poisson for o in observations):
+    if not len(weak) or setting.others or not all(o.histograms.poisson for o in observations):
         return path
     from lightflight.reconstruct.photon import photon_path
 
@@ -269,6 +281,35 @@ def unwrapped_observation(observation: Observation, setting: Setting) -> Observa
     return replace(
         observation, arrivals=replace(observation.arrivals, arrival_ps=times), arrival_ps=times
     )
+
+
+def _views(
+    camera: Camera | Sequence[Camera] | None,
+    timing: TimingCalibration | Sequence[TimingCalibration] | None,
+    recordings: list[Any],
+    method: str,
+) -> tuple[list[Camera | None], list[TimingCalibration | None]]:
+    """Cameras (one for all, or one for each recording), and a clock for each recording."""
+    if not recordings:
+        raise ValueError("hist is an empty list: give at least one recording")
+    clocks: list[TimingCalibration | None] = (
+        list(timing) if isinstance(timing, Sequence) else [timing] * len(recordings)
+    )
+    cameras: list[Camera | None] = list(camera) if isinstance(camera, Sequence) else [camera]
+    if len(clocks) != len(recordings):
+        raise ValueError(
+            f"{len(clocks)} calibrations for {len(recordings)} recordings: give one for each"
+        )
+    if isinstance(camera, Sequence) and len(cameras) != len(recordings):
+        raise ValueError(
+            f"{len(cameras)} cameras for {len(recordings)} recordings: give one for all, or one "
+            "for each"
+        )
+    if len(cameras) > 1 and method != "joint":
+        raise ValueError(
+            f"method={method!r} takes one camera: fit several at once with method='joint'"
+        )
+    return cameras, clocks
 
 
 def checked_call(
@@ -336,6 +377,7 @@ def observe(
     background: Histograms | None,
     exclude_mask: ArrayLike | None,
     least_squares: bool,
+    view: int = 0,
 ) -> Observation:
     """Pulses of one recording on the clock, unwrapped."""
     clock = clock_or_nominal(hist, timing)
@@ -350,7 +392,8 @@ def observe(
     )
     _check_period(hist, arrivals)
     return unwrapped_observation(
-        Observation(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals)), setting
+        Observation(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals), view),
+        setting,
     )
 
 

@@ -33,7 +33,7 @@ from lightflight.reconstruct.least_squares import (
     reweighted,
     solve,
 )
-from lightflight.reconstruct.legs import ImageLeg, mean_focal_px
+from lightflight.reconstruct.legs import ImageLeg
 from lightflight.reconstruct.observation import Observation
 from lightflight.reconstruct.picture import (
     Picture,
@@ -66,13 +66,24 @@ class Setting:
     """What a fit is told beside the recordings."""
 
     camera: Camera
-    """The camera that recorded (all recordings the same)."""
+    """The camera that recorded; of several, the one whose view the path's ends belong to."""
     source: Source
     """What is known of the source."""
     medium: Medium
     """The medium."""
     waypoints: tuple[Waypoint, ...] = ()
     """Vertices measured otherwise."""
+    others: tuple[Camera, ...] = ()
+    """Further cameras; `Observation.view` counts `camera` as 0 and these from 1."""
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """All cameras."""
+        return (self.camera, *self.others)
+
+    def at(self, view: int) -> Setting:
+        """The setting of one camera alone."""
+        return replace(self, camera=self.cameras[view], others=())
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,19 +159,23 @@ def fit_joint(
     for passed in range(_PASSES):
         state, ends = with_ends(state, clock, seen, std)
         pictures = tuple(
-            measure_picture(state, o, camera=seen.camera, medium=setting.medium, std_ps=std)
+            measure_picture(
+                state, o, camera=seen.cameras[o.view], medium=setting.medium, std_ps=std
+            )
             for o in observations
         )
         parts = [
-            _assigned(o, state, seen, picture, std, floor, members if not number else None)
+            _assigned(
+                o, state, seen.at(o.view), picture, std, floor, members if not number else None
+            )
             for number, (o, picture) in enumerate(zip(clock, pictures, strict=True))
         ]
         parts = [
             replace(part, arrival_ps=o.arrival_ps[part.index])
             for part, o in zip(parts, observations, strict=True)
         ]
-        times = _stacked(parts)
-        lines = _stacked_lines([lines_from_picture(p) for p in pictures])
+        times = _stacked(parts, mode_columns(observations))
+        lines = _stacked_lines([lines_from_picture(p) for p in pictures], observations)
         freedom = freedom_at(state, setting, ends)
         _check_enough(times, freedom.basis.shape[1])
         before = state
@@ -199,11 +214,27 @@ def _as_found(
     solution: Solution, setting: Setting, observations: list[Observation]
 ) -> tuple[Setting, list[Observation]]:
     """Setting and recordings with the shared errors that a fit found taken off."""
+    columns = mode_columns(observations)
     corrected = [
-        replace(o, arrival_ps=o.arrival_ps - o.arrivals.shared_modes_ps @ solution.modes)
+        replace(
+            o,
+            arrival_ps=o.arrival_ps - o.arrivals.shared_modes_ps @ solution.modes[columns[o.view]],
+        )
         for o in observations
     ]
-    return replace(setting, camera=solution.camera), corrected
+    return replace(setting, camera=solution.camera, others=solution.cameras[1:]), corrected
+
+
+def mode_columns(observations: list[Observation]) -> dict[int, slice]:
+    """Columns of the shared clock errors of each view: repeats share them, cameras do not."""
+    columns: dict[int, slice] = {}
+    first = 0
+    for o in observations:
+        if o.view not in columns:
+            size = o.arrivals.shared_modes_ps.shape[1]
+            columns[o.view] = slice(first, first + size)
+            first += size
+    return columns
 
 
 def freedom_at(state: PathState, setting: Setting, ends: Ends | None = None) -> Freedom:
@@ -242,11 +273,11 @@ def _rough_fit(
     index = np.concatenate([leg.members for leg in legs])
     leg_of = np.repeat(np.arange(len(legs)), [len(leg.members) for leg in legs])
     times = _time_data(first, index, leg_of, np.zeros(len(index)))
+    times = _stacked([times], mode_columns(observations))
     anchors = np.concatenate([leg.points_px(np.array(leg.extent_px)) for leg in legs])
     lines = LineDataInPicture(
         np.repeat(np.arange(len(legs)), 2), anchors, np.eye(2 * len(legs)) / 0.3
     )
-    focal = mean_focal_px(setting.camera)
     floor_var = 3.0**2
     for cut in (np.inf, 30.0, 8.0):
         solution = solve(
@@ -254,9 +285,8 @@ def _rough_fit(
             times,
             lines,
             freedom_at(state, setting),
-            camera=setting.camera,
+            cameras=setting.cameras,
             medium=setting.medium,
-            focal_px=focal,
             floor_var=floor_var,
         )
         state = solution.state
@@ -281,6 +311,7 @@ def _time_data(
         modes_ps=arrivals.shared_modes_ps[index],
         weight=np.ones(len(index)),
         index=index,
+        view=np.full(len(index), observation.view),
     )
 
 
@@ -292,7 +323,6 @@ def _solve_robustly(
     setting: Setting,
 ) -> tuple[Solution, TimeData, float]:
     """Solve, drop outliers, and raise the floor until the residuals are explained."""
-    focal = mean_focal_px(setting.camera)
     floor_var = 0.0
     for _ in range(6):
         solution = solve(
@@ -300,9 +330,8 @@ def _solve_robustly(
             times,
             lines,
             freedom,
-            camera=setting.camera,
+            cameras=setting.cameras,
             medium=setting.medium,
-            focal_px=focal,
             floor_var=floor_var,
         )
         state = solution.state
@@ -340,7 +369,8 @@ def _floor_variance(times: TimeData, solution: Solution) -> float:
 
 
 def _check_enough(times: TimeData, n_unknowns: int) -> None:
-    pixels = len(np.unique(times.row * 1e6 + times.col))
+    view = 0 if times.view is None else times.view
+    pixels = len(np.unique(times.row * 1e6 + times.col + 1e12 * view))
     if pixels < n_unknowns - 1 or pixels < 3:
         raise NothingFoundError(
             f"{pixels} usable pixels lie on the path, fewer than its {n_unknowns} unknowns: record "
@@ -385,7 +415,8 @@ def _visible_end(
     camera = setting.camera
     start, stop = state.vertices_mm[leg], state.vertices_mm[leg + 1]
     direction = (stop - start) / np.linalg.norm(stop - start)
-    seen = [_footprints_of_pulses(o, state, setting, leg, std) for o in observations]
+    own = [o for o in observations if o.view == 0]
+    seen = [_footprints_of_pulses(o, state, setting, leg, std) for o in own]
     fraction = np.concatenate([s[0] for s in seen])
     photons = np.concatenate([s[1] for s in seen])
     if not len(fraction):
@@ -544,20 +575,28 @@ def _blended_pulses(
     return blended
 
 
-def _stacked(parts: list[TimeData]) -> TimeData:
-    if len(parts) == 1:
-        return parts[0]
+def _stacked(parts: list[TimeData], columns: dict[int, slice]) -> TimeData:
+    """Pulses of all recordings in one table, shared errors in the columns of their camera."""
+    n_modes = max((own.stop for own in columns.values()), default=0)
+    spread = []
+    for part in parts:
+        modes = np.zeros((len(part.leg), n_modes))
+        view = 0 if part.view is None or not len(part.view) else int(part.view[0])
+        modes[:, columns[view]] = part.modes_ps
+        spread.append(replace(part, modes_ps=modes))
+    if len(spread) == 1:
+        return spread[0]
     return TimeData(
         **{
-            name: np.concatenate([getattr(part, name) for part in parts])
+            name: np.concatenate([getattr(part, name) for part in spread])
             for name in TimeData.__dataclass_fields__
         }
     )
 
 
-def _stacked_lines(parts: list[LineDataInPicture]) -> LineDataInPicture:
-    if len(parts) == 1:
-        return parts[0]
+def _stacked_lines(
+    parts: list[LineDataInPicture], observations: list[Observation]
+) -> LineDataInPicture:
     size = sum(len(p.leg) for p in parts)
     whitening = np.zeros((size, size))
     at = 0
@@ -565,9 +604,9 @@ def _stacked_lines(parts: list[LineDataInPicture]) -> LineDataInPicture:
         k = len(part.leg)
         whitening[at : at + k, at : at + k] = part.whitening
         at += k
-    return replace(
-        parts[0],
+    return LineDataInPicture(
         leg=np.concatenate([p.leg for p in parts]),
         anchors=np.concatenate([p.anchors for p in parts]),
         whitening=whitening,
+        view=np.repeat([o.view for o in observations], [len(p.leg) for p in parts]),
     )

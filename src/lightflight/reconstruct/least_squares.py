@@ -6,7 +6,6 @@ they are solved for where the data know better and otherwise go into the error b
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -23,6 +22,7 @@ from lightflight.reconstruct.geometry import (
     line_offsets,
     overshoots,
 )
+from lightflight.reconstruct.legs import mean_focal_px
 
 if TYPE_CHECKING:
     from lightflight.camera import Camera
@@ -32,6 +32,8 @@ Floats = NDArray[np.float64]
 _MOST_STEPS = 80
 _OVERSHOOT_PX = 0.7
 """A leg's pulses may lie this far beyond its corner (the spot's width) before they pull it, px."""
+_NUDGE = 1e-3
+"""Step of a pose for its derivative, in its own standard deviations."""
 _TOLERANCE = 1e-3
 """A step below this fraction of a standard error in every direction ends the fit."""
 
@@ -60,6 +62,8 @@ class TimeData:
     """(n,), 1: takes part; 0: outlier."""
     index: Indices
     """(n,), row of the arrivals table."""
+    view: Indices | None = None
+    """(n,), which camera saw each; None: the only one."""
 
     def weights(self, floor_var: float) -> Floats:
         """(n,), inverse variance of each time, 1/ps^2."""
@@ -76,6 +80,13 @@ class LineDataInPicture:
     """(2 L, 2), undistorted (u, v), px."""
     whitening: Floats
     """(2 L, 2 L), turns offsets in px into independent unit-variance residuals."""
+    view: Indices | None = None
+    """(2 L,), in which camera's picture; None: the only one's."""
+
+
+def rows_of_view(view: Indices | None, wanted: int, n: int) -> Indices:
+    """Rows (k,) of n that the camera `wanted` saw."""
+    return np.arange(n) if view is None else np.flatnonzero(view == wanted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +95,8 @@ class Solution:
 
     state: PathState
     """The path."""
-    camera: Camera
-    """The camera, moved within its pose errors."""
+    cameras: tuple[Camera, ...]
+    """The cameras, moved within their pose errors."""
     modes: Floats
     """(k,), shared clock errors found, in standard deviations."""
     covariance: Floats
@@ -107,6 +118,11 @@ class Solution:
     residual_ps: Floats
     """(n,), measured minus model, ps, of all pulses, outliers too."""
 
+    @property
+    def camera(self) -> Camera:
+        """The first camera, whose picture the path's ends belong to."""
+        return self.cameras[0]
+
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
@@ -124,23 +140,21 @@ def solve(
     lines: LineDataInPicture,
     freedom: Freedom,
     *,
-    camera: Camera,
+    cameras: tuple[Camera, ...],
     medium: Medium,
-    focal_px: float,
     floor_var: float = 0.0,
 ) -> Solution:
-    """Best path for the data, by Levenberg-Marquardt on the freedom given."""
-    pose_scale = _pose_scale(camera)
-    n_modes, n_pose = times.modes_ps.shape[1], pose_scale.shape[1]
-    modes, pose = np.zeros(n_modes), np.zeros(n_pose)
+    """Best path for the data, by Levenberg-Marquardt on the freedom given.
 
-    def moved_camera(delta: Floats) -> Camera:
-        return camera.perturbed(pose_scale @ delta) if n_pose else camera
+    `cameras` are those that `times.view` and `lines.view` count.
+    """
+    pose_scales = tuple(_pose_scale(camera) for camera in cameras)
+    n_modes = times.modes_ps.shape[1]
+    modes, pose = np.zeros(n_modes), np.zeros(sum(scale.shape[1] for scale in pose_scales))
 
     def linear(at: PathState, eta: Floats, delta: Floats) -> _Linear:
-        return _linearised(
-            at, eta, delta, times, lines, freedom, moved_camera, medium, focal_px, floor_var
-        )
+        seen = _moved(cameras, pose_scales, delta)
+        return _linearised(at, eta, delta, times, lines, freedom, seen, medium, floor_var)
 
     system = linear(state, modes, pose)
     cost = _cost(system)
@@ -169,7 +183,8 @@ def solve(
             damping *= 10
             if damping > 1e12:
                 break
-    return _solution(state, moved_camera(pose), modes, system, times, converged)
+    seen = _moved(cameras, pose_scales, pose)
+    return _solution(state, tuple(camera for camera, _ in seen), modes, system, times, converged)
 
 
 def _damped_step(normal: Floats, score: Floats, diagonal: Floats, damping: float) -> Floats:
@@ -191,6 +206,81 @@ def _pose_scale(camera: Camera) -> Floats:
     return scale
 
 
+def _moved(
+    cameras: tuple[Camera, ...], pose_scales: tuple[Floats, ...], pose: Floats
+) -> list[tuple[Camera, list[tuple[int, Camera]]]]:
+    """Each camera within its pose errors, and nudged along each of its own poses (by column)."""
+    moved: list[tuple[Camera, list[tuple[int, Camera]]]] = []
+    first = 0
+    for camera, scale in zip(cameras, pose_scales, strict=True):
+        own = slice(first, first + scale.shape[1])
+        if scale.shape[1] == 0:
+            moved.append((camera, []))
+            continue
+        nudged = []
+        for k in range(scale.shape[1]):
+            delta = pose[own].copy()
+            delta[k] += _NUDGE
+            nudged.append((first + k, camera.perturbed(scale @ delta)))
+        moved.append((camera.perturbed(scale @ pose[own]), nudged))
+        first += scale.shape[1]
+    return moved
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """Expected data and their derivatives, as all cameras see them."""
+
+    arrival_ps: Floats
+    arrival_by_state: Floats
+    offset_px: Floats
+    offset_by_state: Floats
+    by_pose: Floats
+    over_px: Floats
+    over_by_state: Floats
+
+
+def _modelled(
+    state: PathState,
+    times: TimeData,
+    lines: LineDataInPicture,
+    seen: list[tuple[Camera, list[tuple[int, Camera]]]],
+    medium: Medium,
+) -> _Model:
+    """Arrival times and line offsets, camera by camera."""
+    n, n_lines, n_state = len(times.leg), len(lines.leg), state.vertices_mm.size + 1
+    n_pose = sum(len(nudged) for _, nudged in seen)
+    model = _Model(
+        np.zeros(n), np.zeros((n, n_state)), np.zeros(n_lines), np.zeros((n_lines, n_state)),
+        np.zeros((n + n_lines, n_pose)), np.zeros(n), np.zeros((n, n_state)),
+    )  # fmt: skip
+    for view, (camera, nudged) in enumerate(seen):
+        here, drawn = rows_of_view(times.view, view, n), rows_of_view(lines.view, view, n_lines)
+        legs, rows, cols = times.leg[here], times.row[here], times.col[here]
+        line_legs, anchors = lines.leg[drawn], lines.anchors[drawn]
+        focal = mean_focal_px(camera)
+        print_, by_state = arrival_jacobian(
+            state, camera=camera, medium=medium, legs=legs, rows=rows, cols=cols
+        )
+        model.arrival_ps[here], model.arrival_by_state[here] = print_.arrival_ps, by_state
+        offset, by_state = line_offsets(
+            state, camera=camera, legs=line_legs, anchors=anchors, focal_px=focal
+        )
+        model.offset_px[drawn], model.offset_by_state[drawn] = offset, by_state
+        model.over_px[here], model.over_by_state[here] = overshoots(state, print_, camera=camera)
+        for k, other in nudged:
+            arrival = footprints(
+                state, camera=other, medium=medium, legs=legs, rows=rows, cols=cols
+            ).arrival_ps
+            line = line_offsets(
+                state, camera=other, legs=line_legs, anchors=anchors, focal_px=focal
+            )[0]
+            model.by_pose[here, k] = (arrival - print_.arrival_ps) / _NUDGE
+            model.by_pose[n + drawn, k] = (line - offset) / _NUDGE
+    model.by_pose[n:] = lines.whitening @ model.by_pose[n:]
+    return model
+
+
 def _linearised(
     state: PathState,
     modes: Floats,
@@ -198,42 +288,24 @@ def _linearised(
     times: TimeData,
     lines: LineDataInPicture,
     freedom: Freedom,
-    moved_camera: Callable[[Floats], Camera],
+    seen: list[tuple[Camera, list[tuple[int, Camera]]]],
     medium: Medium,
-    focal_px: float,
     floor_var: float,
 ) -> _Linear:
-    camera = moved_camera(pose)
-    print_, by_state = arrival_jacobian(
-        state, camera=camera, medium=medium, legs=times.leg, rows=times.row, cols=times.col
-    )
-    modelled = print_.arrival_ps + times.footprint_ps + times.modes_ps @ modes
-    offset, line_by_state = line_offsets(
-        state, camera=camera, legs=lines.leg, anchors=lines.anchors, focal_px=focal_px
-    )
-    by_pose = np.zeros((len(times.leg) + len(lines.leg), len(pose)))
-    for k in range(len(pose)):
-        nudge = np.zeros(len(pose))
-        nudge[k] = 1e-3
-        nudged = moved_camera(pose + nudge)
-        arrival = footprints(
-            state, camera=nudged, medium=medium, legs=times.leg, rows=times.row, cols=times.col
-        ).arrival_ps
-        line = line_offsets(
-            state, camera=nudged, legs=lines.leg, anchors=lines.anchors, focal_px=focal_px
-        )[0]
-        change = (arrival - print_.arrival_ps, lines.whitening @ (line - offset))
-        by_pose[:, k] = np.concatenate(change) / 1e-3
+    model = _modelled(state, times, lines, seen, medium)
+    modelled = model.arrival_ps + times.footprint_ps + times.modes_ps @ modes
     n_free, n_modes = freedom.basis.shape[1], len(modes)
-    by_time = np.column_stack((by_state @ freedom.basis, times.modes_ps))
+    by_time = np.column_stack((model.arrival_by_state @ freedom.basis, times.modes_ps))
     by_line = np.column_stack(
-        (lines.whitening @ line_by_state @ freedom.basis, np.zeros((len(lines.leg), n_modes)))
+        (
+            lines.whitening @ model.offset_by_state @ freedom.basis,
+            np.zeros((len(lines.leg), n_modes)),
+        )
     )
-    data = np.column_stack((np.vstack((by_time, by_line)), by_pose))
-    over, over_by_state = overshoots(state, print_, camera=camera)
-    past = np.flatnonzero((np.abs(over) > _OVERSHOOT_PX) & (times.weight > 0))
+    data = np.column_stack((np.vstack((by_time, by_line)), model.by_pose))
+    past = np.flatnonzero((np.abs(model.over_px) > _OVERSHOOT_PX) & (times.weight > 0))
     contained = np.zeros((len(past), data.shape[1]))
-    contained[:, :n_free] = over_by_state[past] @ freedom.basis / _OVERSHOOT_PX
+    contained[:, :n_free] = model.over_by_state[past] @ freedom.basis / _OVERSHOOT_PX
     n_other = n_modes + len(pose)
     prior = np.zeros((len(freedom.prior_values) + n_other, data.shape[1]))
     prior[: len(freedom.prior_values), :n_free] = freedom.prior_rows @ freedom.basis
@@ -241,11 +313,11 @@ def _linearised(
     residual = np.concatenate(
         (
             times.arrival_ps - modelled,
-            -lines.whitening @ offset,
+            -lines.whitening @ model.offset_px,
             freedom.prior_values - freedom.prior_rows @ state_vector(state),
             -modes,
             -pose,
-            -over[past] / _OVERSHOOT_PX,
+            -model.over_px[past] / _OVERSHOOT_PX,
         )
     )
     sqrt_weight = np.ones(len(residual))
@@ -267,7 +339,7 @@ def _cost(system: _Linear) -> float:
 
 def _solution(
     state: PathState,
-    camera: Camera,
+    cameras: tuple[Camera, ...],
     modes: Floats,
     system: _Linear,
     times: TimeData,
@@ -286,7 +358,7 @@ def _solution(
     chi2 = float(np.sum((residual * system.sqrt_weight[:n])[used] ** 2))
     return Solution(
         state=state,
-        camera=camera,
+        cameras=cameras,
         modes=modes,
         covariance=covariance,
         photon_gain=gain[:, :n],

@@ -37,6 +37,8 @@ class Observation:
     """(n,), arrival times of `arrivals`, unwrapped by whole laser periods, ps."""
     blind: NDArray[np.bool_]
     """(rows, cols), True where the pixel's counts are not to be used."""
+    view: int = 0
+    """Which of the setting's cameras recorded it."""
 
 
 def blind_pixels(arrivals: Arrivals) -> NDArray[np.bool_]:

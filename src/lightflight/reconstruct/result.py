@@ -45,7 +45,8 @@ def covariance_parts(fit: JointFit, setting: Setting) -> dict[str, Floats]:
     gain = to_vertices @ solution.photon_gain[:n_free]
     line_gain = to_vertices @ solution.line_gain[:n_free]
     photon = (gain * times.photon_var) @ gain.T + line_gain @ line_gain.T
-    pixel_id = np.unique(times.row * 65536.0 + times.col, return_inverse=True)[1]
+    view = 0.0 if times.view is None else 2.0**32 * times.view
+    pixel_id = np.unique(view + times.row * 65536.0 + times.col, return_inverse=True)[1]
     per_pixel = np.zeros((len(gain), pixel_id.max() + 1))
     np.add.at(per_pixel.T, pixel_id, (gain * np.sqrt(times.pixel_var)).T)
     floor = (gain * fit.floor_ps**2) @ gain.T
@@ -54,7 +55,7 @@ def covariance_parts(fit: JointFit, setting: Setting) -> dict[str, Floats]:
 
 
 def residual_table(fit: JointFit, observations: list[Observation], setting: Setting) -> Any:
-    """One row per pulse on the path; dtype `path.RESIDUAL_DTYPE`."""
+    """One row per pulse on the path that the first camera saw; dtype `path.RESIDUAL_DTYPE`."""
     times, state = fit.times, fit.solution.state
     table = np.zeros(len(times.leg), RESIDUAL_DTYPE)
     print_ = footprints(
@@ -79,7 +80,7 @@ def residual_table(fit: JointFit, observations: list[Observation], setting: Sett
         table["photons"][here] = observation.arrivals.photons[index]
         table["flags"][here] = observation.arrivals.flags[index]
     table["flags"][~table["used"]] |= np.uint32(flags.OUTLIER)
-    return table
+    return table if times.view is None else table[times.view == 0]
 
 
 def path_from_fit(

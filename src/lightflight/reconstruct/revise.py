@@ -16,7 +16,7 @@ from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.geometry import PathState, footprints
 from lightflight.reconstruct.joint import JointFit, Setting, fit_joint, freedom_at
 from lightflight.reconstruct.least_squares import Solution, solve
-from lightflight.reconstruct.legs import ImageLeg, mean_focal_px, undistorted_px
+from lightflight.reconstruct.legs import ImageLeg, undistorted_px
 from lightflight.reconstruct.observation import Observation
 from lightflight.reconstruct.start import state_from_legs
 
@@ -201,9 +201,8 @@ def _without_corner(fit: JointFit, corner: int, setting: Setting) -> Solution | 
             shifted,
             lines,
             freedom_at(merged, narrowed),
-            camera=setting.camera,
+            cameras=setting.cameras,
             medium=setting.medium,
-            focal_px=mean_focal_px(setting.camera),
             floor_var=fit.floor_ps**2,
         )
     except np.linalg.LinAlgError:
@@ -246,7 +245,9 @@ def _sharpest_bend(
 ) -> tuple[float, float]:
     """(chi-square, fraction of the leg) of the most significant kink in times and lines."""
     times, solution = fit.times, fit.solution
-    here = np.flatnonzero((times.leg == leg) & (times.weight > 0))
+    # The first camera's picture tells; the others follow the path.
+    mine = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == 0)
+    here = np.flatnonzero(mine & (times.weight > 0))
     if len(here) < 6:
         return 0.0, 0.5
     picture = fit.pictures[0]
@@ -260,7 +261,7 @@ def _sharpest_bend(
     precision = np.linalg.pinv(solution.covariance, hermitian=True)
     best, place = 0.0, 0.5 * (low + high)
     for at in np.arange(low + 2.0, high - 1.9, 1.0):
-        hinge = np.where(times.leg == leg, np.maximum(along - at, 0.0), 0.0)
+        hinge = np.where(mine, np.maximum(along - at, 0.0), 0.0)
         response = solution.photon_gain @ hinge
         own = float(hinge @ (weight * hinge) - response @ precision @ response)
         score = float(hinge @ (weight * solution.residual_ps))
