@@ -266,7 +266,8 @@ def contributions_figure(record: Any) -> Figure:
     ):
         ax.annotate(
             f"{position:.2f} mm, {time:.2f} ps", (max(position, 1e-3), place), (4, 0),
-            textcoords="offset points", va="center", fontsize=7,
+            textcoords="offset points", va="center", fontsize=7, zorder=6,
+            bbox={"fc": style.PAPER, "ec": "none", "pad": 0.8},
         )  # fmt: skip
     ax.axvline(reported.POSITION_RMS_MM, color=style.INK, lw=0.9, ls="--")
     ax.annotate(
@@ -274,7 +275,7 @@ def contributions_figure(record: Any) -> Figure:
         textcoords="offset points", fontsize=7,
     )  # fmt: skip
     ax.set_yticks(places, record.words)
-    ax.set(xscale="log", xlabel="position error in view, rms (mm)", xlim=(1e-3, 100))
+    ax.set(xscale="log", xlabel="position error in view, rms (mm)", xlim=(1e-3, 400))
     ax.tick_params(axis="y", length=0)
     style.title(ax, "The paper's chain on three legs")
     return figure

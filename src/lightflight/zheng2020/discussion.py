@@ -33,7 +33,8 @@ from lightflight.zheng2020.work import Unit
 
 Floats = NDArray[np.float64]
 
-STEEP_DEG = (-75.0, -60.0, -45.0, -30.0, 30.0, 45.0, 60.0, 75.0)
+STEEP_DEG = (-75.0, -60.0, -45.0, -30.0, 30.0, 45.0, 60.0)
+"""Steeper towards the camera, the leg passes beside the picture of this set-up."""
 MEDIA: Mapping[str, Medium] = {
     "air": Medium(),
     "water": Medium(1.345, 1.345),

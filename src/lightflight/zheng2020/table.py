@@ -27,7 +27,7 @@ NOTE = (
     "on a pitch of 50 µm see a spot of 0.35 px too coarsely for a centre of mass, and a wider spot "
     "mixes the light of neighbouring legs, 1.1 px apart at the picture's edge. Corners lie outside "
     "the picture and legs meet there at 8°: 0.1 px moves a corner by 4 mm. Legs recorded one at a "
-    "time with a blur of 0.50 px give 1.1 mm and 1.6 ps; the paper's blur and mirrors are not "
+    "time with a blur of 0.50 px give 1.3 mm and 1.9 ps; the paper's blur and mirrors are not "
     "published."
 )
 """Why the paper's chain is where it is; measured by `contributions`."""
