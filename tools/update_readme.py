@@ -70,7 +70,8 @@ def save_picture(source: Path) -> None:
         height = round(picture.height * PICTURE_WIDTH_PX / picture.width)
         small = picture.convert("RGB").resize((PICTURE_WIDTH_PX, height), Image.Resampling.LANCZOS)
     PICTURE.parent.mkdir(parents=True, exist_ok=True)
-    small.quantize(128, dither=Image.Dither.NONE).save(PICTURE, optimize=True)
+    palette = small.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    palette.save(PICTURE, optimize=True)
 
 
 def main() -> None:

@@ -24,6 +24,8 @@ Facts = list[tuple[str, str]]
 _PICTURE_PX = 128
 """Longest side of a picture's data; larger ones are thinned by their mean."""
 
+_TERM = "text-align:left;vertical-align:top;font-weight:normal;opacity:.7;padding:1px 12px 1px 0"
+
 
 def number(value: float | None, digits: int = 3, *, sign: bool = False) -> str:
     """`value` with so many significant digits, a true minus sign and no exponent for 1e-4…1e6."""
@@ -65,8 +67,7 @@ def html_from_record(record: Any) -> str:
         raise TypeError(f"there is no card for {name}: choose one of {', '.join(_CARDS)}")
     facts, picture, caption = _CARDS[name](record)
     rows = "".join(
-        f'<tr><th style="text-align:left;font-weight:normal;opacity:.7;padding:1px 12px 1px 0">'
-        f'{html.escape(term)}</th><td style="text-align:left">{html.escape(text)}</td></tr>'
+        f'<tr><th style="{_TERM}">{html.escape(term)}</th><td style="text-align:left">{html.escape(text)}</td></tr>'
         for term, text in facts
     )
     figure = ""
@@ -77,23 +78,23 @@ def html_from_record(record: Any) -> str:
         )
     return (
         '<div style="display:flex;flex-wrap:wrap;gap:8px 28px;align-items:flex-start">'
-        f"<div><b>{name}</b><table>{rows}</table></div>{figure}</div>"
+        f'<div style="max-width:36em"><b>{name}</b><table>{rows}</table></div>{figure}</div>'
     )
 
 
 # --- pictures -----------------------------------------------------------------------------------
 
 
-def png_from_image(image: ArrayLike) -> bytes:
+def png_from_image(image: ArrayLike, *, percent: float = 99.0) -> bytes:
     """A grey picture (rows, cols) as PNG: dark is little, NaN is clear; thinned to 128 px.
 
-    The scale runs from the smallest value to the 99th percentile.
+    The scale runs from the smallest value to the percentile `percent`.
     """
     values = _thinned(np.asarray(image, dtype=float))
     finite = np.isfinite(values)
     grey = np.zeros(values.shape)
     if finite.any():
-        low, high = values[finite].min(), np.percentile(values[finite], 99)
+        low, high = values[finite].min(), np.percentile(values[finite], percent)
         span = high - low if high > low else 1.0
         grey[finite] = np.clip((values[finite] - low) / span, 0.0, 1.0)
     pixels = np.stack((35 + 220 * grey, np.where(finite, 255, 0)), axis=-1).astype(np.uint8)
@@ -121,8 +122,8 @@ def _thinned(image: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(total / known.sum(axis=(1, 3)))
 
 
-def _picture(image: ArrayLike) -> str:
-    data = base64.b64encode(png_from_image(image)).decode("ascii")
+def _picture(image: ArrayLike, *, percent: float = 99.0) -> str:
+    data = base64.b64encode(png_from_image(image, percent=percent)).decode("ascii")
     return (
         f'<img src="data:image/png;base64,{data}" alt="" '
         'style="width:128px;image-rendering:pixelated"/>'
@@ -159,6 +160,10 @@ def _ps(value: float | None) -> str:
     return "unknown" if value is None else f"{number(value, 5)} ps"
 
 
+def _count(n: float) -> str:
+    return f"{n:,.0f}".replace(",", "\u2009")
+
+
 def _size(record: Any) -> str:
     rows, cols = record.shape
     return f"{rows} \u00d7 {cols} pixels"
@@ -185,20 +190,22 @@ def _histograms_card(hist: Any) -> Card:
     facts = [
         ("camera", _size(hist)),
         *_clock_facts(hist),
-        ("photons", number(float(photons.sum()), 6)),
-        ("brightest pixel", number(float(photons.max()), 6)),
+        ("photons", _count(float(photons.sum()))),
+        ("brightest pixel", _count(float(photons.max()))),
     ]
     if hist.n_frames is not None:
-        facts.append(("frames", number(float(hist.n_frames), 8)))
-    return facts, _picture(np.sqrt(np.maximum(photons, 0.0))), "photons by pixel (square root)"
+        facts.append(("frames", _count(hist.n_frames)))
+    # A tenth of the pixels may scream; they must not hide the others.
+    picture = _picture(np.sqrt(np.maximum(photons, 0.0)), percent=90.0)
+    return facts, picture, "photons by pixel (square root)"
 
 
 def _recording_card(recording: Any) -> Card:
     facts = [("camera", _size(recording)), ("kind", recording.kind), *_clock_facts(recording)]
     if recording.n_frames is not None:
-        facts.append(("frames", number(float(recording.n_frames), 8)))
+        facts.append(("frames", _count(recording.n_frames)))
     if recording.n_photons is not None:
-        facts.append(("photon events", number(float(recording.n_photons), 8)))
+        facts.append(("photon events", _count(recording.n_photons)))
     # Counting it could take minutes: no picture.
     return facts, "", ""
 
@@ -209,7 +216,7 @@ def _calibration_card(timing: Any) -> Card:
         *_clock_facts(timing),
         ("error of the time scale", f"{number(100 * timing.scale_std, 2)} %"),
         *_flag_facts(timing.flags),
-        *(("note", note) for note in timing.notes),
+        *(("" if k else "notes", note) for k, note in enumerate(timing.notes)),
     ]
     skew = np.asarray(timing.skew_ps, dtype=float)
     known = skew[np.isfinite(skew)]
@@ -263,7 +270,7 @@ def _table_card(table: Any, column: str, what: str) -> Card:
     facts = [("camera", _size(table)), ("pulses", f"{len(table.row)}, {int(usable.sum())} usable")]
     if values.size:
         facts.append((what, f"{number(values.min(), 6)} \u2026 {number(values.max(), 6)} ps"))
-        facts.append(("photons", number(float(np.nansum(table.photons[usable])), 6)))
+        facts.append(("photons", _count(float(np.nansum(table.photons[usable])))))
     return [*facts, *_flag_facts(table.flags)], _picture(table.image(column)), f"{what} by pixel"
 
 
