@@ -67,7 +67,8 @@ def html_from_record(record: Any) -> str:
         raise TypeError(f"there is no card for {name}: choose one of {', '.join(_CARDS)}")
     facts, picture, caption = _CARDS[name](record)
     rows = "".join(
-        f'<tr><th style="{_TERM}">{html.escape(term)}</th><td style="text-align:left">{html.escape(text)}</td></tr>'
+        f'<tr><th style="{_TERM}">{html.escape(term)}</th>'
+        f'<td style="text-align:left">{html.escape(text)}</td></tr>'
         for term, text in facts
     )
     figure = ""
