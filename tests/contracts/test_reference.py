@@ -44,6 +44,6 @@ def test_every_file_that_is_linked_exists(page):
 
 
 def test_every_decision_has_its_number_once():
-    names = sorted(path.name for path in (REPOSITORY / "docs" / "decisions").glob("*.md"))
+    names = sorted(path.name for path in (REPOSITORY / "docs" / "decisions").glob("[0-9]*.md"))
     numbers = [name[:4] for name in names]
     assert numbers == [f"{i + 1:04d}" for i in range(len(names))]

@@ -16,16 +16,22 @@ from numpy.typing import NDArray
 
 from lightflight import flags
 from lightflight.errors import NothingFoundError
-from lightflight.flight import Medium, Source
+from lightflight.reconstruct.assignment import (
+    assigned,
+    mode_columns,
+    prints_of_leg,
+    stacked,
+    stacked_lines,
+    time_data,
+)
 from lightflight.reconstruct.freedom import (
     Freedom,
     ViewEnd,
-    Waypoint,
     end_in_picture,
     freedom_of_path,
     view_end,
 )
-from lightflight.reconstruct.geometry import Footprint, Indices, PathState, footprints
+from lightflight.reconstruct.geometry import Indices, PathState
 from lightflight.reconstruct.least_squares import (
     LineDataInPicture,
     Solution,
@@ -37,15 +43,14 @@ from lightflight.reconstruct.legs import ImageLeg
 from lightflight.reconstruct.observation import Observation
 from lightflight.reconstruct.picture import (
     Picture,
-    footprint_corrections,
     lines_from_picture,
     measure_picture,
 )
+from lightflight.reconstruct.setting import Setting as Setting
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
     from lightflight.camera import Camera
-    from lightflight.timing.arrivals import Arrivals
 
 Floats = NDArray[np.float64]
 
@@ -55,35 +60,6 @@ _STILL = 0.03
 """A round that moves nothing by more than this, in its own errors, was the last."""
 _OUTLIER = 5.0
 """A pulse this many standard errors from the path takes no part."""
-_REACH_PX = 2.2
-"""Pulses this near to a leg can belong to it, px."""
-_CORNER_PX = 1.5
-"""Pixels this near to a corner in the picture belong to no one leg, px."""
-
-
-@dataclass(frozen=True, eq=False)
-class Setting:
-    """What a fit is told beside the recordings."""
-
-    camera: Camera
-    """The camera that recorded; of several, the one whose view the path's ends belong to."""
-    source: Source
-    """What is known of the source."""
-    medium: Medium
-    """The medium."""
-    waypoints: tuple[Waypoint, ...] = ()
-    """Vertices measured otherwise."""
-    others: tuple[Camera, ...] = ()
-    """Further cameras; `Observation.view` counts `camera` as 0 and these from 1."""
-
-    @property
-    def cameras(self) -> tuple[Camera, ...]:
-        """All cameras."""
-        return (self.camera, *self.others)
-
-    def at(self, view: int) -> Setting:
-        """The setting of one camera alone."""
-        return replace(self, camera=self.cameras[view], others=())
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +141,7 @@ def fit_joint(
             for o in observations
         )
         parts = [
-            _assigned(
+            assigned(
                 o, state, seen.at(o.view), picture, std, floor, members if not number else None
             )
             for number, (o, picture) in enumerate(zip(clock, pictures, strict=True))
@@ -174,8 +150,8 @@ def fit_joint(
             replace(part, arrival_ps=o.arrival_ps[part.index])
             for part, o in zip(parts, observations, strict=True)
         ]
-        times = _stacked(parts, mode_columns(observations))
-        lines = _stacked_lines([lines_from_picture(p) for p in pictures], observations)
+        times = stacked(parts, mode_columns(observations))
+        lines = stacked_lines([lines_from_picture(p) for p in pictures], observations)
         freedom = freedom_at(state, setting, ends)
         _check_enough(times, freedom.basis.shape[1])
         before = state
@@ -225,18 +201,6 @@ def _as_found(
     return replace(setting, camera=solution.camera, others=solution.cameras[1:]), corrected
 
 
-def mode_columns(observations: list[Observation]) -> dict[int, slice]:
-    """Columns of the shared clock errors of each view: repeats share them, cameras do not."""
-    columns: dict[int, slice] = {}
-    first = 0
-    for o in observations:
-        if o.view not in columns:
-            size = o.arrivals.shared_modes_ps.shape[1]
-            columns[o.view] = slice(first, first + size)
-            first += size
-    return columns
-
-
 def freedom_at(state: PathState, setting: Setting, ends: Ends | None = None) -> Freedom:
     """Freedom of a path in a setting; `ends` None: its ends move across their own legs."""
     camera, vertices = setting.camera, state.vertices_mm
@@ -272,8 +236,8 @@ def _rough_fit(
     first = observations[0]
     index = np.concatenate([leg.members for leg in legs])
     leg_of = np.repeat(np.arange(len(legs)), [len(leg.members) for leg in legs])
-    times = _time_data(first, index, leg_of, np.zeros(len(index)))
-    times = _stacked([times], mode_columns(observations))
+    times = time_data(first, index, leg_of, np.zeros(len(index)))
+    times = stacked([times], mode_columns(observations))
     anchors = np.concatenate([leg.points_px(np.array(leg.extent_px)) for leg in legs])
     lines = LineDataInPicture(
         np.repeat(np.arange(len(legs)), 2), anchors, np.eye(2 * len(legs)) / 0.3
@@ -294,25 +258,6 @@ def _rough_fit(
         floor_var = max(floor_var, spread**2)
         times = reweighted(times, solution, floor_var=floor_var, cut=min(cut, 8.0))
     return solution
-
-
-def _time_data(
-    observation: Observation, index: Indices, leg: Indices, footprint_ps: Floats
-) -> TimeData:
-    arrivals = observation.arrivals
-    return TimeData(
-        leg=leg,
-        row=arrivals.row[index].astype(float),
-        col=arrivals.col[index].astype(float),
-        arrival_ps=observation.arrival_ps[index],
-        footprint_ps=footprint_ps,
-        photon_var=arrivals.photon_std_ps[index] ** 2,
-        pixel_var=arrivals.pixel_std_ps[index] ** 2,
-        modes_ps=arrivals.shared_modes_ps[index],
-        weight=np.ones(len(index)),
-        index=index,
-        view=np.full(len(index), observation.view),
-    )
 
 
 def _solve_robustly(
@@ -448,165 +393,10 @@ def _footprints_of_pulses(
     usable = np.flatnonzero(
         flags.is_usable(observation.arrivals.flags) & np.isfinite(observation.arrival_ps)
     )
-    print_ = _prints(observation, state, setting, usable, leg)
+    print_ = prints_of_leg(observation, state, setting, usable, leg)
     gap = np.abs(observation.arrival_ps[usable] - print_.arrival_ps)
     lit = (np.abs(print_.lateral_px) < 1.5) & (gap < std)
     low = -0.02 if leg > 0 else -np.inf
     high = 1.02 if leg < state.n_legs - 1 else np.inf
     lit &= (print_.fraction > low) & (print_.fraction < high)
     return print_.fraction[lit], observation.arrivals.photons[usable][lit]
-
-
-def _prints(
-    observation: Observation, state: PathState, setting: Setting, rows: Indices, leg: int
-) -> Footprint:
-    return footprints(
-        state,
-        camera=setting.camera,
-        medium=setting.medium,
-        legs=np.full(len(rows), leg),
-        rows=observation.arrivals.row[rows].astype(float),
-        cols=observation.arrivals.col[rows].astype(float),
-    )
-
-
-def _assigned(
-    observation: Observation,
-    state: PathState,
-    setting: Setting,
-    picture: Picture,
-    std: float,
-    floor_ps: float,
-    members: Indices | None,
-) -> TimeData:
-    """Pulses that belong to a leg, with their footprint corrections.
-
-    `members` (n,) says which leg the picture gave each pulse to (-1: none): such a pulse stays
-    with its leg even where the corner of the moment would cut it off, so that a misplaced
-    corner is pulled back instead of eating its leg.
-    """
-    arrivals = observation.arrivals
-    usable = np.flatnonzero(flags.is_usable(arrivals.flags) & np.isfinite(observation.arrival_ps))
-    n, n_legs = len(usable), state.n_legs
-    gap = np.full((n, n_legs), np.inf)
-    expected = np.zeros((n, n_legs))
-    modelled = np.full((n, n_legs), np.nan)
-    for k in range(n_legs):
-        print_ = _prints(observation, state, setting, usable, k)
-        near = np.abs(print_.lateral_px) < max(_REACH_PX, 3.0 * picture.spot_std_px)
-        near &= _clear_of_corners(print_, k, state, None if members is None else members[usable])
-        correction = footprint_corrections(
-            picture,
-            print_,
-            rows=arrivals.row[usable].astype(float),
-            cols=arrivals.col[usable].astype(float),
-            camera=setting.camera,
-            state=state,
-            medium=setting.medium,
-        )
-        modelled[near, k] = (print_.arrival_ps + correction)[near]
-        gap[near, k] = np.abs(observation.arrival_ps[usable] - modelled[:, k])[near]
-        strength = np.exp(-0.5 * (print_.lateral_px / picture.spot_std_px) ** 2)
-        expected[:, k] = strength * _on_leg(print_, k, state, margin_px=1.5)
-    best = np.argmin(gap, axis=1)
-    total = np.hypot(np.hypot(arrivals.photon_std_ps, arrivals.pixel_std_ps)[usable], floor_ps)
-    mine = gap[np.arange(n), best] < np.maximum(6.0 * total, 0.5 * std)
-    mine &= ~_blended_pulses(modelled, expected, best, arrivals, usable, std)
-    chosen = np.flatnonzero(mine)
-    index, leg_of = usable[chosen], best[chosen]
-    print_ = footprints(
-        state,
-        camera=setting.camera,
-        medium=setting.medium,
-        legs=leg_of,
-        rows=arrivals.row[index].astype(float),
-        cols=arrivals.col[index].astype(float),
-    )
-    footprint_ps = modelled[chosen, leg_of] - print_.arrival_ps
-    return _time_data(observation, index, leg_of, footprint_ps)
-
-
-def _on_leg(
-    print_: Footprint, leg: int, state: PathState, *, margin_px: float
-) -> NDArray[np.bool_]:
-    """True where a pixel's foot lies on the leg, or at most `margin_px` beyond its corners.
-
-    A negative margin keeps clear of the corners. The ends of the path are not corners.
-    """
-    margin = margin_px / print_.px_per_leg
-    low = -margin if leg > 0 else np.full_like(margin, -np.inf)
-    high = 1 + margin if leg < state.n_legs - 1 else np.full_like(margin, np.inf)
-    inside: NDArray[np.bool_] = (print_.fraction > low) & (print_.fraction < high)
-    return inside
-
-
-def _clear_of_corners(
-    print_: Footprint, leg: int, state: PathState, members: Indices | None
-) -> NDArray[np.bool_]:
-    """True where a pixel's foot is on the leg and no corner is within the spot."""
-    clear = _on_leg(print_, leg, state, margin_px=-_CORNER_PX)
-    if members is None:
-        return clear
-    beyond = ~_on_leg(print_, leg, state, margin_px=_CORNER_PX)
-    clear |= beyond & (members == leg)
-    return clear
-
-
-def _blended_pulses(
-    modelled: Floats,
-    expected: Floats,
-    best: Indices,
-    arrivals: Arrivals,
-    usable: Indices,
-    std: float,
-) -> NDArray[np.bool_]:
-    """True where a second leg's light may sit unresolved under a pulse."""
-    n, n_legs = modelled.shape
-    rows = np.arange(n)
-    single = (arrivals.flags[usable] & np.uint32(flags.MULTIPLE_PULSES)) == 0
-    blended = np.zeros(n, dtype=bool)
-    own = np.maximum(expected[rows, best], 1e-12)
-    for k in range(n_legs):
-        with np.errstate(invalid="ignore"):
-            separation = np.abs(modelled[:, k] - modelled[rows, best])
-            close = separation < np.where(single, 4.5, 1.5) * std
-        # Times shift by about (share of the other's light) x (separation): keep below 1e-4 std.
-        blended |= close & (best != k) & (expected[:, k] / own > 1e-4)
-    return blended
-
-
-def _stacked(parts: list[TimeData], columns: dict[int, slice]) -> TimeData:
-    """Pulses of all recordings in one table, shared errors in the columns of their camera."""
-    n_modes = max((own.stop for own in columns.values()), default=0)
-    spread = []
-    for part in parts:
-        modes = np.zeros((len(part.leg), n_modes))
-        view = 0 if part.view is None or not len(part.view) else int(part.view[0])
-        modes[:, columns[view]] = part.modes_ps
-        spread.append(replace(part, modes_ps=modes))
-    if len(spread) == 1:
-        return spread[0]
-    return TimeData(
-        **{
-            name: np.concatenate([getattr(part, name) for part in spread])
-            for name in TimeData.__dataclass_fields__
-        }
-    )
-
-
-def _stacked_lines(
-    parts: list[LineDataInPicture], observations: list[Observation]
-) -> LineDataInPicture:
-    size = sum(len(p.leg) for p in parts)
-    whitening = np.zeros((size, size))
-    at = 0
-    for part in parts:
-        k = len(part.leg)
-        whitening[at : at + k, at : at + k] = part.whitening
-        at += k
-    return LineDataInPicture(
-        leg=np.concatenate([p.leg for p in parts]),
-        anchors=np.concatenate([p.anchors for p in parts]),
-        whitening=whitening,
-        view=np.repeat([o.view for o in observations], [len(p.leg) for p in parts]),
-    )

@@ -1,0 +1,219 @@
+"""Which pulse belongs to which leg, and the tables of times and lines that a fit is given.
+
+Takes the pulses of recordings and a path that is roughly right; gives `TimeData` and
+`LineDataInPicture`, of all recordings and cameras in one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight import flags
+from lightflight.reconstruct.geometry import Footprint, Indices, PathState, footprints
+from lightflight.reconstruct.least_squares import LineDataInPicture, TimeData
+from lightflight.reconstruct.observation import Observation
+from lightflight.reconstruct.picture import Picture, footprint_corrections
+from lightflight.reconstruct.setting import Setting
+
+if TYPE_CHECKING:
+    from lightflight.timing.arrivals import Arrivals
+
+Floats = NDArray[np.float64]
+
+_REACH_PX = 2.2
+"""Pulses this near to a leg can belong to it, px."""
+_CORNER_PX = 1.5
+"""Pixels this near to a corner in the picture belong to no one leg, px."""
+
+
+def mode_columns(observations: list[Observation]) -> dict[int, slice]:
+    """Columns of the shared clock errors of each view: repeats share them, cameras do not."""
+    columns: dict[int, slice] = {}
+    first = 0
+    for o in observations:
+        if o.view not in columns:
+            size = o.arrivals.shared_modes_ps.shape[1]
+            columns[o.view] = slice(first, first + size)
+            first += size
+    return columns
+
+
+def time_data(
+    observation: Observation, index: Indices, leg: Indices, footprint_ps: Floats
+) -> TimeData:
+    """Rows `index` (n,) of a recording's arrivals, said to belong to the legs `leg` (n,)."""
+    arrivals = observation.arrivals
+    return TimeData(
+        leg=leg,
+        row=arrivals.row[index].astype(float),
+        col=arrivals.col[index].astype(float),
+        arrival_ps=observation.arrival_ps[index],
+        footprint_ps=footprint_ps,
+        photon_var=arrivals.photon_std_ps[index] ** 2,
+        pixel_var=arrivals.pixel_std_ps[index] ** 2,
+        modes_ps=arrivals.shared_modes_ps[index],
+        weight=np.ones(len(index)),
+        index=index,
+        view=np.full(len(index), observation.view),
+    )
+
+
+def prints_of_leg(
+    observation: Observation, state: PathState, setting: Setting, rows: Indices, leg: int
+) -> Footprint:
+    """Footprints on one leg of the pulses in `rows` (n,) of a recording's arrivals."""
+    return footprints(
+        state,
+        camera=setting.camera,
+        medium=setting.medium,
+        legs=np.full(len(rows), leg),
+        rows=observation.arrivals.row[rows].astype(float),
+        cols=observation.arrivals.col[rows].astype(float),
+    )
+
+
+def assigned(
+    observation: Observation,
+    state: PathState,
+    setting: Setting,
+    picture: Picture,
+    std: float,
+    floor_ps: float,
+    members: Indices | None,
+) -> TimeData:
+    """Pulses that belong to a leg, with their footprint corrections.
+
+    `members` (n,) says which leg the picture gave each pulse to (-1: none): such a pulse stays
+    with its leg even where the corner of the moment would cut it off, so that a misplaced
+    corner is pulled back instead of eating its leg.
+    """
+    arrivals = observation.arrivals
+    usable = np.flatnonzero(flags.is_usable(arrivals.flags) & np.isfinite(observation.arrival_ps))
+    n, n_legs = len(usable), state.n_legs
+    gap = np.full((n, n_legs), np.inf)
+    expected = np.zeros((n, n_legs))
+    modelled = np.full((n, n_legs), np.nan)
+    for k in range(n_legs):
+        print_ = prints_of_leg(observation, state, setting, usable, k)
+        near = np.abs(print_.lateral_px) < max(_REACH_PX, 3.0 * picture.spot_std_px)
+        near &= _clear_of_corners(print_, k, state, None if members is None else members[usable])
+        correction = footprint_corrections(
+            picture,
+            print_,
+            rows=arrivals.row[usable].astype(float),
+            cols=arrivals.col[usable].astype(float),
+            camera=setting.camera,
+            state=state,
+            medium=setting.medium,
+        )
+        modelled[near, k] = (print_.arrival_ps + correction)[near]
+        gap[near, k] = np.abs(observation.arrival_ps[usable] - modelled[:, k])[near]
+        strength = np.exp(-0.5 * (print_.lateral_px / picture.spot_std_px) ** 2)
+        expected[:, k] = strength * _on_leg(print_, k, state, margin_px=1.5)
+    best = np.argmin(gap, axis=1)
+    total = np.hypot(np.hypot(arrivals.photon_std_ps, arrivals.pixel_std_ps)[usable], floor_ps)
+    mine = gap[np.arange(n), best] < np.maximum(6.0 * total, 0.5 * std)
+    mine &= ~_blended_pulses(modelled, expected, best, arrivals, usable, std)
+    chosen = np.flatnonzero(mine)
+    index, leg_of = usable[chosen], best[chosen]
+    print_ = footprints(
+        state,
+        camera=setting.camera,
+        medium=setting.medium,
+        legs=leg_of,
+        rows=arrivals.row[index].astype(float),
+        cols=arrivals.col[index].astype(float),
+    )
+    footprint_ps = modelled[chosen, leg_of] - print_.arrival_ps
+    return time_data(observation, index, leg_of, footprint_ps)
+
+
+def _on_leg(
+    print_: Footprint, leg: int, state: PathState, *, margin_px: float
+) -> NDArray[np.bool_]:
+    """True where a pixel's foot lies on the leg, or at most `margin_px` beyond its corners.
+
+    A negative margin keeps clear of the corners. The ends of the path are not corners.
+    """
+    margin = margin_px / print_.px_per_leg
+    low = -margin if leg > 0 else np.full_like(margin, -np.inf)
+    high = 1 + margin if leg < state.n_legs - 1 else np.full_like(margin, np.inf)
+    inside: NDArray[np.bool_] = (print_.fraction > low) & (print_.fraction < high)
+    return inside
+
+
+def _clear_of_corners(
+    print_: Footprint, leg: int, state: PathState, members: Indices | None
+) -> NDArray[np.bool_]:
+    """True where a pixel's foot is on the leg and no corner is within the spot."""
+    clear = _on_leg(print_, leg, state, margin_px=-_CORNER_PX)
+    if members is None:
+        return clear
+    beyond = ~_on_leg(print_, leg, state, margin_px=_CORNER_PX)
+    clear |= beyond & (members == leg)
+    return clear
+
+
+def _blended_pulses(
+    modelled: Floats,
+    expected: Floats,
+    best: Indices,
+    arrivals: Arrivals,
+    usable: Indices,
+    std: float,
+) -> NDArray[np.bool_]:
+    """True where a second leg's light may sit unresolved under a pulse."""
+    n, n_legs = modelled.shape
+    rows = np.arange(n)
+    single = (arrivals.flags[usable] & np.uint32(flags.MULTIPLE_PULSES)) == 0
+    blended = np.zeros(n, dtype=bool)
+    own = np.maximum(expected[rows, best], 1e-12)
+    for k in range(n_legs):
+        with np.errstate(invalid="ignore"):
+            separation = np.abs(modelled[:, k] - modelled[rows, best])
+            close = separation < np.where(single, 4.5, 1.5) * std
+        # Times shift by about (share of the other's light) x (separation): keep below 1e-4 std.
+        blended |= close & (best != k) & (expected[:, k] / own > 1e-4)
+    return blended
+
+
+def stacked(parts: list[TimeData], columns: dict[int, slice]) -> TimeData:
+    """Pulses of all recordings in one table, shared errors in the columns of their camera."""
+    n_modes = max((own.stop for own in columns.values()), default=0)
+    spread = []
+    for part in parts:
+        modes = np.zeros((len(part.leg), n_modes))
+        view = 0 if part.view is None or not len(part.view) else int(part.view[0])
+        modes[:, columns[view]] = part.modes_ps
+        spread.append(replace(part, modes_ps=modes))
+    if len(spread) == 1:
+        return spread[0]
+    return TimeData(
+        **{
+            name: np.concatenate([getattr(part, name) for part in spread])
+            for name in TimeData.__dataclass_fields__
+        }
+    )
+
+
+def stacked_lines(
+    parts: list[LineDataInPicture], observations: list[Observation]
+) -> LineDataInPicture:
+    """Lines of all recordings in one table, each in its camera's picture."""
+    size = sum(len(p.leg) for p in parts)
+    whitening = np.zeros((size, size))
+    at = 0
+    for part in parts:
+        k = len(part.leg)
+        whitening[at : at + k, at : at + k] = part.whitening
+        at += k
+    return LineDataInPicture(
+        leg=np.concatenate([p.leg for p in parts]),
+        anchors=np.concatenate([p.anchors for p in parts]),
+        whitening=whitening,
+        view=np.repeat([o.view for o in observations], [len(p.leg) for p in parts]),
+    )
