@@ -169,8 +169,8 @@ def test_valley_separates_two_bumps_from_a_slope():
     one = expected_counts(codes, codes + WIDTH, 1000.0, STD, 3000.0, 0.01)
     falling, _ = bins_of(one + tail)
     valley = pulse_split.valley_between
-    assert valley(window, m, 1000.0, 1430.0, 1430.0, STD) > pulse_split.VALLEY
-    assert valley(falling, m, 1000.0, 1430.0, 1430.0, STD) == 0.0
+    assert valley(window, m, 1000.0, 1430.0, 1430.0, STD, 1.0) > pulse_split.VALLEY
+    assert valley(falling, m, 1000.0, 1430.0, 1430.0, STD, 1.0) == 0.0
 
 
 def run_tile(function, counts, lower, upper, period=math.inf):

@@ -21,6 +21,7 @@ MERGED = 4.0  # two pulses further apart than this many std have a valley betwee
 WEAKEST = 0.005  # a further pulse has at least this share of the strongest one's photons
 WIDER = 1.15  # a blend of two is at least this much wider than one
 SAME = 1.12  # and its parts are as wide as one to within this
+UNEVEN = 0.3  # codes of a clock that takes all as equal may be so much narrower than their peers
 VALLEY = 5.0  # log-likelihood by which a valley must be better than a slope
 
 
@@ -112,12 +113,14 @@ def counts_between(window, m, low, high):
 
 
 @jit_lent
-def valley_between(window, m, left, right, weaker, std):
+def valley_between(window, m, left, right, weaker, std, hollow):
     """Log-likelihood by which the counts between two centres lie below those of the weaker pulse.
 
-    Bump: +-1 std around the weaker centre; valley: the emptiest +-0.5 std in between.
+    Bump: +-1 std around the weaker centre; valley: the emptiest +-0.5 std in between. Codes that
+    are narrower than the clock knows look like one: only what lies below `hollow` bumps counts.
     """
     bump, bump_width = counts_between(window, m, weaker - std, weaker + std)
+    bump *= hollow
     n_steps = int(4.0 * (right - left) / std)
     gain = 0.0
     for i in range(1, n_steps):
@@ -135,7 +138,7 @@ def valley_between(window, m, left, right, weaker, std):
 
 
 @jit_lent
-def stands_apart(theta, n_pulses, std_before, typical_std, window, m):
+def stands_apart(theta, n_pulses, std_before, typical_std, double_code, window, m):
     """True where the pulses are separate ones, not the parts of one pulse of another shape."""
     std = theta[2 * n_pulses]
     strongest, photons = 0.0, 0.0
@@ -159,7 +162,8 @@ def stands_apart(theta, n_pulses, std_before, typical_std, window, m):
         weaker = theta[j] if theta[n_pulses + j] < theta[n_pulses + after] else theta[after]
         if blend and theta[after] - theta[j] < MERGED * std:
             continue
-        if valley_between(window, m, theta[j], theta[after], weaker, std) < VALLEY:
+        hollow = 1.0 - UNEVEN * double_code
+        if valley_between(window, m, theta[j], theta[after], weaker, std, hollow) < VALLEY:
             return False
     return True
 
@@ -273,7 +277,7 @@ def split_pulses(
         if (
             outcome[1] == 0.0
             or weakest < 2.0 * misplaced
-            or not stands_apart(new, more, std, typical_std, window, m)
+            or not stands_apart(new, more, std, typical_std, double_code, window, m)
         ):
             break
         put(new, theta.size, theta)
