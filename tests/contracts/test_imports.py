@@ -38,8 +38,12 @@ def test_help_loads_no_heavy_package_and_no_numpy():
 
 
 @pytest.mark.parametrize(
-    "command", ["simulate", "info", "calibrate", "reconstruct", "demo", "paper", "versions"]
-)
+    "command",
+    [
+        "simulate", "info", "convert", "calibrate", "reconstruct", "batch", "demo", "paper",
+        "versions",
+    ],
+)  # fmt: skip
 def test_help_of_a_command_loads_no_heavy_package(command):
     statement = (
         "import contextlib, io\n"
