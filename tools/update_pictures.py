@@ -42,7 +42,9 @@ def keep(file: Path, name: str) -> None:
         height = round(small.height * WIDTH_PX / small.width)
         small = small.resize((WIDTH_PX, height), Image.Resampling.LANCZOS)
     # Maximum coverage keeps the rare colours: a colour bar stays smooth.
-    palette = small.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    palette = small.quantize(
+        256, method=Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE
+    )
     palette.save(IMAGES / name, optimize=True)
     print(f"docs/images/{name}: {(IMAGES / name).stat().st_size / 1024:.0f} kB")
 

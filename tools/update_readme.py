@@ -70,7 +70,9 @@ def save_picture(source: Path) -> None:
         height = round(picture.height * PICTURE_WIDTH_PX / picture.width)
         small = picture.convert("RGB").resize((PICTURE_WIDTH_PX, height), Image.Resampling.LANCZOS)
     PICTURE.parent.mkdir(parents=True, exist_ok=True)
-    palette = small.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    palette = small.quantize(
+        256, method=Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE
+    )
     palette.save(PICTURE, optimize=True)
 
 
