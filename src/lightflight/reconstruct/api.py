@@ -30,7 +30,7 @@ from lightflight.reconstruct.legs import (
     unwrapped_arrivals,
 )
 from lightflight.reconstruct.observation import Observation, blind_pixels
-from lightflight.reconstruct.result import path_from_fit
+from lightflight.reconstruct.result import on_first_lap, path_from_fit
 from lightflight.reconstruct.revise import fit_from_legs, revised, with_n_legs
 from lightflight.reconstruct.statements import statements_from_covariance
 from lightflight.timing.arrivals import find_arrivals
@@ -144,6 +144,21 @@ def path_from_observations(
     start: LightPath | ArrayLike | None = None,
 ) -> LightPath:
     """Path from recordings whose pulses are found; parameters and errors as in `reconstruct`."""
+    path = _path_on_some_lap(
+        observations, setting, timing=timing, method=method, n_legs=n_legs, start=start
+    )
+    return path if start is not None else on_first_lap(path, observations[0])
+
+
+def _path_on_some_lap(
+    observations: list[Observation],
+    setting: Setting,
+    *,
+    timing: TimingCalibration | None,
+    method: str,
+    n_legs: int | None,
+    start: LightPath | ArrayLike | None,
+) -> LightPath:
     if method == "paper":
         from lightflight.reconstruct.paper import paper_path
 

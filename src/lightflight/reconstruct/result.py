@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from lightflight.reconstruct.joint import JointFit, Setting
 from lightflight.reconstruct.observation import Observation
 
 Floats = NDArray[np.float64]
+
+_BEFORE_ZERO_PS = 1000.0
+"""A path may start this long before the clock's zero and still be told there, ps."""
 
 
 def prior_in_words(source: Source) -> str:
@@ -122,3 +126,22 @@ def path_from_fit(
         statements=statements,
         truth=truth,
     )
+
+
+def on_first_lap(path: LightPath, observation: Observation) -> LightPath:
+    """The path told in the lap of the clock in which it starts between zero and one period.
+
+    A clock that starts anew with every laser pulse leaves whole periods open, unless the user
+    says when the pulse left. A start just before zero stays there: zero is a likely choice.
+    """
+    period_ps = observation.arrivals.laser_period_ps
+    if period_ps is None or path.source.emission_time_ps is not None:
+        return path
+    slack_ps = min(_BEFORE_ZERO_PS, 0.05 * period_ps)
+    shift_ps = -period_ps * np.floor((path.vertex_times_ps[0] + slack_ps) / period_ps)
+    if shift_ps == 0.0:
+        return path
+    residuals = path.residuals.copy()
+    for name in ("arrival_ps", "model_ps", "event_time_ps"):
+        residuals[name] += shift_ps
+    return replace(path, vertex_times_ps=path.vertex_times_ps + shift_ps, residuals=residuals)
