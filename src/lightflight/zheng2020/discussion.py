@@ -197,7 +197,12 @@ def measure_array(*, pixels: int, methods: Sequence[str], seed: int) -> dict[str
 
     def error(method: str) -> float:
         path = reconstruct(
-            hist, camera=camera, source=known_source(scene), timing=timing, method=method
+            hist,
+            camera=camera,
+            source=known_source(scene),
+            timing=timing,
+            method=method,
+            n_legs=scene.n_legs,
         )
         return path_error(path, scene, camera).position_rms_mm
 
