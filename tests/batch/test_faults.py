@@ -22,10 +22,11 @@ import pytest
 from tests.batch.conftest import N_REPEATS as N
 
 pytest.importorskip("distributed")
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]
 
 COMMAND = (sys.executable, "-m", "lightflight", "batch", "campaign.toml")
-LIMIT_S = 120
+LIMIT_S = 400
+"""The first run may have to compile every kernel, on a machine that does other things too."""
 
 
 @contextmanager
@@ -114,7 +115,6 @@ def test_one_bad_recording_is_a_row_and_the_others_go_on(undisturbed):
     assert not any("utc" in name or "date" in name for name in rows[0])
 
 
-@pytest.mark.timeout(600)
 def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed):
     """A full disk, Ctrl-C, kill -9 of the whole run, and then a worker's death: one after another.
 

@@ -40,6 +40,7 @@ def test_dry_run_names_every_recording_and_writes_nothing(run, campaign):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_a_campaign_from_file_to_summary(run, campaign):
     pytest.importorskip("distributed")
     words = ("batch", campaign / "campaign.toml", "--workers", 1, "-o", campaign / "out", "--json")
