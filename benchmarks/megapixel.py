@@ -3,8 +3,10 @@
 Recordings of growing cameras (one straight leg, the same light per pixel everywhere) are drawn
 photon by photon as events, and `lightflight batch` keeps a window of their codes, sorts photons
 into tiles, fits the pulses of each tile and the path to all of them. Printed are, for each size:
-CPU time of all processes with one worker and with two, and the largest memory of any worker. The
-paths are compared with the truth, and the two tables with each other, byte for byte.
+CPU time of all processes with one worker and with two, and the largest memory of any worker. A
+worker takes some seconds to load what it needs, whatever it then does; `--recordings` makes the
+campaigns longer than that. The paths are compared with the truth, and the two tables with each
+other, byte for byte.
 """
 
 from __future__ import annotations
@@ -68,12 +70,14 @@ def events_of(hist: lf.Histograms, rng: np.random.Generator) -> lf.Recording:
     )
 
 
-def write_campaign_folder(folder: Path, side: int) -> int:
-    """recording.h5 and campaign.toml; gives the number of photons."""
+def write_campaign_folder(folder: Path, side: int, n_recordings: int = 1) -> int:
+    """One recording under several names, and campaign.toml; gives the number of photons."""
     folder.mkdir()
     hist = lf.simulate(scene_of(side), photons_per_pixel=PHOTONS, seed=1, kind="histograms")
     recording = events_of(hist, np.random.default_rng(1))
-    lf.write(recording, folder / "recording.h5")
+    lf.write(recording, folder / "recording-1.h5")
+    for k in range(1, n_recordings):
+        os.link(folder / "recording-1.h5", folder / f"recording-{k + 1}.h5")
     (folder / "campaign.toml").write_text(
         f"""
         [campaign]
@@ -89,12 +93,12 @@ def write_campaign_folder(folder: Path, side: int) -> int:
         [reconstruct]
         n_legs = 1
         [[groups]]
-        recordings = "recording.h5"
+        recordings = "recording-*.h5"
         set_point_deg = {ANGLE_DEG}
         """
     )
     assert recording.code is not None
-    return recording.code.shape[0]
+    return n_recordings * recording.code.shape[0]
 
 
 @dataclass
@@ -196,6 +200,9 @@ def best_of(folder: Path, rounds: int) -> dict[int, Used]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--full", action="store_true", help="up to 1,024 x 1,024 pixels")
+    parser.add_argument(
+        "--recordings", type=int, default=1, help="recordings in each campaign: more work per start"
+    )
     parser.add_argument("--rounds", type=int, default=2, help="the least of so many counts")
     options = parser.parse_args()
     sides = (256, 512, 1024) if options.full else (128, 256)
@@ -207,7 +214,7 @@ def main() -> None:
         rows = []
         for side in sides:
             folder = Path(name, str(side))
-            n_photons = write_campaign_folder(folder, side)
+            n_photons = write_campaign_folder(folder, side, options.recordings)
             rows.append((side, n_photons, best_of(folder, options.rounds)))
             check_path(folder)
     said = " and ".join(f"{start[n].cpu_s:.1f} s with {n}" for n in (1, 2))
@@ -215,7 +222,8 @@ def main() -> None:
     print("| pixels | photons | CPU, 1 worker | per Mpx | CPU, 2 workers | ratio | memory |")
     print("|---:|---:|---:|---:|---:|---:|---:|")
     for side, n_photons, used in rows:
-        per_mpx = (used[1].cpu_s - start[1].cpu_s) / (side * side / 1e6)
+        n_mpx = options.recordings * side * side / 1e6
+        per_mpx = (used[1].cpu_s - start[1].cpu_s) / n_mpx
         print(
             f"| {side} x {side} | {n_photons:,} | {used[1].cpu_s:.1f} s | {per_mpx:.1f} s | "
             f"{used[2].cpu_s:.1f} s | {used[2].cpu_s / used[1].cpu_s:.2f} | "
