@@ -24,8 +24,13 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+Tips = tuple[Floats | None, Floats | None]
+"""Where the light of a path begins and stops within the picture, mm; None: it does not."""
+
 _REACH_PX = 2.2
 """Pulses this near to a leg can belong to it, px."""
+_TIP_PX = 1.2
+"""Pixels this near to where the light begins or stops see a cut footprint, px."""
 _CORNER_PX = 1.5
 """Pixels this near to a corner in the picture belong to no one leg, px."""
 
@@ -84,6 +89,7 @@ def assigned(
     std: float,
     floor_ps: float,
     members: Indices | None,
+    tips: Tips = (None, None),
 ) -> TimeData:
     """Pulses that belong to a leg, with their footprint corrections.
 
@@ -101,6 +107,7 @@ def assigned(
         print_ = prints_of_leg(observation, state, setting, usable, k)
         near = np.abs(print_.lateral_px) < max(_REACH_PX, 3.0 * picture.spot_std_px)
         near &= _clear_of_corners(print_, k, state, None if members is None else members[usable])
+        near &= clear_of_tips(print_, k, state, tips)
         correction = footprint_corrections(
             picture,
             print_,
@@ -155,6 +162,21 @@ def _clear_of_corners(
         return clear
     beyond = ~_on_leg(print_, leg, state, margin_px=_CORNER_PX)
     clear |= beyond & (members == leg)
+    return clear
+
+
+def clear_of_tips(print_: Footprint, leg: int, state: PathState, tips: Tips) -> NDArray[np.bool_]:
+    """True where a pixel's whole footprint on a leg is lit: not where the light begins or stops.
+
+    A footprint that is cut has another mean time, by as much as the leg is steep.
+    """
+    start, step = state.vertices_mm[leg], state.vertices_mm[leg + 1] - state.vertices_mm[leg]
+    margin = _TIP_PX / print_.px_per_leg
+    clear = np.ones(len(print_.fraction), dtype=bool)
+    if leg == 0 and tips[0] is not None:
+        clear &= print_.fraction > (tips[0] - start) @ step / (step @ step) + margin
+    if leg == state.n_legs - 1 and tips[1] is not None:
+        clear &= print_.fraction < (tips[1] - start) @ step / (step @ step) - margin
     return clear
 
 

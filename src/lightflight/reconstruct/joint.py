@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from lightflight import flags
 from lightflight.errors import NothingFoundError
 from lightflight.reconstruct.assignment import (
+    Tips,
     assigned,
     mode_columns,
     prints_of_leg,
@@ -31,7 +33,7 @@ from lightflight.reconstruct.freedom import (
     freedom_of_path,
     view_end,
 )
-from lightflight.reconstruct.geometry import Indices, PathState
+from lightflight.reconstruct.geometry import Indices, PathState, footprints
 from lightflight.reconstruct.least_squares import (
     LineDataInPicture,
     Solution,
@@ -58,6 +60,14 @@ _PASSES = 4
 """Most rounds of picture and path; the second often agrees with the last to a tenth of an error."""
 _STILL = 0.03
 """A round that moves nothing by more than this, in its own errors, was the last."""
+_DARK_PX = 1.6
+"""Light that ends farther than this from the picture's edge ends in the picture, px."""
+_OUTER_PX = 1.6
+"""Pulses this near to the outermost of an end are judged together, px."""
+_FEW_INNER = 6
+"""An end is judged only by a path that rests on at least so many other pulses of its leg."""
+_FALSE_CUT = 1e-4
+"""Chance that an end which is whole is taken for cut."""
 _OUTLIER = 5.0
 """A pulse this many standard errors from the path takes no part."""
 
@@ -70,6 +80,8 @@ class Ends:
     """(3, 2), at the entry into view (used where the source is unknown)."""
     end_basis: Floats
     """(3, 2), at the exit from view."""
+    tips: Tips = (None, None)
+    """Where the light begins and stops within the picture; None: it crosses the edge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,8 +144,10 @@ def fit_joint(
         for k, leg in enumerate(legs):
             members[leg.members] = k
     floor, result = 0.0, None
+    cut: Tips = (None, None)
     for passed in range(_PASSES):
         state, ends = with_ends(state, clock, seen, std)
+        tips = _either(cut, ends.tips)
         pictures = tuple(
             measure_picture(
                 state, o, camera=seen.cameras[o.view], medium=setting.medium, std_ps=std
@@ -142,7 +156,14 @@ def fit_joint(
         )
         parts = [
             assigned(
-                o, state, seen.at(o.view), picture, std, floor, members if not number else None
+                o,
+                state,
+                seen.at(o.view),
+                picture,
+                std,
+                floor,
+                members if not number else None,
+                tips,
             )
             for number, (o, picture) in enumerate(zip(clock, pictures, strict=True))
         ]
@@ -168,10 +189,53 @@ def fit_joint(
             pictures=pictures,
             floor_ps=floor,
         )
-        if passed > 0 and _settled(before, solution, freedom):
+        told = sum(tip is not None for tip in cut)
+        cut = _either(cut, cut_tips(solution, times, floor, setting))
+        more = sum(tip is not None for tip in cut) > told
+        if passed > 0 and not more and _settled(before, solution, freedom):
             break
     assert result is not None
     return result
+
+
+def _either(one: Tips, other: Tips) -> Tips:
+    """Tips of `one`, and of `other` where that knows none."""
+    first, last = (a if a is not None else b for a, b in zip(one, other, strict=True))
+    return first, last
+
+
+def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Setting) -> Tips:
+    """Ends of the path whose outermost pulses disagree with it, as cut footprints do.
+
+    Where light stops within a pixel's footprint, near the picture's edge or in it, the pixel's
+    time is that of the lit part: by the leg's slope earlier, or later, than the whole one's.
+    """
+    state = solution.state
+    variance = times.photon_var + times.pixel_var + floor_ps**2
+    pulls = np.minimum(solution.residual_ps**2 / variance, _OUTLIER**2)
+    found: list[Floats | None] = [None, None]
+    for end, leg, sign in ((0, 0, -1.0), (1, state.n_legs - 1, 1.0)):
+        if end == 0 and setting.source.position_mm is not None:
+            continue
+        own = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == 0)
+        here = np.flatnonzero(own)
+        print_ = footprints(
+            state,
+            camera=solution.camera,
+            medium=setting.medium,
+            legs=np.full(len(here), leg),
+            rows=times.row[here],
+            cols=times.col[here],
+        )
+        outwards = sign * print_.fraction * print_.px_per_leg
+        outer = outwards > outwards.max(initial=-np.inf) - _OUTER_PX
+        if not outer.any() or np.count_nonzero(~outer) < _FEW_INNER:
+            continue
+        if pulls[here][outer].sum() > chi2.ppf(1.0 - _FALSE_CUT, np.count_nonzero(outer)):
+            tip = print_.fraction[int(np.argmax(outwards))]
+            start, stop = state.vertices_mm[leg : leg + 2]
+            found[end] = start + tip * (stop - start)
+    return found[0], found[1]
 
 
 def _settled(before: PathState, solution: Solution, freedom: Freedom) -> bool:
@@ -328,21 +392,24 @@ def with_ends(
 ) -> tuple[PathState, Ends]:
     """The state with its last vertex (unknown source: and its first) where it leaves the view."""
     vertices, start_time = state.vertices_mm.copy(), state.start_time_ps
-    end = _visible_end(state, state.n_legs - 1, observations, setting, std, outwards=1.0)
+    end, last_tip = _visible_end(state, state.n_legs - 1, observations, setting, std, outwards=1.0)
     if end is not None:
         vertices[-1] = end.position_mm
     entry = None
     if setting.source.position_mm is None:
-        entry = _visible_end(state, 0, observations, setting, std, outwards=-1.0)
+        entry, first_tip = _visible_end(state, 0, observations, setting, std, outwards=-1.0)
         if entry is not None:
             direction = vertices[1] - vertices[0]
             length = float(np.linalg.norm(direction))
             moved = float((entry.position_mm - vertices[0]) @ direction) / length
             vertices[0] = entry.position_mm
             start_time += moved * setting.medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
+    else:
+        first_tip = vertices[0] if bool(setting.camera.sees(vertices[0])) else None
     ends = Ends(
         _view_plane(setting.camera, vertices[0], vertices[1]) if entry is None else entry.basis,
         _view_plane(setting.camera, vertices[-1], vertices[-2]) if end is None else end.basis,
+        (first_tip, last_tip),
     )
     return PathState(vertices, float(start_time)), ends
 
@@ -355,8 +422,11 @@ def _visible_end(
     std: float,
     *,
     outwards: float,
-) -> ViewEnd | None:
-    """Where a leg leaves the picture, or where its light stops within it."""
+) -> tuple[ViewEnd | None, Floats | None]:
+    """Where a leg leaves the picture, or where its light stops within it; and the light's tip.
+
+    The tip is None where the light reaches the edge, or is too dim to tell.
+    """
     camera = setting.camera
     start, stop = state.vertices_mm[leg], state.vertices_mm[leg + 1]
     direction = (stop - start) / np.linalg.norm(stop - start)
@@ -365,7 +435,7 @@ def _visible_end(
     fraction = np.concatenate([s[0] for s in seen])
     photons = np.concatenate([s[1] for s in seen])
     if not len(fraction):
-        return None
+        return None, None
     extreme = int(np.argmax(outwards * fraction))
     inside = start + fraction[extreme] * (stop - start)
     if not bool(camera.sees(inside)):
@@ -377,13 +447,14 @@ def _visible_end(
     tip = places[extreme]
     away = np.hypot(*(places - tip).T)
     sharp = np.median(photons[away < 4.0]) > 50.0 and len(np.unique(np.rint(away[away < 6.0]))) >= 5
+    tip_mm = start + fraction[extreme] * (stop - start)
     if edge is not None:
         gap = float(np.hypot(*(np.array(camera.pixels_from_points(edge.position_mm)) - tip)))
         if gap < 4.0 or not sharp:
-            return edge
+            return edge, tip_mm if sharp and gap > _DARK_PX else None
     inner = places[np.argmin(outwards * fraction)]
     along = (tip - inner) / max(float(np.hypot(*(tip - inner))), 1e-9)
-    return end_in_picture(camera, inside, (float(-along[1]), float(along[0])))
+    return end_in_picture(camera, inside, (float(-along[1]), float(along[0]))), tip_mm
 
 
 def _footprints_of_pulses(

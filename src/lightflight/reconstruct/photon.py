@@ -17,6 +17,7 @@ from scipy.interpolate import BSpline
 from lightflight import flags
 from lightflight.errors import NothingFoundError
 from lightflight.path import Goodness, LightPath
+from lightflight.reconstruct.assignment import Tips, clear_of_tips
 from lightflight.reconstruct.forward import (
     CodeCounts,
     Layout,
@@ -136,6 +137,25 @@ def pixels_off_the_path(
     wrong = np.zeros(arrivals.shape, dtype=bool)
     wrong[arrivals.row[pulses[off]], arrivals.col[pulses[off]]] = True
     return wrong
+
+
+def pixels_at_tips(state: PathState, setting: Setting, tips: Tips) -> NDArray[np.bool_]:
+    """(rows, cols), True about and beyond the places where the light begins and stops."""
+    rows, cols = np.indices(setting.camera.shape)
+    cut = np.zeros(rows.size, dtype=bool)
+    legs = {k for k, tip in zip((0, state.n_legs - 1), tips, strict=True) if tip is not None}
+    for leg in sorted(legs):
+        print_ = footprints(
+            state,
+            camera=setting.camera,
+            medium=setting.medium,
+            legs=np.full(rows.size, leg),
+            rows=rows.ravel().astype(float),
+            cols=cols.ravel().astype(float),
+        )
+        near = np.abs(print_.lateral_px) < _REACH_PX
+        cut |= near & ~clear_of_tips(print_, leg, state, tips)
+    return cut.reshape(rows.shape)
 
 
 def light_from_picture(picture: Picture, std_ps: float) -> Light:
@@ -379,7 +399,7 @@ def photon_path(
     NothingFoundError
         Where no pixel lies near the path.
     """
-    observation = without_outliers(merged(observations), rough, std_ps)
+    whole = without_outliers(merged(observations), rough, std_ps)
     floor_ps = rough.goodness.error_floor_ps
     state = PathState(np.array(rough.vertices_mm), float(rough.vertex_times_ps[0]))
     light: Light | None = None
@@ -387,6 +407,7 @@ def photon_path(
     intrinsic = std_ps
     for _ in range(_PASSES):
         state, ends = with_ends(state, observations, setting, std_ps)
+        observation = replace(whole, blind=whole.blind | pixels_at_tips(state, setting, ends.tips))
         picture = measure_picture(
             state, observation, camera=setting.camera, medium=setting.medium, std_ps=intrinsic
         )
