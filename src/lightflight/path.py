@@ -340,11 +340,14 @@ class LightPath:
         save_path(self, path)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> LightPath:
-        """Read a path written by `save`. Raises FileFormatError for any other file."""
+    def load(cls, path: str | os.PathLike[str], *, try_newer: bool = False) -> LightPath:
+        """Read a path written by `save`. Raises FileFormatError for any other file.
+
+        `try_newer`: of a file by a newer version, read what this one knows; `statements` say so.
+        """
         from lightflight.path_file import load_path
 
-        return load_path(path)
+        return load_path(path, try_newer=try_newer)
 
 
 def extrapolated_position(vertices_mm: Floats, vertex_times_ps: Floats, times_ps: Floats) -> Floats:

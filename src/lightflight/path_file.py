@@ -54,9 +54,21 @@ class TruePath:
         self.vertex_times_ps = np.asarray(vertex_times_ps, dtype=float)
 
 
-def load_path(file: str | os.PathLike[str]) -> LightPath:
-    """Read a path written by `save_path`. Raises FileFormatError for any other file."""
-    arrays, attributes = load_record(file, kind=KIND)
+def load_path(file: str | os.PathLike[str], *, try_newer: bool = False) -> LightPath:
+    """Read a path written by `save_path`. Raises FileFormatError for any other file.
+
+    `try_newer`: of a file by a newer version, what this one knows; a statement says so.
+    """
+    try:
+        arrays, attributes = load_record(file, kind=KIND)
+    except FileFormatError as refused:
+        if not try_newer:
+            raise
+        arrays, attributes = load_record(file, kind=KIND, try_newer=True)
+        statements = attributes.get("statements", [])
+        reason = str(refused).removeprefix(f"{os.fspath(file)}: ")
+        attributes["statements"] = [f"This file {reason}; what is new in it is not shown."]
+        attributes["statements"] += statements if isinstance(statements, list) else []
     with damage_as_format_error(file):
         try:
             return _path_from_record(arrays, attributes)

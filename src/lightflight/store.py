@@ -348,7 +348,7 @@ def _json_value(value: object) -> Any:
 
 
 def load_record(
-    path: str | os.PathLike[str], *, kind: str
+    path: str | os.PathLike[str], *, kind: str, try_newer: bool = False
 ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """Read one record written by `save_record`.
 
@@ -358,6 +358,8 @@ def load_record(
         File to read.
     kind : str
         What it must hold.
+    try_newer : bool
+        Read what can be read of a file that a newer version wrote, instead of refusing it.
 
     Returns
     -------
@@ -372,7 +374,7 @@ def load_record(
         If the file is missing, empty, truncated, foreign or damaged, of another kind, or
         written by a newer version.
     """
-    with open_record(path, kind=kind) as (file, attributes):
+    with open_record(path, kind=kind, try_newer=try_newer) as (file, attributes):
         arrays = {
             name: read_array(file[name], path=path)
             for name in _array_names(file, path)
@@ -383,7 +385,7 @@ def load_record(
 
 @contextlib.contextmanager
 def open_record(
-    path: str | os.PathLike[str], *, kind: str
+    path: str | os.PathLike[str], *, kind: str, try_newer: bool = False
 ) -> Iterator[tuple[h5py.File, dict[str, Any]]]:
     """Open a record to read its arrays in parts: yields (file, attributes).
 
@@ -392,7 +394,7 @@ def open_record(
     file_path = readable_file(path)
     _check_is_hdf5(file_path, path)
     with damage_as_format_error(path), h5py.File(file_path, "r", locking="best-effort") as file:
-        _check_header(file, path, kind)
+        _check_header(file, path, kind, try_newer=try_newer)
         yield file, _attributes_from(file, path)
 
 
@@ -482,7 +484,9 @@ def _check_is_hdf5(file_path: Path, path: str | os.PathLike[str]) -> None:
         )
 
 
-def _check_header(file: h5py.File, path: str | os.PathLike[str], kind: str) -> None:
+def _check_header(
+    file: h5py.File, path: str | os.PathLike[str], kind: str, *, try_newer: bool = False
+) -> None:
     if not is_ours(file):
         raise FileFormatError(
             "is an HDF5 file, but not one of lightflight: import it with lightflight.read",
@@ -491,7 +495,7 @@ def _check_header(file: h5py.File, path: str | os.PathLike[str], kind: str) -> N
     version = _number_attribute(file, "schema_version")
     if version is None or version < 1:
         raise FileFormatError(f"has schema version {version!r}: the file is damaged", path=path)
-    if version > SCHEMA_VERSION:
+    if version > SCHEMA_VERSION and not try_newer:
         raise FileFormatError(
             f"was written by a newer lightflight (schema {version}, this one reads up to "
             f"{SCHEMA_VERSION}): upgrade lightflight",

@@ -49,17 +49,42 @@ def test_view_takes_recording_and_clock(run, lab_folder, path_file, tmp_path):
     assert payload["clock"]["reversed_codes"] is True
 
 
-@pytest.mark.parametrize("words", [("view",), ("movie",), ("export",), ("plot",)])
-def test_a_path_of_a_newer_version_is_refused_in_a_sentence(run, path_file, tmp_path, words):
+@pytest.fixture
+def newer_file(path_file, tmp_path):
+    """A path as a version of the future might write it: a schema that nobody here knows."""
     newer = tmp_path / "newer.h5"
     newer.write_bytes(path_file.read_bytes())
     with h5py.File(newer, "r+") as file:
         file.attrs["schema_version"] = 99
-    suffix = {"view": "html", "movie": "gif", "export": "csv", "plot": "png"}[words[0]]
-    done = run(*words, newer, "-o", tmp_path / f"out.{suffix}")
+        file["something_new"] = [1.0, 2.0]
+    return newer
+
+
+def test_numbers_of_a_newer_version_are_refused_in_a_sentence(run, newer_file):
+    done = run("export", newer_file, "-o", newer_file.with_suffix(".csv"))
     assert done.exit_code == 3
     assert "newer lightflight (schema 99" in done.stderr
-    assert [file.name for file in tmp_path.iterdir()] == ["newer.h5"]
+    assert [file.name for file in newer_file.parent.iterdir()] == ["newer.h5"]
+
+
+def test_the_page_of_a_newer_version_opens_and_says_so(run, newer_file):
+    pytest.importorskip("plotly")
+    page = newer_file.with_suffix(".html")
+    done = run("view", newer_file, "-o", page)
+    assert done.exit_code == 0, done.stderr
+    assert "newer lightflight (schema 99" in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("words", "suffix"),
+    [(("movie", "--pace", 9000, "--fps", 10, "--size", "320x240"), ".gif"), (("plot",), ".png")],
+)
+def test_pictures_of_a_newer_version_are_drawn(run, newer_file, words, suffix):
+    command, *options = words
+    output = newer_file.with_suffix(suffix)
+    done = run(command, newer_file, *options, "-o", output)
+    assert done.exit_code == 0, done.stderr
+    assert output.stat().st_size > 1000
 
 
 def test_a_campaign_with_a_path_of_a_newer_version_shows_the_others(run, path_file, tmp_path):

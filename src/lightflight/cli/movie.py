@@ -156,7 +156,7 @@ def _film_path(
     settings = MovieSettings(
         size_px=size_px, frames_per_second=fps, pace_ps_per_s=pace, orbit_deg=orbit
     )
-    path = LightPath.load(file)
+    path = LightPath.load(file, try_newer=True)
     if viewpoint_mm is not None:
         from lightflight.view.observation import camera_towards
 

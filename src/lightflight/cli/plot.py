@@ -122,7 +122,7 @@ def _figure_of(
             from lightflight.path import LightPath
 
             kind, known = "path", PATH_FIGURES
-            record: Any = LightPath.load(file)
+            record: Any = LightPath.load(file, try_newer=True)
         case "calibration":
             from lightflight.timing.calibration import TimingCalibration
 

@@ -133,7 +133,7 @@ def _write_one(
     from lightflight.path import LightPath
     from lightflight.view.page import write_page
 
-    path = LightPath.load(path_file)
+    path = LightPath.load(path_file, try_newer=True)
     timing = calibration_from_option(timing_path)
     recording = None if recording_path is None else read_histograms(recording_path, lab, hints)
     if viewpoint_mm is not None:
