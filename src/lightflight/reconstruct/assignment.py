@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 Tips = tuple[Floats | None, Floats | None]
-"""Where the light of a path begins and stops within the picture, mm; None: it does not."""
+"""(row, col) where the light of a path begins and stops within the picture; None: it does not.
+
+In the picture, not in space: how deep a path lies may still move a lot when its ends are known."""
 
 _REACH_PX = 2.2
 """Pulses this near to a leg can belong to it, px."""
@@ -107,7 +109,7 @@ def assigned(
         print_ = prints_of_leg(observation, state, setting, usable, k)
         near = np.abs(print_.lateral_px) < max(_REACH_PX, 3.0 * picture.spot_std_px)
         near &= _clear_of_corners(print_, k, state, None if members is None else members[usable])
-        near &= clear_of_tips(print_, k, state, tips)
+        near &= clear_of_tips(print_, k, state, tips, setting)
         correction = footprint_corrections(
             picture,
             print_,
@@ -165,19 +167,33 @@ def _clear_of_corners(
     return clear
 
 
-def clear_of_tips(print_: Footprint, leg: int, state: PathState, tips: Tips) -> NDArray[np.bool_]:
+def clear_of_tips(
+    print_: Footprint, leg: int, state: PathState, tips: Tips, setting: Setting
+) -> NDArray[np.bool_]:
     """True where a pixel's whole footprint on a leg is lit: not where the light begins or stops.
 
     A footprint that is cut has another mean time, by as much as the leg is steep.
     """
-    start, step = state.vertices_mm[leg], state.vertices_mm[leg + 1] - state.vertices_mm[leg]
     margin = _TIP_PX / print_.px_per_leg
     clear = np.ones(len(print_.fraction), dtype=bool)
     if leg == 0 and tips[0] is not None:
-        clear &= print_.fraction > (tips[0] - start) @ step / (step @ step) + margin
+        clear &= print_.fraction > _fraction_at(tips[0], leg, state, setting) + margin
     if leg == state.n_legs - 1 and tips[1] is not None:
-        clear &= print_.fraction < (tips[1] - start) @ step / (step @ step) - margin
+        clear &= print_.fraction < _fraction_at(tips[1], leg, state, setting) - margin
     return clear
+
+
+def _fraction_at(pixel: Floats, leg: int, state: PathState, setting: Setting) -> float:
+    """Fraction of a leg that a place (row, col) of the picture sees."""
+    seen = footprints(
+        state,
+        camera=setting.camera,
+        medium=setting.medium,
+        legs=np.array([leg]),
+        rows=pixel[:1],
+        cols=pixel[1:],
+    )
+    return float(seen.fraction[0])
 
 
 def _blended_pulses(

@@ -163,7 +163,7 @@ def fit_joint(
                 std,
                 floor,
                 members if not number else None,
-                tips,
+                tips if o.view == 0 else (None, None),
             )
             for number, (o, picture) in enumerate(zip(clock, pictures, strict=True))
         ]
@@ -210,8 +210,10 @@ def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Sett
     Where light stops within a pixel's footprint, near the picture's edge or in it, the pixel's
     time is that of the lit part: by the leg's slope earlier, or later, than the whole one's.
     """
+    if floor_ps > 0.0:  # errors that do not explain the middle of a leg cannot judge its ends
+        return None, None
     state = solution.state
-    variance = times.photon_var + times.pixel_var + floor_ps**2
+    variance = times.photon_var + times.pixel_var
     pulls = np.minimum(solution.residual_ps**2 / variance, _OUTLIER**2)
     found: list[Floats | None] = [None, None]
     for end, leg, sign in ((0, 0, -1.0), (1, state.n_legs - 1, 1.0)):
@@ -232,9 +234,8 @@ def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Sett
         if not outer.any() or np.count_nonzero(~outer) < _FEW_INNER:
             continue
         if pulls[here][outer].sum() > chi2.ppf(1.0 - _FALSE_CUT, np.count_nonzero(outer)):
-            tip = print_.fraction[int(np.argmax(outwards))]
-            start, stop = state.vertices_mm[leg : leg + 2]
-            found[end] = start + tip * (stop - start)
+            outermost = here[int(np.argmax(outwards))]
+            found[end] = np.array([times.row[outermost], times.col[outermost]])
     return found[0], found[1]
 
 
@@ -405,7 +406,8 @@ def with_ends(
             vertices[0] = entry.position_mm
             start_time += moved * setting.medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
     else:
-        first_tip = vertices[0] if bool(setting.camera.sees(vertices[0])) else None
+        seen = bool(setting.camera.sees(vertices[0]))
+        first_tip = np.array(setting.camera.pixels_from_points(vertices[0])) if seen else None
     ends = Ends(
         _view_plane(setting.camera, vertices[0], vertices[1]) if entry is None else entry.basis,
         _view_plane(setting.camera, vertices[-1], vertices[-2]) if end is None else end.basis,
@@ -447,14 +449,13 @@ def _visible_end(
     tip = places[extreme]
     away = np.hypot(*(places - tip).T)
     sharp = np.median(photons[away < 4.0]) > 50.0 and len(np.unique(np.rint(away[away < 6.0]))) >= 5
-    tip_mm = start + fraction[extreme] * (stop - start)
     if edge is not None:
         gap = float(np.hypot(*(np.array(camera.pixels_from_points(edge.position_mm)) - tip)))
         if gap < 4.0 or not sharp:
-            return edge, tip_mm if sharp and gap > _DARK_PX else None
+            return edge, tip if sharp and gap > _DARK_PX else None
     inner = places[np.argmin(outwards * fraction)]
     along = (tip - inner) / max(float(np.hypot(*(tip - inner))), 1e-9)
-    return end_in_picture(camera, inside, (float(-along[1]), float(along[0]))), tip_mm
+    return end_in_picture(camera, inside, (float(-along[1]), float(along[0]))), tip
 
 
 def _footprints_of_pulses(

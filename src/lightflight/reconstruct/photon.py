@@ -154,7 +154,7 @@ def pixels_at_tips(state: PathState, setting: Setting, tips: Tips) -> NDArray[np
             cols=cols.ravel().astype(float),
         )
         near = np.abs(print_.lateral_px) < _REACH_PX
-        cut |= near & ~clear_of_tips(print_, leg, state, tips)
+        cut |= near & ~clear_of_tips(print_, leg, state, tips, setting)
     return cut.reshape(rows.shape)
 
 
