@@ -39,6 +39,20 @@ def rotation_from_vector(rotation_vector: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(np.eye(3) + sine * cross + versine * (cross @ cross))
 
 
+def pose_towards(position_mm: ArrayLike, forward: ArrayLike, up: ArrayLike) -> NDArray[np.float64]:
+    """Pose (4, 4) at a place, looking along the unit vector `forward`, the picture's top `up`.
+
+    `up` (3,) need not be square to `forward`, but must not lie along it.
+    """
+    ahead = np.asarray(forward, dtype=np.float64)
+    right = np.cross(ahead, np.asarray(up, dtype=np.float64))
+    right = right / np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack((right, np.cross(ahead, right), ahead))
+    pose[:3, 3] = position_mm
+    return pose
+
+
 def _read_only(values: ArrayLike) -> NDArray[np.float64]:
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
@@ -239,11 +253,7 @@ class Camera:
         up = np.array([0.0, 1.0, 0.0])
         if abs(forward[1]) > 1 - 1e-9:  # straight up or down: the top of the picture is -z
             up = np.array([0.0, 0.0, -1.0])
-        right = np.cross(forward, up)
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.column_stack((right, np.cross(forward, right), forward))
-        pose[:3, 3] = position
+        pose = pose_towards(position, forward, up)
         matrix = np.diag([focal_length_px, focal_length_px, 1.0])
         matrix[:2, 2] = (cols - 1) / 2.0, (rows - 1) / 2.0
         return cls(matrix, np.empty(0), pose, (rows, cols))

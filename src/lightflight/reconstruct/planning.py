@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightflight.camera import Camera
+from lightflight.camera import Camera, pose_towards
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, arrival_time_from_viewing_angle
 from lightflight.path import LightPath
@@ -166,15 +166,12 @@ def moved_to(camera: Camera, position_mm: ArrayLike, target_mm: ArrayLike) -> Ca
     if distance < 1e-6:
         raise GeometryError("the camera stands in the middle of the path: move it away")
     forward = forward / distance
-    # The horizon stays level: the new right is square to the old down.
-    axes = camera.world_from_camera[:3, :3]
-    right = np.cross(axes[:, 1], forward)
-    if np.linalg.norm(right) < 1e-3:
-        right = axes[:, 0] - (axes[:, 0] @ forward) * forward
-    right = right / np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.column_stack((right, np.cross(forward, right), forward))
-    pose[:3, 3] = position
+    # The horizon stays level; looking straight up or down, the old right stays right.
+    right, down, _ = camera.world_from_camera[:3, :3].T
+    up = -down
+    if np.linalg.norm(np.cross(up, forward)) < 1e-3:
+        up = np.cross(right, forward)
+    pose = pose_towards(position, forward, up)
     return replace(camera, world_from_camera=pose, pose_covariance=None)
 
 
@@ -289,7 +286,8 @@ def _placement(
     def at(photons: float) -> Bounds:
         return bounds(subject, camera=camera, photons_per_pixel=photons, **conditions)
 
-    photons = _photons_for(at, wanted)
+    brightest = at(_MOST)
+    photons = _photons_for(at, wanted, brightest)
     rate = None if rate_hz is None else rate_hz * light / light_here
     return Placement(
         name=name,
@@ -300,7 +298,7 @@ def _placement(
         ),
         photons_per_pixel=photons,
         seconds=float("nan") if rate is None else photons / rate,
-        floor_mm=at(_MOST).position_rms_mm,
+        floor_mm=brightest.position_rms_mm,
     )
 
 
@@ -313,11 +311,11 @@ def _falls_short(found: Bounds, wanted: Mapping[str, float]) -> bool:
     return any(not reached[name] <= value for name, value in wanted.items())
 
 
-def _photons_for(at: Any, wanted: Mapping[str, float]) -> float:
+def _photons_for(at: Any, wanted: Mapping[str, float], brightest: Bounds) -> float:
     """Least light for the wanted errors, to 1 %: the bound falls steadily as light grows."""
     if not wanted:
         return float("nan")
-    if _falls_short(at(_MOST), wanted):
+    if _falls_short(brightest, wanted):
         return float("inf")
     low, high = np.log(_LEAST), np.log(_MOST)
     while high - low > 0.01:

@@ -27,7 +27,9 @@ def rendered_set_up(
     middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     size = float(np.ptp(vertices, axis=0).max())
     place = middle + size * np.array([-0.30, 0.62, 1.35])
-    camera = _camera_looking_at(place, middle, shape, focal_px=1.15 * shape[1])
+    camera = Camera.looking_at(
+        middle, position_mm=place, focal_length_px=1.15 * shape[1], shape=shape
+    )
     table = float(vertices[:, 1].min() - 0.12 * size)
     boxes = [_laser_box(vertices, size), *(_mirror_box(v, size) for v in vertices[1:-1])]
     rows, cols = np.indices(shape)
@@ -43,22 +45,6 @@ def rendered_set_up(
         depth = np.minimum(depth, hit)
     picture = np.clip(255.0 * color, 0, 255).reshape(*shape, 3).astype(np.uint8)
     return picture, camera
-
-
-def _camera_looking_at(
-    place: Floats, target: Floats, shape: tuple[int, int], *, focal_px: float
-) -> Camera:
-    forward = (target - place) / np.linalg.norm(target - place)
-    right = np.cross(forward, (0.0, 1.0, 0.0))
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.column_stack([right, np.cross(forward, right), forward])
-    pose[:3, 3] = place
-    rows, cols = shape
-    matrix = np.array(
-        [[focal_px, 0.0, 0.5 * (cols - 1)], [0.0, focal_px, 0.5 * (rows - 1)], [0.0, 0.0, 1.0]]
-    )
-    return Camera(matrix, np.zeros(0), pose, shape)
 
 
 def _table_color(place: Floats, rays: Floats, table: float) -> Floats:
