@@ -5,6 +5,7 @@ Takes a Plan (`reconstruct.planning`), gives Axes or a Figure.
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ def draw_error_against_light(plan: Any, ax: Axes | None = None) -> Axes:
     """
     ax = style.axes_or_new(ax, 90, 70) if ax is None else ax
     light = np.geomspace(10.0, 1e7, 120)
-    for place, colour in zip(plan.placements, _COLOURS, strict=False):
+    for place, colour in zip(plan.placements, cycle(_COLOURS), strict=False):
         here = place.bounds
         photon_share = max(here.position_rms_mm**2 - place.floor_mm**2, 0.0)
         error = np.sqrt(
@@ -52,7 +53,7 @@ def draw_error_against_light(plan: Any, ax: Axes | None = None) -> Axes:
 def draw_angle_sensitivity(plan: Any, ax: Axes | None = None) -> Axes:
     """Error of each leg's angle per ps of error in each pixel, against the leg's angle."""
     ax = style.axes_or_new(ax, 90, 70) if ax is None else ax
-    for place, colour in zip(plan.placements, _COLOURS, strict=False):
+    for place, colour in zip(plan.placements, cycle(_COLOURS), strict=False):
         angles = [leg.angle_deg for leg in place.bounds.path.legs]
         ax.semilogy(angles, place.angle_deg_per_ps, "o", color=colour, label=place.name)
     low, high = ax.get_ylim()
