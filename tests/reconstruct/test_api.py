@@ -18,7 +18,7 @@ from lightflight.errors import (
     UncalibratedWarning,
 )
 from lightflight.reconstruct.api import METHODS, earliest_arrival_ps
-from lightflight.reconstruct.joint import Setting
+from lightflight.reconstruct.setting import Setting
 from tests.labs import lab_of, one_leg, three_legs
 
 

@@ -11,7 +11,7 @@ from lightflight.camera import Camera
 from lightflight.flight import Medium, Source
 from lightflight.reconstruct.freedom import Freedom, freedom_of_path
 from lightflight.reconstruct.geometry import PathState, footprints, overshoots
-from lightflight.reconstruct.joint import Setting, freedom_at
+from lightflight.reconstruct.joint import freedom_at
 from lightflight.reconstruct.least_squares import (
     LineDataInPicture,
     Solution,
@@ -20,6 +20,7 @@ from lightflight.reconstruct.least_squares import (
     solve,
 )
 from lightflight.reconstruct.legs import mean_focal_px
+from lightflight.reconstruct.setting import Setting
 from tests.path_fakes import PAPER_VERTICES
 from tests.reconstruct.fakes import PAPER, camera_like, path_in_view
 

@@ -19,10 +19,10 @@ from lightflight.flight import (
 )
 from lightflight.histogram import Histograms
 from lightflight.path_error import path_error
-from lightflight.reconstruct.joint import Setting
 from lightflight.reconstruct.legs import find_legs
 from lightflight.reconstruct.observation import Observation
 from lightflight.reconstruct.paper import angles_from_arrivals, paper_path, projection_of_leg
+from lightflight.reconstruct.setting import Setting
 from lightflight.timing.arrivals import Arrivals
 from tests.path_fakes import PAPER_VERTICES, truth_of
 from tests.reconstruct.fakes import PAPER, arrivals_of

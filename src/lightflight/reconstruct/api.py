@@ -23,7 +23,7 @@ from lightflight.path import RESIDUAL_DTYPE, LightPath
 from lightflight.reconstruct.bend import bend_significance
 from lightflight.reconstruct.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.geometry import PathState
-from lightflight.reconstruct.joint import JointFit, Setting, fit_joint, pulse_std_ps
+from lightflight.reconstruct.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.legs import (
     ImageLeg,
     find_legs,
@@ -32,6 +32,7 @@ from lightflight.reconstruct.legs import (
 from lightflight.reconstruct.observation import Observation, blind_pixels
 from lightflight.reconstruct.result import on_first_lap, path_from_fit
 from lightflight.reconstruct.revise import fit_from_legs, revised, with_n_legs
+from lightflight.reconstruct.setting import Setting
 from lightflight.reconstruct.statements import statements_from_covariance
 from lightflight.timing.arrivals import find_arrivals
 from lightflight.timing.calibration import ASSUMED_GAIN_STD, TimingCalibration
@@ -110,9 +111,10 @@ def reconstruct(
     medium = Medium() if medium is None else medium
     several = isinstance(camera, Sequence)
     cameras, clocks = _views(camera, timing, repeats, method)
+    of_camera = [[one] for one in repeats] if several else [repeats]
     views = [
-        checked_call([one] if several else repeats, view, source, method, n_legs, exclude_mask)
-        for one, view in zip(repeats, cameras, strict=False)
+        checked_call(own, view, source, method, n_legs, exclude_mask)
+        for own, view in zip(of_camera, cameras, strict=True)
     ]
     setting = Setting(
         views[0], source, medium, checked_waypoints(waypoints, n_legs), tuple(views[1:])
@@ -338,8 +340,6 @@ def checked_call(
     """Everything that can be wrong with a call, before any work."""
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
-    if not repeats:
-        raise ValueError("hist is an empty list: give at least one recording")
     if n_legs is not None and (n_legs != int(n_legs) or n_legs < 1):
         raise ValueError(f"n_legs must be a whole number of at least 1, got {n_legs}")
     for one in repeats:
@@ -413,25 +413,23 @@ def observe(
 
 
 def _check_period(hist: Histograms, arrivals: Arrivals) -> None:
-    """Notice a laser period that cannot be right: shorter than the pulses, or than the codes."""
+    """Ask about a laser period that the codes go far beyond.
+
+    One that the pulses fill is refused where they are fitted (`timing._pulse_checks`).
+    """
     period_ps = hist.laser_period_ps
     if period_ps is None or hist.bin_width_ps is None:
         return
-    widths = arrivals.std_ps[np.isfinite(arrivals.std_ps)]
-    if len(widths) and period_ps < 6.0 * float(np.median(widths)):
-        raise CalibrationError(
-            f"the laser period of {period_ps:g} ps is shorter than the pulses need (std "
-            f"{float(np.median(widths)):.0f} ps): check laser_period_ps and bin_width_ps"
-        )
     covered = hist.n_codes * hist.bin_width_ps / period_ps
-    if covered > _MOST_PERIODS:
-        doubt = (
-            f"the codes cover {covered:.1f} laser periods of {period_ps:g} ps: check "
-            "laser_period_ps and bin_width_ps"
-        )
-        if not flags.is_usable(arrivals.flags).any():
-            raise CalibrationError(f"no pixel shows a pulse, and {doubt}")
-        warnings.warn(doubt, SuspectDataWarning, stacklevel=4)
+    if covered <= _MOST_PERIODS:
+        return
+    doubt = (
+        f"the codes cover {covered:.1f} laser periods of {period_ps:g} ps: check "
+        "laser_period_ps and bin_width_ps"
+    )
+    if not flags.is_usable(arrivals.flags).any():
+        raise CalibrationError(f"no pixel shows a pulse, and {doubt}")
+    warnings.warn(doubt, SuspectDataWarning, stacklevel=4)
 
 
 def clock_or_nominal(hist: Histograms, timing: TimingCalibration | None) -> TimingCalibration:

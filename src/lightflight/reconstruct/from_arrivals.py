@@ -16,8 +16,8 @@ from lightflight.reconstruct.api import (
     unwrapped_observation,
 )
 from lightflight.reconstruct.freedom import Waypoint, checked_waypoints
-from lightflight.reconstruct.joint import Setting
 from lightflight.reconstruct.observation import Observation
+from lightflight.reconstruct.setting import Setting
 
 if TYPE_CHECKING:
     from lightflight.camera import Camera

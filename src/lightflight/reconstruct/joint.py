@@ -48,7 +48,7 @@ from lightflight.reconstruct.picture import (
     lines_from_picture,
     measure_picture,
 )
-from lightflight.reconstruct.setting import Setting as Setting
+from lightflight.reconstruct.setting import Setting
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:

@@ -29,10 +29,10 @@ from lightflight.flight import Medium, point_from_arrival, return_time_from_poin
 from lightflight.path import RESIDUAL_DTYPE, Goodness, LightPath
 from lightflight.reconstruct.freedom import view_end
 from lightflight.reconstruct.geometry import PathState, vertex_time_jacobian
-from lightflight.reconstruct.joint import Setting
 from lightflight.reconstruct.legs import ImageLeg, mean_focal_px, undistorted_px
 from lightflight.reconstruct.observation import Observation
 from lightflight.reconstruct.result import prior_in_words
+from lightflight.reconstruct.setting import Setting
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:

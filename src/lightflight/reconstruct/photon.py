@@ -32,12 +32,13 @@ from lightflight.reconstruct.forward import (
 )
 from lightflight.reconstruct.freedom import Freedom, state_vector
 from lightflight.reconstruct.geometry import PathState, footprints, vertex_time_jacobian
-from lightflight.reconstruct.joint import Setting, freedom_at, with_ends
+from lightflight.reconstruct.joint import freedom_at, with_ends
 from lightflight.reconstruct.lateral import KNOT_SPACING_PX
 from lightflight.reconstruct.legs import undistorted_px
 from lightflight.reconstruct.observation import Observation, pixel_counts
 from lightflight.reconstruct.picture import Picture, measure_picture
 from lightflight.reconstruct.result import prior_in_words
+from lightflight.reconstruct.setting import Setting
 
 Floats = NDArray[np.float64]
 

@@ -12,8 +12,9 @@ from lightflight import flags
 from lightflight.flight import Source
 from lightflight.path import RESIDUAL_DTYPE, Goodness, LightPath
 from lightflight.reconstruct.geometry import footprints, vertex_time_jacobian
-from lightflight.reconstruct.joint import JointFit, Setting
+from lightflight.reconstruct.joint import JointFit
 from lightflight.reconstruct.observation import Observation
+from lightflight.reconstruct.setting import Setting
 
 Floats = NDArray[np.float64]
 

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.geometry import PathState, footprints
-from lightflight.reconstruct.joint import JointFit, Setting, fit_joint, freedom_at
+from lightflight.reconstruct.joint import JointFit, fit_joint, freedom_at
 from lightflight.reconstruct.least_squares import Solution, solve
 from lightflight.reconstruct.legs import ImageLeg, undistorted_px
 from lightflight.reconstruct.observation import Observation
+from lightflight.reconstruct.setting import Setting
 from lightflight.reconstruct.start import state_from_legs
 
 Floats = NDArray[np.float64]

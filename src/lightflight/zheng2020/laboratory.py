@@ -19,7 +19,6 @@ from lightflight.flight import Source
 from lightflight.histogram import Histograms
 from lightflight.path import LightPath
 from lightflight.reconstruct.api import observe
-from lightflight.reconstruct.joint import Setting
 from lightflight.reconstruct.legs import find_legs
 from lightflight.reconstruct.observation import Observation
 from lightflight.reconstruct.paper import (
@@ -29,6 +28,7 @@ from lightflight.reconstruct.paper import (
     plane_axes,
     projection_of_leg,
 )
+from lightflight.reconstruct.setting import Setting
 from lightflight.simulate import Scene, simulate
 from lightflight.simulate.presets import angle_scene, paper_scene, pf32
 from lightflight.timing.calibration import TimingCalibration, calibrate_timing
