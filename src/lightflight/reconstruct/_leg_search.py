@@ -23,6 +23,8 @@ _SAGITTA_PX = 0.5
 """Light that runs this far off its chord is on a bend, px."""
 _MEMBER_PX = 1.7
 """Pulses this near to a leg's line carry its place and times, px."""
+_BLOCK = 1_000_000
+"""Numbers in one array of lines by pulses."""
 
 
 @dataclass(frozen=True)
@@ -156,17 +158,15 @@ def _best_line_of_ridge(
 ) -> NDArray[np.bool_] | None:
     rng = np.random.default_rng(settings.seed)
     tolerance = time_tolerance(errors, settings)
+    pairs = _pairs(points, settings, rng)
+    most = _positions_on_lines(points, pairs, settings.lateral_px)
     best_score, best_members = settings.min_pixels - 0.5, None
-    for i, j in _pairs(points, times, settings, rng):
-        step = points[j] - points[i]
-        length = float(np.hypot(*step))
-        direction = step / length
-        offset = points - points[i]
-        s = offset @ direction
-        lateral = np.abs(offset[:, 0] * direction[1] - offset[:, 1] * direction[0])
-        near = np.flatnonzero(lateral < settings.lateral_px)
-        if distinct_positions(s[near]) <= best_score:
-            continue
+    # Lines with the most positions first: times can only take some away.
+    for k in np.argsort(-most, kind="stable"):
+        if most[k] <= best_score:
+            break
+        i, j = pairs[k]
+        s, near = _along_line(points, i, j, settings.lateral_px)
         score, members = _best_parabola(
             s, times, tolerance, near, (i, j), settings, rng, best_score
         )
@@ -175,20 +175,55 @@ def _best_line_of_ridge(
     return best_members
 
 
-def _pairs(
-    points: Floats, times: Floats, settings: SearchSettings, rng: np.random.Generator
-) -> list[tuple[int, int]]:
-    """Pairs of pulses 2 to 16 px apart, drawn evenly over the pulses."""
-    n = len(points)
-    pairs = []
-    for k in range(settings.n_pairs):
-        i = int(rng.integers(n))
-        reach = (5.0, 9.0, 16.0)[k % 3]
-        distance = np.hypot(*(points - points[i]).T)
-        ring = np.flatnonzero((distance > 1.9) & (distance < reach))
-        if len(ring):
-            pairs.append((i, int(rng.choice(ring))))
-    return pairs
+def _pairs(points: Floats, settings: SearchSettings, rng: np.random.Generator) -> Indices:
+    """Pairs (k, 2) of pulses 2 to 16 px apart, drawn evenly over the pulses."""
+    first = rng.integers(len(points), size=settings.n_pairs)
+    reach = np.array([5.0, 9.0, 16.0])[np.arange(settings.n_pairs) % 3]
+    second = np.full(settings.n_pairs, -1)
+    for some in _blocks(settings.n_pairs, len(points)):
+        offset = points[np.newaxis] - points[first[some], np.newaxis]
+        distance = np.hypot(offset[..., 0], offset[..., 1])
+        ring = (distance > 1.9) & (distance < reach[some, np.newaxis])
+        count = np.cumsum(ring, axis=1)
+        wanted = 1 + (rng.random(len(count)) * count[:, -1]).astype(np.intp)
+        # The first place where so many have been passed; a ring without any has none.
+        found = np.argmax(count >= wanted[:, np.newaxis], axis=1)
+        second[some] = np.where(count[:, -1] > 0, found, -1)
+    drawn = second >= 0
+    return np.column_stack((first[drawn], second[drawn]))
+
+
+def _blocks(n_rows: int, row_length: int) -> list[slice]:
+    """Rows in pieces whose (rows, row_length) arrays stay small."""
+    step = max(1, _BLOCK // max(row_length, 1))
+    return [slice(k, min(k + step, n_rows)) for k in range(0, n_rows, step)]
+
+
+def _positions_on_lines(points: Floats, pairs: Indices, lateral_px: float) -> Indices:
+    """How many distinct positions lie on the line through each pair; (k,)."""
+    most = np.zeros(len(pairs), dtype=np.intp)
+    for some in _blocks(len(pairs), len(points)):
+        start, end = points[pairs[some, 0]], points[pairs[some, 1]]
+        direction = (end - start) / np.linalg.norm(end - start, axis=1)[:, np.newaxis]
+        normal = np.column_stack((direction[:, 1], -direction[:, 0]))
+        near = np.abs(normal @ points.T - np.sum(normal * start, axis=1)[:, np.newaxis])
+        line, point = np.nonzero(near < lateral_px)
+        s = np.sum(points[point] * direction[line], axis=1)
+        lowest = np.full(len(start), np.inf)
+        np.minimum.at(lowest, line, s)
+        place = np.rint(s - lowest[line]).astype(np.intp)
+        seen = np.zeros((len(start), place.max(initial=0) + 1), dtype=bool)
+        seen[line, place] = True
+        most[some] = seen.sum(axis=1)
+    return most
+
+
+def _along_line(points: Floats, i: int, j: int, lateral_px: float) -> tuple[Floats, Indices]:
+    """Position of all points along the line from i to j, and which lie on it."""
+    direction = (points[j] - points[i]) / float(np.hypot(*(points[j] - points[i])))
+    offset = points - points[i]
+    lateral = np.abs(offset[:, 0] * direction[1] - offset[:, 1] * direction[0])
+    return offset @ direction, np.flatnonzero(lateral < lateral_px)
 
 
 def _best_parabola(

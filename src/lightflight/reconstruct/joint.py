@@ -70,6 +70,8 @@ _FALSE_CUT = 1e-4
 """Chance that an end which is whole is taken for cut."""
 _OUTLIER = 5.0
 """A pulse this many standard errors from the path takes no part."""
+_ROUGH_OUTLIER = 8.0
+"""The same while the path is rough."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,7 +310,7 @@ def _rough_fit(
         np.repeat(np.arange(len(legs)), 2), anchors, np.eye(2 * len(legs)) / 0.3
     )
     floor_var = 3.0**2
-    for cut in (np.inf, 30.0, 8.0):
+    for _ in range(3):
         solution = solve(
             state,
             times,
@@ -320,8 +322,11 @@ def _rough_fit(
         )
         state = solution.state
         spread = 1.4826 * float(np.median(np.abs(solution.residual_ps)))
+        before, floor_before = times, floor_var
         floor_var = max(floor_var, spread**2)
-        times = reweighted(times, solution, floor_var=floor_var, cut=min(cut, 8.0))
+        times = reweighted(times, solution, floor_var=floor_var, cut=_ROUGH_OUTLIER)
+        if floor_var == floor_before and np.array_equal(times.weight, before.weight):
+            break
     return solution
 
 

@@ -8,15 +8,13 @@ leg, one knot every three pixels; across the leg the counts follow the spot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
-from itertools import accumulate
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
-from scipy.sparse import csr_array
+from scipy.linalg import block_diag
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -93,34 +91,41 @@ def _knots(low: float, high: float) -> Floats:
     return np.concatenate((np.full(3, low), inner, np.full(3, high)))
 
 
-def _design(along: Floats, knots: Floats) -> Floats:
-    inside = np.clip(along, knots[3], knots[-4])
-    matrix: Floats = BSpline.design_matrix(inside, knots, 3).toarray()
-    return matrix
-
-
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class _Problem:
-    """Data of all legs, stacked; parameters: spline of each leg, two offsets each, log spot."""
+    """Data of all legs in one stack; parameters: spline of each leg, two offsets each, log spot.
 
-    data: list[LineData]
+    Each pixel is touched by seven of them alone: four of the cubic spline, its leg's two offsets,
+    and the spot.
+    """
+
+    data: LineData
+    """(n,) each, leg after leg."""
+    pixels: list[slice]
+    """Where each leg's pixels stand in `data`."""
+    starts: list[int]
+    """Where each leg's parameters start; last, where the spot's stands."""
     knots: list[Floats]
-    basis: list[Floats]
-    sparse: list[Any]
-    """`basis`, as a sparse array."""
-    lever: list[Floats]
+    """Knots of each leg's log-strength, px along it."""
     anchors: list[Floats]
+    """(2,) each, where along the leg its two offsets are taken, px."""
+    columns: Indices
+    """(n, 7), the parameters that touch each pixel."""
+    basis: Floats
+    """(n, 4), values of the splines."""
+    lever: Floats
+    """(n, 2), share of the leg's offsets."""
+    precision: Floats
+    """(p, p), of the priors, about zero but for the spot's."""
 
     @cached_property
-    def starts(self) -> list[int]:
-        """Where each leg's parameters start; last, where the spot's stands."""
-        return [0, *accumulate(basis.shape[1] + 2 for basis in self.basis)]
-
-    @cached_property
-    def bends(self) -> list[Floats]:
-        """Second differences of each spline's coefficients, times their weak prior."""
-        sizes = [basis.shape[1] for basis in self.basis]
-        return [0.05 * np.diff(np.eye(n), 2, axis=0) if n > 2 else np.zeros((0, n)) for n in sizes]
+    def cells(self) -> Indices:
+        """(49 n,), places in the flattened information of each pixel's products."""
+        size = self.starts[-1] + 1
+        cells: Indices = (
+            self.columns[:, :, np.newaxis] * size + self.columns[:, np.newaxis]
+        ).ravel()
+        return cells
 
 
 def fit_lines(data: list[LineData]) -> list[LineFit]:
@@ -130,20 +135,23 @@ def fit_lines(data: list[LineData]) -> list[LineFit]:
     more than chance allows are left out after a first pass.
     """
     problem = _problem(data)
-    weights = [np.ones(len(d.photons)) for d in data]
-    parameters = _first_guess(problem)
-    parameters = _scored(problem, parameters, weights)
-    for k, d in enumerate(data):
-        mean, _ = _model(problem, parameters, k)
-        scaled = (d.photons - mean) / np.sqrt(np.maximum(mean, 0.3) + d.empty_variance)
-        spread = max(1.0, 1.4826 * float(np.median(np.abs(scaled))))
-        weights[k] = (np.abs(scaled) < 6.0 * spread).astype(float)
+    stacked = problem.data
+    parameters = _scored(problem, _first_guess(problem), np.ones(len(stacked.photons)))
+    mean, _ = _model(problem, parameters)
+    scaled = np.abs(stacked.photons - mean)
+    scaled /= np.sqrt(np.maximum(mean, 0.3) + stacked.empty_variance)
+    weights = np.empty(len(scaled))
+    for here in problem.pixels:
+        spread = max(1.0, 1.4826 * float(np.median(scaled[here])))
+        weights[here] = scaled[here] < 6.0 * spread
     parameters = _scored(problem, parameters, weights)
     return _results(problem, parameters, weights)
 
 
 def _problem(data: list[LineData]) -> _Problem:
-    knots, basis, lever, anchors = [], [], [], []
+    pixels: list[slice] = []
+    starts, knots, anchors = [0], [], []
+    columns, bases, levers, stiff = [], [], [], []
     for d in data:
         lit = d.along_px[d.photons > 3.0 * np.sqrt(d.empty_variance + 1.0)]
         lit = lit if len(lit) > 1 else d.along_px
@@ -151,101 +159,119 @@ def _problem(data: list[LineData]) -> _Problem:
         knot = _knots(low, high)
         anchor = np.array([low + 0.2 * (high - low), high - 0.2 * (high - low)])
         share = (d.along_px - anchor[0]) / (anchor[1] - anchor[0])
+        n, n_spline = len(d.photons), len(knot) - 4
+        splines = BSpline.design_matrix(np.clip(d.along_px, low, high), knot, 3)
+        offsets = np.tile(n_spline + np.arange(2), (n, 1))
+        columns.append(starts[-1] + np.hstack((splines.indices.reshape(n, 4), offsets)))
+        bases.append(splines.data.reshape(n, 4))
+        levers.append(np.column_stack((1 - share, share)))
+        stiff.append(_leg_precision(n_spline))
         knots.append(knot)
-        basis.append(_design(d.along_px, knot))
-        lever.append(np.column_stack((1 - share, share)))
         anchors.append(anchor)
-    return _Problem(data, knots, basis, [csr_array(b) for b in basis], lever, anchors)
+        first = pixels[-1].stop if pixels else 0
+        pixels.append(slice(first, first + n))
+        starts.append(starts[-1] + n_spline + 2)
+    touched = np.vstack(columns)
+    return _Problem(
+        data=LineData(
+            *(np.concatenate([getattr(d, name.name) for d in data]) for name in fields(LineData))
+        ),
+        pixels=pixels,
+        starts=starts,
+        knots=knots,
+        anchors=anchors,
+        columns=np.column_stack((touched, np.full(len(touched), starts[-1]))),
+        basis=np.vstack(bases),
+        lever=np.vstack(levers),
+        precision=block_diag(*stiff, np.full((1, 1), _SPOT_PRIOR[1] ** -2.0)),
+    )
+
+
+def _leg_precision(n_spline: int) -> Floats:
+    """Precision (n + 2, n + 2) of the priors on one leg's strength and offsets.
+
+    A dark stretch leaves its strength undefined: it is held weakly to its neighbours.
+    """
+    bend = 0.05 * np.diff(np.eye(n_spline), 2, axis=0)
+    return block_diag(bend.T @ bend, np.eye(2) / _OFFSET_PRIOR_PX**2)
 
 
 def _first_guess(problem: _Problem) -> Floats:
     parameters = np.zeros(problem.starts[-1] + 1)
     parameters[-1] = _SPOT_PRIOR[0]
-    for k, d in enumerate(problem.data):
+    for k, here in enumerate(problem.pixels):
+        along, across = problem.data.along_px[here], problem.data.across_px[here]
+        photons = problem.data.photons[here]
         low, high = problem.knots[k][3], problem.knots[k][-4]
-        bins = np.clip(((d.along_px - low) // 1.5).astype(int), 0, None)
+        bins = np.clip(((along - low) // 1.5).astype(int), 0, None)
         brightest = np.zeros(bins.max() + 1)
-        np.maximum.at(brightest, bins, np.maximum(d.photons, 0.3))
+        np.maximum.at(brightest, bins, np.maximum(photons, 0.3))
         target = np.log(brightest[bins])
-        on_line = np.abs(d.across_px) < 1.0
-        basis = problem.basis[k][on_line]
+        on_line = np.abs(across) < 1.0
+        basis = _of_leg(problem, k, problem.basis)[on_line, :-3]
         ridge = 1e-3 * np.eye(basis.shape[1])
-        start = problem.starts[k]
-        parameters[start : start + basis.shape[1]] = np.linalg.solve(
+        offsets = problem.starts[k + 1] - 2
+        parameters[problem.starts[k] : offsets] = np.linalg.solve(
             basis.T @ basis + ridge, basis.T @ target[on_line]
         )
-        inside = (d.along_px > low) & (d.along_px < high)
-        weight = np.maximum(d.photons, 0.0) * inside
+        weight = np.maximum(photons, 0.0) * ((along > low) & (along < high))
         if weight.sum() > 0:
-            lever = problem.lever[k]
+            lever = problem.lever[here]
             normal = lever.T @ (weight[:, np.newaxis] * lever) + 1e-6 * np.eye(2)
-            parameters[start + basis.shape[1] : start + basis.shape[1] + 2] = np.linalg.solve(
-                normal, lever.T @ (weight * d.across_px)
-            )
+            parameters[offsets : offsets + 2] = np.linalg.solve(normal, lever.T @ (weight * across))
     return parameters
 
 
-def _model(problem: _Problem, parameters: Floats, k: int) -> tuple[Floats, Floats]:
-    """Expected photons of leg k's pixels (n,), d ln(expected) / d(parameters of leg and spot)."""
+def _of_leg(problem: _Problem, k: int, values: Floats) -> Floats:
+    """Values (n, up to 7) by pixel, spread over leg k's parameters and the spot: (n_k, p_k + 1)."""
+    here = problem.pixels[k]
     start, stop = problem.starts[k], problem.starts[k + 1]
-    own = parameters[start:stop]
-    basis, lever = problem.basis[k], problem.lever[k]
+    columns = np.minimum(problem.columns[here, : values.shape[1]], stop) - start
+    spread = np.zeros((len(columns), stop - start + 1))
+    np.put_along_axis(spread, columns, values[here], axis=1)
+    return spread
+
+
+def _model(problem: _Problem, parameters: Floats) -> tuple[Floats, Floats]:
+    """Expected photons (n,), and (n, 7): d ln(expected) / d(the parameters that touch each)."""
+    own = parameters[problem.columns]
     spot = np.exp(parameters[-1])
-    u = (problem.data[k].across_px - lever @ own[-2:]) / spot
-    log_mean = basis @ own[:-2] - 0.5 * u**2
-    gradient = np.column_stack((basis, (u / spot)[:, np.newaxis] * lever, u**2))
+    u = (problem.data.across_px - np.sum(problem.lever * own[:, 4:6], axis=1)) / spot
+    log_mean = np.sum(problem.basis * own[:, :4], axis=1) - 0.5 * u**2
+    gradient = np.column_stack((problem.basis, (u / spot)[:, np.newaxis] * problem.lever, u**2))
     return np.exp(np.clip(log_mean, -60, 40)), gradient
 
 
-def _normal(problem: _Problem, k: int, gradient: Floats, weight: Floats) -> Floats:
-    """gradient.T @ diag(weight) @ gradient; a pixel is touched by four splines alone."""
-    spline, n = problem.sparse[k], problem.basis[k].shape[1]
-    rest = gradient[:, n:]
-    weighted = rest * weight[:, np.newaxis]
-    normal = np.empty((gradient.shape[1],) * 2)
-    normal[:n, :n] = (spline.T @ (spline * weight[:, np.newaxis])).toarray()
-    normal[:n, n:] = spline.T @ weighted
-    normal[n:, :n] = normal[:n, n:].T
-    normal[n:, n:] = rest.T @ weighted
-    return normal
+def _summed(places: Indices, values: Floats, size: int) -> Floats:
+    """Sums of `values` by place; (size,)."""
+    sums: Floats = np.bincount(places, values.ravel(), size).astype(np.float64, copy=False)
+    return sums
 
 
 def _step_and_deviance(
-    problem: _Problem, parameters: Floats, weights: list[Floats]
+    problem: _Problem, parameters: Floats, weights: Floats
 ) -> tuple[Floats, Floats, float]:
     """Fisher information, score, and a deviance to descend."""
-    size = problem.starts[-1] + 1
-    information, score, deviance = np.zeros((size, size)), np.zeros(size), 0.0
-    for k, d in enumerate(problem.data):
-        mean, gradient = _model(problem, parameters, k)
-        variance = mean + d.empty_variance + 1e-3
-        weight = weights[k] * mean / variance
-        own = np.r_[problem.starts[k] : problem.starts[k + 1], size - 1]
-        information[np.ix_(own, own)] += _normal(problem, k, gradient, weight * mean)
-        score[own] += gradient.T @ (weight * (d.photons - mean))
-        shifted = np.maximum(d.photons + d.empty_variance, 0.0)
-        ratio = np.where(shifted > 0, shifted / variance, 1.0)
-        deviance += float(2 * np.sum(weights[k] * (shifted * np.log(ratio) - (shifted - variance))))
-    mean_prior, width_prior = _SPOT_PRIOR
-    information[-1, -1] += 1 / width_prior**2
-    score[-1] -= (parameters[-1] - mean_prior) / width_prior**2
-    deviance += ((parameters[-1] - mean_prior) / width_prior) ** 2
-    for k in range(len(problem.data)):
-        # A dark stretch leaves its strength undefined: hold it weakly to its neighbours.
-        n = problem.basis[k].shape[1]
-        bend = problem.bends[k]
-        own_slice = slice(problem.starts[k], problem.starts[k] + n)
-        information[own_slice, own_slice] += bend.T @ bend + 1e-9 * np.eye(n)
-        score[own_slice] -= bend.T @ (bend @ parameters[own_slice])
-        deviance += float(np.sum((bend @ parameters[own_slice]) ** 2))
-        offsets = np.arange(problem.starts[k] + n, problem.starts[k] + n + 2)
-        information[offsets, offsets] += 1 / _OFFSET_PRIOR_PX**2
-        score[offsets] -= parameters[offsets] / _OFFSET_PRIOR_PX**2
-        deviance += float(np.sum((parameters[offsets] / _OFFSET_PRIOR_PX) ** 2))
-    return information, score, deviance
+    data, size = problem.data, problem.starts[-1] + 1
+    mean, gradient = _model(problem, parameters)
+    variance = mean + data.empty_variance + 1e-3
+    weight = weights * mean / variance
+    weighted = gradient * (weight * mean)[:, np.newaxis]
+    products = weighted[:, :, np.newaxis] * gradient[:, np.newaxis]
+    information = _summed(problem.cells, products, size**2).reshape(size, size)
+    pulls = gradient * (weight * (data.photons - mean))[:, np.newaxis]
+    score = _summed(problem.columns.ravel(), pulls, size)
+    shifted = np.maximum(data.photons + data.empty_variance, 0.0)
+    ratio = np.where(shifted > 0, shifted / variance, 1.0)
+    deviance = 2 * np.sum(weights * (shifted * np.log(ratio) - (shifted - variance)))
+    off = parameters.copy()
+    off[-1] -= _SPOT_PRIOR[0]
+    held = problem.precision @ off
+    information = information + problem.precision + 1e-9 * np.eye(size)
+    return information, score - held, float(deviance + off @ held)
 
 
-def _scored(problem: _Problem, parameters: Floats, weights: list[Floats]) -> Floats:
+def _scored(problem: _Problem, parameters: Floats, weights: Floats) -> Floats:
     information, score, deviance = _step_and_deviance(problem, parameters, weights)
     damping = 1e-3
     for _ in range(_MOST_STEPS):
@@ -268,30 +294,43 @@ def _scored(problem: _Problem, parameters: Floats, weights: list[Floats]) -> Flo
     return parameters
 
 
-def _results(problem: _Problem, parameters: Floats, weights: list[Floats]) -> list[LineFit]:
+def _results(problem: _Problem, parameters: Floats, weights: Floats) -> list[LineFit]:
     information, _, _ = _step_and_deviance(problem, parameters, weights)
     covariance = np.linalg.pinv(information, hermitian=True)
+    mean, gradient = _model(problem, parameters)
+    variance = mean + problem.data.empty_variance + 1e-3
+    residual = problem.data.photons - mean
     fits = []
-    for k, d in enumerate(problem.data):
-        mean, gradient = _model(problem, parameters, k)
-        variance = mean + d.empty_variance + 1e-3
-        telling = (weights[k] > 0) & (variance > 0.5)
-        dof = max(1, int(telling.sum()) - gradient.shape[1])
-        excess = float(np.sum(((d.photons - mean) ** 2 / variance)[telling])) / dof
-        start, n = problem.starts[k], problem.basis[k].shape[1]
-        where = slice(start + n, start + n + 2)
-        widened = covariance[where, where] * max(1.0, excess)
-        own = np.r_[start : problem.starts[k + 1], len(parameters) - 1]
-        places, chi2 = _bends(problem, parameters, weights, k, covariance[np.ix_(own, own)])
+    for k, here in enumerate(problem.pixels):
+        start, stop = problem.starts[k], problem.starts[k + 1]
+        telling = (weights[here] > 0) & (variance[here] > 0.5)
+        dof = max(1, int(telling.sum()) - (stop - start + 1))
+        excess = float(np.sum((residual[here] ** 2 / variance[here])[telling])) / dof
+        offsets = slice(stop - 2, stop)
+        own = np.r_[start:stop, len(parameters) - 1]
+        places, chi2 = _bends(
+            _Kinkable(
+                problem.data.along_px[here],
+                gradient[here, 4:6].sum(axis=1),
+                _of_leg(problem, k, gradient),
+                mean[here],
+                residual[here],
+                variance[here],
+                weights[here],
+            ),
+            (problem.knots[k][3], problem.knots[k][-4]),
+            covariance[np.ix_(own, own)],
+        )
+        widened = covariance[offsets, offsets].astype(np.float64, copy=False) * max(1.0, excess)
         fits.append(
             LineFit(
-                offset_px=parameters[where].copy(),
+                offset_px=parameters[offsets].copy(),
                 offset_covariance=widened,
                 anchors_along_px=problem.anchors[k],
                 spot_std_px=float(np.exp(parameters[-1])),
-                spline=BSpline(problem.knots[k], parameters[start : start + n], 3),
+                spline=BSpline(problem.knots[k], parameters[start : stop - 2], 3),
                 excess_variance=excess,
-                log_scatter=_log_scatter(d.photons, mean, variance, weights[k]),
+                log_scatter=_log_scatter(residual[here], mean[here], variance[here], weights[here]),
                 bend_places_px=places,
                 bend_chi2_at=chi2,
             )
@@ -299,12 +338,12 @@ def _results(problem: _Problem, parameters: Floats, weights: list[Floats]) -> li
     return fits
 
 
-def _log_scatter(photons: Floats, mean: Floats, variance: Floats, weights: Floats) -> float:
+def _log_scatter(residual: Floats, mean: Floats, variance: Floats, weights: Floats) -> float:
     """Std of ln(photons / mean) beyond counting noise, from the pixels bright enough to show it."""
     telling = (weights > 0) & (mean > 30.0)
     if telling.sum() < 6:
         return 0.0
-    ratio = (photons[telling] / mean[telling] - 1.0) ** 2
+    ratio = (residual[telling] / mean[telling]) ** 2
     expected = variance[telling] / mean[telling] ** 2
     # The median of a chi-square of one degree; chance alone passes 1.5 in few recordings.
     excess = float(np.median(ratio / expected)) / 0.4549
@@ -313,34 +352,43 @@ def _log_scatter(photons: Floats, mean: Floats, variance: Floats, weights: Float
     return float(np.sqrt(max(0.0, np.median(ratio - 0.4549 * expected) / 0.4549)))
 
 
-def _bends(
-    problem: _Problem, parameters: Floats, weights: list[Floats], k: int, covariance: Floats
-) -> tuple[Floats, Floats]:
-    """Score test of a kink of leg k's line at places two pixels or more from its ends."""
-    d = problem.data[k]
-    low, high = problem.knots[k][3], problem.knots[k][-4]
-    places = np.arange(low + 2.0, high - 1.9, 1.0)
-    mean, gradient = _model(problem, parameters, k)
-    variance = mean + d.empty_variance + 1e-3
-    weight = weights[k] * mean / variance
-    spot = np.exp(parameters[-1])
-    offsets = parameters[problem.starts[k + 1] - 2 : problem.starts[k + 1]]
-    u = (d.across_px - problem.lever[k] @ offsets) / spot
+@dataclass(frozen=True, eq=False)
+class _Kinkable:
+    """A fitted leg, as the test for kinks needs it; n pixels, p parameters of leg and spot."""
+
+    along_px: Floats
+    """(n,)."""
+    by_offset: Floats
+    """(n,), d ln(expected) / d(distance of the line), per px."""
+    gradient: Floats
+    """(n, p), d ln(expected) / d(parameters)."""
+    mean: Floats
+    """(n,), expected photons."""
+    residual: Floats
+    """(n,), photons seen beyond those expected."""
+    variance: Floats
+    """(n,), of the photons."""
+    weights: Floats
+    """(n,), 1, or 0 for pixels left out."""
+
+
+def _bends(leg: _Kinkable, span: tuple[float, float], covariance: Floats) -> tuple[Floats, Floats]:
+    """Score test of a kink of a leg's line at places two pixels or more from its ends."""
+    places = np.arange(span[0] + 2.0, span[1] - 1.9, 1.0)
+    weight = leg.weights * leg.mean / leg.variance
     chi2 = np.zeros(len(places))
-    weighted = gradient * (weight * mean)[:, np.newaxis]
+    weighted = leg.gradient * (weight * leg.mean)[:, np.newaxis]
     for first in range(0, len(places), _PLACES_AT_ONCE):
         some = slice(first, first + _PLACES_AT_ONCE)
-        kinks = (u / spot)[:, np.newaxis] * np.maximum(d.along_px[:, np.newaxis] - places[some], 0)
-        score = kinks.T @ (weight * (d.photons - mean))
+        beyond = np.maximum(leg.along_px[:, np.newaxis] - places[some], 0)
+        kinks = leg.by_offset[:, np.newaxis] * beyond
+        score = kinks.T @ (weight * leg.residual)
         crossed = weighted.T @ kinks
-        information = (weight * mean) @ kinks**2 - np.sum(crossed * (covariance @ crossed), axis=0)
+        information = (weight * leg.mean) @ kinks**2 - np.sum(crossed * (covariance @ crossed), 0)
         told = information > 1e-12
         chi2[some][told] = score[told] ** 2 / information[told]
-    scaled = (d.photons - mean)[weights[k] > 0] ** 2 / variance[weights[k] > 0]
+    used = (leg.weights > 0) & (leg.variance > 0.5)
+    scaled = leg.residual[used] ** 2 / leg.variance[used]
     # Judged against the scatter that is there: a bend itself adds to it, so by the median.
-    spread = (
-        max(1.0, float(np.median(scaled[variance[weights[k] > 0] > 0.5])) / 0.4549)
-        if len(scaled)
-        else 1.0
-    )
+    spread = max(1.0, float(np.median(scaled)) / 0.4549) if len(scaled) else 1.0
     return places, chi2 / spread

@@ -34,8 +34,10 @@ _OVERSHOOT_PX = 0.7
 """A leg's pulses may lie this far beyond its corner (the spot's width) before they pull it, px."""
 _NUDGE = 1e-3
 """Step of a pose for its derivative, in its own standard deviations."""
-_TOLERANCE = 1e-3
+_TOLERANCE = 5e-3
 """A step below this fraction of a standard error in every direction ends the fit."""
+_FREE_DAMPING = 1e-2
+"""A small step tells that the end is near only where damping does not make it so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,19 +172,17 @@ def solve(
         trial = modes + step[n_free : n_free + n_modes], pose + step[n_free + n_modes :]
         trial_system = linear(trial_state, *trial)
         trial_cost = _cost(trial_system)
-        if np.isfinite(trial_cost) and trial_cost <= cost * (1 + 1e-12) + 1e-12:
-            small = float(step @ normal @ step) < _TOLERANCE**2 * len(step)
-            state, (modes, pose), system = trial_state, trial, trial_system
-            settled = cost - trial_cost < 1e-4 and damping < 1e-2
-            cost = trial_cost
-            damping = max(damping / 10, 1e-12)
-            if small or settled:
-                converged = True
-                break
-        else:
-            damping *= 10
-            if damping > 1e12:
-                break
+        small = float(step @ normal @ step) < _TOLERANCE**2 * len(step)
+        gained = cost - trial_cost
+        lower = bool(np.isfinite(trial_cost) and gained >= 0.0)
+        if lower:
+            state, (modes, pose), system, cost = trial_state, trial, trial_system, trial_cost
+        if damping <= _FREE_DAMPING and (small or (lower and gained < 1e-4)):
+            converged = True
+            break
+        damping = max(damping / 10, 1e-12) if lower else damping * 10
+        if damping > 1e12:
+            break
     seen = _moved(cameras, pose_scales, pose)
     return _solution(state, tuple(camera for camera, _ in seen), modes, system, times, converged)
 
