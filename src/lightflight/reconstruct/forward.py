@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline
 
 from lightflight._kernels.photon_score import photon_score
@@ -235,6 +235,8 @@ class Likelihood:
     follow a step of the parameters."""
     nuisance_step: Floats
     """(n, 2 + L), their own step at fixed parameters."""
+    nuisance_std: Floats
+    """(n, 2 + L), their standard errors at fixed parameters."""
     fisher: Floats
     """(n, 3 L + 1, 3 L + 1), information of each pixel in its local variables."""
 
@@ -247,20 +249,20 @@ def likelihood(
     log_background: Floats,
     delay_shift_ps: Floats,
     log_photons_shift: Floats | None = None,
-    log_scatter: tuple[float, ...] = (),
+    log_scatter: ArrayLike = 0.0,
     expected_only: bool = False,
 ) -> Likelihood:
     """Evaluate the likelihood and eliminate each pixel's background, delay and brightness errors.
 
     `log_photons_shift` (n, L) is by how much each pixel departs from the brightness of its leg;
-    `log_scatter` (L,) how much it may.
+    `log_scatter`, (L,) or (n, L), how much it may.
     """
     n, n_legs = pixels.near.shape
     n_local = 3 * n_legs + 1
     score, information = np.zeros((n, n_local)), np.zeros((n, n_local, n_local))
     if log_photons_shift is None:
         log_photons_shift = np.zeros((n, n_legs))
-    scatter = np.array(log_scatter) if log_scatter else np.zeros(n_legs)
+    scatter = np.broadcast_to(np.asarray(log_scatter, dtype=float), (n, n_legs))
     delays = local.arrival_ps + (pixels.skew_ps + delay_shift_ps)[:, np.newaxis]
     value = photon_score(
         codes.counts,
@@ -309,5 +311,6 @@ def likelihood(
         information=0.5 * (total + total.T),
         nuisance_gain=-np.einsum("nij,naj,nap->nip", inverse, crossed[:, :-1], outer),
         nuisance_step=step,
+        nuisance_std=np.sqrt(np.maximum(np.diagonal(inverse, axis1=1, axis2=2), 0.0)),
         fisher=information,
     )

@@ -47,6 +47,11 @@ _REACH_PX = 2.5
 """A pixel this near to a leg is on the path, px."""
 _DISTURBING = 12.0
 """A strange pulse this many standard deviations from a leg's reaches into its light."""
+_UNEVEN = 6.0
+"""A pixel whose light departs from its leg's brightness by more standard deviations than this
+tells times alone: it is hot, and loses light to its own noise, or it sees less than others."""
+_FREE_SCATTER = 3.0
+"""How far the brightness of such a pixel may depart, ln."""
 _MOST_STEPS = 40
 _TOLERANCE = 0.01
 """A step below this many standard errors ends a climb."""
@@ -66,7 +71,13 @@ class Climb:
     layout: Layout
     pixels: Pixels
     local: Local
+    log_background: Floats
+    delay_shift_ps: Floats
     result: Likelihood
+    departure: Floats
+    """(n, L), by how much ln(photons) of each leg in a pixel departs from the leg's."""
+    uneven: NDArray[np.bool_]
+    """(n, L), True where it may depart freely."""
     prior: Floats
     """(P, P), information of the shared priors (source, emission time, waypoints, modes)."""
     hold: Floats
@@ -308,16 +319,18 @@ def climb(
     pixels: Pixels,
     codes: CodeCounts,
     setting: Setting,
+    uneven: NDArray[np.bool_],
 ) -> Climb:
     """Fisher scoring with Levenberg damping to the top of the likelihood."""
+    scatter = np.where(uneven, _FREE_SCATTER, light.log_scatter)
     layout = layout_of(freedom.basis.shape[1], pixels.modes_ps.shape[2], light)
     prior, hold = _priors(freedom, layout, light)
     modes = np.zeros(layout.n_modes)
     background = np.log(_background_start(codes))
-    shift, uneven = np.zeros(len(pixels.rows)), np.zeros(pixels.near.shape)
+    shift, departure = np.zeros(len(pixels.rows)), np.zeros(pixels.near.shape)
 
     def evaluate(
-        at: PathState, lit: Light, eta: Floats, log_b: Floats, delta: Floats, departure: Floats
+        at: PathState, lit: Light, eta: Floats, log_b: Floats, delta: Floats, ln_shift: Floats
     ) -> tuple[Local, Likelihood, Floats, float]:
         local = local_variables(
             at,
@@ -335,13 +348,13 @@ def climb(
             codes,
             log_background=log_b,
             delay_shift_ps=delta,
-            log_photons_shift=departure,
-            log_scatter=lit.log_scatter,
+            log_photons_shift=ln_shift,
+            log_scatter=scatter,
         )
         score, value = _prior_score(at, lit, eta, freedom, layout, hold)
         return local, found, found.score + score, found.value + value
 
-    local, found, score, value = evaluate(state, light, modes, background, shift, uneven)
+    local, found, score, value = evaluate(state, light, modes, background, shift, departure)
     damping, converged = 1e-3, False
     for _ in range(_MOST_STEPS):
         total = found.information + prior + hold
@@ -355,12 +368,12 @@ def climb(
             modes + step[layout.n_free : layout.n_free + layout.n_modes],
             background + np.clip(follow[:, 0], -1.5, 1.5),
             shift + follow[:, 1],
-            uneven + np.clip(follow[:, 2:], -1.0, 1.0),
+            departure + np.clip(follow[:, 2:], -1.0, 1.0),
         )
         new = evaluate(*trial)
         if np.isfinite(new[3]) and new[3] >= value - 1e-7 * (1 + abs(value)) * 1e-3:
             small = float(step @ total @ step) < _TOLERANCE**2 * layout.n_free
-            state, light, modes, background, shift, uneven = trial
+            state, light, modes, background, shift, departure = trial
             gained = new[3] - value
             local, found, score, value = new
             damping = max(damping / 10, 1e-9)
@@ -371,7 +384,31 @@ def climb(
             damping = damping * 10
             if damping > 1e10:
                 break
-    return Climb(state, light, modes, freedom, layout, pixels, local, found, prior, hold, converged)
+    return Climb(
+        state, light, modes, freedom, layout, pixels, local, background, shift, found,
+        departure, uneven, prior, hold, converged,
+    )  # fmt: skip
+
+
+def uneven_pixels(ended: Climb, codes: CodeCounts) -> NDArray[np.bool_]:
+    """(n, L), True where a pixel's light departs from its leg's brightness beyond chance."""
+    free = likelihood(
+        ended.local,
+        ended.pixels,
+        codes,
+        log_background=ended.log_background,
+        delay_shift_ps=ended.delay_shift_ps,
+        log_photons_shift=ended.departure,
+        log_scatter=_FREE_SCATTER,
+    )
+    departure = ended.departure + free.nuisance_step[:, 2:]
+    std = free.nuisance_std[:, 2:]
+    usual = np.hypot(std, ended.light.log_scatter)
+    telling = ended.pixels.near & (std < 0.3 * _FREE_SCATTER)
+    scaled = np.abs(departure) / usual
+    spread = max(1.0, 1.4826 * float(np.median(scaled[telling]))) if telling.any() else 1.0
+    wrong: NDArray[np.bool_] = telling & (scaled > _UNEVEN * spread)
+    return wrong
 
 
 def _background_start(codes: CodeCounts) -> Floats:
@@ -406,6 +443,7 @@ def photon_path(
     light: Light | None = None
     ended: Climb | None = None
     intrinsic = std_ps
+    uneven = np.zeros((*setting.camera.shape, state.n_legs), dtype=bool)
     for _ in range(_PASSES):
         state, ends = with_ends(state, observations, setting, std_ps)
         observation = replace(whole, blind=whole.blind | pixels_at_tips(state, setting, ends.tips))
@@ -420,10 +458,14 @@ def photon_path(
         codes = codes_of_pixels(pixels, observation, state, setting, std_ps)
         freedom = freedom_at(state, setting, ends)
         previous = state
-        ended = climb(state, light, freedom, pixels, codes, setting)
+        known = uneven[pixels.rows, pixels.cols]
+        ended = climb(state, light, freedom, pixels, codes, setting, known)
         state = ended.state
         intrinsic = float(np.exp(ended.light.log_std_ps))
-        if np.abs(state.vertices_mm - previous.vertices_mm).max() < 0.02:
+        found = uneven_pixels(ended, codes)
+        uneven[pixels.rows, pixels.cols] |= found
+        moved = np.abs(state.vertices_mm - previous.vertices_mm).max()
+        if moved < 0.02 and not (found & ~known).any():
             break
     assert ended is not None
     return _path_from_climb(ended, setting, rough)
