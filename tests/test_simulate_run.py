@@ -39,6 +39,13 @@ def small_scene(detector=None, **changes):
     )
 
 
+def photons_of_events(raw: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frame, row and column of each photon."""
+    frame = np.repeat(np.arange(raw.n_frames), np.diff(raw.frame_starts).astype(int))
+    row, col = np.divmod(np.asarray(raw.pixel, dtype=int), raw.shape[1])
+    return frame, row, col
+
+
 def drawn_frames(scene, **options) -> np.ndarray:
     frames = simulate(scene, kind="frames", **options).frames
     assert isinstance(frames, np.ndarray)
@@ -456,6 +463,58 @@ def test_crosstalk_adds_to_the_neighbours():
     chi2 = ((crossed.photons - wanted)[lit] ** 2 / wanted[lit]).sum()
     assert chi2_law.ppf(FALSE_ALARM, lit.sum()) < chi2 < chi2_law.isf(FALSE_ALARM, lit.sum())
     np.testing.assert_array_equal(crossed.truth.expected_counts, expected)
+
+
+@pytest.mark.parametrize("kind", ["frames", "events"])
+def test_crosstalk_stands_in_the_frame_of_its_cause(kind):
+    """6,600 dark counts in one pixel, 330 echoes beside it; the light gives some photons more."""
+    hot = np.zeros((8, 8))
+    hot[3, 3] = 8000.0
+    detector = pf32(**QUIET, crosstalk_probability=0.05, gain_rms=0.0, phase_rms=0.0)
+    skew = detector.pixels((8, 8)).skew_ps
+    scene = small_scene(detector, background=hot)
+    raw = simulate(scene, kind=kind, seed=2, photons_per_pixel=0.1, n_frames=20_000)
+    if kind == "frames":
+        frame, row, col = np.nonzero(raw.frames)
+        code = raw.frames[frame, row, col].astype(int)
+    else:
+        frame, row, col = photons_of_events(raw)
+        code = np.asarray(raw.code, dtype=int)
+    is_hot = (row == 3) & (col == 3)
+    cause = dict(zip(frame[is_hot], code[is_hot], strict=True))
+    beside = (np.abs(row - 3) + np.abs(col - 3) == 1) & np.isin(frame, frame[is_hot])
+    wanted = 0.05 * len(cause)
+    assert beside.sum() == pytest.approx(wanted, abs=6 * np.sqrt(wanted))
+    assert (np.abs(row - 3) + np.abs(col - 3) == 1).sum() - beside.sum() < 10
+    # One moment, read by two clocks that differ in delay alone; later is a smaller code. Codes are
+    # 8 % wider or narrower, the first one 76 %.
+    later = skew[row[beside], col[beside]] - skew[3, 3]
+    step = np.array([cause[f] for f in frame[beside]]) - code[beside]
+    within = np.abs(step) < 400  # the others lie on two sides of the period's end
+    assert within.mean() > 0.97
+    np.testing.assert_allclose(step[within], later[within] / 55.06, atol=2.0)
+
+
+def test_of_photons_that_meet_in_one_pixel_and_frame_one_is_kept():
+    options = {"seed": 2, "photons_per_pixel": 1.0, "n_frames": 2000}
+    background = np.full((8, 8), 900.0)
+    crossed, plain = (
+        simulate(
+            small_scene(pf32(**QUIET, crosstalk_probability=p), background=background),
+            kind="events",
+            **options,
+        )
+        for p in (0.8, 0.0)
+    )
+    frame, row, col = photons_of_events(crossed)
+    place = frame * 64 + row * 8 + col
+    assert len(np.unique(place)) == len(place)
+    # an empty place is filled where at least one of its k neighbours fires and reaches it
+    share = plain.n_photons / (2000 * 64)
+    padded = np.pad(np.ones((8, 8)), 1)
+    k = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
+    wanted = plain.n_photons + 2000 * np.sum((1 - share) * (1 - (1 - 0.2 * share) ** k))
+    assert crossed.n_photons == pytest.approx(wanted, rel=0.01)
 
 
 def test_crosstalk_of_the_dark_counts_and_the_flat():

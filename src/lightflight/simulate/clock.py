@@ -103,6 +103,17 @@ class TrueClock:
         delays = self.laser_period_ps - edges
         return delays[:, 1:].copy(), delays[:, :-1].copy()
 
+    def intervals_of_codes(self, pixel: Ints, code: Ints) -> tuple[Floats, Floats]:
+        """True delay interval of one code of each pixel: (lower, upper), each (n,), ps."""
+        lower, upper = self._lower_edges(pixel, code), self._lower_edges(pixel, code + 1)
+        if self.laser_period_ps is None:
+            return lower, upper
+        end = self.first_edge_ps + self.laser_period_ps
+        lower, upper = np.minimum(lower, end), np.minimum(upper, end)
+        if not self.reversed_codes:
+            return lower, upper
+        return self.laser_period_ps - upper, self.laser_period_ps - lower
+
     def interval_from_delay(self, delay_ps: Floats) -> Floats:
         """The interval s the TDC measures for photons at delays after the sync; ps."""
         if self.laser_period_ps is None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lightflight.flight import arrival_time_from_event
 from lightflight.simulate.clock import LOST, TrueClock
+from lightflight.simulate.crosstalk import neighbours_of
 from lightflight.simulate.detector import Detector, PixelDefects
 from lightflight.simulate.light import (
     Segments,
@@ -211,14 +212,3 @@ def _with_echoes(
         pixel = np.concatenate((pixel, pixel[causes]))
         arrival = np.concatenate((arrival, arrival[causes] + late))
     return pixel, arrival
-
-
-def neighbours_of(
-    pixel: Ints, side: Ints, shape: tuple[int, int]
-) -> tuple[Ints, NDArray[np.bool_]]:
-    """The neighbour of each pixel on a side (0 up, 1 down, 2 left, 3 right), and if it exists."""
-    rows, cols = shape
-    row = pixel // cols + np.array([-1, 1, 0, 0])[side]
-    col = pixel % cols + np.array([0, 0, -1, 1])[side]
-    inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
-    return row * cols + col, inside

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.simulate.clock import LOST, TrueClock
-from lightflight.simulate.photons import neighbours_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -36,19 +35,6 @@ class Exposure:
     """Frames; None: no frames."""
     first_photon_only: bool
     """True: at most one photon per pixel and frame."""
-
-
-def with_crosstalk(rate: Floats, probability: float) -> Floats:
-    """Mean counts per pixel, (rows, cols), plus those its four neighbours cause in it."""
-    if probability == 0.0:
-        return rate
-    rows, cols = rate.shape
-    total: Floats = rate.astype(float)
-    pixel = np.arange(rows * cols)
-    for side in range(4):
-        neighbour, inside = neighbours_of(pixel, np.full(len(pixel), side), (rows, cols))
-        np.add.at(total.ravel(), neighbour[inside], 0.25 * probability * rate.ravel()[inside])
-    return total
 
 
 def occupied_frames(photons: Ints, n_frames: int, rng: np.random.Generator) -> Ints:

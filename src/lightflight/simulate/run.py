@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from lightflight.histogram import Histograms
 from lightflight.recording import Recording
 from lightflight.simulate.clock import TrueClock
+from lightflight.simulate.crosstalk import Photons, with_crosstalk, with_echoes
 from lightflight.simulate.detector import Detector, PixelDefects
 from lightflight.simulate.light import ExpectedLight, Segments, expected_light, segments_from_scene
 from lightflight.simulate.photons import Shower, signal_counts
@@ -23,7 +24,7 @@ from lightflight.simulate.raw import (
     events_of_block,
     fill_frames,
 )
-from lightflight.simulate.recorder import Exposure, recorded_counts, uniform_shares, with_crosstalk
+from lightflight.simulate.recorder import Exposure, recorded_counts, uniform_shares
 from lightflight.simulate.response import flat_shares
 from lightflight.simulate.scene import Scene
 from lightflight.simulate.streams import Streams
@@ -321,10 +322,14 @@ def _frames(
         raise ValueError(f"frames_out must be uint16 {shape}, got {out.dtype} {out.shape}")
     blocks = list(blocks_from_frames(n_frames, drifts=False))
     for block in blocks:
-        counts = _recorded(stage, block, threads=threads)
         assert block.n_frames is not None
         part = out[block.first_frame : block.first_frame + block.n_frames]
-        fill_frames(part, counts, stage.streams.generator("frame", block.number))
+        if stage.detector.crosstalk_probability > 0:
+            pixel, code, frame = _with_echoes(stage, block, threads)
+            part.reshape(len(part), -1)[frame - block.first_frame, pixel] = code
+        else:
+            counts = _recorded(stage, block, threads=threads)
+            fill_frames(part, counts, stage.streams.generator("frame", block.number))
         if progress is not None:
             progress(block.number + 1, len(blocks))
     return Recording(
@@ -340,13 +345,15 @@ def _events(stage: Stage, threads: int | None, progress: Progress | None) -> Rec
     """The pulse as single photons, frame by frame where there are frames."""
     detector = stage.detector
     blocks = list(blocks_from_frames(stage.n_frames, drifts=detector.drift_ps != 0.0))
-    parts = []
+    parts: list[tuple[Ints, Ints, Ints | None]] = []
     for block in blocks:
-        counts = _recorded(stage, block, threads=threads)
-        rng = stage.streams.generator("frame", block.number)
-        parts.append(
-            events_of_block(counts, block, one_per_frame=detector.first_photon_only, rng=rng)
-        )
+        if detector.crosstalk_probability > 0 and block.n_frames is not None:
+            parts.append(_with_echoes(stage, block, threads))
+        else:
+            counts = _recorded(stage, block, threads=threads)
+            rng = stage.streams.generator("frame", block.number)
+            one = detector.first_photon_only
+            parts.append(events_of_block(counts, block, one_per_frame=one, rng=rng))
         if progress is not None:
             progress(block.number + 1, len(blocks))
     pixel, code = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
@@ -361,6 +368,27 @@ def _events(stage: Stage, threads: int | None, progress: Progress | None) -> Rec
         frame=np.concatenate(frames) if frames else None,
         truth=_truth(stage, "events", _background_counts(stage)),
         **clock_settings(detector, stage.n_frames),
+    )
+
+
+def _with_echoes(stage: Stage, block: Block, threads: int | None) -> Photons:
+    """Photons of one part of a recording, each echo of crosstalk in the frame of its cause."""
+    detector = stage.detector
+    silent = replace(stage.scene, detector=replace(detector, crosstalk_probability=0.0))
+    counts = _recorded(replace(stage, scene=silent), block, threads=threads)
+    rng = stage.streams.generator("frame", block.number)
+    pixel, code, frame = events_of_block(
+        counts, block, one_per_frame=detector.first_photon_only, rng=rng
+    )
+    assert frame is not None
+    return with_echoes(
+        (pixel, code, frame),
+        probability=detector.crosstalk_probability,
+        clock=stage.clock,
+        skew_ps=stage.defects.skew_ps.ravel(),
+        shape=stage.scene.shape,
+        one_per_frame=detector.first_photon_only,
+        rng=stage.streams.generator("crosstalk", block.number),
     )
 
 
