@@ -41,8 +41,9 @@ def small_scene(detector=None, **changes):
 
 def photons_of_events(raw: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Frame, row and column of each photon."""
-    frame = np.repeat(np.arange(raw.n_frames), np.diff(raw.frame_starts).astype(int))
-    row, col = np.divmod(np.asarray(raw.pixel, dtype=int), raw.shape[1])
+    starts, pixel = (np.asarray(v, dtype=int) for v in (raw.frame_starts, raw.pixel))
+    frame = np.repeat(np.arange(raw.n_frames), np.diff(starts))
+    row, col = np.divmod(pixel, raw.shape[1])
     return frame, row, col
 
 
@@ -496,13 +497,14 @@ def test_crosstalk_stands_in_the_frame_of_its_cause(kind):
 
 
 def test_of_photons_that_meet_in_one_pixel_and_frame_one_is_kept():
-    options = {"seed": 2, "photons_per_pixel": 1.0, "n_frames": 2000}
     background = np.full((8, 8), 900.0)
     crossed, plain = (
         simulate(
             small_scene(pf32(**QUIET, crosstalk_probability=p), background=background),
             kind="events",
-            **options,
+            seed=2,
+            photons_per_pixel=1.0,
+            n_frames=2000,
         )
         for p in (0.8, 0.0)
     )
