@@ -68,8 +68,8 @@ def wait_for(folder: Path, n: int) -> None:
 
 
 def worker_ids(parent: int) -> list[int]:
-    """Processes of Dask workers below a process."""
-    found = []
+    """Dask workers of a process: they branch off a server that it started."""
+    parents, servers = {}, set()
     for status in Path("/proc").glob("[0-9]*/status"):
         try:
             lines = dict(
@@ -78,9 +78,10 @@ def worker_ids(parent: int) -> list[int]:
             words = (status.parent / "cmdline").read_bytes()
         except OSError:
             continue
-        if int(lines["PPid"]) == parent and b"spawn_main" in words:
-            found.append(int(lines["Pid"]))
-    return found
+        parents[int(lines["Pid"])] = int(lines["PPid"])
+        if int(lines["PPid"]) == parent and b"multiprocessing.forkserver" in words:
+            servers.add(int(lines["Pid"]))
+    return [one for one, above in parents.items() if above in servers]
 
 
 @pytest.fixture

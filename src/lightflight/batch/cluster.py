@@ -6,6 +6,7 @@ import contextlib
 import logging
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,17 @@ _CONNECT_S = 15
 _ANSWER_S = 5
 _ENVIRONMENT = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """One thread per worker: the work is shared out by recordings."""
+
+_PRELOADED = (
+    "distributed.nanny",
+    "lightflight.batch.pieces",
+    "lightflight.batch.tiles",
+    "lightflight.formats.lightflight_hdf5",
+    "lightflight.reconstruct.api",
+    "lightflight.reconstruct.from_arrivals",
+    "lightflight.timing.arrivals",
+)
+"""What every worker needs: seconds to import, so it is done once for all of them."""
 
 
 def cores() -> int:
@@ -59,15 +71,23 @@ def workers(
         raise MissingExtraError(
             'campaigns need dask, which is not installed: pip install "lightflight[batch]"'
         ) from error
+    start_method = _start_method() if scheduler is None else "spawn"
     level = logging.INFO if loud else logging.CRITICAL + 1
     for name in [*logging.root.manager.loggerDict, "distributed"]:
         if name.partition(".")[0] == "distributed":
             logging.getLogger(name).setLevel(level)
+    dask_utils: Any = distributed.utils
+    dask_utils._forkserver_preload_set = True  # else Dask imports all it knows, pandas too
     dask_cluster: Any = distributed.LocalCluster
     dask_client: Any = distributed.Client
     options = {
+        # Dask's own watching of itself would take a few per cent of every worker's time.
+        "distributed.worker.profile.enabled": False,
+        "distributed.admin.tick.interval": "1s",
+        "distributed.admin.system-monitor.interval": "5s",
         "distributed.scheduler.allowed-failures": _MOST_DEATHS,
         "distributed.worker.daemon": True,
+        "distributed.worker.multiprocessing-method": start_method,
         "distributed.admin.system-monitor.gil.enabled": False,
         "distributed.comm.timeouts.connect": f"{_CONNECT_S}s",
         "distributed.nanny.pre-spawn-environ": _ENVIRONMENT,
@@ -97,6 +117,31 @@ def workers(
             ) from None
         client.register_plugin(_deaf_to_interrupts(), name="lightflight-interrupts")
         yield client
+
+
+def _start_method() -> str:
+    """How workers of this machine are started.
+
+    On Linux they branch off a process that has imported what they all need. It starts here, with
+    their environment, while this process is still loading Dask.
+    """
+    if sys.platform != "linux":
+        return "spawn"
+    import multiprocessing
+    import multiprocessing.forkserver
+
+    multiprocessing.get_context("forkserver").set_forkserver_preload(list(_PRELOADED))
+    before = {name: os.environ.get(name) for name in _ENVIRONMENT}
+    os.environ.update(_ENVIRONMENT)
+    try:
+        multiprocessing.forkserver.ensure_running()
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+    return "forkserver"
 
 
 def _deaf_to_interrupts() -> Any:

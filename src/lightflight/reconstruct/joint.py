@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from lightflight import flags
 from lightflight.errors import NothingFoundError
@@ -235,7 +235,7 @@ def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Sett
         outer = outwards > outwards.max(initial=-np.inf) - _OUTER_PX
         if not outer.any() or np.count_nonzero(~outer) < _FEW_INNER:
             continue
-        if pulls[here][outer].sum() > chi2.ppf(1.0 - _FALSE_CUT, np.count_nonzero(outer)):
+        if pulls[here][outer].sum() > chdtri(np.count_nonzero(outer), _FALSE_CUT):
             outermost = here[int(np.argmax(outwards))]
             found[end] = np.array([times.row[outermost], times.col[outermost]])
     return found[0], found[1]
