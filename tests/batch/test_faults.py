@@ -220,6 +220,24 @@ def test_a_recording_that_kills_its_workers_is_given_up(folder):
     assert list(reasons) == ["angle_4/broken.h5"]
 
 
+def test_a_script_whose_work_the_workers_would_do_again_is_told_so(folder):
+    (folder / "script.py").write_text(
+        "from pathlib import Path\n"
+        "from lightflight.batch.campaign import campaign_from_toml\n"
+        "from lightflight.batch.run import run_campaign\n"
+        "run_campaign(campaign_from_toml(Path('campaign.toml')), n_workers=1)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "script.py"],
+        cwd=folder, capture_output=True, text=True, check=False, timeout=LIMIT_S,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr.count("Traceback") == 1
+    said = done.stderr.splitlines()[-1]
+    assert "no worker could be started" in said
+    assert 'script.py, so what it does must stand under if __name__ == "__main__":' in said
+
+
 SCHEDULER = """
 import sys
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -60,18 +60,20 @@ def workers(
     Raises
     ------
     ConfigError
-        Where nobody answers at `scheduler`.
+        Where nobody answers at `scheduler`, or no worker can be started here.
     MissingExtraError
         Without dask.
     """
+    _leave_if_imported_by_a_worker()
     try:
         import dask
+
+        start_method = _start_method() if scheduler is None else "spawn"
         import distributed
     except ImportError as error:
         raise MissingExtraError(
             'campaigns need dask, which is not installed: pip install "lightflight[batch]"'
         ) from error
-    start_method = _start_method() if scheduler is None else "spawn"
     level = logging.INFO if loud else logging.CRITICAL + 1
     for name in [*logging.root.manager.loggerDict, "distributed"]:
         if name.partition(".")[0] == "distributed":
@@ -95,16 +97,19 @@ def workers(
     }
     with dask.config.set(options), contextlib.ExitStack() as stack:
         if scheduler is None:
-            address: Any = stack.enter_context(
-                dask_cluster(
-                    n_workers=n_workers or cores(),
-                    threads_per_worker=1,
-                    host="127.0.0.1",
-                    dashboard_address=None,
-                    local_directory=str(scratch),
-                    silence_logs=False if loud else level,
+            try:
+                address: Any = stack.enter_context(
+                    dask_cluster(
+                        n_workers=n_workers or cores(),
+                        threads_per_worker=1,
+                        host="127.0.0.1",
+                        dashboard_address=None,
+                        local_directory=str(scratch),
+                        silence_logs=False if loud else level,
+                    )
                 )
-            )
+            except RuntimeError as error:
+                raise ConfigError(f"no worker could be started: {_why_not(error)}") from None
         else:
             address = scheduler
         try:
@@ -131,17 +136,47 @@ def _start_method() -> str:
     import multiprocessing.forkserver
 
     multiprocessing.get_context("forkserver").set_forkserver_preload(list(_PRELOADED))
-    before = {name: os.environ.get(name) for name in _ENVIRONMENT}
-    os.environ.update(_ENVIRONMENT)
-    try:
+    with _environment(_ENVIRONMENT):
         multiprocessing.forkserver.ensure_running()
+    return "forkserver"
+
+
+@contextlib.contextmanager
+def _environment(values: Mapping[str, str]) -> Iterator[None]:
+    """Environment variables for the processes that are started meanwhile."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
     finally:
         for name, value in before.items():
             if value is None:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-    return "forkserver"
+
+
+def _leave_if_imported_by_a_worker() -> None:
+    """End a worker that runs a campaign of its own, by importing a script without a guard.
+
+    Without a word: the process that started it says what is wrong.
+    """
+    import multiprocessing
+
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise SystemExit(1)
+
+
+def _why_not(error: Exception) -> str:
+    """Why Dask could not start a worker, as far as can be told."""
+    main = sys.modules["__main__"]
+    script = getattr(main, "__file__", None)
+    if script is not None and getattr(main, "__spec__", None) is None:
+        return (
+            f"workers import {script}, so what it does must stand under "
+            'if __name__ == "__main__": (and nothing above that may fail)'
+        )
+    return f"Dask says {error}"
 
 
 def _deaf_to_interrupts() -> Any:
