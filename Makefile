@@ -48,7 +48,7 @@ format: $(VENV)/.installed-dev ## let ruff order and format the code
 
 fuzz: $(VENV)/.installed-dev ## new random input at length: property tests, 20,000 damaged files
 	@HYPOTHESIS_PROFILE=fuzz NUMBA_NUM_THREADS=1 $(BIN)/python -m pytest $(PYTEST_FLAGS) -m hypothesis --timeout=3600
-	@NUMBA_NUM_THREADS=1 $(BIN)/python tests/fuzz_readers.py --files 20000 --keep out/fuzz
+	@NUMBA_NUM_THREADS=1 $(BIN)/python -m tests.fuzz_readers --files 20000 --keep out/fuzz
 
 clean: ## remove the environment, results and caches
 	@rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

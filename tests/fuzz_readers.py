@@ -2,14 +2,16 @@
 
 Run it for as long as it is given:
 
-    python tests/fuzz_readers.py --files 20000 --seed 1
+    python -m tests.fuzz_readers --files 20000 --seed 1
 
-Every format starts from a small valid file. A mutation knows a little of the structure: it
-changes numbers where headers have them to values that hurt, numbers in texts, bits anywhere;
-cuts, doubles and swaps stretches; and it does so inside compressed parts too. Each file is read,
-and counted, in a process of its own kind that may be killed: a crash, a hang, memory beyond
-bounds, a traceback, or an error that is not one sentence with the file's name is a finding, and
-its file is kept. Reading something plausible is none: not every change is damage.
+Every format starts from a small valid file, and so do calibrations, paths and tables of points.
+A mutation knows the structure (`fuzz_structure`): it changes the numbers of headers, directories
+and tags to values that hurt, numbers in texts, bits anywhere; cuts, doubles and swaps stretches;
+does so inside compressed parts too; and rebuilds HDF5 files with false types, shapes, sizes,
+links and attributes. Each file is read, and counted, in a process of its own kind that may be
+killed: a crash, a hang, memory beyond bounds, a traceback, or an error that is not one sentence
+with the file's name is a finding, and its file is kept. Reading something plausible is none: not
+every change is damage.
 """
 
 from __future__ import annotations
@@ -32,10 +34,13 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from tests.fuzz_structure import Fields, fields_of, rebuilt_hdf5, zip_bomb
 
 TIME_LIMIT_S = 20.0
 MEMORY_LIMIT_BYTES = 1 << 30
@@ -54,7 +59,7 @@ _HURTFUL_TEXTS = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Seed:
     """One valid file and how it is read."""
 
@@ -68,10 +73,21 @@ class Seed:
     """Hints it is read with."""
 
     inner: str | None = None
-    """How the interesting part is packed: "zip", "gzip", "mat" or "folder"."""
+    """How the interesting part is packed: "zip", "gzip", "mat", "hdf5" or "folder"."""
 
     weight: float = 1.0
     """Share of the files; less for readers that are slow to start."""
+
+    isolated: bool = False
+    """Read in a process of its own each time, by a vendor's reader."""
+
+    reads: str = "recording"
+    """What reads it: "recording", "calibration", "path", "table" (of pulses) or "points"."""
+
+    @cached_property
+    def fields(self) -> Fields:
+        """Where its structure keeps numbers."""
+        return fields_of(self.name, self.content)
 
 
 @dataclass(frozen=True)
@@ -108,31 +124,70 @@ def seeds(folder: Path) -> list[Seed]:
     dense = lf.Recording.from_frames(frames, n_codes=32)
     axes = {"axes": "yxt"}
     found = [
-        _written(folder, "hist.h5", hist),
-        _written(folder, "events.h5", recording),
-        _written(folder, "frames.h5", dense),
-        _written(folder, "photons.photon.h5", recording),
+        _written(folder, "hist.h5", hist, inner="hdf5"),
+        _written(folder, "events.h5", recording, inner="hdf5"),
+        _written(folder, "frames.h5", dense, inner="hdf5"),
+        _written(folder, "photons.photon.h5", recording, inner="hdf5"),
         _written(folder, "x.npz", hist, inner="zip"),
         _written(folder, "x.mat", hist, inner="mat"),
         _written(folder, "x.bin", dense, hints={"shape": [4, 4], "n_codes": 32}),
+        Seed("footers.bin", _with_footers(frames), {"shape": [4, 4], "n_codes": 32}),
         Seed("x.npy", _npy(cube), axes),
         Seed("f.npy", _npy(frames), {"axes": "fyx", "n_codes": 32}),
         Seed("pf32.npz", _pf32_npz(cube), inner="zip"),
         Seed("text.txt", _pf32_text(cube), {"shape": [4, 4]}),
         Seed("text.txt.gz", gzip.compress(_pf32_text(cube)), {"shape": [4, 4]}, inner="gzip"),
         Seed("plain.mat", _plain_mat(cube), axes),
-        Seed("new.mat", _new_mat(folder, cube), axes),
-        Seed("other.h5", _other_hdf5(folder, cube)),
+        Seed("new.mat", _new_mat(folder, cube), axes, inner="hdf5"),
+        Seed("other.h5", _other_hdf5(folder, cube), inner="hdf5"),
         Seed("x.spc", np.array([0x8000005F, 5 << 16, 9 << 16, 0xC0000001], "<u4").tobytes()),
+        *_seeds_of_other_records(folder),
     ]
     if _installed("zarr"):
         lf.write(hist, folder / "x.zarr")
         found.append(Seed("x.zarr", _zipped(folder / "x.zarr"), inner="folder", weight=0.5))
     if _installed("ptufile"):
-        found.append(Seed("x.ptu", ptu_bytes(rng.integers(0, 3000, 200)), weight=0.05))
+        found.append(
+            Seed("x.ptu", ptu_bytes(rng.integers(0, 3000, 200)), weight=0.05, isolated=True)
+        )
     if _installed("sdtfile"):
-        found.append(Seed("x.sdt", sdt_bytes(rng.poisson(9.0, (2, 64))), weight=0.05))
+        found.append(
+            Seed("x.sdt", sdt_bytes(rng.poisson(9.0, (2, 64))), weight=0.05, isolated=True)
+        )
     return found
+
+
+def _seeds_of_other_records(folder: Path) -> list[Seed]:
+    """What is read beside recordings: calibrations, paths, pulses, tables of points."""
+    from lightflight.store import save_record
+
+    released = Path(__file__).parent / "data"
+    pulses = {"row": np.arange(5, dtype=np.int32), "delay_ps": np.linspace(0, 9, 5)}
+    save_record(folder / "pulses.h5", kind="pulses", arrays=pulses, attributes={"method": "x"})
+    points = np.random.default_rng(3).normal(size=(6, 3))
+    pixels = np.random.default_rng(4).normal(size=(6, 2))
+    packed = io.BytesIO()
+    np.savez_compressed(packed, points_mm=points, pixels=pixels, shape=(4, 4))
+    lines = [",".join(map(str, row)) for row in np.hstack([points, pixels])]
+    text = "\n".join(["x_mm,y_mm,z_mm,row,col", *lines])
+    calibration = (released / "calibration_schema_1.h5").read_bytes()
+    path = (released / "path_schema_1.h5").read_bytes()
+    table = (folder / "pulses.h5").read_bytes()
+    return [
+        Seed("calibration.h5", calibration, inner="hdf5", reads="calibration"),
+        Seed("path.h5", path, inner="hdf5", reads="path"),
+        Seed("pulses.h5", table, inner="hdf5", reads="table", weight=0.3),
+        Seed("points.csv", text.encode(), reads="points", weight=0.3),
+        Seed("points.npz", packed.getvalue(), inner="zip", reads="points", weight=0.3),
+    ]
+
+
+def _with_footers(frames: np.ndarray) -> bytes:
+    """Frames as the camera sends them: 16 bytes after each, with its number in them."""
+    out = b""
+    for number, frame in enumerate(frames):
+        out += frame.astype("<u2").tobytes() + struct.pack("<HHIHHHH", 0, 0, number, 1, 2, 3, 4)
+    return out
 
 
 def _installed(module: str) -> bool:
@@ -286,14 +341,35 @@ def _noise(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def mutated_file(seed: Seed, rng: np.random.Generator) -> bytes:
-    """A mutation of a valid file: of its bytes, or of what is packed in it."""
+    """A mutation of a valid file: of its structure, of its bytes, or of what is packed in it."""
     if seed.inner is None or rng.random() < 0.3:
+        if seed.fields and rng.random() < 0.7:
+            content = _with_other_fields(seed, rng)
+            return content if rng.random() < 0.7 else mutated(content, rng)
         return mutated(seed.content, rng)
+    if seed.inner == "hdf5":
+        content = rebuilt_hdf5(seed.content, rng)
+        return content if rng.random() < 0.9 else mutated(content, rng)
+    if seed.inner == "zip" and rng.random() < 0.1:
+        return zip_bomb(seed.content, rng)
     if seed.inner == "gzip":
         return gzip.compress(mutated(gzip.decompress(seed.content), rng))
     if seed.inner == "mat":
         return _mat_with_mutated_element(seed.content, rng)
     return _zip_with_mutated_member(seed.content, rng)
+
+
+def _with_other_fields(seed: Seed, rng: np.random.Generator) -> bytes:
+    """One to three numbers of the structure changed: to one that hurts, or to one nearby."""
+    out = bytearray(seed.content)
+    for _ in range(int(rng.integers(1, 4))):
+        at, width = seed.fields[int(rng.integers(len(seed.fields)))]
+        values = _HURTFUL_WIDE if width == 8 else _HURTFUL
+        value = values[int(rng.integers(len(values)))]
+        if rng.random() < 0.4:
+            value = int.from_bytes(out[at : at + width], "little") + int(rng.integers(-9, 10))
+        out[at : at + width] = (value & ((1 << 8 * width) - 1)).to_bytes(width, "little")
+    return bytes(out)
 
 
 def _zip_with_mutated_member(content: bytes, rng: np.random.Generator) -> bytes:
@@ -335,13 +411,14 @@ class Reader:
     def __init__(self) -> None:
         self._child: subprocess.Popen[str] | None = None
 
-    def outcome(self, path: Path, hints: Mapping[str, Any]) -> str:
+    def outcome(self, path: Path, hints: Mapping[str, Any], reads: str = "recording") -> str:
         """What reading a file came to: "read", "refused", or what is wrong."""
         child = self._living_child()
         assert child.stdin is not None
         assert child.stdout is not None
         try:
-            child.stdin.write(json.dumps({"path": str(path), "hints": dict(hints)}) + "\n")
+            task = {"path": str(path), "hints": dict(hints), "reads": reads}
+            child.stdin.write(json.dumps(task) + "\n")
             child.stdin.flush()
         except BrokenPipeError:
             self.close()
@@ -405,7 +482,7 @@ def _serve() -> None:
     os.dup2(2, 1)  # nothing a library prints may look like an answer
     for line in sys.stdin:
         task = json.loads(line)
-        answer = _try_to_read(task["path"], task["hints"])
+        answer = _try_to_read(task["path"], task["hints"], task["reads"])
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
         if peak > 3 * MEMORY_LIMIT_BYTES:
             answer = f"memory: {peak / 1e9:.1f} GB"
@@ -413,12 +490,11 @@ def _serve() -> None:
         answers.flush()
 
 
-def _try_to_read(path: str, hints: Mapping[str, Any]) -> str:
-    import lightflight as lf
+def _try_to_read(path: str, hints: Mapping[str, Any], reads: str) -> str:
     from lightflight.errors import FileFormatError
 
     try:
-        record = lf.read(path, **hints)
+        record = _read(path, hints, reads)
     except FileFormatError as error:
         text = str(error)
         if path not in text or "\n" in text:
@@ -426,6 +502,35 @@ def _try_to_read(path: str, hints: Mapping[str, Any]) -> str:
         return "refused"
     except BaseException as error:  # noqa: BLE001  (that is what is looked for)
         return f"{type(error).__name__}: {str(error)[:300]}"
+    return _try_to_count(record) if reads == "recording" else "read"
+
+
+def _read(path: str, hints: Mapping[str, Any], reads: str) -> Any:
+    """As the commands read it; what is believed must then also serve."""
+    import lightflight as lf
+
+    match reads:
+        case "calibration":
+            timing = lf.TimingCalibration.load(path)
+            return timing.code_intervals_ps([0], [0])
+        case "path":
+            found = lf.LightPath.load(path, try_newer=True)
+            return found.sample(20), [leg.angle_deg for leg in found.legs]
+        case "table":
+            from lightflight.store import load_record
+
+            return load_record(path, kind="pulses")
+        case "points":
+            from lightflight.formats.point_tables import points_from_file
+
+            return points_from_file(Path(path))
+    return lf.read(path, **hints)
+
+
+def _try_to_count(record: Any) -> str:
+    import lightflight as lf
+    from lightflight.errors import FileFormatError
+
     try:
         lf.histogram(record)
     except FileFormatError:
@@ -447,9 +552,10 @@ def run(
     seed: int = 0,
     keep: Path | None = None,
     only: str | None = None,
+    vendors: float = 1.0,
     report: Callable[[str], None] = lambda text: None,
 ) -> tuple[dict[str, dict[str, int]], list[Finding]]:
-    """Read `n_files` mutated files.
+    """Read `n_files` mutated files; those of vendors' readers `vendors` times as often.
 
     Returns
     -------
@@ -463,11 +569,11 @@ def run(
     reader = Reader()
     with tempfile.TemporaryDirectory(prefix="lightflight-fuzz-") as name:
         folder = Path(name)
-        for number, (one, content) in enumerate(_files(folder, n_files, seed, only)):
+        for number, (one, content) in enumerate(_files(folder, n_files, seed, only, vendors)):
             path = placed(folder / "now", one, content)
             if path is None:
                 continue
-            outcome = reader.outcome(path, one.hints)
+            outcome = reader.outcome(path, one.hints, one.reads)
             count = tally.setdefault(one.name, {"read": 0, "refused": 0, "found": 0})
             count[outcome if outcome in count else "found"] += 1
             if outcome not in ("read", "refused"):
@@ -480,13 +586,15 @@ def run(
     return tally, findings
 
 
-def _files(folder: Path, n_files: int, seed: int, only: str | None) -> Iterator[tuple[Seed, bytes]]:
+def _files(
+    folder: Path, n_files: int, seed: int, only: str | None, vendors: float
+) -> Iterator[tuple[Seed, bytes]]:
     """Mutated files, formats taking turns; the same for the same `seed`."""
     made = folder / "made"
     made.mkdir()
     valid = [one for one in seeds(made) if only is None or only in one.name]
     rng = np.random.default_rng(seed)
-    weights = np.array([one.weight for one in valid])
+    weights = np.array([one.weight * (vendors if one.isolated else 1.0) for one in valid])
     for choice in rng.choice(len(valid), n_files, p=weights / weights.sum()):
         yield valid[choice], mutated_file(valid[choice], rng)
 
@@ -511,7 +619,10 @@ def main() -> int:
     """Run from the command line; exit code 1 where something was found."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--files", type=int, default=20_000)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, help="of an earlier run, to do it again")
+    parser.add_argument(
+        "--vendors", type=float, default=5.0, help="so many times as many for vendors' readers"
+    )
     parser.add_argument("--only", help="part of a name of a valid file")
     parser.add_argument("--keep", type=Path, help="folder for the files of findings")
     parser.add_argument("--reader", action="store_true", help=argparse.SUPPRESS)
@@ -520,8 +631,15 @@ def main() -> int:
         _serve()
         return 0
     start = time.monotonic()
+    number = int.from_bytes(os.urandom(4)) if options.seed is None else options.seed
+    _say(f"seed {number}")
     tally, findings = run(
-        options.files, seed=options.seed, keep=options.keep, only=options.only, report=_say
+        options.files,
+        seed=number,
+        keep=options.keep,
+        only=options.only,
+        vendors=options.vendors,
+        report=_say,
     )
     for name, count in sorted(tally.items()):
         _say(f"{name:20s}" + "".join(f"  {key} {value:6d}" for key, value in count.items()))
@@ -535,5 +653,4 @@ def _say(text: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
     sys.exit(main())

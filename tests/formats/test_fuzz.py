@@ -18,8 +18,9 @@ def test_the_valid_files_are_valid(tmp_path):
     for seed in fuzz_readers.seeds(tmp_path / "made"):
         path = fuzz_readers.placed(tmp_path / "now", seed, seed.content)
         assert path is not None
-        record: Any = lf.read(path, **seed.hints)
-        assert lf.histogram(record).counts.sum() > 0, seed.name
+        record: Any = fuzz_readers._read(str(path), seed.hints, seed.reads)
+        if seed.reads == "recording":
+            assert lf.histogram(record).counts.sum() > 0, seed.name
 
 
 def test_mutations_are_the_same_every_time():
@@ -36,8 +37,8 @@ def test_mutations_are_the_same_every_time():
 @pytest.mark.timeout(900)
 @pytest.mark.skipif(os.name == "nt", reason="killable readers are made for POSIX")
 def test_damaged_files_are_refused_in_one_sentence(tmp_path):
-    """2,000 of them, the same in every run; `make fuzz` does 20,000."""
-    tally, findings = fuzz_readers.run(2_000, seed=0, keep=tmp_path / "found")
+    """2,000 of them, the same in every run; `make fuzz` does 20,000 anew."""
+    tally, findings = fuzz_readers.run(2_000, seed=0, keep=tmp_path / "found", vendors=3)
     assert findings == []
     for name, count in tally.items():
         assert count["refused"] > 0, f"no mutation of {name} was noticed"

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from lightflight import flags
 from lightflight.batch.campaign import Shot
-from lightflight.errors import GeometryError, MissingExtraError
+from lightflight.errors import GeometryError
+from lightflight.parquet import pyarrow_modules
 from lightflight.path_error import path_error
 from lightflight.provenance import NUMERIC_PACKAGES
 
@@ -271,13 +272,7 @@ def write_table_parquet(table: CampaignTable, file: str | os.PathLike[str]) -> N
     MissingExtraError
         Without pyarrow.
     """
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError as error:
-        raise MissingExtraError(
-            'Parquet needs pyarrow, which is not installed: pip install "lightflight[batch]"'
-        ) from error
+    pa, pq = pyarrow_modules()
     from lightflight.store import atomic_path
 
     def type_of(name: str) -> Any:

@@ -260,10 +260,11 @@ def _array_from_file(path: Path) -> Any:
     import numpy as np
 
     from lightflight.errors import FileFormatError
+    from lightflight.formats.numpy_files import arrays_from_file
 
+    if path.suffix.lower() == ".npy":
+        return arrays_from_file(path)[""]
     try:
-        if path.suffix.lower() == ".npy":
-            return np.load(path, allow_pickle=False)
         return np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None)
     except ValueError as error:
         raise FileFormatError(f"holds no array of numbers ({error})", path=path) from error

@@ -16,7 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import ConfigError, FileFormatError
-from lightflight.filecheck import check_claim, check_memory
+from lightflight.filecheck import (
+    check_claim,
+    check_memory,
+    damage_as_format_error,
+    readable_file,
+)
 from lightflight.formats.clock import pf32_clock
 from lightflight.formats.cubes import (
     axes_needed,
@@ -50,13 +55,7 @@ def read_npy(
     with path.open("rb") as file:
         found, fortran, dtype = _npy_header(file, path)
         offset = file.tell()
-    needed, there = math.prod(found) * dtype.itemsize, path.stat().st_size - offset
-    if there < needed:
-        raise FileFormatError(
-            f"is truncated: an array {found} of {dtype} needs {needed} bytes, {there} are there",
-            path=path,
-            offset=offset + there,
-        )
+    _check_length(found, dtype, path, offset)
     if axes is None:
         raise axes_needed({"array": found}, path)
     values = np.memmap(path, dtype, "r", offset, found, "F" if fortran else "C")
@@ -69,6 +68,16 @@ def read_npy(
         n_codes=n_codes,
         poisson=poisson,
     )
+
+
+def _check_length(found: tuple[int, ...], dtype: np.dtype[Any], path: Path, offset: int) -> None:
+    needed, there = math.prod(found) * dtype.itemsize, path.stat().st_size - offset
+    if there < needed:
+        raise FileFormatError(
+            f"is truncated: an array {found} of {dtype} needs {needed} bytes, {there} are there",
+            path=path,
+            offset=offset + there,
+        )
 
 
 def _npy_header(
@@ -139,6 +148,22 @@ def read_npz(
         poisson=True if poisson is None else poisson,
         settings=settings,
     )
+
+
+def arrays_from_file(path: Path) -> dict[str, NDArray[Any]]:
+    """All arrays of numbers or text in a .npz, or the one of a .npy under the name "".
+
+    Raises FileFormatError for a file that is missing, damaged, or holds none.
+    """
+    readable_file(path)
+    with damage_as_format_error(path):
+        if path.suffix.lower() == ".npy":
+            with path.open("rb") as file:
+                found, _, dtype = _npy_header(file, path)
+                _check_length(found, dtype, path, file.tell())
+            return {"": np.load(path, allow_pickle=False)}
+        with zipfile.ZipFile(path) as archive:
+            return {name: _npz_array(archive, name, path) for name in _npz_headers(archive, path)}
 
 
 _Headers = Mapping[str, tuple[tuple[int, ...], np.dtype[Any]]]

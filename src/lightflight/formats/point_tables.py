@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,15 +45,11 @@ def points_from_file(
         return _points_of_map(array_from_file(path, variable), path)
     if suffix not in (".npz", ".npy"):
         raise FileFormatError("is no .csv, .npz, .npy or .mat file", path=path)
-    try:
-        loaded = np.load(path, allow_pickle=False)
-        arrays = {name: loaded[name] for name in loaded.files} if suffix == ".npz" else {"": loaded}
-    except (ValueError, OSError, EOFError) as error:
-        raise FileFormatError(f"cannot be read ({error})", path=path) from error
+    from lightflight.formats.numpy_files import arrays_from_file
+
+    arrays = arrays_from_file(path)
     if variable is None and {"points_mm", "pixels"} <= arrays.keys():
-        points, seen = (np.asarray(arrays[name], float) for name in ("points_mm", "pixels"))
-        shape = arrays.get("shape")
-        return points, seen, None if shape is None else (int(shape[0]), int(shape[1]))
+        return _points_of_arrays(arrays, path)
     if variable is None and len(arrays) == 1:
         variable = next(iter(arrays))
     if variable not in arrays:
@@ -79,6 +77,22 @@ def _points_from_csv(path: Path) -> tuple[Floats, Floats]:
     return table[:, :3], table[:, 3:]
 
 
+def _points_of_arrays(
+    arrays: Mapping[str, NDArray[Any]], path: Path
+) -> tuple[Floats, Floats, tuple[int, int] | None]:
+    """points_mm (n, 3), pixels (n, 2) and, where it is there, shape (rows, cols)."""
+    points, seen, shape = arrays["points_mm"], arrays["pixels"], arrays.get("shape")
+    lengths = f"points_mm {points.shape}, pixels {seen.shape}"
+    if points.shape[1:] != (3,) or seen.shape != (len(points), 2):
+        raise FileFormatError(f"holds {lengths}: they must be (n, 3) and (n, 2)", path=path)
+    if points.dtype.kind not in "uif" or seen.dtype.kind not in "uif":
+        raise FileFormatError("holds points_mm and pixels that are no numbers", path=path)
+    if shape is not None and (shape.shape != (2,) or shape.dtype.kind not in "ui"):
+        raise FileFormatError("holds a shape that is not two numbers, rows and cols", path=path)
+    camera = None if shape is None else (int(shape[0]), int(shape[1]))
+    return points.astype(float), seen.astype(float), camera
+
+
 def _points_of_map(
     places: NDArray[np.generic], path: Path
 ) -> tuple[Floats, Floats, tuple[int, int]]:
@@ -89,6 +103,8 @@ def _points_of_map(
             "rows, cols); name another with --variable",
             path=path,
         )
+    if places.dtype.kind not in "uif":
+        raise FileFormatError(f"holds {places.dtype}, not places in space", path=path)
     rows, cols = places.shape[1:]
     points = np.zeros((rows * cols, 3))
     points[:, : len(places)] = places.reshape(len(places), -1).T

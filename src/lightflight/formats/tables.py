@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.errors import MissingExtraError
 from lightflight.formats.metadata import text_from_histograms
 from lightflight.formats.photons import photon_blocks
 from lightflight.formats.registry import Format
 from lightflight.histogram import Histograms
+from lightflight.parquet import pyarrow_modules
 from lightflight.recording import CLOCK_FIELDS, Recording
 
 Table = dict[str, NDArray[Any]]
@@ -43,14 +43,7 @@ def write_csv(record: Recording | Histograms, path: Path) -> None:
 
 def write_parquet(record: Recording | Histograms, path: Path) -> None:
     """Write one row per cell with counts, or per photon; metadata go along."""
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise MissingExtraError(
-            'Parquet needs pyarrow, which is not installed: pip install "lightflight[batch]", '
-            "or write a .csv"
-        ) from None
+    pa, pq = pyarrow_modules()
     from lightflight.store import atomic_path
 
     with contextlib.ExitStack() as stack:

@@ -374,6 +374,7 @@ class TimingCalibration:
 
         Raises FileFormatError for a file that is no calibration, or one of a later version.
         """
+        from lightflight.filecheck import damage_as_format_error, record_error_as_format_error
         from lightflight.store import load_record
 
         arrays, attributes = load_record(path, kind="calibration")
@@ -389,9 +390,10 @@ class TimingCalibration:
         missing = known - values.keys() - _LATER_FIELDS
         if missing:
             raise FileFormatError(f"calibration lacks {', '.join(sorted(missing))}", path=path)
-        for name in ("shape", "notes", "flat_mode_names"):
-            values[name] = tuple(values[name])
-        return cls(**{name: values[name] for name in known if name in values})
+        with damage_as_format_error(path), record_error_as_format_error(path):
+            for name in ("shape", "notes", "flat_mode_names"):
+                values[name] = tuple(values[name])
+            return cls(**{name: values[name] for name in known if name in values})
 
     def _checked_pixels(
         self, rows: ArrayLike, cols: ArrayLike

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.errors import MissingExtraError
+from lightflight.parquet import pyarrow_modules
 from lightflight.store import atomic_path
 
 TABLES = ("samples", "pulses", "vertices")
@@ -96,14 +96,7 @@ def write_parquet(
     MissingExtraError
         Without pyarrow.
     """
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError as error:
-        raise MissingExtraError(
-            'Parquet needs pyarrow, which is not installed: pip install "lightflight[batch]", '
-            "or write a .csv"
-        ) from error
+    pa, pq = pyarrow_modules()
     target = _checked(path, ".parquet")
     table = table_from_path(light_path, what, samples=samples)
     columns = {
