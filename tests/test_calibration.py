@@ -1,6 +1,7 @@
 """The clock: edges, errors, refusals, and files."""
 
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -333,3 +334,19 @@ def test_notes_say_how_long_a_good_recording_takes(rng):
         notes = calibrate_timing(density).notes
     said = [note for note in notes if note.startswith("recorded in 20 s")]
     assert said == ["recorded in 20 s; 4 million photons per pixel take 33 min at this rate"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("first_edge_ps", "x"), ("no_photon_code", "\0"), ("bin_width_ps", -1.0), ("n_codes", True),
+     ("reversed_codes", 1), ("laser_period_ps", float("nan")), ("first_live_code", 10**9)],
+)  # fmt: skip
+def test_a_file_with_a_value_that_cannot_be_is_refused(tmp_path, name, value):
+    from lightflight.store import load_record, save_record
+
+    file = Path(__file__).parent / "data" / "calibration_schema_1.h5"
+    arrays, attributes = load_record(file, kind="calibration")
+    changed = {**attributes, name: value}
+    save_record(tmp_path / "c.h5", kind="calibration", arrays=arrays, attributes=changed)
+    with pytest.raises(FileFormatError, match=name):
+        TimingCalibration.load(tmp_path / "c.h5")

@@ -186,7 +186,7 @@ class LightPath:
         vertices = np.array(self.vertices_mm, dtype=float)
         times = np.array(self.vertex_times_ps, dtype=float)
         m = len(times)
-        if vertices.ndim != 2 or vertices.shape != (m, 3) or m < 2:
+        if times.ndim != 1 or vertices.shape != (m, 3) or m < 2:
             raise ValueError(
                 "a path needs vertices_mm of shape (m, 3) and vertex_times_ps of shape (m,) with "
                 f"m >= 2, got {vertices.shape} and {times.shape}"

@@ -376,6 +376,7 @@ class TimingCalibration:
         """
         from lightflight.filecheck import damage_as_format_error, record_error_as_format_error
         from lightflight.store import load_record
+        from lightflight.timing.calibration_fields import check_plain_values
 
         arrays, attributes = load_record(path, kind="calibration")
         schema = attributes.get("calibration_schema")
@@ -391,6 +392,7 @@ class TimingCalibration:
         if missing:
             raise FileFormatError(f"calibration lacks {', '.join(sorted(missing))}", path=path)
         with damage_as_format_error(path), record_error_as_format_error(path):
+            check_plain_values(values)
             for name in ("shape", "notes", "flat_mode_names"):
                 values[name] = tuple(values[name])
             return cls(**{name: values[name] for name in known if name in values})
