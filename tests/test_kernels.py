@@ -142,9 +142,9 @@ def test_scan_finds_the_window_of_a_brute_force_search(rng, folds, uneven):
         covered = np.zeros(reach + 1)
         bin_kernels.accumulate(exposure, 40, reach, covered)
         best = np.empty(3)
-        total = float(counts.sum())
+        total, peak = float(counts.sum()), float(counts.max())
         even = bin_kernels.even_width(exposure, 40)
-        bin_kernels.scan_for_pulse(levels, 40, reach, covered, even, 0.0, total, best)
+        bin_kernels.scan_for_pulse(levels, 40, reach, covered, even, 0.0, total, peak, best)
         highest, found = 0.0, (0, 0)
         for length in (1, 2, 4, 8, 16):
             for first in range(40 if folds else 41 - length):
@@ -176,25 +176,24 @@ def test_valley_separates_two_bumps_from_a_slope():
 def run_tile(function, counts, lower, upper, period=math.inf):
     """Values, covariances, table of `fit_tile`, and how many pixels lanes left over."""
     m = len(counts)
-    values, covariances = np.full((m, 4), np.nan), np.full((m, 4, 4), np.nan)
-    table = np.full((m, N_COLUMNS), np.nan)
+    values, covariances = np.full((4, m), np.nan), np.full((4, 4, m), np.nan)
+    table = np.full((N_COLUMNS, m), np.nan)
     starts, left = np.empty((m, 4)), np.empty(m, np.int64)
     model, zero, never = (True, False, True, GAUSSIAN), np.zeros(m), np.full(m, np.inf)
     n_left = function(
         counts, lower, upper, period, np.ones(m, bool), zero, never, zero, zero, 7.0, model, starts,
-        left,
-        values, covariances, table,
+        left, 0, values, covariances, table,
     )  # fmt: skip
     fit_rest(
-        counts, lower, upper, period, left[:n_left], zero, never, zero, zero, model, starts, values,
-        covariances, table,
+        counts, lower, upper, period, left[:n_left], zero, never, zero, zero, model, starts, 0,
+        values, covariances, table,
     )  # fmt: skip
-    return values, covariances, table, n_left
+    return values.T, covariances.T, table.T, n_left
 
 
 def test_fit_tile_gives_the_same_in_plain_python(pixel):
     lower = np.arange(64)[None] * WIDTH
-    counts = pixel[None].astype(np.int32)
+    counts = pixel[None].astype(np.uint32)
     compiled = run_tile(fit_tile, counts, lower, lower + WIDTH)
     in_python = run_tile(plain(fit_tile), counts, lower, lower + WIDTH)
     np.testing.assert_allclose(compiled[0], in_python[0], rtol=1e-5)
@@ -213,7 +212,7 @@ def test_lanes_agree_with_the_general_kernel(rng, photons, background, uneven, m
     lower, upper = edges[:, :-1].copy(), edges[:, 1:].copy()
     delay = rng.uniform(1500, 5500, (m, 1))
     mean = expected_counts(lower, upper, delay, STD, photons, background / WIDTH)
-    counts = rng.poisson(mean).astype(np.int32)
+    counts = rng.poisson(mean).astype(np.uint32)
     fast = run_tile(fit_tile, counts, lower, upper)
     assert fast[3] < 0.1 * m
     alone = [run_tile_without_lanes(counts[i], lower[i % len(lower)], upper[i % len(upper)])
@@ -249,7 +248,7 @@ def test_results_do_not_depend_on_the_company_a_pixel_travels_in(rng):
     photons = 10 ** rng.uniform(1.5, 4.5, (200, 1))
     delay = rng.uniform(1500, 5500, (200, 1))
     mean = expected_counts(lower, lower + WIDTH, delay, STD, photons, 0.3 / WIDTH)
-    counts = rng.poisson(mean).astype(np.int32)
+    counts = rng.poisson(mean).astype(np.uint32)
     order = rng.permutation(200)
     together = run_tile(fit_tile, counts, lower, lower + WIDTH)
     mixed = run_tile(fit_tile, counts[order], lower, lower + WIDTH)

@@ -188,15 +188,20 @@ def index_of(values, wanted):
 
 
 @jit_lent
+def may_exceed(inside, total, expected, value):
+    """False where the log excess is below value: it is at most chi2, which needs no logarithm."""
+    above = inside - expected
+    if not 0.0 < above < inside or expected >= total:
+        return False
+    return above * above * total > value * expected * (total - expected)
+
+
+@jit_lent
 def best_window(sums, count, length, covered, due, total, best):
     """Update best (log excess, first bin, length) with windows of one length."""
     for i in range(count):
         expected = due * (covered[i + length] - covered[i])
-        above = sums[i] - expected
-        # The log excess is at most chi2, which needs no logarithm.
-        if not 0.0 < above < sums[i] or expected >= total:
-            continue
-        if above * above * total > best[0] * expected * (total - expected):
+        if may_exceed(float(sums[i]), total, expected, best[0]):
             value = log_excess(float(sums[i]), total, expected)
             if value > best[0]:
                 best[0], best[1], best[2] = value, i, length
@@ -209,21 +214,21 @@ def log_trials(n):
 
 
 @jit_inlined
-def scan_for_pulse(levels, n, reach, covered, even, double_code, total, best):
+def scan_for_pulse(levels, n, reach, covered, even, double_code, total, peak, best):
     """Find the window of bins whose counts chance explains least.
 
-    levels[0][:reach]: counts, with a tail behind the fold where they fold; further levels are
-    filled with sums over 2, 4, 8 ... bins, the lengths that are tried at every position. What
-    is due in a window follows its exposure (`covered`: running sums), raised by what an imperfect
-    clock may do: `double_code` bins' worth of light too much in a window, and 5 % of
-    `double_code` more. even: exposure of every bin, where the fullest window is the best, or 0.
+    levels[0][:reach]: counts, with a tail behind the fold where they fold; peak: their largest;
+    further levels are filled with sums over 2, 4, 8 ... bins, the lengths that are tried at every
+    position. What is due in a window follows its exposure (`covered`: running sums), raised by
+    what an imperfect clock may do: `double_code` bins' worth of light too much in a window, and
+    5 % of `double_code` more. even: exposure of every bin, where the fullest window is the best,
+    or 0.
 
     best: log excess, first bin, number of bins; false alarms are fewer than exp(log_trials -
     excess), by trial exp(log_trials - excess - 3). Stops early at an unmistakable pulse.
     """
     best[0], best[1], best[2] = 0.0, 0.0, 1.0
-    level, length, where, peak = 0, 1, -1, 0.0
-    fullest = float(largest(levels[0][:n]))
+    level, length, where, fullest, highest = 0, 1, -1, peak, 0.0
     while 2 * length <= n or length == 1:
         if level > 0:
             half, count = length // 2, reach - length + 1
@@ -235,9 +240,10 @@ def scan_for_pulse(levels, n, reach, covered, even, double_code, total, best):
             count = min(n, reach - length + 1)
             if even > 0.0:
                 expected = due * min(length * even, covered[n])
-                value = log_excess(fullest, total, expected) if expected < total else 0.0
-                if value > best[0]:
-                    best[0], best[2], where, peak = value, length, level, fullest
+                if may_exceed(fullest, total, expected, best[0]):
+                    value = log_excess(fullest, total, expected)
+                    if value > best[0]:
+                        best[0], best[2], where, highest = value, length, level, fullest
             else:
                 best_window(levels[level], count, length, covered, due, total, best)
             if best[0] > 50.0 and best[0] == before:
@@ -245,7 +251,7 @@ def scan_for_pulse(levels, n, reach, covered, even, double_code, total, best):
         level += 1
         length *= 2
     if where >= 0:
-        best[1] = index_of(levels[where][: min(n, reach - int(best[2]) + 1)], peak)
+        best[1] = index_of(levels[where][: min(n, reach - int(best[2]) + 1)], highest)
 
 
 @jit_lent

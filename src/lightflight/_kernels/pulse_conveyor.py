@@ -15,13 +15,13 @@ from lightflight._kernels import pulse_lanes as lane
 from lightflight._kernels.bins import largest, log_excess_over, residual_level
 from lightflight._kernels.jit import jit, jit_inlined, jit_lent, jit_reordered
 from lightflight._kernels.pulse import MIN_EXPECTED, normal_from_chi2
-from lightflight._kernels.pulse_lanes import LANES, MAX_BINS, MOST_STEPS, step_lanes
+from lightflight._kernels.pulse_lanes import BIN, LANES, MAX_BINS, MOST_STEPS, step_lanes
 
 SPARE_REACH = 1.0  # std that a window has on either side beyond the pulse of the start
 SETTLED = 1e-4  # squared length of the last step, in standard errors
 ALONE = 3.0  # residuals further than this many std from the pulse may be another one
 SUSPICIOUS = 12.0  # chi2 of such bins from which they are looked at
-NARROW = 24  # bins; windows wider than this travel by themselves
+NARROW, BROAD = 16, 24  # bins; windows of like length travel together
 FREE = -1.0
 
 # What is kept of the pixel in each lane, beside its window (rows of `kept`).
@@ -91,10 +91,10 @@ def excess_outside(sums, n, low, high, length, covered, even, background):
 
 
 @jit_inlined
-def window_of(theta, near, edges, n, period, total):
+def window_of(theta, near, edges, n, period, enough):
     """Bins (low, high) that a pulse like theta needs; (0, 0) where lanes cannot hold them.
 
-    near: a bin near the centre; total: counts of the pixel, which bound those of the pulse.
+    near: a bin near the centre; enough: std on either side that hold the pulse (`reach_of`).
     """
     centre, photons, std, background = theta
     if not edges[0] < centre < edges[n]:
@@ -107,7 +107,7 @@ def window_of(theta, near, edges, n, period, total):
     high = low + 1
     noise = math.sqrt(photons + 6.0 * background * std) / photons
     # a noisy start may have to widen
-    reach = (reach_of(total) + SPARE_REACH) * std * (1.0 + 2.5 * noise)
+    reach = (enough + SPARE_REACH) * std * (1.0 + 2.5 * noise)
     while low > 0 and edges[low] > centre - reach:
         low -= 1
     while high < n and edges[high] < centre + reach:
@@ -121,28 +121,28 @@ def window_of(theta, near, edges, n, period, total):
 def load_lane(conveyor, pixel, theta, low, high, row, double_code, dark):
     """Put bins [low, high) of a pixel, and a start, into a free lane.
 
-    row: (levels, edges, exposure, inverse, covered, n, total, even, bounds, log of n); dark:
-    (counts, exposure) of a background recording.
+    row: (levels, edges, exposure, inverse, covered, n, total, enough, even, bounds, log of n);
+    dark: (counts, exposure) of a background recording.
     """
-    (file, w_edges, w_counts, w_widths, _), kept, _ = conveyor
-    levels, edges, exposure, inverse, covered, n, total, even, bounds, n_log = row
+    (file, windows), kept, _ = conveyor
+    levels, edges, exposure, inverse, covered, n, total, enough, even, bounds, n_log = row
     centre, std, background = theta[0], theta[2], max(theta[3], bounds[2])
     slot = free_slot(conveyor)
     out_counts, out_exposure, out_inverses, out_bins = total, covered[n], inverse[n], inverse[n + 1]
     out_squares = sum_of_squares(levels[0][:n], inverse[:n])
-    w_edges[slot] = edges[low] - centre
+    file[lane.FIRST + slot] = edges[low] - centre
     for k in range(high - low):
-        count, width = float(levels[0][low + k]), exposure[low + k]
-        w_counts[k * LANES + slot] = count
-        w_widths[k * LANES + slot] = width
-        w_edges[(k + 1) * LANES + slot] = edges[low + k + 1] - centre
+        count, width, at = float(levels[0][low + k]), exposure[low + k], k * BIN + slot
+        windows[at + lane.END] = edges[low + k + 1] - centre
+        windows[at + lane.COUNT] = count
+        windows[at + lane.WIDTH] = width
         out_counts -= count
         out_exposure -= width
         out_squares -= count * count * inverse[low + k]
         out_inverses -= inverse[low + k]
         out_bins -= width > 0.0
     for k in range(high - low, int(kept[BINS, slot])):
-        w_widths[k * LANES + slot] = 0.0
+        windows[k * BIN + lane.WIDTH + slot] = 0.0
     file[lane.CENTRE + slot], file[lane.STD + slot] = 0.0, std
     file[lane.PHOTONS + slot], file[lane.BACKGROUND + slot] = theta[1], background
     file[lane.FLOOR + slot] = bounds[2]
@@ -153,7 +153,7 @@ def load_lane(conveyor, pixel, theta, low, high, row, double_code, dark):
     raised = double_code * (1.0 / length + 0.05) * background
     kept[PIXEL, slot], kept[BINS, slot], kept[STEPS, slot] = pixel, high - low, 0.0
     kept[ORIGIN, slot], kept[LOG_ALL, slot] = centre, n_log
-    kept[REACH, slot] = reach_of(total)
+    kept[REACH, slot] = enough
     kept[OUT_COUNTS, slot], kept[OUT_EXPOSURE, slot] = out_counts, out_exposure
     kept[OUT_SQUARES, slot], kept[OUT_INVERSES, slot] = out_squares, out_inverses
     kept[OUT_BINS, slot], kept[WHOLE, slot] = out_bins, covered[n] + dark[1]
@@ -167,9 +167,10 @@ def load_lane(conveyor, pixel, theta, low, high, row, double_code, dark):
 @jit_inlined
 def is_good(conveyor, slot):
     """True where a lane holds a converged fit of a pulse well inside its window."""
-    (file, w_edges, _, _, _), kept, _ = conveyor
+    (file, windows), kept, _ = conveyor
     centre, std = file[lane.CENTRE + slot], file[lane.STD + slot]
-    first, last = w_edges[slot], w_edges[int(kept[BINS, slot]) * LANES + slot]
+    first = file[lane.FIRST + slot]
+    last = windows[(int(kept[BINS, slot]) - 1) * BIN + lane.END + slot]
     reach = kept[REACH, slot] * std
     settled = file[lane.LENGTH2 + slot] < SETTLED and std > 2.0 * kept[MIN_STD, slot]
     holds_low = kept[LOW_CUT, slot] == 1.0 or centre - reach >= first
@@ -180,12 +181,14 @@ def is_good(conveyor, slot):
 
 
 @jit_inlined
-def read_lane(conveyor, slot, values, covariance, table):
-    """Fit of a lane into its rows of the results; see `pulse_tile.fit_tile`."""
-    (file, _, _, _, _), kept, _ = conveyor
-    values[0] = kept[ORIGIN, slot] + float(file[lane.CENTRE + slot])
-    values[1], values[2] = file[lane.STD + slot], file[lane.PHOTONS + slot]
-    values[3] = file[lane.BACKGROUND + slot]
+def read_lane(conveyor, slot, results, at):
+    """Fit of a lane into column `at` of the results; see `pulse_tile.fit_tile`."""
+    (file, _), kept, _ = conveyor
+    values, covariances, table = results
+    background = file[lane.BACKGROUND + slot]
+    values[0, at] = kept[ORIGIN, slot] + float(file[lane.CENTRE + slot])
+    values[1, at], values[2, at] = file[lane.STD + slot], file[lane.PHOTONS + slot]
+    values[3, at] = background
     rows = (
         (lane.V_CC, lane.V_CS, lane.V_CA, lane.V_CB),
         (lane.V_CS, lane.V_SS, lane.V_SA, lane.V_SB),
@@ -194,60 +197,61 @@ def read_lane(conveyor, slot, values, covariance, table):
     )
     for a in range(4):
         for b in range(4):
-            covariance[a, b] = file[rows[a][b] + slot]
-    if file[lane.BACKGROUND + slot] <= file[lane.FLOOR + slot]:
-        covariance[3, 3] = 1.0 / kept[WHOLE, slot] ** 2
+            covariances[a, b, at] = file[rows[a][b] + slot]
+    if background <= file[lane.FLOOR + slot]:
+        covariances[3, 3, at] = 1.0 / kept[WHOLE, slot] ** 2
     chi2, n_bins = float(file[lane.CHI2 + slot]), float(file[lane.N_BINS + slot])
     rich_chi2, n_rich = float(file[lane.RICH_CHI2 + slot]), float(file[lane.N_RICH + slot])
     rich_variance = float(file[lane.RICH_VARIANCE + slot])
-    n_out, out = kept[OUT_BINS, slot], values[3] * kept[OUT_EXPOSURE, slot]
-    term = kept[OUT_SQUARES, slot] / values[3] - 2.0 * kept[OUT_COUNTS, slot] + out
+    n_out, out = kept[OUT_BINS, slot], background * kept[OUT_EXPOSURE, slot]
+    term = kept[OUT_SQUARES, slot] / background - 2.0 * kept[OUT_COUNTS, slot] + out
     if n_out > 0 and out >= MIN_EXPECTED * n_out:
         chi2 += term
         n_bins += n_out
     if n_out > 0 and out >= n_out:
         rich_chi2 += term
         n_rich += n_out
-        rich_variance += 2.0 * n_out + kept[OUT_INVERSES, slot] / values[3]
+        rich_variance += 2.0 * n_out + kept[OUT_INVERSES, slot] / background
     residual = kept[RESIDUAL, slot]
     if file[lane.FAR_CHI2 + slot] > SUSPICIOUS:
         residual = max(residual, residual_in_lane(conveyor, slot))
-    table[0], table[1], table[2], table[3] = 1.0, 1.0, kept[STEPS, slot], chi2
-    table[4], table[5] = n_bins, normal_from_chi2(rich_chi2, n_rich, rich_variance)
-    table[6], table[7] = file[lane.HELD + slot], 1.0
-    table[8] = residual - kept[LOG_ALL, slot]
+    table[0, at], table[1, at], table[2, at], table[3, at] = 1.0, 1.0, kept[STEPS, slot], chi2
+    table[4, at], table[5, at] = n_bins, normal_from_chi2(rich_chi2, n_rich, rich_variance)
+    table[6, at], table[7, at] = file[lane.HELD + slot], 1.0
+    table[8, at] = residual - kept[LOG_ALL, slot]
 
 
 @jit_lent
 def residual_in_lane(conveyor, slot):
     """Largest log excess over the fit of windows in a lane that are ALONE std from the pulse."""
-    (file, w_edges, w_counts, w_widths, means), kept, running = conveyor
+    (file, windows), kept, running = conveyor
     m, length = int(kept[BINS, slot]), int(kept[LENGTH, slot])
     centre, alone = file[lane.CENTRE + slot], ALONE * file[lane.STD + slot]
+    ends, counts = windows[lane.END + slot :: BIN], windows[lane.COUNT + slot :: BIN]
+    widths, means = windows[lane.WIDTH + slot :: BIN], windows[lane.MEAN + slot :: BIN]
     running[0] = 0.0
     for k in range(m):
-        at = k * LANES + slot
-        running[k + 1] = running[k] + means[at] + kept[RAISED, slot] * w_widths[at]
+        running[k + 1] = running[k] + means[k] + kept[RAISED, slot] * widths[k]
     best, inside = 0.0, 0.0
     for k in range(min(length, m)):
-        inside += w_counts[k * LANES + slot]
+        inside += counts[k]
     for i in range(m - length + 1):
         due = running[i + length] - running[i]
         if inside > due + 1.0:
-            middle = 0.5 * (w_edges[i * LANES + slot] + w_edges[(i + length) * LANES + slot])
+            start = ends[i - 1] if i > 0 else file[lane.FIRST + slot]
+            middle = 0.5 * (start + ends[i + length - 1])
             if abs(middle - centre) > alone:
                 best = max(best, log_excess_over(inside, max(due, 1e-12)))
         if i < m - length:
-            inside += w_counts[(i + length) * LANES + slot] - w_counts[i * LANES + slot]
+            inside += counts[i + length] - counts[i]
     return best
 
 
 @jit_lent
-def run_conveyor(conveyor, drain, values, covariances, table, left, n_left):
+def run_conveyor(conveyor, drain, results, left, n_left):
     """Step the lanes until one is free (drain: until all are); returns how many are left over.
 
-    Settled fits go into their rows of values, covariances and table, pixels that did not settle
-    into `left`.
+    Settled fits go into their columns of the results, pixels that did not settle into `left`.
     """
     lanes, kept, _ = conveyor
     file = lanes[0]
@@ -267,7 +271,7 @@ def run_conveyor(conveyor, drain, values, covariances, table, left, n_left):
             pixel = int(kept[PIXEL, slot])
             kept[PIXEL, slot] = FREE
             if is_good(conveyor, slot):
-                read_lane(conveyor, slot, values[pixel], covariances[pixel], table[pixel])
+                read_lane(conveyor, slot, results, pixel)
             else:
                 left[n_left] = pixel
                 n_left += 1

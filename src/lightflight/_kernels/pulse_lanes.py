@@ -1,8 +1,9 @@
 """Sixteen single-pulse fits at once: the Poisson fit of `_kernels.pulse`, one pixel per lane.
 
 The arithmetic of a step is written for a *lane file*: a flat array in which row r of lane i is
-`r + i` for the row constants below (multiples of LANES). Offsets known when compiling are what
-lets the compiler turn every line of a `for i in range(LANES)` into one vector instruction.
+`r + i` for the row constants below (multiples of LANES), and for *windows*: a flat array of BIN
+numbers per bin, with rows of its own. Offsets known when compiling are what lets the compiler
+turn every line of a `for i in range(LANES)` into one vector instruction.
 
 Single precision is enough: times count from the start of the fit, tails are kept as tails, and
 rounding stays below 1e-3 standard errors up to 10^9 photons. Lanes do not influence each other:
@@ -22,15 +23,18 @@ LANES = 16
 MAX_BINS = 48
 MOST_STEPS = 12
 
-_N_ROWS = 56
+_N_ROWS = 48
 (
     CENTRE, STD, PHOTONS, BACKGROUND, FLOOR, OUT_COUNTS, OUT_EXPOSURE, SCALE,
-    EDGE, COUNT, WIDTH, Z, PDF, TAIL, MEAN, LENGTH2,
+    FIRST, Z, PDF, TAIL, LENGTH2,
     G_C, G_S, G_A, G_B,
     F_CC, F_CS, F_CA, F_CB, F_SS, F_SA, F_SB, F_AA, F_AB, F_BB,
     V_CC, V_CS, V_CA, V_CB, V_SS, V_SA, V_SB, V_AA, V_AB, V_BB,
     HELD, CHI2, N_BINS, RICH_CHI2, N_RICH, RICH_VARIANCE, FAR_CHI2,
-) = range(0, 47 * LANES, LANES)  # fmt: skip
+) = range(0, 44 * LANES, LANES)  # fmt: skip
+
+BIN = 4 * LANES
+END, COUNT, WIDTH, MEAN = range(0, BIN, LANES)
 
 # Everything in single precision: a plain 1.0 would make the compiler compute in double.
 _ZERO, _HALF, _ONE, _TWO, _INF = (np.float32(x) for x in (0.0, 0.5, 1.0, 2.0, math.inf))
@@ -81,7 +85,7 @@ def start_pass(f):
     """Clear the sums; terms of the first edge; what the bins outside the window contribute."""
     for i in range(LANES):
         scale = _ONE / f[STD + i]
-        z = (f[EDGE + i] - f[CENTRE + i]) * scale
+        z = (f[FIRST + i] - f[CENTRE + i]) * scale
         z = min(max(z, -_FURTHEST), _FURTHEST)
         pdf, tail = normal_pdf_tail(z)
         f[SCALE + i] = scale
@@ -100,12 +104,12 @@ def start_pass(f):
 
 
 @jit_lent
-def add_bin(f):
-    """Add the bin that ends at EDGE, with COUNT counts and WIDTH of exposure, to all sums."""
+def add_bin(f, w):
+    """Add the bin w, which ends at END with COUNT counts and WIDTH of exposure, to all sums."""
     for i in range(LANES):
-        scale, width, count = f[SCALE + i], f[WIDTH + i], f[COUNT + i]
+        scale, width, count = f[SCALE + i], w[WIDTH + i], w[COUNT + i]
         before, pdf_before, tail_before = f[Z + i], f[PDF + i], f[TAIL + i]
-        z = (f[EDGE + i] - f[CENTRE + i]) * scale
+        z = (w[END + i] - f[CENTRE + i]) * scale
         z = min(max(z, -_FURTHEST), _FURTHEST)
         pdf, tail = normal_pdf_tail(z)
         f[Z + i], f[PDF + i], f[TAIL + i] = z, pdf, tail
@@ -117,7 +121,7 @@ def add_bin(f):
         by_c = steep * (pdf_before - pdf)
         by_s = steep * (before * pdf_before - z * pdf)
         mean = f[PHOTONS + i] * share + f[BACKGROUND + i] * width
-        f[MEAN + i] = mean
+        w[MEAN + i] = mean
         live = _ONE if width > _ZERO else _ZERO
         weight = _ONE / mean if width > _ZERO else _ZERO
         pull = count * weight - live
@@ -211,42 +215,22 @@ def take_step(f):
 
 
 @jit_lent
-def put_row(f, row, source, start):
-    """One row of the lane file from a larger array."""
-    for i in range(LANES):
-        f[row + i] = source[start + i]
-
-
-@jit_lent
 def step_lanes(lanes, n_bins):
     """One Fisher scoring step of every lane, over windows of up to n_bins bins.
 
-    Fills `means` with the expected counts before the step.
+    The rows MEAN of the windows then hold the expected counts before the step.
     """
-    f, edges, counts, widths, means = lanes
-    put_row(f, EDGE, edges, 0)
+    f, windows = lanes
     start_pass(f)
     for k in range(n_bins):
-        put_row(f, EDGE, edges, (k + 1) * LANES)
-        put_row(f, COUNT, counts, k * LANES)
-        put_row(f, WIDTH, widths, k * LANES)
-        add_bin(f)
-        for i in range(LANES):
-            means[k * LANES + i] = f[MEAN + i]
+        add_bin(f, windows[k * BIN : (k + 1) * BIN])
     invert_information(f)
     take_step(f)
 
 
 @jit
 def new_lanes():
-    """(lane file, edges, counts, widths, means); windows bin by bin, harmless content."""
+    """(lane file, windows), with harmless content."""
     f = np.zeros(_N_ROWS * LANES, np.float32)
     f[CENTRE : CENTRE + 4 * LANES] = _ONE
-    bins = MAX_BINS * LANES
-    return (
-        f,
-        np.zeros(bins + LANES, np.float32),
-        np.zeros(bins, np.float32),
-        np.zeros(bins, np.float32),
-        np.zeros(bins, np.float32),
-    )
+    return f, np.zeros(MAX_BINS * BIN, np.float32)

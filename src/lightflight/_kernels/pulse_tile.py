@@ -29,9 +29,11 @@ from lightflight._kernels.pulse import (
     new_scratch,
 )
 from lightflight._kernels.pulse_conveyor import (
+    BROAD,
     NARROW,
     load_lane,
     new_conveyor,
+    reach_of,
     run_conveyor,
     window_of,
 )
@@ -40,8 +42,11 @@ from lightflight._kernels.pulse_split import ALONE, residual_scan, split_pulses
 Floats = NDArray[np.float64]
 Model = tuple[bool, bool, bool, Floats]
 
+ORDER = (0, 2, 1, 3)
+"""Place in the kernel's theta (centre, photons, std, background) of each value of the table."""
+
 N_COLUMNS = 12
-"""Columns of a table of fits."""
+"""Columns of a table of fits (rows in the kernels, which keep each together in memory)."""
 
 (
     COUNTS, EXPOSURE, PEAK, N_PULSES, CONVERGED, STEPS_TAKEN, CHI2, CHI2_BINS, CHI2_DEVIATE,
@@ -106,10 +111,11 @@ def thin_exposure(counts, n, trials, exposure):
 
 
 @jit_lent
-def fit_alone(row, n, period, start, dark, double_code, model, room, values, covariance, columns):
-    """Fit one pixel by the general kernel from `start`, and fill its rows of the results."""
+def fit_alone(row, n, period, start, dark, double_code, model, room, results, at):
+    """Fit one pixel by the general kernel from `start`, into column `at` of the results."""
     levels, edges, exposure, _, covered, _ = row
-    bins, window, sums, small, best, outcome, summary, theta = room
+    bins, window, sums, small, best, outcome, summary, theta, covariance = room
+    values, covariances, table = results
     counts = bins[0]
     for k in range(n):
         counts[k] = levels[0][k]
@@ -121,14 +127,17 @@ def fit_alone(row, n, period, start, dark, double_code, model, room, values, cov
     m = fit_bins(bins, n, period, theta, single, model, fit_std, window, small, outcome)
     whole = covered[n] + dark[1]
     covariance_of_fit(theta, single, model, whole, window, m, small, covariance)
-    swap_photons_and_std(covariance)
     describe_fit(bins, n, theta, single, model, window, m, small, summary)
-    values[0], values[1], values[2], values[3] = theta[0], theta[2], theta[1], theta[3]
-    columns[N_PULSES] = 1.0
-    columns[CONVERGED], columns[STEPS_TAKEN] = outcome[1], outcome[3]
-    put(summary, 4, columns[CHI2:])
-    columns[STD_FREE] = small[2][2]
-    columns[RESIDUAL] = 0.0
+    for a in range(4):
+        values[a, at] = theta[ORDER[a]]
+        for b in range(4):
+            covariances[a, b, at] = covariance[ORDER[a], ORDER[b]]
+    table[N_PULSES, at] = 1.0
+    table[CONVERGED, at], table[STEPS_TAKEN, at] = outcome[1], outcome[3]
+    for k in range(4):
+        table[CHI2 + k, at] = summary[k]
+    table[STD_FREE, at] = small[2][2]
+    table[RESIDUAL, at] = 0.0
     if model[0]:
         reach = 2 * n if period < math.inf else n
         accumulate(counts, n, reach, sums[0])
@@ -136,16 +145,7 @@ def fit_alone(row, n, period, start, dark, double_code, model, room, values, cov
         residual_scan(
             bins, n, period, theta, single, model, ALONE, theta[2], double_code, sums, small, best
         )
-        columns[RESIDUAL] = best[0] - math.log(n)
-
-
-@jit_lent
-def swap_photons_and_std(covariance):
-    """From the kernel's order (centre, photons, std, background) to that of the table."""
-    for a in range(4):
-        covariance[a, 1], covariance[a, 2] = covariance[a, 2], covariance[a, 1]
-    for a in range(4):
-        covariance[1, a], covariance[2, a] = covariance[2, a], covariance[1, a]
+        table[RESIDUAL, at] = best[0] - math.log(n)
 
 
 @jit
@@ -163,6 +163,7 @@ def fit_tile(
     model: Model,
     starts: Floats,
     left: NDArray[np.int64],
+    first: int,
     values: Floats,
     covariances: Floats,
     table: Floats,
@@ -170,88 +171,103 @@ def fit_tile(
     """Fit the one strongest pulse of each pixel of a tile, as far as lanes can.
 
     Returns how many pixels are left for `fit_rest`; they are first in `left` (m,), with a rough
-    (centre, photons, std, background) of each pixel with a pulse in `starts` (m, 4).
+    (centre, photons, std, background) of each pixel with a pulse in `starts` (m, 4). Returns -1
+    where counts are too many for their integers: give them as floats.
 
-    counts (m, codes), int32 (rows sum to less than 2^31) or float64; lower, upper (m or 1, codes);
+    counts (m, codes), uint32 or float64; lower, upper (m or 1, codes);
     period inf where nothing folds; todo (m,); double_code (m,), see `scan_for_pulse`; trials (m,):
     laser periods that could have ended with a photon, see `thin_exposure` (inf: no pile-up);
     dark_counts (m,): counts of a background recording, dark_ratio (m,): its exposure over this
     one's (0: none); log_alarms: a pulse must be less likely by chance than exp(-that - 3); model:
     see `pulse.bin_model`.
 
-    values (m, 4) centre, std, photons, background; covariances (m, 4, 4) in that order; table
-    (m, N_COLUMNS): counts, exposure, largest bin, pulses found, converged, steps, chi2, its bins,
-    its deviate, share of the pulse in live bins, 1 where std is not at a bound, log excess of the
-    residuals far from the pulse. What has no meaning is left alone (NaN, given such).
+    Of all pixels, the tile's in columns from `first` on: values (4, n) centre, std, photons,
+    background; covariances (4, 4, n) in that order; table (N_COLUMNS, n): counts, exposure,
+    largest bin, pulses found, converged, steps, chi2, its bins, its deviate, share of the pulse
+    in live bins, 1 where std is not at a bound, log excess of the residuals far from the pulse.
+    What has no meaning is left alone (NaN, given such).
     """
-    room = (new_row(counts), (new_conveyor(), new_conveyor()), np.empty(3))
+    conveyors = (new_conveyor(), new_conveyor(), new_conveyor())
+    room = (new_row(counts), conveyors, np.empty(3))
     return int(
         fit_in_lanes(
             counts, lower, upper, period, todo, double_code, trials, (dark_counts, dark_ratio),
-            log_alarms, model, starts, left, (values, covariances, table), room,
+            log_alarms, model, starts, left, first, (values, covariances, table), room,
         )
     )  # fmt: skip
 
 
 @jit_lent
+def most_of(levels):
+    """Counts of a pixel from which their sums leave the integers they are kept in."""
+    return 4294967296.0 if levels.itemsize == 4 else math.inf
+
+
+@jit_lent
 def fit_in_lanes(
     counts, lower, upper, period, todo, double_code, trials, dark_recording, log_alarms, model,
-    starts, left, results, room,
+    starts, left, start_column, results, room,
 ):  # fmt: skip
-    """`fit_tile` with the arrays it works in: room is (row, (two conveyors), (3,))."""
+    """`fit_tile` with the arrays it works in: room is (row, conveyors, (3,))."""
     row, conveyors, best = room
     values, covariances, table = results
     dark_counts, dark_ratio = dark_recording
     levels, edges, exposure, inverse, covered, codes = row
     # no literals for `run_conveyor`, see `fit_alone`
     n_left, keep_going, drain = np.int64(0), np.bool_(False), np.bool_(True)
-    fits = table[:, N_PULSES:]
+    fits = (values, covariances, table[N_PULSES:])
     shared = lower.shape[0] == 1
     fresh, gaussian = False, model[3].shape[1] == 0
     n, reach, even, trials_log, n_log = 0, 0, 0.0, 0.0, 0.0
     for i in range(counts.shape[0]):
         if not todo[i]:
             continue
+        column = start_column + i
         if not (shared and fresh):
             at = 0 if shared else i
             n, reach, even = lay_out(row, lower[at], upper[at], period)
             fresh = True
             trials_log, n_log = log_trials(n), math.log(max(n, 1))
             bounds = bounds_of((exposure, edges, exposure), n, period, model)
-        table[i, N_PULSES] = 0.0
+        table[N_PULSES, column] = 0.0
         if n == 0:  # no code of this pixel has a width
-            table[i, COUNTS] = counts[i].sum()
+            table[COUNTS, column] = counts[i].sum()
             continue
         total = float(take_counts(counts[i], codes, n, levels[0]))
+        if total >= most_of(levels):
+            return np.int64(-1)
         wrap_tail(levels[0], n, reach)
-        table[i, COUNTS], table[i, EXPOSURE] = total, covered[n]
+        table[COUNTS, column], table[EXPOSURE, column] = total, covered[n]
+        dark = (dark_counts[i], dark_ratio[i] * covered[n])
         if trials[i] < math.inf:
             thin_exposure(levels[0], n, trials[i], exposure)
             reach, even = sum_exposure(row, n, period)
             fresh = False
-        table[i, PEAK] = float(largest(levels[0][:n]))
-        dark = (dark_counts[i], dark_ratio[i] * table[i, EXPOSURE])
-        scan_for_pulse(levels, n, reach, covered, even, double_code[i], total, best)
+        peak = float(largest(levels[0][:n]))
+        table[PEAK, column] = peak
+        scan_for_pulse(levels, n, reach, covered, even, double_code[i], total, peak, best)
         if total <= 0.0 or (model[2] and best[0] < log_alarms + trials_log):
-            values[i, 3] = (total + dark[0]) / (covered[n] + dark[1])
+            values[3, column] = (total + dark[0]) / (covered[n] + dark[1])
             continue
         first, length = int(best[1]), int(best[2])
         start_from_window(
             levels[0], edges, exposure, n, period, total, covered, first, length, starts[i]
         )
-        full = (levels, edges, exposure, inverse, covered, n, total, even, bounds, n_log)
-        low, high = 0, 0
+        low, high, enough = 0, 0, reach_of(total)
         if model[0] and gaussian and fresh:
-            low, high = window_of(starts[i], first, edges, n, period, total)
+            low, high = window_of(starts[i], first, edges, n, period, enough)
         if high > 0:
-            conveyor = conveyors[0] if high - low <= NARROW else conveyors[1]
-            load_lane(conveyor, i, starts[i], low, high, full, double_code[i], dark)
-            n_left = run_conveyor(conveyor, keep_going, values, covariances, fits, left, n_left)
+            full = (
+                levels, edges, exposure, inverse, covered, n, total, enough, even, bounds, n_log
+            )  # fmt: skip
+            conveyor = conveyors[(high - low > NARROW) + (high - low > BROAD)]
+            load_lane(conveyor, column, starts[i], low, high, full, double_code[i], dark)
+            n_left = run_conveyor(conveyor, keep_going, fits, left, n_left)
         else:
-            left[n_left] = i
+            left[n_left] = column
             n_left += 1
     for conveyor in conveyors:
-        n_left = run_conveyor(conveyor, drain, values, covariances, fits, left, n_left)
+        n_left = run_conveyor(conveyor, drain, fits, left, n_left)
     return n_left
 
 
@@ -261,33 +277,36 @@ def fit_rest(
     lower: Floats,
     upper: Floats,
     period: float,
-    pixels: NDArray[np.int64],
+    left: NDArray[np.int64],
     double_code: Floats,
     trials: Floats,
     dark_counts: Floats,
     dark_ratio: Floats,
     model: Model,
     starts: Floats,
+    first: int,
     values: Floats,
     covariances: Floats,
     table: Floats,
 ) -> None:
-    """Fit the given pixels of a tile by the general kernel; arguments as in `fit_tile`."""
+    """Fit what `fit_tile` left of a tile by the general kernel; arguments as there."""
     row = new_row(counts)
     levels, _, exposure, _, _, codes = row
     bins, window, sums, small = new_scratch(2 * counts.shape[1] + 2, 1)
-    room = (bins, window, sums, small, np.empty(3), np.empty(4), np.empty(4), np.empty(4))
-    for i in pixels:
+    one = (np.empty(3), np.empty(4), np.empty(4), np.empty(4), np.empty((4, 4)))
+    room = (bins, window, sums, small, *one)
+    for column in left:
+        i = column - first
         at = i if lower.shape[0] > 1 else 0
         n, _, _ = lay_out(row, lower[at], upper[at], period)
         take_counts(counts[i], codes, n, levels[0])
         if trials[i] < math.inf:
             thin_exposure(levels[0], n, trials[i], exposure)
             sum_exposure(row, n, period)
-        dark = (dark_counts[i], dark_ratio[i] * table[i, EXPOSURE])
+        dark = (dark_counts[i], dark_ratio[i] * table[EXPOSURE, column])
         fit_alone(
-            row, n, period, starts[i], dark, double_code[i], model, room, values[i],
-            covariances[i], table[i],
+            row, n, period, starts[i], dark, double_code[i], model, room,
+            (values, covariances, table), column,
         )  # fmt: skip
 
 

@@ -33,7 +33,7 @@ own bound is 7 times that; tests/recover/test_pulse_recovery.py counts)."""
 LOG_FALSE_SECOND = math.log(1e3)
 """Threshold of a further pulse: one in 1,000 pixels that hold a single one."""
 
-TILE_CODES = 1 << 19
+TILE_CODES = 1 << 20
 """Pixels times codes in work at once, per thread: some 20 MB."""
 
 SAMPLE = 8192
@@ -145,16 +145,16 @@ def exposure_ratio(background: Histograms, hist: Histograms) -> float:
 
 
 def scannable(counts: NDArray[Any]) -> NDArray[Any]:
-    """Counts (pixels, codes) as int32, which scans fastest, or float64 where that cannot hold."""
-    if counts.dtype.kind == "f":
-        return np.ascontiguousarray(counts, dtype=np.float64)
-    # Row sums, not codes x maximum: code 0 may hold millions of empty frames, and a second kind
-    # of counts costs the compilation of a second kernel.
-    if counts.dtype.itemsize > 2 and int(counts.sum(axis=1, dtype=np.int64).max()) >= 2**31:
-        return counts.astype(np.float64)
-    if counts.dtype.itemsize == 4 and counts.flags.c_contiguous:
-        return counts.view(np.int32)  # no count is so large that this would change it
-    return counts.astype(np.int32)
+    """Counts (pixels, codes) as uint32, which scans fastest, or float64 where that cannot hold.
+
+    `fit_tile` notices sums that uint32 cannot hold. Read-only, as histograms are: every other
+    kind of array would cost the compilation of a second kernel.
+    """
+    kind, size = counts.dtype.kind, counts.dtype.itemsize
+    whole = kind != "f" and (size <= 4 or int(counts.max(initial=0)) < 2**32)
+    counts = np.ascontiguousarray(counts, dtype=np.uint32 if whole else np.float64)
+    counts.setflags(write=False)
+    return counts
 
 
 class _Job:
@@ -231,36 +231,38 @@ def fit_all(
 def _fit_singles(
     job: _Job, wanted: NDArray[np.bool_], model: pulse_tile.Model
 ) -> tuple[Floats, Floats, Floats]:
-    """One pulse per pixel: values (n, 4), covariance (n, 4, 4) and table of `fit_tile`."""
-    n_pixels = len(wanted)
-    values, covariance = np.full((n_pixels, 4), np.nan), np.full((n_pixels, 4, 4), np.nan)
-    table = np.full((n_pixels, pulse_tile.N_COLUMNS), np.nan)
+    """One pulse per pixel: values (n, 4), covariance (n, 4, 4) and table of `fit_tile`.
 
-    starts, left = np.empty((n_pixels, 4)), np.empty(n_pixels, dtype=np.int64)
+    Their columns are together in memory: from here on columns are looked at, not rows.
+    """
+    n_pixels = len(wanted)
+    values, covariance = np.full((4, n_pixels), np.nan), np.full((4, 4, n_pixels), np.nan)
+    table = np.full((pulse_tile.N_COLUMNS, n_pixels), np.nan)
 
     def fit(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
-        period, double_code = job.clock.period, job.double_code[part]
-        trials, results = job.trials[part], (values[part], covariance[part], table[part])
+        starts, left = np.empty((len(counts), 4)), np.empty(len(counts), dtype=np.int64)
+        period, double_code, trials = job.clock.period, job.double_code[part], job.trials[part]
         dark = job.dark_counts[part], job.dark_ratio[part]
+        results = part.start, values, covariance, table
         n_left = pulse_tile.fit_tile(
             counts, lower, upper, period, wanted[part], double_code, trials, *dark,
-            LOG_FALSE_PULSES, model, starts[part], left[part], *results,
+            LOG_FALSE_PULSES, model, starts, left, *results,
         )  # fmt: skip
-        if n_left:
+        if n_left < 0:
+            fit(part, scannable(counts.astype(np.float64)), lower, upper)
+        elif n_left:
             pulse_tile.fit_rest(
-                counts, lower, upper, period, left[part][:n_left], double_code, trials,
-                *dark, model, starts[part], *results,
+                counts, lower, upper, period, left[:n_left], double_code, trials,
+                *dark, model, starts, *results,
             )  # fmt: skip
 
     job.run(fit)
-    return values, covariance, table
+    return values.T, covariance.T, table.T
 
 
 def _rows(pixel: NDArray[np.int64], values: Floats, covariance: Floats, table: Floats) -> Fits:
     with np.errstate(invalid="ignore"):
         std_of = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    # From here on columns are looked at, not rows.
-    values, table, std_of = (np.asfortranarray(part) for part in (values, table, std_of))
     fits = Fits(pixel, values, covariance, table, std_of, math.nan)
     return replace(fits, typical_std=typical_std_of(fits))
 
@@ -336,7 +338,7 @@ def _with_more_pulses(single: Fits, job: _Job, max_pulses: int, shape: Floats) -
     if not several.any():
         return single
     pixels, thetas, covariances = pixels[several], thetas[several], covariances[several]
-    whole = single.table.copy()
+    whole = single.table.copy(order="K")
     whole[pixels] = table[several]
     kept = ~np.isin(single.pixel, pixels)
     parts = [(single.pixel[kept], single.values[kept], single.covariance[kept])]
