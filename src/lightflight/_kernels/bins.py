@@ -265,30 +265,33 @@ def residual_level(std, bin_width, n):
 
 
 @jit_inlined
-def start_from_window(values, edges, exposure, n, period, total, covered, first, length, theta):
+def start_from_window(values, edges, n, period, total, covered, first, length, theta):
     """Rough centre, photons, std, background (into theta) around the window a scan found.
 
+    values and covered (running sums of the exposure) go on behind the fold.
     Background from the rest of the range; moments in a window twice as long.
     """
     low, high = first - length // 2, first + length + (length + 1) // 2
+    origin = edge_at(edges, n, period, first)
+    lap = 0.0
     if period == math.inf:
         low, high = max(low, 0), min(high, n)
-    inside, exposed = 0.0, 0.0
-    for i in range(low, high):
-        k = i - n if i >= n else (i + n if i < 0 else i)
-        inside += values[k]
-        exposed += exposure[k]
+    elif low < 0:  # read on from the end of the tail
+        low, high, lap = low + n, high + n, period
+    inside = float(values[low:high].sum())
+    exposed = covered[high] - covered[low]
     unlit = max(covered[n] - exposed, 1e-3 * covered[n])
     background = min(max(total - inside, 0.5) / unlit, 0.9 * inside / exposed)
     signal, moment, square = 0.0, 0.0, 0.0
-    origin = edge_at(edges, n, period, first)
+    left = edge_at(edges, n, period, low) - lap - origin
     for i in range(low, high):
-        k = i - n if i >= n else (i + n if i < 0 else i)
-        excess = values[k] - background * exposure[k]
-        time = 0.5 * (edge_at(edges, n, period, i) + edge_at(edges, n, period, i + 1)) - origin
+        right = edge_at(edges, n, period, i + 1) - lap - origin
+        excess = values[i] - background * (covered[i + 1] - covered[i])
+        time = 0.5 * (left + right)
         signal += excess
         moment += excess * time
         square += excess * time * time
+        left = right
     span = edge_at(edges, n, period, first + length) - origin
     centre = min(max(moment / signal, 0.0), span)
     variance = square / signal - centre * centre - (span / length) ** 2 / 12.0

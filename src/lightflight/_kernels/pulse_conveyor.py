@@ -129,20 +129,23 @@ def load_lane(conveyor, pixel, theta, low, high, row, double_code, dark):
     centre, std, background = theta[0], theta[2], max(theta[3], bounds[2])
     slot = free_slot(conveyor)
     out_counts, out_exposure, out_inverses, out_bins = total, covered[n], inverse[n], inverse[n + 1]
-    out_squares = sum_of_squares(levels[0][:n], inverse[:n])
+    out_squares = sum_of_squares(levels[0][:low], inverse[:low])
+    out_squares += sum_of_squares(levels[0][high:n], inverse[high:n])
+    counts, ends = levels[0][low:high], edges[low + 1 : high + 1]
+    widths, inverses = exposure[low:high], inverse[low:high]
+    w_ends, w_counts = windows[lane.END + slot :: BIN], windows[lane.COUNT + slot :: BIN]
+    w_widths = windows[lane.WIDTH + slot :: BIN]
     file[lane.FIRST + slot] = edges[low] - centre
     for k in range(high - low):
-        count, width, at = float(levels[0][low + k]), exposure[low + k], k * BIN + slot
-        windows[at + lane.END] = edges[low + k + 1] - centre
-        windows[at + lane.COUNT] = count
-        windows[at + lane.WIDTH] = width
-        out_counts -= count
-        out_exposure -= width
-        out_squares -= count * count * inverse[low + k]
-        out_inverses -= inverse[low + k]
-        out_bins -= width > 0.0
+        w_ends[k] = ends[k] - centre
+        w_counts[k] = counts[k]
+        w_widths[k] = widths[k]
+        out_counts -= counts[k]
+        out_exposure -= widths[k]
+        out_inverses -= inverses[k]
+        out_bins -= widths[k] > 0.0
     for k in range(high - low, int(kept[BINS, slot])):
-        windows[k * BIN + lane.WIDTH + slot] = 0.0
+        w_widths[k] = 0.0
     file[lane.CENTRE + slot], file[lane.STD + slot] = 0.0, std
     file[lane.PHOTONS + slot], file[lane.BACKGROUND + slot] = theta[1], background
     file[lane.FLOOR + slot] = bounds[2]

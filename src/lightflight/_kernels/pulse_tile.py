@@ -21,6 +21,7 @@ from lightflight._kernels.bins import (
     wrap_tail,
 )
 from lightflight._kernels.jit import jit, jit_lent
+from lightflight._kernels.lanes import fetch_ahead
 from lightflight._kernels.pulse import (
     bounds_of,
     covariance_of_fit,
@@ -198,6 +199,13 @@ def fit_tile(
 
 
 @jit_lent
+def fetch_row(values):
+    """Ask for a row of counts, which is wanted soon."""
+    for start in range(0, values.size, 16):
+        fetch_ahead(values, start)
+
+
+@jit_lent
 def most_of(levels):
     """Counts of a pixel from which their sums leave the integers they are kept in."""
     return 4294967296.0 if levels.itemsize == 4 else math.inf
@@ -233,6 +241,8 @@ def fit_in_lanes(
         if n == 0:  # no code of this pixel has a width
             table[COUNTS, column] = counts[i].sum()
             continue
+        if i + 1 < counts.shape[0]:
+            fetch_row(counts[i + 1])
         total = float(take_counts(counts[i], codes, n, levels[0]))
         if total >= most_of(levels):
             return np.int64(-1)
@@ -250,9 +260,7 @@ def fit_in_lanes(
             values[3, column] = (total + dark[0]) / (covered[n] + dark[1])
             continue
         first, length = int(best[1]), int(best[2])
-        start_from_window(
-            levels[0], edges, exposure, n, period, total, covered, first, length, starts[i]
-        )
+        start_from_window(levels[0], edges, n, period, total, covered, first, length, starts[i])
         low, high, enough = 0, 0, reach_of(total)
         if model[0] and gaussian and fresh:
             low, high = window_of(starts[i], first, edges, n, period, enough)
