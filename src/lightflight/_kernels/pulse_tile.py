@@ -199,10 +199,12 @@ def fit_tile(
 
 
 @jit_lent
-def fetch_row(values):
-    """Ask for a row of counts, which is wanted soon."""
-    for start in range(0, values.size, 16):
-        fetch_ahead(values, start)
+def fetch_quarter(counts, i, part):
+    """Ask for a quarter of a row of counts that is wanted soon; all at once would be waited for."""
+    if i < counts.shape[0]:
+        row, size = counts[i], (counts.shape[1] + 3) // 4
+        for start in range(part * size, min((part + 1) * size, row.size), 16):
+            fetch_ahead(row, start)
 
 
 @jit_lent
@@ -241,8 +243,7 @@ def fit_in_lanes(
         if n == 0:  # no code of this pixel has a width
             table[COUNTS, column] = counts[i].sum()
             continue
-        if i + 1 < counts.shape[0]:
-            fetch_row(counts[i + 1])
+        fetch_quarter(counts, i + 1, 0)
         total = float(take_counts(counts[i], codes, n, levels[0]))
         if total >= most_of(levels):
             return np.int64(-1)
@@ -253,14 +254,17 @@ def fit_in_lanes(
             thin_exposure(levels[0], n, trials[i], exposure)
             reach, even = sum_exposure(row, n, period)
             fresh = False
+        fetch_quarter(counts, i + 1, 1)
         peak = float(largest(levels[0][:n]))
         table[PEAK, column] = peak
         scan_for_pulse(levels, n, reach, covered, even, double_code[i], total, peak, best)
         if total <= 0.0 or (model[2] and best[0] < log_alarms + trials_log):
             values[3, column] = (total + dark[0]) / (covered[n] + dark[1])
             continue
+        fetch_quarter(counts, i + 1, 2)
         first, length = int(best[1]), int(best[2])
         start_from_window(levels[0], edges, n, period, total, covered, first, length, starts[i])
+        fetch_quarter(counts, i + 1, 3)
         low, high, enough = 0, 0, reach_of(total)
         if model[0] and gaussian and fresh:
             low, high = window_of(starts[i], first, edges, n, period, enough)
