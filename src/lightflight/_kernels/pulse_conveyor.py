@@ -21,7 +21,7 @@ SPARE_REACH = 1.0  # std that a window has on either side beyond the pulse of th
 SETTLED = 1e-4  # squared length of the last step, in standard errors
 ALONE = 3.0  # residuals further than this many std from the pulse may be another one
 SUSPICIOUS = 12.0  # chi2 of such bins from which they are looked at
-NARROW, BROAD = 16, 24  # bins; windows of like length travel together
+NARROW, BROAD = 18, 28  # bins; windows of like length travel together
 FREE = -1.0
 
 # What is kept of the pixel in each lane, beside its window (rows of `kept`).
