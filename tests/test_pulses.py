@@ -379,3 +379,17 @@ def test_gaussian_tail_function_of_the_fakes_is_the_normal_integral():
     assert expected_counts(lower, upper, 0.0, STD, 100.0, 0.5)[0] == pytest.approx(1100.0)
     half = expected_counts(np.array([0.0]), upper, 0.0, STD, 100.0, 0.0)[0]
     assert half == pytest.approx(100.0 * (ndtr(1000 / STD) - 0.5))
+
+
+def test_counts_that_sum_beyond_their_integers_are_fitted_all_the_same(rng):
+    """Four billion counts in a pixel: none of its codes is too large, their sum is."""
+    small = pulse_cube(rng, 2, [(900.0, 4000)], 0.5).counts
+    huge = small.astype(np.uint64)
+    huge[0, 1] *= 2_000_000
+    assert huge.max() < 2**32 < huge[0, 1].sum()
+    one, other = (
+        fit_pulses(Histograms(counts, bin_width_ps=WIDTH, laser_period_ps=PERIOD), max_pulses=1)
+        for counts in (small, huge.astype(np.uint32))
+    )
+    assert other.delay_ps == pytest.approx(one.delay_ps, abs=0.05)
+    assert other.photons / one.photons == pytest.approx([1.0, 2e6], rel=1e-3)

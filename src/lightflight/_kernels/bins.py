@@ -178,6 +178,7 @@ def largest(values):
 @jit_lent
 def index_of(values, wanted):
     """Index of the first value that equals `wanted`."""
+    wanted = values.dtype.type(wanted)  # compared as it is stored
     for start in range(0, values.size, 64):
         block = values[start : start + 64]
         if largest(block) == wanted:

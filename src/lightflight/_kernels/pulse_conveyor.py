@@ -128,7 +128,8 @@ def load_lane(conveyor, pixel, theta, low, high, row, double_code, dark):
     levels, edges, exposure, inverse, covered, n, total, enough, even, bounds, n_log = row
     centre, std, background = theta[0], theta[2], max(theta[3], bounds[2])
     slot = free_slot(conveyor)
-    out_counts, out_exposure, out_inverses, out_bins = total, covered[n], inverse[n], inverse[n + 1]
+    out_counts, out_inverses, out_bins = total, inverse[n], inverse[n + 1]
+    out_exposure = covered[n] - (covered[high] - covered[low])
     out_squares = sum_of_squares(levels[0][:low], inverse[:low])
     out_squares += sum_of_squares(levels[0][high:n], inverse[high:n])
     counts, ends = levels[0][low:high], edges[low + 1 : high + 1]
@@ -141,7 +142,6 @@ def load_lane(conveyor, pixel, theta, low, high, row, double_code, dark):
         w_counts[k] = counts[k]
         w_widths[k] = widths[k]
         out_counts -= counts[k]
-        out_exposure -= widths[k]
         out_inverses -= inverses[k]
         out_bins -= widths[k] > 0.0
     for k in range(high - low, int(kept[BINS, slot])):

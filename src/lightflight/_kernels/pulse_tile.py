@@ -32,6 +32,7 @@ from lightflight._kernels.pulse import (
 from lightflight._kernels.pulse_conveyor import (
     BROAD,
     NARROW,
+    free_slot,
     load_lane,
     new_conveyor,
     reach_of,
@@ -274,7 +275,8 @@ def fit_in_lanes(
             )  # fmt: skip
             conveyor = conveyors[(high - low > NARROW) + (high - low > BROAD)]
             load_lane(conveyor, column, starts[i], low, high, full, double_code[i], dark)
-            n_left = run_conveyor(conveyor, keep_going, fits, left, n_left)
+            if free_slot(conveyor) < 0:
+                n_left = run_conveyor(conveyor, keep_going, fits, left, n_left)
         else:
             left[n_left] = column
             n_left += 1

@@ -14,7 +14,7 @@ from lightflight import flags as fl
 from lightflight._kernels import pulse_tile as col
 from lightflight.errors import NothingFoundError
 from lightflight.histogram import Histograms
-from lightflight.timing._pulse_fits import Fits
+from lightflight.timing._pulse_fits import Fits, zero_for_nan
 
 WIDTH_FACTOR = 1.6
 """A pulse this much wider or narrower than the array's typical one is not the array's pulse."""
@@ -59,7 +59,7 @@ def _pixel_flags(fits: Fits, hist: Histograms, todo: NDArray[np.bool_]) -> NDArr
     table = fits.table
     flags = np.zeros(len(table), dtype=np.uint32)
     flags[~todo] |= fl.MASKED
-    counts = np.nan_to_num(table[:, col.COUNTS])
+    counts = zero_for_nan(table[:, col.COUNTS])
     found = table[:, col.N_PULSES] > 0
     missed = todo & ~found & (counts > 0)
     few = counts < FEW_COUNTS if hist.poisson else np.zeros_like(missed)
@@ -85,7 +85,7 @@ def _count_flags(
     background, is.
     """
     flags = np.zeros(len(counts), dtype=np.uint32)
-    photons = np.nan_to_num(fits.values[:, 2])
+    photons = zero_for_nan(fits.values[:, 2])
     signal = np.minimum(np.bincount(fits.pixel, photons, minlength=len(counts)), counts)
     dark = counts - signal
     lit = todo & (counts > 0) & np.isfinite(fits.table[:, col.EXPOSURE])

@@ -19,7 +19,7 @@ from lightflight import flags as fl
 from lightflight._kernels.pulse_tile import CHI2, CHI2_BINS, N_PULSES
 from lightflight.histogram import Histograms
 from lightflight.timing._pulse_checks import check_fits, flags_of
-from lightflight.timing._pulse_fits import Clock, Fits, clock_of, fit_all
+from lightflight.timing._pulse_fits import Clock, Fits, clock_of, fit_all, zero_for_nan
 from lightflight.timing.pile_up import HIGH_RATE, PileUp, pile_up_of
 from lightflight.timing.sync import check_sync
 
@@ -256,8 +256,8 @@ def _pulses_from_fits(
         number -= np.searchsorted(fits.pixel, fits.pixel)
     else:
         number[:] = 0
-    n_pulses = np.nan_to_num(fits.table[:, N_PULSES])
-    dof = np.nan_to_num(fits.table[:, CHI2_BINS]) - (2 * n_pulses + 2)
+    n_pulses = zero_for_nan(fits.table[:, N_PULSES])
+    dof = zero_for_nan(fits.table[:, CHI2_BINS]) - (2 * n_pulses + 2)
     return Pulses(
         row=rows.astype(np.int32),
         col=cols.astype(np.int32),
