@@ -382,3 +382,10 @@ def test_the_cube_is_not_copied():
     assert counted.counts.flags.owndata
     assert not counted.counts.flags.writeable
     assert counted.counts is Histograms(counted.counts).counts
+
+
+def test_a_camera_too_large_to_look_up_is_refused_in_a_sentence():
+    photons = np.zeros(3, np.uint16)
+    huge = Recording((2**40, 4), n_codes=8, pixel=photons, code=photons)
+    with pytest.raises(ValueError, match="see whether its shape is right"):
+        histogram(huge, rows=(0, 1))

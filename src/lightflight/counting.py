@@ -95,6 +95,12 @@ class _Window:
 
     def slot_from_pixel(self, shape: tuple[int, int]) -> NDArray[np.int64]:
         """(rows * cols,), place of each pixel in the cube, -1 where it is left out."""
+        needed, free = np.dtype(np.int64).itemsize * shape[0] * shape[1], free_memory_bytes()
+        if needed > _MEMORY_SHARE * free:
+            raise ValueError(
+                f"a camera of {shape[0]} x {shape[1]} pixels needs {needed / 1e9:.3g} GB to be "
+                f"looked up in, {free / 1e9:.3g} GB are free: see whether its shape is right"
+            )
         slot = np.full(shape, -1, dtype=np.int64)
         kept = slot[self.slices[:2]]
         kept[...] = np.arange(kept.size).reshape(kept.shape)

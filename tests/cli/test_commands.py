@@ -2,6 +2,9 @@
 
 import csv
 import json
+import os
+import subprocess
+import sys
 import tomllib
 
 import numpy as np
@@ -263,3 +266,16 @@ def test_a_pulse_that_meets_no_mirror_is_said_so(run, tmp_path):
     done = run("simulate", "--lab", lab, "-o", tmp_path / "r.h5")
     assert done.exit_code != 0
     assert "meets none of the mirrors" in done.stderr
+
+
+def test_commands_keep_the_algebra_to_one_thread_unless_told_otherwise():
+    script = "import sys, os; from lightflight.cli import main\n"
+    script += "try: main(['--version'])\n"
+    script += "except SystemExit: print(os.environ['OPENBLAS_NUM_THREADS'])"
+    for given, expected in (({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")):
+        known = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+        done = subprocess.run(
+            [sys.executable, "-c", script], env=known | given, capture_output=True, text=True,
+            check=True,
+        )  # fmt: skip
+        assert done.stdout.split()[-1] == expected

@@ -88,6 +88,17 @@ def show_warnings_in_one_line(stream: TextIO) -> None:
     warnings.showwarning = show
 
 
+def _keep_algebra_to_one_thread() -> None:
+    """Tell the linear algebra below NumPy, before it is loaded, not to start threads.
+
+    The matrices of a fit are small: more threads wait for each other, and take more CPU time and
+    more time by the clock. Who sets the variables is obeyed.
+    """
+    if "numpy" not in sys.modules:
+        for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+            os.environ.setdefault(name, "1")
+
+
 class SpeakingGroup(click.Group):
     """A click group whose errors are one sentence, with tracebacks only under `--debug`."""
 
@@ -98,6 +109,7 @@ class SpeakingGroup(click.Group):
         **extra: Any,
     ) -> Any:
         """Run and exit; see `EXIT_CODES`."""
+        _keep_algebra_to_one_thread()
         words = list(sys.argv[1:] if args is None else args) or ["--help"]
         debug = "--debug" in words
         extra["standalone_mode"] = False
