@@ -1,4 +1,4 @@
-"""Write the measured part of docs/explanation/paper.md from the paper's experiments.
+"""Write the measured parts of docs/explanation/paper.md and README.md from the paper's experiments.
 
     .venv/bin/python tools/update_paper_page.py                      # half an hour, then the page
     .venv/bin/python tools/update_paper_page.py --folder out/paper   # goes on with a run there
@@ -9,36 +9,54 @@ No number between the two marks is ever typed by hand; figures go to docs/images
 from __future__ import annotations
 
 import argparse
+import json
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
+from blocks import write_block
 from update_pictures import keep
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "explanation" / "paper.md"
-BEGIN, END = "<!-- paper:begin (tools/update_paper_page.py) -->", "<!-- paper:end -->"
+README = ROOT / "README.md"
 FIGURES = (
     "fig2", "fig4", "fig5a", "fig5b", "fig5c", "fig6", "contributions", "discussion",
 )  # fmt: skip
-
-
-def with_block(text: str, block: str) -> str:
-    """Page with the block between the marks replaced."""
-    before, _, rest = text.partition(BEGIN)
-    _, mark, after = rest.partition(END)
-    if not mark:
-        raise SystemExit(f"{PAGE.name} has no block between {BEGIN} and {END}")
-    return f"{before}{BEGIN}\n\n{block.strip()}\n\n{END}{after}"
 
 
 def write_page(folder: Path) -> None:
     """Put table and figures of a finished run into the documentation."""
     for name in FIGURES:
         keep(folder / f"{name}.png", f"paper-{name}.png")
-    table = (folder / "table.md").read_text(encoding="utf-8")
-    PAGE.write_text(with_block(PAGE.read_text(encoding="utf-8"), table), encoding="utf-8")
+    write_block(PAGE, "paper", (folder / "table.md").read_text(encoding="utf-8"))
+    table = json.loads((folder / "table.json").read_text(encoding="utf-8"))
+    write_block(README, "paper", headlines(table))
+
+
+def headlines(table: dict[str, Any]) -> str:
+    """Markdown table of the rows that have a short name."""
+    columns = ("reported", "paper", "joint", "bound", "factor")
+    lines = [
+        "| | the paper | `paper` | `joint` | bound | factor |",
+        "|---|---:|---:|---:|---:|---:|",
+    ]
+    lines += [
+        f"| {row['short']} | {' | '.join(_cell(row, name) for name in columns)} |"
+        for row in table["rows"]
+        if row["short"]
+    ]
+    made = f"{table['lightflight']}, seed {table['seed']}, {table['made_utc']}"
+    return "\n".join([*lines, "", f"`lightflight paper table`, {made}."])
+
+
+def _cell(row: dict[str, Any], name: str) -> str:
+    value = row[name]
+    if value is None:
+        return "–"
+    return f"{value:.0f} ×" if name == "factor" else f"{value:.3g} {row['unit']}"
 
 
 def main() -> None:

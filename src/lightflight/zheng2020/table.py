@@ -55,6 +55,8 @@ class Row:
     """Cramér-Rao bound of a perfect clock."""
     prior: str
     """What was taken as known, and which clock."""
+    short: str = ""
+    """What the README calls it; empty: the README leaves it out."""
 
     @property
     def factor(self) -> float | None:
@@ -100,6 +102,7 @@ def _angle_rows(figure: Fig5a) -> Iterator[Row]:
             reported.MEAN_ANGLE_ERROR_DEG if shrink != 1.0 else None,
             errors[at["paper, delays"]], errors[at["joint"]], errors[at["photon"]], known,
             f"source, emission time known; {over}",
+            f"angle of one leg, 32 times, {words}" if shrink != 1.0 else "",
         )  # fmt: skip
         yield Row(
             f"{what}; code widths calibrated", "deg", "Fig. 5a", None, errors[at["paper, codes"]],
@@ -114,6 +117,7 @@ def _angle_rows(figure: Fig5a) -> Iterator[Row]:
         reported.ANGLE_ERROR_TWO_TIMES_DEG,
         figure.averaged_deg["delays"][0], None, None, None,
         "source, emission time known; the first two in the order of flight",
+        "the same from 2 times",
     )  # fmt: skip
 
 
@@ -121,7 +125,7 @@ def _width_rows(figure: Fig5c) -> Iterator[Row]:
     yield Row(
         "pulse width (FWHM) after deconvolution, one leg; laser: 68 ps", "ps", "Fig. 5c",
         reported.DECONVOLVED_FWHM_PS, figure.width_ps, None, None, None,
-        "of a pixel's histogram; response 150 ps known",
+        "of a pixel's histogram; response 150 ps known", "laser pulse of 68 ps, deconvolved, FWHM",
     )  # fmt: skip
     error = float(np.sqrt(np.mean((figure.frame_ps - figure.theory_frame_ps) ** 2)))
     low, high = float(figure.theory_frame_ps.min()), float(figure.theory_frame_ps.max())
@@ -156,11 +160,12 @@ def _path_rows(figure: Fig6) -> Iterator[Row]:
                 error(values, "photon", "codes", known=known),
                 bound[known],
                 f"source known, {prior}",
+                f"three legs, {words}, rms in view" if clock == "delays" else "",
             )  # fmt: skip
     yield Row(
         "arrival time against event time, before correction, rms", "ps", "Fig. 6b",
         reported.ARRIVAL_TIME_RMS_PS, figure.before_ps, None, None, None,
-        "the scene's, no measurement",
+        "the scene's, no measurement", "time before correction, rms",
     )  # fmt: skip
     yield Row(
         "pulse width (FWHM) after deconvolution, three legs; laser: 68 ps", "ps", "Fig. 6",
@@ -199,4 +204,5 @@ def _discussion_rows(discussion: Discussion) -> Iterator[Row]:
             number(case.errors.get("paper")), number(case.errors.get("joint")),
             number(case.errors.get("photon")), number(case.bound),
             "; ".join(filter(None, ("source, emission time known", case.note))),
+            f"three legs, {case.name}, position" if case.topic == "larger array" else "",
         )  # fmt: skip
