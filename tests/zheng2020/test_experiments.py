@@ -146,8 +146,8 @@ def test_a_bent_beam_in_pieces():
 
 def test_steep_angle_and_fibre():
     results = [
-        discussion.measure_steep(angle_deg=-45.0, seed=SEED),
-        discussion.measure_medium(name="fibre, seen through air", seed=SEED),
+        discussion.measure_steep(angle_deg=-45.0, recordings=1, seed=SEED),
+        discussion.measure_medium(name="fibre, seen through air", recordings=1, seed=SEED),
     ]
     record = discussion.record_from_results(results)
     steep, fibre = record.cases

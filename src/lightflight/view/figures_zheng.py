@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from lightflight import flags as fl
+from lightflight.units import fwhm_from_std
 from lightflight.view import style
 from lightflight.view.figures_camera import FIG_2B_CASES, draw_camera_picture, draw_pixel_histogram
 from lightflight.view.figures_path import draw_path_3d, draw_path_on_photo, legend_entries
@@ -39,13 +41,37 @@ def fig2_figure(record: Any) -> Figure:
         if pixel is None:
             style.message(ax, f"no pixel is\n{name}")
         else:
-            draw_pixel_histogram(record.hist, *pixel, ax, pulses=record.pulses)
+            screams = bool(bits & fl.ABNORMAL_COUNT)
+            draw_pixel_histogram(
+                record.hist, *pixel, ax, pulses=None if screams else record.pulses, annotate=False
+            )
+            _note_pixel(ax, record, pixel, screams=screams)
         kept = "kept" if bits == 0 else "left out"
         style.title(ax, f"{number}  {name}: {kept}")
     ax = right.subplots()
     draw_camera_picture(record.arrivals, ax)
     style.title(ax, "Arrival time by pixel", f"{record.n_kept} pixels kept")
     return figure
+
+
+def _note_pixel(ax: Axes, record: Any, pixel: tuple[int, int], *, screams: bool) -> None:
+    """Say above the counts of a pixel what was found in it."""
+    row, col = pixel
+    if screams:
+        share = record.hist.occupancy[row, col]
+        lines = [f"row {row}, column {col}", f"fires in {100 * share:.0f} % of all frames"]
+    else:
+        pulses = record.pulses
+        (k,) = np.flatnonzero((pulses.row == row) & (pulses.col == col))[:1]
+        lines = [
+            f"row {row}, column {col}: {pulses.photons[k]:,.0f} photons",
+            f"{pulses.delay_ps[k]:.0f} ps, FWHM {fwhm_from_std(pulses.std_ps[k]):.0f} ps",
+        ]
+    ax.set_ylim(0, 1.3 * ax.get_ylim()[1])
+    ax.annotate(
+        "\n".join(lines), (0.03, 0.97), xycoords="axes fraction", va="top", fontsize=7, zorder=9,
+        path_effects=[withStroke(linewidth=2.6, foreground=style.PAPER)],
+    )  # fmt: skip
 
 
 def _pixel_of_kind(pulses: Any, bits: int) -> tuple[int, int] | None:
@@ -68,14 +94,14 @@ def fig4_figure(record: Any) -> Figure:
     for leg, ax in enumerate(figure.subplots(1, n, sharey=True)):
         _draw_reference_plane(ax, record, leg)
         ax.set_xlabel("x (mm)")
-        style.title(ax, f"Leg {leg + 1}", f"true {record.true_angles_deg[leg]:.2f}\u00b0")
+        style.title(ax, f"Leg {leg + 1}", f"dashed: true, {record.true_angles_deg[leg]:.2f}\u00b0")
     figure.axes[0].set_ylabel("z (mm), towards the camera")
     return figure
 
 
 def _draw_reference_plane(ax: Axes, record: Any, leg: int) -> None:
     start, end = record.starts_mm[leg], record.ends_mm[leg]
-    seen, true = record.projected_ends_mm[leg], record.true_vertices_mm
+    seen, true = record.projected_ends_mm[leg], record.true_vertices_mm[leg : leg + 2]
     ax.plot(true[:, 0], true[:, 2], color=style.INK, lw=0.8, ls=(0, (4, 3)), zorder=3)
     before = np.vstack([record.starts_mm[: leg + 1]])
     ax.plot(before[:, 0], before[:, 2], color=style.HAIR, lw=2.0, zorder=2)
@@ -217,9 +243,22 @@ def fig6_figure(record: Any) -> Figure:
     times = figure.add_axes((0.085, 0.055, 0.41, 0.22))
     draw_times(path, times, truth=record.scene)
     times.legend(loc="upper left", ncols=2)
-    style.title(times, "Two clocks", f"{record.before_ps:.1f} ps apart, rms")
-    _draw_errors(figure.add_axes((0.66, 0.055, 0.31, 0.40)), record)
+    style.title(times, "Two clocks", _before_and_after(record))
+    _draw_errors(figure.add_axes((0.66, 0.055, 0.31, 0.465)), record)
     return figure
+
+
+def _before_and_after(record: Any) -> str:
+    """Rms error of the time before the correction, and after it by `paper` and `joint`."""
+    after = {
+        way.method: error
+        for way, error in zip(record.ways, record.event_time_rms_ps, strict=True)
+        if (way.clock, way.emission_known) == ("codes", True)
+    }
+    return (
+        f"rms {record.before_ps:.0f} \u2192 {after['paper']:.0f} (paper), "
+        f"{after['joint']:.2f} ps (joint)"
+    )
 
 
 def _recordings(number: int) -> str:
@@ -235,11 +274,17 @@ def _draw_errors(ax: Axes, record: Any) -> None:
         limit = record.bound_mm[way.emission_known]
         ax.plot([limit, limit], [place - 0.3, place + 0.3], color=style.QUIET, lw=1.2)
         ax.plot([limit, error], [place, place], color=style.HAIR, lw=1.0, zorder=1)
+        small = error < reported.POSITION_RMS_MM
         ax.annotate(
-            style.number(float(error), 2), (error, place), (0, 5), textcoords="offset points",
-            ha="center", fontsize=6.5,
+            style.number(float(error), 2), (error, place), (7, 0) if small else (0, 5),
+            textcoords="offset points", ha="left" if small else "center",
+            va="center" if small else "baseline", fontsize=6.5,
         )  # fmt: skip
     ax.plot(reported.POSITION_RMS_MM, len(places), **_STAR)
+    ax.annotate(
+        f"{reported.POSITION_RMS_MM} mm", (reported.POSITION_RMS_MM, len(places)), (7, 0),
+        textcoords="offset points", va="center", fontsize=6.5,
+    )  # fmt: skip
     ax.set_yticks(
         [*places, len(places)],
         [
@@ -264,8 +309,10 @@ def contributions_figure(record: Any) -> Figure:
     for place, position, time in zip(
         places, record.position_rms_mm, record.event_time_rms_ps, strict=True
     ):
+        exact = position < 1e-9
+        words = "exact to rounding" if exact else f"{position:.2f} mm, {time:.2f} ps"
         ax.annotate(
-            f"{position:.2f} mm, {time:.2f} ps", (max(position, 1e-3), place), (4, 0),
+            words, (max(position, 1e-3), place), (4, 0),
             textcoords="offset points", va="center", fontsize=7, zorder=6,
             bbox={"fc": style.PAPER, "ec": "none", "pad": 0.8},
         )  # fmt: skip

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lightflight.camera import Camera
 from lightflight.flight import Medium
+from lightflight.histogram import Histograms
 from lightflight.path_error import path_error
 from lightflight.reconstruct import reconstruct
 from lightflight.reconstruct.cramer_rao import bounds
@@ -32,6 +33,10 @@ from lightflight.zheng2020.laboratory import (
 from lightflight.zheng2020.work import Unit
 
 Floats = NDArray[np.float64]
+
+ESTIMATORS = ("paper", "joint", "photon")
+RECORDINGS, QUICK_RECORDINGS = 4, 1
+"""Of each leg at a steep angle or in a medium."""
 
 STEEP_DEG = (-75.0, -60.0, -45.0, -30.0, 30.0, 45.0, 60.0)
 """Steeper towards the camera, the leg passes beside the picture of this set-up."""
@@ -80,14 +85,26 @@ class Discussion:
 def units(*, quick: bool) -> tuple[Unit, ...]:
     """One unit per thing tried."""
     steep = STEEP_DEG[2:6:3] if quick else STEEP_DEG
-    array: dict[str, Any] = {"pixels": 256, "methods": ["paper", "joint", "photon"]}
+    recordings = QUICK_RECORDINGS if quick else RECORDINGS
+    array: dict[str, Any] = {"pixels": 256, "methods": list(ESTIMATORS)}
     if quick:
         array = {"pixels": 64, "methods": ["paper", "joint"]}
     return (
-        *(Unit(f"steep{a:+04.0f}", "discussion:measure_steep", {"angle_deg": a}) for a in steep),
+        *(
+            Unit(
+                f"steep{a:+04.0f}x{recordings}",
+                "discussion:measure_steep",
+                {"angle_deg": a, "recordings": recordings},
+            )
+            for a in steep
+        ),
         Unit(f"array-{array['pixels']}", "discussion:measure_array", array),
         *(
-            Unit(f"medium-{k}", "discussion:measure_medium", {"name": name})
+            Unit(
+                f"medium-{k}x{recordings}",
+                "discussion:measure_medium",
+                {"name": name, "recordings": recordings},
+            )
             for k, name in enumerate(MEDIA)
         ),
         Unit("airy", "bending:measure_bend", {"bend_mm": 25.0, "pieces": 8}),
@@ -145,24 +162,48 @@ def _tried(methods: Sequence[str], measure: Any) -> tuple[dict[str, float], str]
     return errors, "; ".join(said)
 
 
-def measure_steep(*, angle_deg: float, seed: int) -> dict[str, Any]:
-    """One leg at a steep angle: error of the angle by every estimator."""
-    scene = one_leg(angle_deg)
-    hist = recorded(scene, seed=3_000_000 * (seed + 1) + round(angle_deg + 90))
-    timing = calibrated_clock("codes", seed=seed)
+def _angle_error_deg(
+    method: str,
+    scene: Scene,
+    hists: Sequence[Histograms],
+    *,
+    timing: TimingCalibration,
+    medium: Medium | None = None,
+) -> float:
+    """Error of the angle of one leg, rms over recordings, deg.
 
-    def error(method: str) -> float:
-        path = reconstruct(
+    Parameters
+    ----------
+    medium : what the medium is taken for; None: what it is.
+    """
+    start, end = np.asarray(scene.vertices_mm, dtype=float)
+    true = np.rad2deg(np.arcsin((end - start)[2] / np.linalg.norm(end - start)))
+    found = [
+        reconstruct(
             hist,
             camera=scene.camera,
             source=known_source(scene),
+            medium=medium or scene.medium,
             timing=timing,
             method=method,
             n_legs=1,
         )
-        return abs(path.legs[0].angle_deg - angle_deg)
+        .legs[0]
+        .angle_deg
+        for hist in hists
+    ]
+    return float(np.sqrt(np.mean((np.array(found) - true) ** 2)))
 
-    errors, said = _tried(("paper", "joint", "photon"), error)
+
+def measure_steep(*, angle_deg: float, recordings: int, seed: int) -> dict[str, Any]:
+    """One leg at a steep angle: error of the angle by every estimator."""
+    scene = one_leg(angle_deg)
+    first = 3_000_000 * (seed + 1) + round(angle_deg + 90)
+    hists = [recorded(scene, seed=first + 1000 * k) for k in range(recordings)]
+    timing = calibrated_clock("codes", seed=seed)
+    errors, said = _tried(
+        ESTIMATORS, lambda method: _angle_error_deg(method, scene, hists, timing=timing)
+    )
     bound = bounds(scene, source=known_source(scene), photons_per_pixel=PHOTONS_PER_PIXEL)
     return {
         "cases": [
@@ -246,27 +287,17 @@ def _clock_of_array(scene: Scene, counts: float, first: int) -> TimingCalibratio
     return calibrate_timing(density, flat=flats, flat_arrival_ps=FLATS_OF_ARRAY_PS)
 
 
-def measure_medium(*, name: str, seed: int) -> dict[str, Any]:
+def measure_medium(*, name: str, recordings: int, seed: int) -> dict[str, Any]:
     """One leg at 3 degrees in a medium: with its indices known, and taken for air."""
-    medium, angle = MEDIA[name], 3.0
-    scene = angle_scene(angle, pf32(), medium=medium)
-    place = list(MEDIA).index(name)
-    hist = recorded(scene, seed=5_000_000 * (seed + 1) + place)
+    scene = angle_scene(3.0, pf32(), medium=MEDIA[name])
+    first = 5_000_000 * (seed + 1) + list(MEDIA).index(name)
+    hists = [recorded(scene, seed=first + 1000 * k) for k in range(recordings)]
     timing = calibrated_clock("codes", seed=seed)
 
-    def error(method: str, taken: Medium = medium) -> float:
-        path = reconstruct(
-            hist,
-            camera=scene.camera,
-            source=known_source(scene),
-            medium=taken,
-            timing=timing,
-            method=method,
-            n_legs=1,
-        )
-        return abs(path.legs[0].angle_deg - angle)
+    def error(method: str, taken: Medium | None = None) -> float:
+        return _angle_error_deg(method, scene, hists, timing=timing, medium=taken)
 
-    errors, said = _tried(("paper", "joint", "photon"), error)
+    errors, said = _tried(ESTIMATORS, error)
     if name != "air":
         wrong, told = _tried(("joint",), lambda method: error(method, Medium()))
         told = told or f"{wrong['joint']:.2g}° off"
@@ -325,7 +356,7 @@ def measure_cavity(*, passes: int, seed: int) -> dict[str, Any]:
         legs[method] = path.n_legs
         return path_error(path, scene, scene.camera).position_rms_mm
 
-    errors, said = _tried(("paper", "joint", "photon"), error)
+    errors, said = _tried(ESTIMATORS, error)
     bound = bounds(scene, source=known_source(scene), photons_per_pixel=PHOTONS_PER_PIXEL)
     found = ", ".join(f"{method} {n}" for method, n in legs.items())
     note = f"{passes} passes; legs found: {found}"
