@@ -12,6 +12,8 @@ from lightflight.path import LightPath
 from lightflight.path_error import path_error
 from lightflight.reconstruct.api import reconstruct
 from lightflight.reconstruct.cramer_rao import bounds
+from lightflight.reconstruct.observation import Observation
+from lightflight.reconstruct.photon import merged
 from tests.labs import Lab, corner_in_view, one_leg, three_legs
 
 
@@ -189,3 +191,59 @@ class TestOptions:
         plain = fitted(lab, whole, timing=clock(whole))
         folded = fitted(lab, rolled, timing=clock(rolled), source=source)
         assert folded.legs[0].angle_deg == pytest.approx(plain.legs[0].angle_deg, abs=1e-5)
+
+
+class TestCamera:
+    """What the camera does to the pulse: its shape, and photons hidden by earlier ones."""
+
+    @staticmethod
+    def pulls(recordings, timing) -> np.ndarray:
+        lab = one_leg()
+        paths = [fitted(lab, hist, timing=timing, n_legs=1) for hist in recordings]
+        return np.array([(p.legs[0].angle_deg - 5.0) / p.legs[0].angle_std_deg for p in paths])
+
+    def test_the_calibrated_response_is_the_shape_of_the_pulse(self):
+        """A pulse and its echoes in the next codes: a tail whose counts are known exactly."""
+        lab, late = one_leg(), np.array([0.72, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01])
+        signal = sum(w * np.roll(lab.signal, k, axis=2) for k, w in enumerate(late))
+        recordings = [
+            lab.histograms(rng.poisson(4000.0 * signal + lab.background_per_code))
+            for rng in map(np.random.default_rng, range(8))
+        ]
+        time = np.arange(-600.0, 1200.0)
+        density = sum(
+            w * np.exp(-0.5 * ((time - 55.0 * k) / 70.0) ** 2) for k, w in enumerate(late)
+        )
+        lateness = np.full(lab.camera.shape, 55.0 * float(late @ np.arange(7)))
+        blunt = replace(lab.timing, skew_ps=lateness)
+        shaped = replace(blunt, response_curve=np.stack([time, density]))
+        right, wrong = (self.pulls(recordings, timing) for timing in (shaped, blunt))
+        # Mean square of eight pulls: 1 within 0.5; the mean of eight within 0.35.
+        assert np.mean(right**2) < 2.5
+        assert abs(right.mean()) < 1.2
+        assert np.mean(wrong**2) > 1.5 * np.mean(right**2)
+
+    def test_half_of_all_frames_occupied_at_one_period_per_frame(self):
+        lab, frames = one_leg(), 30_000
+        rate = (20_000.0 * lab.signal + lab.background_per_code) / frames
+        first = np.exp(rate - np.cumsum(rate, axis=2)) * -np.expm1(-rate)
+        outcome = np.concatenate([first, 1.0 - first.sum(axis=2, keepdims=True)], axis=2)
+        counts = [np.random.default_rng(s).multinomial(frames, outcome)[..., :-1] for s in range(6)]
+        given = {"n_frames": frames, "periods_per_frame": 1}
+        told = [lab.histograms(one, **given) for one in counts]
+        untold = [lab.histograms(counts[0])]
+        right, wrong = (self.pulls(recordings, lab.timing) for recordings in (told, untold))
+        assert np.mean(right**2) < 2.5
+        assert abs(right.mean()) < 1.4
+        assert abs(wrong[0]) > 3.0
+
+    def test_repeats_fill_as_many_frames_as_they_have_together(self):
+        lab = one_leg()
+        parts = [
+            Observation(
+                lab.recording(k, n_frames=50_000 * (k + 1)), lab.timing, None, None,
+                np.zeros(lab.camera.shape, bool),
+            )
+            for k in range(2)
+        ]  # fmt: skip
+        assert merged(parts).histograms.n_frames == 150_000

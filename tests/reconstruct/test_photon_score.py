@@ -7,15 +7,18 @@ import pytest
 from scipy.special import ndtr
 
 from lightflight._kernels.photon_score import photon_score
+from lightflight.timing.response import Response
 
 PERIOD, CODES = 50_000.0, 64
+ALL_OPEN, GAUSSIAN = np.ones((1, 1)), np.empty((3, 0))
 
 
 class TestOnePixel:
     """One pixel's log-likelihood, score and information in its local variables."""
 
     @staticmethod
-    def evaluated(counts, lower, upper, variables, *, period=PERIOD, outside=True, expected=False):
+    def evaluated(counts, lower, upper, variables, *, period=PERIOD, outside=True, expected=False,
+                  open_share=ALL_OPEN, shape=GAUSSIAN):  # fmt: skip
         n_legs = (len(variables) - 1) // 3
         log_photons, delay, log_std = (variables[k:-1:3][np.newaxis] for k in range(3))
         score, information = np.zeros((1, len(variables))), np.zeros((1, *(len(variables),) * 2))
@@ -24,7 +27,9 @@ class TestOnePixel:
             counts[np.newaxis].astype(float),
             lower[np.newaxis],
             upper[np.newaxis],
+            open_share,
             period,
+            shape,
             np.ascontiguousarray(log_photons),
             np.ascontiguousarray(delay),
             np.ascontiguousarray(np.exp(log_std)),
@@ -150,6 +155,27 @@ class TestOnePixel:
         np.testing.assert_allclose(information[np.ix_(kept, kept)], alone[2], rtol=1e-12)
         np.testing.assert_array_equal(score[3:6], 0.0)
 
+    @pytest.mark.parametrize("outside", [True, False])
+    def test_score_of_a_tailed_pulse_behind_pile_up_is_the_slope_of_the_likelihood(self, outside):
+        rng, lower, upper, variables = self.case(9, 2)
+        given = {
+            "shape": Response.with_tail(std_ps=60.0, tail_ps=90.0, tail_share=0.3).table(),
+            "open_share": np.linspace(1.0, 0.5, CODES)[np.newaxis],
+            "outside": outside,
+        }
+        counts = rng.poisson(self.mean_of(lower, upper, variables))
+        _, score, information = self.evaluated(counts, lower, upper, variables, **given)
+        for i, step in enumerate(1e-4 / np.sqrt(np.diag(information))):
+            value = []
+            for sign in (1.0, -1.0):
+                moved = variables.copy()
+                moved[i] += sign * step
+                value.append(self.evaluated(counts, lower, upper, moved, **given)[0])
+            error = np.sqrt(information[i, i])
+            assert (value[0] - value[1]) / (2.0 * step) == pytest.approx(
+                score[i], abs=0.02 * error + 1e-3 * abs(score[i])
+            )
+
     def test_compiled_and_plain_agree(self):
         plain = getattr(photon_score, "py_func", None)
         if plain is None:
@@ -159,7 +185,8 @@ class TestOnePixel:
         compiled = self.evaluated(counts, lower, upper, variables)
         score, information = np.zeros((1, 7)), np.zeros((1, 7, 7))
         value = plain(
-            counts[np.newaxis].astype(float), lower[np.newaxis], upper[np.newaxis], PERIOD,
+            counts[np.newaxis].astype(float), lower[np.newaxis], upper[np.newaxis], ALL_OPEN,
+            PERIOD, GAUSSIAN,
             variables[np.newaxis, 0:-1:3], variables[np.newaxis, 1:-1:3],
             np.exp(variables[np.newaxis, 2:-1:3]), variables[-1:], np.array([True]), False,
             score, information,

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight._kernels.jit import jit
+from lightflight._kernels.pulse import shape_at
 
 Floats = NDArray[np.float64]
 
@@ -23,13 +24,18 @@ _INV_SQRT_2PI = 1.0 / math.sqrt(2.0 * math.pi)
 
 
 @jit
-def _pulse_share(offset: float, width: float, std: float, out: Floats) -> None:
+def _pulse_share(offset: float, width: float, std: float, shape: Floats, out: Floats) -> None:
     """Share of a pulse in a code `offset` from its time: value, d/d time, d/d ln std."""
     high = (offset + 0.5 * width) / std
     low = (offset - 0.5 * width) / std
-    density_high = _INV_SQRT_2PI * math.exp(-0.5 * high * high)
-    density_low = _INV_SQRT_2PI * math.exp(-0.5 * low * low)
-    out[0] = 0.5 * (math.erf(high * _INV_SQRT_2) - math.erf(low * _INV_SQRT_2))
+    if shape.shape[1] > 0:
+        after, density_high = shape_at(shape, high)
+        before, density_low = shape_at(shape, low)
+        out[0] = after - before
+    else:
+        density_high = _INV_SQRT_2PI * math.exp(-0.5 * high * high)
+        density_low = _INV_SQRT_2PI * math.exp(-0.5 * low * low)
+        out[0] = 0.5 * (math.erf(high * _INV_SQRT_2) - math.erf(low * _INV_SQRT_2))
     out[1] = -(density_high - density_low) / std
     out[2] = -(high * density_high - low * density_low)
 
@@ -61,7 +67,9 @@ def photon_score(
     counts: Floats,
     lower: Floats,
     upper: Floats,
+    open_share: Floats,
     period: float,
+    shape: Floats,
     log_photons: Floats,
     delays: Floats,
     stds: Floats,
@@ -73,7 +81,9 @@ def photon_score(
 ) -> float:
     """Fill `score` (n, 3 L + 1) and Fisher `information` (n, 3 L + 1, 3 L + 1); log-likelihood.
 
-    counts, lower, upper: (n, codes); log_photons, delays, stds: (n, L), NaN delay: leg absent.
+    counts, lower, upper: (n, codes); open_share: (n, codes or 1), counts per photon that came (1
+    without pile-up); shape: of the pulse, see `pulse.shape_at`, (3, 0) for a Gaussian;
+    log_photons, delays, stds: (n, L), NaN delay: leg absent.
     Codes outside every window are one term with the background alone, left out where
     `use_outside` is False (something else flashes there). Values compare between parameters even
     where the windows take in other codes. `expected_only`: information at the expected counts,
@@ -82,6 +92,9 @@ def photon_score(
     n, n_codes = counts.shape
     n_legs = delays.shape[1]
     n_local = 3 * n_legs + 1
+    from_std, to_std = -_REACH, _REACH
+    if shape.shape[1] > 0:
+        from_std, to_std = shape[0, 0], shape[0, shape.shape[1] - 1]
     gradient = np.zeros(n_local)
     share = np.zeros(3)
     total = 0.0
@@ -96,7 +109,9 @@ def photon_score(
             if width <= 0.0:
                 continue
             middle = 0.5 * (upper[p, k] + lower[p, k])
-            mean = rate * width
+            seen = open_share[p, k if open_share.shape[1] > 1 else 0]
+            live = seen * width
+            mean = rate * live
             inside = False
             for q in range(n_legs):
                 gradient[3 * q] = 0.0
@@ -105,18 +120,20 @@ def photon_score(
                 if math.isnan(delays[p, q]):
                     continue
                 offset = middle - delays[p, q]
-                if period > 0.0:
-                    offset -= period * np.rint(offset / period)
-                if abs(offset) < _REACH * stds[p, q] + width:
+                if period > 0.0:  # about the middle of the pulse's window
+                    centre = 0.5 * (from_std + to_std) * stds[p, q]
+                    offset -= period * np.rint((offset - centre) / period)
+                std = stds[p, q]
+                if from_std * std - width < offset < to_std * std + width:
                     inside = True
-                    photons = math.exp(log_photons[p, q])
-                    _pulse_share(offset, width, stds[p, q], share)
+                    photons = seen * math.exp(log_photons[p, q])
+                    _pulse_share(offset, width, std, shape, share)
                     mean += photons * share[0]
                     gradient[3 * q] = photons * share[0]
                     gradient[3 * q + 1] = photons * share[1]
                     gradient[3 * q + 2] = photons * share[2]
             if inside:
-                gradient[n_local - 1] = rate * width
+                gradient[n_local - 1] = rate * live
                 total += _add_code(
                     counts[p, k],
                     mean + 1e-12,
@@ -131,8 +148,8 @@ def photon_score(
                     total -= counts[p, k] * (math.log(counts[p, k]) - 1.0)
             else:
                 outside_counts += counts[p, k]
-                outside_width += width
-                outside_share += counts[p, k] * math.log(width)
+                outside_width += live
+                outside_share += counts[p, k] * math.log(live)
         if not use_outside[p]:
             outside_counts = 0.5
             outside_width = 0.5 / rate

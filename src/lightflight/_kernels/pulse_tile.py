@@ -22,6 +22,7 @@ from lightflight._kernels.bins import (
 )
 from lightflight._kernels.jit import jit, jit_lent
 from lightflight._kernels.lanes import fetch_ahead
+from lightflight._kernels.pile_up import thin_exposure
 from lightflight._kernels.pulse import (
     bounds_of,
     covariance_of_fit,
@@ -92,24 +93,6 @@ def sum_exposure(row, n, period):
     if n > 0:
         accumulate(exposure, n, reach, covered)
     return reach, even_width(exposure, n)
-
-
-@jit_lent
-def thin_exposure(counts, n, trials, exposure):
-    """Exposure of bins that an earlier photon of the same period may have closed.
-
-    A period ends with its first photon: of `trials` periods, those that saw none before bin k
-    reach it. Counts among them are binomial with chance 1 - exp(-rate); the exposure given, counts
-    over the rate that explains them, makes that a Poisson likelihood with the same maximum.
-    """
-    alive = trials
-    for k in range(n):
-        left = max(alive - counts[k], 1e-3)
-        seen = alive
-        if counts[k] > 0 and left < alive:
-            seen = counts[k] / math.log(alive / left)
-        exposure[k] *= seen / trials
-        alive = left
 
 
 @jit_lent

@@ -2,13 +2,14 @@
 
 Expected counts of pixel p in code k are
 
-    lambda_pk = sum_legs N_p [F(e_(k+1)) - F(e_k)] + b_p w_pk,
+    lambda_pk = o_pk (sum_legs N_p [F(e_(k+1)) - F(e_k)] + b_p w_pk),
 
-F the pulse (laser, response, transit over the footprint) about the footprint's mean arrival time
-plus the pixel's delay, e the true code edges modulo the period. N_p is the strength of the light
-along the leg under the spot. The integral along the leg is collapsed into its zeroth, first
-and second moment (photons, mean time, variance), which is exact for a Gaussian spot and a curve
-that bends little within it; corners cut the footprint.
+F the pulse (laser, response, transit over the footprint; a Gaussian, or the shape the flat was
+fitted with) about the footprint's mean arrival time plus the pixel's delay, e the true code edges
+modulo the period, o_pk the share of laser periods that no earlier photon had closed. N_p is the
+strength of the light along the leg under the spot. The integral along the leg is collapsed into
+its zeroth, first and second moment (photons, mean time, variance), which is exact for a Gaussian
+spot and a curve that bends little within it; corners cut the footprint.
 
 Takes a path and the brightness along it, gives log-likelihood, score and information in a
 handful of parameters: `photon` climbs it, `cramer_rao` reads its curvature.
@@ -16,7 +17,7 @@ handful of parameters: `photon` climbs it, `cramer_rao` reads its curvature.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -91,6 +92,10 @@ class CodeCounts:
     """Laser period, ps; 0: none."""
     use_outside: NDArray[np.bool_]
     """(n,), False where something else flashes outside the windows."""
+    open_share: Floats | None = None
+    """(n, codes or 1), counts in a code per photon that came (pile-up); None: all are counted."""
+    shape: Floats = field(default_factory=lambda: np.empty((3, 0)))
+    """Shape of a pulse (`timing.response.Response.table`); (3, 0): a Gaussian."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +273,9 @@ def likelihood(
         codes.counts,
         codes.lower_ps,
         codes.upper_ps,
+        np.ones((n, 1)) if codes.open_share is None else codes.open_share,
         codes.period_ps,
+        codes.shape,
         local.log_photons + log_photons_shift,
         delays,
         local.std_ps,

@@ -39,6 +39,7 @@ from lightflight.reconstruct.observation import Observation, pixel_counts
 from lightflight.reconstruct.picture import Picture, measure_picture
 from lightflight.reconstruct.result import prior_in_words
 from lightflight.reconstruct.setting import Setting
+from lightflight.timing.pile_up import open_share_of
 
 Floats = NDArray[np.float64]
 
@@ -92,9 +93,14 @@ def merged(observations: list[Observation]) -> Observation:
     first = observations[0]
     counts = np.sum([o.histograms.counts.astype(np.int64) for o in observations], axis=0)
     blind = np.logical_or.reduce([o.blind for o in observations])
-    return replace(
-        first, histograms=replace(first.histograms, counts=counts.astype(np.uint64)), blind=blind
+    frames = [o.histograms.n_frames for o in observations]
+    known = [n for n in frames if n is not None]
+    whole = replace(
+        first.histograms,
+        counts=counts.astype(np.uint64),
+        n_frames=sum(known) if len(known) == len(frames) else None,
     )
+    return replace(first, histograms=whole, blind=blind)
 
 
 def without_outliers(observation: Observation, rough: LightPath, std_ps: float) -> Observation:
@@ -243,12 +249,17 @@ def codes_of_pixels(
     """Counts and code intervals; pixels in which something else flashes are marked."""
     found = pixel_counts(observation, pixels.rows, pixels.cols)
     strange = _pixels_with_strangers(observation, state, setting, std_ps)
+    response = observation.timing.response
     return CodeCounts(
         counts=found.counts,
         lower_ps=found.lower_ps,
         upper_ps=found.upper_ps,
         period_ps=float(observation.histograms.laser_period_ps or 0.0),
         use_outside=~strange[pixels.rows, pixels.cols],
+        open_share=open_share_of(
+            observation.histograms, pixels.rows, pixels.cols, (found.lower_ps, found.upper_ps)
+        ),
+        shape=np.empty((3, 0)) if response is None else response.table(),
     )
 
 

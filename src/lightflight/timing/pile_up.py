@@ -13,9 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight._kernels.pile_up import open_shares
 from lightflight.histogram import Histograms
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Intervals = tuple[Floats, Floats]
 
 BENT = 0.05
 """Photons per period times the root of the photons beyond which times are corrected: below, a
@@ -59,3 +62,21 @@ def pile_up_of(hist: Histograms) -> PileUp:
         thinned = np.where(counts > 0, rate * periods * frames / counts, 1.0)
         scale = np.where(bent, frames * periods / trials, thinned)
     return PileUp(rate, np.where(bent, trials, np.inf), scale)
+
+
+def open_share_of(hist: Histograms, rows: Indices, cols: Indices, intervals: Intervals) -> Floats:
+    """Counts in each code per photon that came: (n, codes), or (n, 1) without pile-up.
+
+    `intervals` are the (lower, upper) of the codes of these pixels, (n, codes), ps.
+    """
+    pile_up = pile_up_of(hist)
+    pixels = rows * hist.shape[1] + cols
+    scale = pile_up.scale[pixels, np.newaxis]
+    if not np.isfinite(pile_up.trials[pixels]).any():
+        return np.asarray(1.0 / scale)
+    shares = np.empty((len(pixels), hist.n_codes))
+    counts = hist.counts[rows, cols].astype(np.float64)
+    lower, upper = (np.ascontiguousarray(edge, dtype=np.float64) for edge in intervals)
+    period = hist.laser_period_ps or np.inf
+    open_shares(counts, lower, upper, period, pile_up.trials[pixels], shares)
+    return np.asarray(shares / scale)
