@@ -134,6 +134,35 @@ def clocks_scheme() -> Figure:
 
 
 @style.styled
+def code_frame() -> Figure:
+    """Forward and reversed codes along one laser period; the same photon in both."""
+    figure = style.new_figure(150, 62)
+    ax = figure.add_axes((0.02, 0.02, 0.96, 0.96))
+    _bare(ax, x=(-22, 104), y=(-8, 44))
+    for place, name, reverse in ((26.0, "forward", False), (8.0, "reversed", True)):
+        for k in range(10):
+            low = 90 - 9 * (k + 1) if reverse else 9 * k
+            at_photon = low < 29.0 < low + 9
+            ax.fill(
+                [low + 0.3, low + 8.7, low + 8.7, low + 0.3],
+                [place, place, place + 7, place + 7],
+                color="#f0b895" if at_photon else _FIELD,
+            )
+            ax.text(low + 4.5, place + 3.5, str(k), ha="center", va="center", fontsize=8)
+        ax.text(-2, place + 3.5, f"{name}\ncodes", ha="right", va="center", fontsize=8)
+        _arrow(ax, (88, place - 1.8) if reverse else (2, place - 1.8),
+               (70, place - 1.8) if reverse else (20, place - 1.8), _QUIET, lw=0.9)  # fmt: skip
+    for x, words in ((0, "sync"), (90, "next sync")):
+        ax.plot([x, x], [0, 37], color=_INK, lw=1.0)
+        ax.text(x, 38.5, words, ha="center", fontsize=8)
+    ax.plot([29, 29], [0, 37], color=_EVENT, lw=1.4)
+    ax.text(29, 38.5, "photon", ha="center", fontsize=8, color=_EVENT)
+    _arrow(ax, (0, -3), (98, -3))
+    ax.text(49, -7.5, "delay after the sync", ha="center", fontsize=8)
+    return figure
+
+
+@style.styled
 def apparent_speed() -> Figure:
     """A pulse across the field: where it is and where it is seen, and its apparent speed."""
     camera = Camera.facing_plane()
@@ -163,6 +192,7 @@ SCHEMES = {
     "frame-world": world_frame,
     "frame-pixels": pixel_frame,
     "two-clocks": clocks_scheme,
+    "frame-codes": code_frame,
     "apparent-speed": apparent_speed,
 }
 """Name of the picture in docs/images, and what draws it."""
