@@ -1,10 +1,11 @@
 """From the photons of a SPAD camera to the 4D path (x, y, z, t) of a laser pulse.
 
 Records: `Histograms`, `Recording`, `TimingCalibration`, `Pulses`, `Arrivals`, `Camera`,
-`Source`, `Medium`, `LightPath`, `Scene`, `Detector`, `Bounds`, `Plan`.
+`Source`, `Medium`, `LightPath`, `LaserPulse`, `Scene`, `Detector`, `Bounds`, `Plan`.
 
 The chain: `read` a file, `histogram` it, `calibrate_timing` and `calibrate_camera`,
-`fit_pulses` or `find_arrivals`, `find_legs`, `reconstruct`; `write` keeps a record.
+`fit_pulses` or `find_arrivals`, `find_legs`, `reconstruct`; `write` keeps a record;
+`laser_pulse` says how long the laser's pulse was.
 
 Without a lab: `simulate` a `Scene`; `bounds` says what its photons allow,
 `plan` what light a wanted error takes; `path_error`
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from lightflight.path import LightPath
     from lightflight.path_error import path_error
     from lightflight.reconstruct import Bounds, bounds, find_legs, reconstruct
+    from lightflight.reconstruct.laser import LaserPulse, laser_pulse
     from lightflight.reconstruct.planning import Plan, plan
     from lightflight.recording import Recording, histogram, read, write
     from lightflight.simulate import Detector, Scene, simulate
@@ -42,6 +44,7 @@ _HOME_FROM_NAME = {
     "Camera": "camera",
     "Detector": "simulate",
     "Histograms": "histogram",
+    "LaserPulse": "reconstruct.laser",
     "LightPath": "path",
     "Medium": "flight",
     "Plan": "reconstruct.planning",
@@ -57,6 +60,7 @@ _HOME_FROM_NAME = {
     "find_legs": "reconstruct",
     "fit_pulses": "timing.pulses",
     "histogram": "recording",
+    "laser_pulse": "reconstruct.laser",
     "observe": "view.observation",
     "path_error": "path_error",
     "plan": "reconstruct.planning",
@@ -72,6 +76,7 @@ __all__ = [
     "Camera",
     "Detector",
     "Histograms",
+    "LaserPulse",
     "LightPath",
     "Medium",
     "Plan",
@@ -88,6 +93,7 @@ __all__ = [
     "find_legs",
     "fit_pulses",
     "histogram",
+    "laser_pulse",
     "observe",
     "path_error",
     "plan",

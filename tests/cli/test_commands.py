@@ -135,10 +135,13 @@ def test_reconstruct_writes_path_table_and_figure(run, lab_folder, tmp_path):
 def test_reconstruct_for_programs(run, lab_folder):
     done = run(
         "reconstruct", lab_folder / "recording.h5", "--lab", lab_folder / "lab.toml",
-        "--timing", lab_folder / "calibration.h5", "--json",
+        "--timing", lab_folder / "calibration.h5", "--response-fwhm-ps", "150", "--json",
     )  # fmt: skip
     assert done.exit_code == 0, done.stderr
     facts = json.loads(done.stdout)
+    # the simulated laser's pulse is 68 ps long
+    assert facts["laser_fwhm_ps"] == pytest.approx(68.0, abs=4 * facts["laser_fwhm_std_ps"] + 1)
+    assert len(facts["apparent_fwhm_ps"]) == 3
     assert np.shape(facts["vertices_mm"]) == (4, 3)
     assert len(facts["legs"]) == 3
     assert facts["converged"] is True

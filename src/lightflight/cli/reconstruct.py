@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lightflight.cli._console import print_json, print_sentences, print_table, step
+from lightflight.cli._console import (
+    Fact,
+    json_from_facts,
+    print_facts,
+    print_json,
+    print_sentences,
+    print_table,
+    step,
+    with_error,
+)
 from lightflight.cli._options import (
     FIGURE_SUFFIXES,
     RECORD_SUFFIXES,
@@ -23,6 +32,7 @@ from lightflight.cli._options import (
 if TYPE_CHECKING:
     from lightflight.histogram import Histograms
     from lightflight.lab import Lab
+    from lightflight.path import LightPath
     from lightflight.reconstruct.legs import ImageLeg
     from lightflight.timing.calibration import TimingCalibration
 
@@ -47,6 +57,11 @@ if TYPE_CHECKING:
     help="Estimator.  [default: joint]",
 )
 @click.option("--n-legs", type=click.IntRange(min=1), help="Number of legs, where you know it.")
+@click.option(
+    "--response-fwhm-ps",
+    type=click.FloatRange(min=0.0),
+    help="Width of the camera's response alone: says how long the laser's pulse was.",
+)
 @outputs_option(
     "File to write: the path (.h5), points along it (.csv), a figure (.png .pdf .svg); may be "
     "given more than once."
@@ -62,6 +77,7 @@ def command(
     background_path: Path | None,
     method: str | None,
     n_legs: int | None,
+    response_fwhm_ps: float | None,
     outputs: tuple[Path, ...],
     lab_path: Path | None,
     assignments: tuple[str, ...],
@@ -99,7 +115,11 @@ def command(
         _stop_at_the_picture(repeats[0], timing, lab, missing, outputs, as_json=as_json)
         return
     background = None if background_path is None else read_histograms(background_path, lab, hints)
-    _reconstruct(repeats, timing, background, lab, inputs, outputs, as_json=as_json)
+    path = _reconstruct(repeats, timing, background, lab, inputs, outputs)
+    laser = []
+    if response_fwhm_ps is not None:
+        laser = _laser_facts(path, repeats[0], timing, response_fwhm_ps)
+    _print(path, laser, outputs, as_json=as_json)
 
 
 def _lab_with_options(
@@ -130,10 +150,8 @@ def _reconstruct(
     lab: Lab,
     inputs: list[Path],
     outputs: tuple[Path, ...],
-    *,
-    as_json: bool,
-) -> None:
-    from lightflight.cli._paths import json_from_path, print_path, write_path
+) -> LightPath:
+    from lightflight.cli._paths import write_path
     from lightflight.cli._records import provenance
     from lightflight.reconstruct import reconstruct
 
@@ -154,10 +172,38 @@ def _reconstruct(
     for output in outputs:
         with step(f"writing {output.name}"):
             write_path(path, output)
+    return path
+
+
+def _laser_facts(
+    path: LightPath, hist: Histograms, timing: TimingCalibration | None, response_fwhm_ps: float
+) -> list[Fact]:
+    """Width of the laser's pulse by deconvolution, and how long it looks on each leg."""
+    from lightflight.reconstruct.laser import laser_pulse
+
+    with step("taking the response off the widths"):
+        pulse = laser_pulse(path, hist, timing=timing, response_fwhm_ps=response_fwhm_ps)
+    width, looks = pulse.width, pulse.apparent_fwhm_ps
+    words = f"{with_error(width.fwhm_ps, width.fwhm_std_ps)} ps FWHM"
+    recorded = f"recorded {width.recorded_fwhm_ps:.1f} ps, {width.n_pulses:,} pulses"
+    seen = ", ".join(f"{value:.1f}" for value in looks)
+    return [
+        Fact("laser pulse", "laser_fwhm_ps", width.fwhm_ps, f"{words} ({recorded})"),
+        Fact("its error", "laser_fwhm_std_ps", width.fwhm_std_ps, f"{width.fwhm_std_ps:.2f} ps"),
+        Fact("its length in a frame", "apparent_fwhm_ps", looks.tolist(), f"{seen} ps, by leg"),
+    ]
+
+
+def _print(path: LightPath, laser: list[Fact], outputs: tuple[Path, ...], *, as_json: bool) -> None:
+    from lightflight.cli._paths import json_from_path, print_path
+
     if as_json:
-        print_json(json_from_path(path) | {"written": [str(output) for output in outputs]})
+        written = {"written": [str(output) for output in outputs]}
+        print_json(json_from_path(path) | json_from_facts(laser) | written)
         return
     print_path(path)
+    if laser:
+        print_facts(laser)
     if outputs:
         print_sentences([f"Written: {', '.join(map(str, outputs))}"])
 

@@ -56,7 +56,8 @@ def laser_width_from_pulses(
     response_fwhm_ps, response_fwhm_std_ps : of the camera alone, and how well that is known, ps.
         A flat recorded with the same laser has the laser in it already: it is no response.
     transit_std_ps : standard deviation of arrival times over a pixel's footprint, scalar or (n,),
-        ps; below 1 ps of width for legs within 10 deg of the reference plane.
+        ps; below 1 ps of width for legs within 10 deg of the reference plane. NaN leaves a pulse
+        out.
 
     Raises
     ------
@@ -71,10 +72,10 @@ def laser_width_from_pulses(
         if not (np.isfinite(value) and value >= 0):
             raise ValueError(f"{name} must be finite and not negative, got {value}")
     std_error = _std_errors(pulses)
-    use = pulses.usable & np.isfinite(pulses.std_ps) & (std_error > 0)
+    transit = np.broadcast_to(np.asarray(transit_std_ps, dtype=np.float64), std_error.shape)
+    use = pulses.usable & np.isfinite(pulses.std_ps) & (std_error > 0) & np.isfinite(transit)
     if not use.any():
         raise NothingFoundError("no usable pulse, so no width: look at the flags of the pulses")
-    transit = np.broadcast_to(np.asarray(transit_std_ps, dtype=np.float64), use.shape)
     # Errors scale with the width itself: weights by photons alone do not favour narrow pulses.
     weight = np.maximum(pulses.photons[use], 1.0)
     variance = pulses.std_ps[use] ** 2 - transit[use] ** 2

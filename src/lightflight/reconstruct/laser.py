@@ -1,0 +1,114 @@
+"""The laser pulse of a reconstructed path: its own width, and how long it looks leg by leg.
+
+Takes a path, the recording and clock it came from and the camera's response, gives the width that
+is left of the recorded ones by deconvolution. What the pulse's flight through a pixel's footprint
+adds is known from the path, and taken off as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.reconstruct.api import clock_or_nominal
+from lightflight.reconstruct.geometry import PathState, footprints
+from lightflight.reconstruct.observation import Observation, blind_pixels
+from lightflight.reconstruct.picture import measure_picture
+from lightflight.timing.arrivals import Arrivals, find_arrivals
+from lightflight.timing.laser_width import (
+    LaserWidth,
+    apparent_fwhm_ps,
+    laser_width_from_pulses,
+)
+
+if TYPE_CHECKING:
+    from lightflight.histogram import Histograms
+    from lightflight.path import LightPath
+    from lightflight.timing.calibration import TimingCalibration
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LaserPulse:
+    """Width of the laser pulse, and what a camera frame shows of its length."""
+
+    width: LaserWidth
+    """By deconvolution of the recorded pulses."""
+
+    apparent_fwhm_ps: Floats
+    """(legs,), length of the pulse in one camera frame as flight time along the leg, at the middle
+    of each leg, ps: grows with the leg's angle towards the camera."""
+
+
+def laser_pulse(
+    path: LightPath,
+    hist: Histograms,
+    *,
+    response_fwhm_ps: float,
+    response_fwhm_std_ps: float = 0.0,
+    timing: TimingCalibration | None = None,
+) -> LaserPulse:
+    """Width of the laser pulse that drew a path: recorded^2 - response^2 - transit^2.
+
+    Parameters
+    ----------
+    path : reconstructed from `hist`.
+    hist : the recording.
+    response_fwhm_ps, response_fwhm_std_ps : width of the camera's response alone, and how well it
+        is known, ps.
+    timing : the clock; None: nominal codes, with a warning.
+
+    Raises
+    ------
+    NothingFoundError
+        No pixel on the path holds a usable pulse of its own.
+    ValueError
+        A width is negative or not finite.
+    """
+    clock = clock_or_nominal(hist, timing)
+    arrivals = find_arrivals(hist, timing=clock)
+    width = laser_width_from_pulses(
+        arrivals,
+        response_fwhm_ps=response_fwhm_ps,
+        response_fwhm_std_ps=response_fwhm_std_ps,
+        transit_std_ps=_transit_std_ps(path, hist, clock, arrivals),
+    )
+    middle = 0.5 * (path.vertices_mm[1:] + path.vertices_mm[:-1])
+    towards = path.camera.center_mm - middle
+    towards /= np.linalg.norm(towards, axis=1)[:, np.newaxis]
+    direction = np.array([leg.direction for leg in path.legs])
+    apparent = apparent_fwhm_ps(width.fwhm_ps, direction, towards, medium=path.medium)
+    return LaserPulse(width, apparent)
+
+
+def _transit_std_ps(
+    path: LightPath, hist: Histograms, clock: TimingCalibration, arrivals: Arrivals
+) -> Floats:
+    """(n,), spread of times over the footprint of each pulse; NaN for pulses not of the path."""
+    state = PathState(np.array(path.vertices_mm), float(path.vertex_times_ps[0]))
+    transit = np.full(len(arrivals.row), np.nan)
+    pixel = arrivals.row.astype(np.int64) * arrivals.shape[1] + arrivals.col
+    table = path.residuals[path.residuals["used"]]
+    of_path = table["row"].astype(np.int64) * arrivals.shape[1] + table["col"]
+    alone = np.bincount(pixel, minlength=arrivals.shape[0] * arrivals.shape[1])[pixel] == 1
+    leg_of = dict(zip(of_path.tolist(), table["leg"].tolist(), strict=True))
+    seen = np.array([i for i in np.flatnonzero(alone) if int(pixel[i]) in leg_of], dtype=np.int64)
+    if not len(seen):
+        return transit
+    std_ps = float(np.nanmedian(arrivals.std_ps[seen]))
+    watched = Observation(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals))
+    picture = measure_picture(state, watched, camera=path.camera, medium=path.medium, std_ps=std_ps)
+    print_ = footprints(
+        state,
+        camera=path.camera,
+        medium=path.medium,
+        legs=np.array([leg_of[int(pixel[i])] for i in seen]),
+        rows=arrivals.row[seen].astype(float),
+        cols=arrivals.col[seen].astype(float),
+    )
+    transit[seen] = np.abs(print_.slope_ps_per_px) * picture.spot_std_px
+    return transit
