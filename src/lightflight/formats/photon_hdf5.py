@@ -29,6 +29,7 @@ from lightflight.formats.registry import Format
 from lightflight.formats.stored import StoredArray
 from lightflight.histogram import Histograms
 from lightflight.recording import CLOCK_FIELDS, Recording
+from lightflight.store import read_array
 
 _FORMAT = "Photon-HDF5"
 _ROOT_TEXTS = {
@@ -58,12 +59,17 @@ def read(
         code = _unsigned(photons["nanotimes"], path)
         pixel = _detectors(photons, code, path)
         ours = file.get(_OURS)
-        attributes = dict(ours.attrs) if isinstance(ours, h5py.Group) else {}
-        settings = json.loads(ours["settings"][()]) if attributes else {}
+        attributes = _plain_attributes(ours) if isinstance(ours, h5py.Group) else {}
+        settings = {}
+        if attributes:
+            settings = json.loads(str(read_array(ours.get("settings"), path=path)))
         told = _clock_in(file, path)
         if "n_frames" in attributes:
             told["n_frames"] = int(attributes["n_frames"])
-            starts = _frame_starts(photons["timestamps"], told["n_frames"], path)
+            stamps = StoredArray.of(photons.get("timestamps"), path=path, ours=False)
+            if stamps.shape != code.shape:
+                raise FileFormatError("has not one time stamp per photon: it is damaged", path=path)
+            starts = _frame_starts(stamps, told["n_frames"], path)
         else:
             starts = None
     n_codes = told.pop("n_codes")
@@ -89,6 +95,19 @@ def read(
         )
 
 
+def _plain_attributes(node: Any) -> dict[str, Any]:
+    """Attributes that are numbers or texts of fixed length (see `store.text_attribute`)."""
+    kinds = {name: node.attrs.get_id(name).dtype.kind for name in node.attrs}
+    return {name: node.attrs[name] for name, kind in kinds.items() if kind in "iufbS"}
+
+
+def _number(node: Any, path: Path) -> float:
+    value = read_array(node, path=path)
+    if value.size != 1 or value.dtype.kind not in "iuf":
+        raise FileFormatError(f"{node.name} is no number", path=path)
+    return float(value.reshape(-1)[0])
+
+
 def _unsigned(node: Any, path: Path) -> Any:
     """Array that stays in the file, or a copy where its integers have a sign."""
     stored = StoredArray.of(node, path=path, ours=False)
@@ -112,12 +131,12 @@ def _clock_in(file: Any, path: Path) -> dict[str, Any]:
     specs = file["photon_data"].get("nanotimes_specs")
     if not isinstance(specs, h5py.Group) or "tcspc_num_bins" not in specs:
         raise FileFormatError("does not tell tcspc_num_bins: the file is damaged", path=path)
-    told: dict[str, Any] = {"n_codes": int(specs["tcspc_num_bins"][()])}
+    told: dict[str, Any] = {"n_codes": int(_number(specs["tcspc_num_bins"], path))}
     if "tcspc_unit" in specs:
-        told["bin_width_ps"] = float(specs["tcspc_unit"][()]) * 1e12
+        told["bin_width_ps"] = _number(specs["tcspc_unit"], path) * 1e12
     rates = file.get("setup/laser_repetition_rates")
     if isinstance(rates, h5py.Dataset) and rates.size == 1:
-        told["laser_period_ps"] = 1e12 / float(np.ravel(rates[()])[0])
+        told["laser_period_ps"] = 1e12 / _number(rates, path)
     return told
 
 
