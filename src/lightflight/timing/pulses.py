@@ -19,7 +19,14 @@ from lightflight import flags as fl
 from lightflight._kernels.pulse_tile import CHI2, CHI2_BINS, N_PULSES
 from lightflight.histogram import Histograms
 from lightflight.timing._pulse_checks import check_fits, flags_of
-from lightflight.timing._pulse_fits import Clock, Fits, clock_of, fit_all, zero_for_nan
+from lightflight.timing._pulse_fits import (
+    Clock,
+    Fits,
+    clock_of,
+    fit_all,
+    widen_delays,
+    zero_for_nan,
+)
 from lightflight.timing.pile_up import HIGH_RATE, PileUp, pile_up_of
 from lightflight.timing.sync import check_sync
 
@@ -57,7 +64,8 @@ class Pulses:
     """(n,), constant background of the pixel, counts per ps."""
 
     covariance: NDArray[np.float64]
-    """(n, 4, 4), of delay_ps, std_ps, photons, background_per_ps (photon errors only)."""
+    """(n, 4, 4), of delay_ps, std_ps, photons, background_per_ps (photon errors only). Inverse
+    information at the fit; delays of few photons are wider by what that misses of their errors."""
 
     chi2: NDArray[np.float64]
     """(n,), Pearson chi2 of the pixel over codes with expected counts."""
@@ -247,6 +255,8 @@ def _pulses_from_fits(
         scale = np.ones((len(fits.pixel), 4))
         scale[:, 2:] = pile_up.scale[fits.pixel, None]
         values, covariance = values * scale, covariance * scale[:, :, None] * scale[:, None, :]
+    if method == "likelihood" and hist.poisson:
+        widen_delays(values, covariance)
     delay = values[:, 0]
     if math.isfinite(clock.period):
         delay = np.mod(delay, clock.period)
