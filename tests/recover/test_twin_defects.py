@@ -12,13 +12,19 @@ import itertools
 import numpy as np
 import pytest
 
-from lightflight import Camera
+from lightflight import Camera, Source, flags
 from lightflight.errors import SuspectDataWarning
+from lightflight.reconstruct.api import observe
+from lightflight.reconstruct.geometry import PathState
+from lightflight.reconstruct.picture import measure_picture
+from lightflight.reconstruct.setting import Setting
 from lightflight.recording import histogram
 from lightflight.simulate import Scene, ideal, pf32, simulate
 from lightflight.simulate.presets import PF32_START_WIDTHS
-from lightflight.timing.calibration import calibrate_timing
+from lightflight.timing.calibration import TimingCalibration, calibrate_timing
 from lightflight.timing.drift import drift_in_slices
+from lightflight.timing.response import Response
+from lightflight.units import fwhm_from_std
 
 CAMERA = Camera.facing_plane((8, 8), distance_mm=535.0, field_of_view_mm=(61.25, 61.25))
 
@@ -117,3 +123,64 @@ def test_afterpulses_come_back_with_their_share_and_time():
     # the tail's counts, and the time constant they are prolonged with
     gap = np.average(first * 55.0 - arrival[lit], weights=photons) / time_ps
     assert found == pytest.approx(share, abs=5 * share * np.hypot(1.0, gap) / np.sqrt(n))
+
+
+def test_the_tail_of_the_response_comes_back_from_the_flat():
+    """A fifth of the photons late by 400 ps; 64 pixels of 40,000 counts."""
+    detector = ideal(response_tail_fraction=0.2, response_tail_ps=400.0)
+    flat = simulate(scene_of(detector), kind="flat", photons_per_pixel=40_000.0, seed=8)
+    with pytest.warns(UserWarning, match="no code-density"):
+        timing = calibrate_timing(
+            flat=flat, flat_arrival_ps=flat.truth.flat_arrival_ps, flat_pulse="tail"
+        )
+    true = Response.with_tail(std_ps=flat.truth.pulse_std_ps, tail_ps=400.0, tail_share=0.2)
+    found = timing.response
+    assert found is not None
+    assert timing.response_std_ps.mean() == pytest.approx(true.std_ps, rel=0.03)
+    places, density = found.table()[:2]
+    assert abs(density - np.interp(places, *true.table()[:2])).max() < 0.02
+    # delays are those of the mean, and the tail makes the mean later by 80 ps
+    assert (timing.skew_ps - flat.truth.skew_ps).mean() == pytest.approx(80.0, abs=5.0)
+
+
+def test_dead_pixels_and_sensitivities_come_back_from_the_flat():
+    detector = ideal(seed=5, efficiency_rms=0.1, dead_pixel_fraction=4 / 64)
+    flat = simulate(scene_of(detector), kind="flat", photons_per_pixel=40_000.0, seed=9)
+    true = detector.pixels((8, 8)).efficiency
+    dead = true == 0
+    assert dead.sum() == 4
+    with pytest.warns(UserWarning, match="no code-density"):
+        timing = calibrate_timing(flat=flat, flat_arrival_ps=flat.truth.flat_arrival_ps)
+    np.testing.assert_array_equal((timing.flags & (flags.NO_PHOTONS | flags.DEAD)) != 0, dead)
+    alive = ~dead
+    pull = (flat.photons / 40_000.0 - true)[alive] / np.sqrt(true[alive] / 40_000.0)
+    assert np.abs(pull).max() < 5.0
+    assert pull.std() == pytest.approx(1.0, abs=0.45)  # 60 pixels: five standard errors
+
+
+def test_lens_blur_and_active_area_come_back_from_the_picture():
+    """The spot that `photon` fits is blur and active area in squares."""
+    detector = ideal(psf_std_px=0.45, active_width_px=0.5)
+    camera = Camera.facing_plane((16, 16), distance_mm=535.0, field_of_view_mm=(122.5, 122.5))
+    scene = Scene([(-126.0, 0.0, 0.0), (126.0, 30.0, 20.0)], camera=camera, detector=detector)
+    hist = simulate(scene, photons_per_pixel=40_000.0, seed=10)
+    clock = TimingCalibration.nominal(hist)
+    setting = Setting(camera, Source((-126.0, 0.0, 0.0)), scene.medium)
+    observation = observe(
+        hist, setting, timing=clock, background=None, exclude_mask=None, least_squares=False
+    )
+    state = PathState(np.asarray(scene.vertices_mm), scene.emission_time_ps)
+    picture = measure_picture(state, observation, camera=camera, medium=scene.medium, std_ps=70.0)
+    assert picture.spot_std_px == pytest.approx(np.hypot(0.45, 0.5 / np.sqrt(12.0)), rel=0.01)
+
+
+def test_pulse_width_is_laser_trigger_and_response_in_squares():
+    detector = ideal(response_fwhm_ps=120.0, trigger_jitter_fwhm_ps=60.0)
+    flat = simulate(scene_of(detector), kind="flat", photons_per_pixel=40_000.0, seed=11)
+    with pytest.warns(UserWarning, match="no code-density"):
+        timing = calibrate_timing(flat=flat, flat_arrival_ps=flat.truth.flat_arrival_ps)
+    fwhm = fwhm_from_std(timing.response_std_ps)
+    true = np.sqrt(68.0**2 + 120.0**2 + 60.0**2)
+    # the error of a width is width / sqrt(2 N): 0.35 % a pixel, 0.05 % of 64
+    assert fwhm.mean() == pytest.approx(true, rel=2.5e-3)
+    assert fwhm.std() / true == pytest.approx(1 / np.sqrt(2 * 40_000.0), rel=0.5)
