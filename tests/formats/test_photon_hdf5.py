@@ -134,3 +134,29 @@ def test_a_shape_that_is_none_is_the_file_s_mistake(tmp_path, rng, shape):
         file["user/lightflight"].attrs["shape"] = shape
     with pytest.raises(FileFormatError, match="shape"):
         read(tmp_path / "x.photon.h5")
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("photon_data/timestamps", np.arange(3), "one time stamp per photon"),
+        ("user/lightflight/settings", np.bytes_("7"), "settings are not readable"),
+        ("photon_data/nanotimes_specs/tcspc_num_bins", np.arange(2), "is no number"),
+    ],
+)
+def test_parts_that_cannot_be_are_refused(tmp_path, rng, name, values, said):
+    lf.write(_recording(rng, **CLOCK), tmp_path / "x.photon.h5")
+    with h5py.File(tmp_path / "x.photon.h5", "a") as file:
+        del file[name]
+        file[name] = values
+    with pytest.raises(FileFormatError, match=said):
+        read(tmp_path / "x.photon.h5")
+
+
+def test_time_stamps_that_claim_without_end_are_not_read(tmp_path, rng):
+    lf.write(_recording(rng, **CLOCK), tmp_path / "x.photon.h5")
+    with h5py.File(tmp_path / "x.photon.h5", "a") as file:
+        del file["photon_data/timestamps"]
+        file.create_dataset("photon_data/timestamps", (2**44,), np.int64, chunks=(64,))
+    with pytest.raises(FileFormatError, match="the file is damaged"):
+        read(tmp_path / "x.photon.h5")

@@ -63,6 +63,8 @@ def read(
         settings = {}
         if attributes:
             settings = json.loads(str(read_array(ours.get("settings"), path=path)))
+            if not isinstance(settings, dict):
+                raise FileFormatError("its settings are not readable: it is damaged", path=path)
         told = _clock_in(file, path)
         if "n_frames" in attributes:
             told["n_frames"] = int(attributes["n_frames"])
