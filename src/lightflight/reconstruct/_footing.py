@@ -51,8 +51,8 @@ class Footing:
     """Log of the light, as a share of what the same leg without corners would give."""
     offset_ps: Moment
     """Mean arrival time minus that of the foot, ps."""
-    variance_ps2: Floats
-    """(n,), variance of the arrival time over the footprint, ps^2."""
+    variance_ps2: Moment
+    """Variance of the arrival time over the footprint, ps^2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +60,9 @@ class Corners:
     """Picture distance from each foot to the corners of its leg, signed, and its derivatives."""
 
     before: Floats
-    """(n,), px, -inf where the leg starts the path."""
+    """(n,), px, -inf where nothing cuts the light off."""
     after: Floats
-    """(n,), px, inf where it ends it."""
+    """(n,), px, inf where nothing does."""
     before_by_state: Floats
     """(n, 3m + 1), px per mm."""
     after_by_state: Floats
@@ -108,12 +108,16 @@ def footing(
     mean_s, mean_s2 = np.sum(weight * s, axis=1), np.sum(weight * s**2, axis=1)
     dark = total < 1e-12
 
-    def at_cut(where: Floats, inside: NDArray[np.bool_], sign: float) -> tuple[Floats, Floats]:
-        """Derivatives of (log share, mean time) by the place of a cut."""
+    off = time - mean[:, np.newaxis]
+    spread = np.sum(weight * off**2, axis=1)
+
+    def at_cut(where: Floats, inside: NDArray[np.bool_], sign: float) -> tuple[Floats, ...]:
+        """Derivatives of (log share, mean time, variance) by the place of a cut."""
         cuts = inside & (half > 0) & ~dark
         place = np.where(cuts, where, 0.0)
         rate = np.where(cuts, sign * density(place, kappa) / np.maximum(total, 1e-300), 0.0)
-        return rate, rate * (time_at(place, time_slope, time_curvature) - mean)
+        gap = time_at(place, time_slope, time_curvature) - mean
+        return rate, rate * gap, rate * (gap**2 - spread)
 
     before = at_cut(corners.before, corners.before > -_SPOT_REACH * spot_px, -1.0)
     after = at_cut(corners.after, corners.after < _SPOT_REACH * spot_px, 1.0)
@@ -134,14 +138,32 @@ def footing(
         by_before=before[1],
         by_after=after[1],
     )
-    variance = np.sum(weight * time**2, axis=1) - mean**2
-    return Footing(share, offset, np.maximum(variance, 0.0))
+    spread_s, spread_s2 = (
+        np.sum(weight * off**2 * s, axis=1),
+        np.sum(weight * off**2 * s**2, axis=1),
+    )
+    variance = Moment(
+        value=spread,
+        by_slope=np.where(believed, spread_s - spread * mean_s, 0.0),
+        by_log_spot=(spread_s2 - spread * mean_s2) / spot_px**2,
+        by_before=before[2],
+        by_after=after[2],
+    )
+    return Footing(share, offset, variance)
 
 
-def corner_distances(state: PathState, print_: Footprint, leg: int, *, camera: Camera) -> Corners:
-    """Picture distance from the feet of pixels on one leg to the corners before and after it.
+def corner_distances(
+    state: PathState,
+    print_: Footprint,
+    leg: int,
+    *,
+    camera: Camera,
+    cut_ends: tuple[bool, bool] = (False, False),
+) -> Corners:
+    """Picture distance from the feet of pixels on one leg to where it is cut before and after.
 
-    The ends of the path are not corners: what lies beyond them is not known to be dark.
+    Legs are cut at corners. The ends of the path are cuts only where `cut_ends` (first, last) says
+    so: what lies beyond them is not always dark.
     """
     n, size = len(print_.fraction), 3 * len(state.vertices_mm) + 1
     before, after = np.full(n, -np.inf), np.full(n, np.inf)
@@ -155,10 +177,10 @@ def corner_distances(state: PathState, print_: Footprint, leg: int, *, camera: C
         moved: Floats = along @ projection / max(float(np.linalg.norm(along)), 1e-12)
         return moved
 
-    if leg > 0:
+    if leg > 0 or cut_ends[0]:
         before = -print_.fraction * print_.px_per_leg
         by_before[:, 3 * leg : 3 * leg + 3] = slide(leg)
-    if leg < state.n_legs - 1:
+    if leg < state.n_legs - 1 or cut_ends[1]:
         after = (1 - print_.fraction) * print_.px_per_leg
         by_after[:, 3 * leg + 3 : 3 * leg + 6] = slide(leg + 1)
     return Corners(before, after, by_before, by_after)

@@ -20,6 +20,7 @@ from lightflight.errors import (
 )
 from lightflight.flight import Medium, Source
 from lightflight.path import RESIDUAL_DTYPE, LightPath
+from lightflight.reconstruct.assignment import Tips
 from lightflight.reconstruct.bend import bend_significance
 from lightflight.reconstruct.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.geometry import PathState
@@ -50,6 +51,8 @@ _POOLING = (2, 4)
 
 _FEW_PULSES = 12
 """A leg that no more pulses than this speak for is looked at again by all its counts."""
+_SHORT_PX = 40.0
+"""The tips of a leg no longer than this in the picture, px, hold much of what it can tell."""
 _WORSE_CHI2 = 10.0
 """The path by all counts must not miss the pulses by more than this."""
 
@@ -166,11 +169,10 @@ def _path_on_some_lap(
 
         found = _legs_of_straight_light(observations[0], setting, n_legs) if start is None else None
         return paper_path(observations, setting, legs=found)
+    tips: Tips = (None, None)
     try:
-        path = _joint_path(
-            observations, setting, timing=timing, n_legs=n_legs, start=start,
-            by_counts=method == "joint",
-        )  # fmt: skip
+        fit = _joint_fit(observations, setting, timing=timing, n_legs=n_legs, start=start)
+        path, tips = _joint_path(fit, observations, setting, timing), fit.tips
         std_ps = pulse_std_ps(observations)
     except NothingFoundError:
         if method != "photon" or start is not None:
@@ -179,41 +181,44 @@ def _path_on_some_lap(
     if method == "photon":
         from lightflight.reconstruct.photon import photon_path
 
-        return photon_path(observations, setting, path, std_ps=std_ps)
-    return path
+        return photon_path(observations, setting, path, std_ps=std_ps, tips=tips)
+    return _by_all_counts(observations, fit, setting, path)
 
 
-def _joint_path(
+def _joint_fit(
     observations: list[Observation],
     setting: Setting,
     *,
     timing: TimingCalibration | None,
     n_legs: int | None,
     start: LightPath | ArrayLike | None,
-    by_counts: bool = False,
-) -> LightPath:
-    """The joint fit, from legs in the picture or from the user's start.
-
-    `by_counts`: legs that rest on few pulses are fitted by all their counts.
-    """
-    legs: tuple[ImageLeg, ...] | None = None
-    if start is None:
-        legs = _legs_of_straight_light(observations[0], setting, n_legs)
-        try:
-            fit = fit_from_legs(observations, legs, setting, drop=n_legs is None)
-        except (GeometryError, NothingFoundError) as problem:
-            _refuse_if_clearer_backwards(legs, observations[0], setting, n_legs)
-            _ask_which_way(legs, observations[0], setting.camera, timing, problem)
-            raise
-        if n_legs is None:
-            fit = revised(observations, fit, setting)
-        else:
-            fit = with_n_legs(observations, fit, setting, n_legs)
-        if timing is None and fit.floor_ps > 0.2 * pulse_std_ps(observations):
-            _warn_of_scatter(fit.floor_ps, legs, observations[0], setting.camera)
+) -> JointFit:
+    """The joint fit, from legs in the picture or from the user's start."""
+    if start is not None:
+        return fit_joint(observations, _state_from_start(start, setting), setting, legs=None)
+    legs = _legs_of_straight_light(observations[0], setting, n_legs)
+    try:
+        fit = fit_from_legs(observations, legs, setting, drop=n_legs is None)
+    except (GeometryError, NothingFoundError) as problem:
+        _refuse_if_clearer_backwards(legs, observations[0], setting, n_legs)
+        _ask_which_way(legs, observations[0], setting.camera, timing, problem)
+        raise
+    if n_legs is None:
+        fit = revised(observations, fit, setting)
     else:
-        fit = fit_joint(observations, _state_from_start(start, setting), setting, legs=None)
-    path = path_from_fit(
+        fit = with_n_legs(observations, fit, setting, n_legs)
+    if timing is None and fit.floor_ps > 0.2 * pulse_std_ps(observations):
+        _warn_of_scatter(fit.floor_ps, legs, observations[0], setting.camera)
+    return fit
+
+
+def _joint_path(
+    fit: JointFit,
+    observations: list[Observation],
+    setting: Setting,
+    timing: TimingCalibration | None,
+) -> LightPath:
+    return path_from_fit(
         fit,
         observations,
         setting,
@@ -221,32 +226,47 @@ def _joint_path(
         statements=_statements(fit, timing),
         truth=observations[0].histograms.truth,
     )
-    return _by_all_counts(observations, fit, setting, path) if by_counts else path
 
 
 def _by_all_counts(
     observations: list[Observation], fit: JointFit, setting: Setting, path: LightPath
 ) -> LightPath:
-    """The path; where a leg rests on few pulses, by all counts, if those agree with the pulses.
+    """The path; where pulses alone leave much unsaid, by all counts, if those agree with them.
 
     A short leg near a corner or the picture's edge may settle on a wrong line: at wrong times
-    its light is not seen. Counts that no single pulse claims pull it back.
+    its light is not seen. Where the light begins or stops in the picture, the pulses there took no
+    part. Counts that no single pulse claims speak for both.
     """
-    used = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=path.n_legs)
-    weak = np.flatnonzero(used <= _FEW_PULSES)
-    if not len(weak) or setting.others or not all(o.histograms.poisson for o in observations):
+    why = _why_all_counts(fit)
+    if not why or setting.others or not all(o.histograms.poisson for o in observations):
         return path
     from lightflight.reconstruct.photon import photon_path
 
     try:
-        better = photon_path(observations, setting, path, std_ps=pulse_std_ps(observations))
+        better = photon_path(
+            observations, setting, path, std_ps=pulse_std_ps(observations), tips=fit.tips
+        )
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return path
     worse = better.goodness.chi2 > path.goodness.chi2 + _WORSE_CHI2
     if worse or not better.goodness.converged:
         return path
-    said = f"Leg {weak[0] + 1} rests on {used[weak[0]]} pulses: all counts were fitted."
+    said = f"{why}: all counts were fitted."
     return replace(better, method="joint", statements=(said, *path.statements))
+
+
+def _why_all_counts(fit: JointFit) -> str:
+    """What pulses alone do not tell of a path; empty where they tell all."""
+    n_legs = fit.solution.state.n_legs
+    used = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=n_legs)
+    weak = np.flatnonzero(used <= _FEW_PULSES)
+    if len(weak):
+        return f"Leg {weak[0] + 1} rests on {used[weak[0]]} pulses"
+    for leg, tip in zip((0, n_legs - 1), fit.tips, strict=True):
+        first, last = fit.pictures[0].legs[leg].span_px
+        if tip is not None and last - first < _SHORT_PX:
+            return "Light begins or stops within the picture"
+    return ""
 
 
 def _pooled_path(
@@ -276,7 +296,8 @@ def _pooled_path(
         coarse = replace(setting, camera=pooled_camera(setting.camera, factor))
         try:
             pooled = [unwrapped_observation(pooled_observation(whole, factor), coarse)]
-            path = _joint_path(pooled, coarse, timing=timing, n_legs=n_legs, start=None)
+            fit = _joint_fit(pooled, coarse, timing=timing, n_legs=n_legs, start=None)
+            path = _joint_path(fit, pooled, coarse, timing)
         except (GeometryError, NothingFoundError, CalibrationError) as found:
             problem = found
             continue

@@ -177,13 +177,13 @@ def clear_of_tips(
     margin = _TIP_PX / print_.px_per_leg
     clear = np.ones(len(print_.fraction), dtype=bool)
     if leg == 0 and tips[0] is not None:
-        clear &= print_.fraction > _fraction_at(tips[0], leg, state, setting) + margin
+        clear &= print_.fraction > fraction_at(tips[0], leg, state, setting) + margin
     if leg == state.n_legs - 1 and tips[1] is not None:
-        clear &= print_.fraction < _fraction_at(tips[1], leg, state, setting) - margin
+        clear &= print_.fraction < fraction_at(tips[1], leg, state, setting) - margin
     return clear
 
 
-def _fraction_at(pixel: Floats, leg: int, state: PathState, setting: Setting) -> float:
+def fraction_at(pixel: Floats, leg: int, state: PathState, setting: Setting) -> float:
     """Fraction of a leg that a place (row, col) of the picture sees."""
     seen = footprints(
         state,

@@ -28,7 +28,13 @@ from lightflight.reconstruct.forward import (
     likelihood,
     local_variables,
 )
-from lightflight.reconstruct.freedom import Freedom, freedom_of_path, view_end
+from lightflight.reconstruct.freedom import (
+    Freedom,
+    ends_in_view,
+    freedom_of_path,
+    view_end,
+    with_tip,
+)
 from lightflight.reconstruct.geometry import PathState, footprints, vertex_time_jacobian
 from lightflight.reconstruct.lateral import KNOT_SPACING_PX
 from lightflight.reconstruct.legs import undistorted_px
@@ -156,8 +162,10 @@ def bounds(
     times = getattr(subject, "vertex_times_ps", None)
     start = 0.0 if times is None else float(np.asarray(times)[0])
     whole = PathState(np.array(subject.vertices_mm, dtype=float), start)
-    state, freedom = _state_in_view(whole, camera, medium, source, waypoints)
-    return _bounds(state, whole, freedom, conditions, camera=camera, source=source, medium=medium)
+    state, freedom, cut_ends = _state_in_view(whole, camera, medium, source, waypoints)
+    return _bounds(
+        state, whole, freedom, cut_ends, conditions, camera=camera, source=source, medium=medium
+    )
 
 
 def spot_std_of(subject: Any, *, finer: float = 1.0) -> float:
@@ -210,8 +218,12 @@ def _state_in_view(
     medium: Medium,
     source: Source,
     waypoints: tuple[tuple[int, ArrayLike, float], ...],
-) -> tuple[PathState, Freedom]:
-    """The path cut where it enters (unknown source) and leaves the view, and its freedom."""
+) -> tuple[PathState, Freedom, tuple[bool, bool]]:
+    """The path cut where it enters (unknown source) and leaves the view, and its freedom.
+
+    Besides, whether its light begins and stops within the view: such an end is free along its
+    leg too.
+    """
     vertices, start_time = whole.vertices_mm.copy(), whole.start_time_ps
     last = _middle_in_view(vertices[-2], vertices[-1], camera, whole.n_legs)
     step = vertices[-1] - vertices[-2]
@@ -220,6 +232,10 @@ def _state_in_view(
         beyond = (end.position_mm - vertices[-1]) @ step
         vertices[-1] = end.position_mm if beyond < 0 else vertices[-1]
     start_basis = None
+    begins = ends_in_view(camera, vertices[0])
+    if source.position_mm is not None:
+        begins = bool(camera.sees(vertices[0]))
+    cut_ends = begins, ends_in_view(camera, vertices[-1])
     if source.position_mm is None:
         first = _middle_in_view(vertices[0], vertices[1], camera, 1)
         step = vertices[1] - vertices[0]
@@ -229,16 +245,16 @@ def _state_in_view(
             cut = PathState(np.array([vertices[0], entry.position_mm]), start_time)
             start_time = float(cut.vertex_times_ps(medium)[-1])
             vertices[0] = entry.position_mm
-        start_basis = _plane(camera, vertices[0], vertices[1])
+        start_basis = _plane(camera, vertices[0], vertices[1], along=cut_ends[0])
     state = PathState(vertices, start_time)
     freedom = freedom_of_path(
         state,
         source=source,
         waypoints=waypoints,
         start_basis=start_basis,
-        end_basis=_plane(camera, vertices[-1], vertices[-2]),
+        end_basis=_plane(camera, vertices[-1], vertices[-2], along=cut_ends[1]),
     )
-    return state, freedom
+    return state, freedom, cut_ends
 
 
 def _middle_in_view(start: Floats, end: Floats, camera: Any, leg: int) -> Floats:
@@ -251,18 +267,25 @@ def _middle_in_view(start: Floats, end: Floats, camera: Any, leg: int) -> Floats
     return middle
 
 
-def _plane(camera: Any, at: Floats, towards: Floats) -> Floats:
+def _plane(camera: Any, at: Floats, towards: Floats, *, along: bool) -> Floats:
+    """How an end may move: along its ray, across its leg, and along it; (3, 2) or (3, 3)."""
     ray = at - camera.center_mm
     ray = ray / np.linalg.norm(ray)
     across = np.cross(ray, towards - at)
     size = float(np.linalg.norm(across))
     if size < 1e-9:
         raise GeometryError("a leg points straight at the camera: its picture is a point")
-    return np.column_stack((ray, across / size))
+    plane = np.column_stack((ray, across / size))
+    return with_tip(plane, at, towards - at, camera) if along else plane
 
 
 def _light_and_pixels(
-    state: PathState, whole: PathState, conditions: Conditions, camera: Any, medium: Medium
+    state: PathState,
+    whole: PathState,
+    cut_ends: tuple[bool, bool],
+    conditions: Conditions,
+    camera: Any,
+    medium: Medium,
 ) -> tuple[Light, Pixels]:
     lines = tuple(leg_in_picture(state, k, camera) for k in range(state.n_legs))
     rows, cols = (index.ravel() for index in np.indices(camera.shape))
@@ -301,6 +324,7 @@ def _light_and_pixels(
         float(np.log(conditions.spot_std_px)),
         float(np.log(conditions.pulse_std_ps)),
         (0.0,) * len(lines),
+        cut_ends,
     )
     keep = near.any(axis=1)
     n = int(keep.sum())
@@ -356,13 +380,14 @@ def _bounds(
     state: PathState,
     whole: PathState,
     freedom: Freedom,
+    cut_ends: tuple[bool, bool],
     conditions: Conditions,
     *,
     camera: Any,
     source: Source,
     medium: Medium,
 ) -> Bounds:
-    light, pixels = _light_and_pixels(state, whole, conditions, camera, medium)
+    light, pixels = _light_and_pixels(state, whole, cut_ends, conditions, camera, medium)
     layout = layout_of(freedom.basis.shape[1], 0, light)
     local = local_variables(
         state,

@@ -58,6 +58,8 @@ class Light:
     """Log of the standard deviation of laser pulse and response, ps."""
     log_scatter: tuple[float, ...]
     """Per leg, scatter of ln(photons) from pixel to pixel that the model does not explain."""
+    cut_ends: tuple[bool, bool] = (False, False)
+    """Whether the light begins at the path's first vertex, and stops at its last."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +189,7 @@ def local_variables(
         design = BSpline.design_matrix(along, light.knots[k], 3).toarray()
         spline = BSpline(light.knots[k], light.coefficients[k], 3)
         curvature = arrival_curvature(print_, state=state, camera=camera, medium=medium)
-        corners = corner_distances(state, print_, k, camera=camera)
+        corners = corner_distances(state, print_, k, camera=camera, cut_ends=light.cut_ends)
         feet = footing(
             spline.derivative()(along), print_.slope_ps_per_px, curvature, corners, spot_px=spot
         )
@@ -195,17 +197,23 @@ def local_variables(
             design @ light.coefficients[k] + feet.log_share.value - 0.5 * (across / spot) ** 2,
             -60.0,
         )
-        std_here = np.sqrt(np.exp(2 * light.log_std_ps) + feet.variance_ps2)
+        std_here = np.sqrt(np.exp(2 * light.log_std_ps) + feet.variance_ps2.value)
         std[here, k] = std_here
         modes_here = pixels.modes_ps[here, k]
         arrival[here, k] = print_.arrival_ps + feet.offset_ps.value + modes_here @ modes
         at, splines = 3 * k, layout.spline_starts[k]
         to_spline = slice(splines, splines + design.shape[1])
         to_slope = BSpline(light.knots[k], np.eye(design.shape[1]), 3).derivative()(along)
-        for row, moment in ((at, feet.log_share), (at + 1, feet.offset_ps)):
-            jacobian[here, row, : layout.n_free] = _by_corners(moment, corners) @ basis
-            jacobian[here, row, to_spline] = moment.by_slope[:, np.newaxis] * to_slope
-            jacobian[here, row, -2] = moment.by_log_spot
+        to_log_std = 0.5 / std_here**2
+        for row, moment, scale in (
+            (at, feet.log_share, 1.0),
+            (at + 1, feet.offset_ps, 1.0),
+            (at + 2, feet.variance_ps2, to_log_std),
+        ):
+            by_corners = (_by_corners(moment, corners) @ basis).T * scale
+            jacobian[here, row, : layout.n_free] = by_corners.T
+            jacobian[here, row, to_spline] = (scale * moment.by_slope)[:, np.newaxis] * to_slope
+            jacobian[here, row, -2] = scale * moment.by_log_spot
         lateral = -(across / spot**2)[:, np.newaxis] * across_by_state
         jacobian[here, at, : layout.n_free] += lateral @ basis
         jacobian[here, at, to_spline] += design
@@ -213,7 +221,6 @@ def local_variables(
         jacobian[here, at + 1, : layout.n_free] += by_state @ basis
         jacobian[here, at + 1, layout.n_free : layout.n_free + layout.n_modes] = modes_here
         jacobian[here, at + 2, -1] = np.exp(2 * light.log_std_ps) / std_here**2
-        jacobian[here, at + 2, -2] = feet.variance_ps2 / std_here**2
     return Local(log_photons, arrival, std, jacobian)
 
 

@@ -63,6 +63,11 @@ def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tupl
     return tuple(checked)
 
 
+_AT_EDGE_PX = 0.3
+"""A path that ends this near to the picture's edge was cut there; its light goes on, px."""
+_END_MOVES = ("depth", "height", "along the leg")
+
+
 @dataclass(frozen=True, eq=False)
 class Freedom:
     """Directions in which a state may move, and Gaussian priors on the state."""
@@ -118,6 +123,14 @@ def view_end(camera: Camera, inside_mm: Floats, direction: Floats) -> ViewEnd | 
     return end_in_picture(camera, position, along_edge)
 
 
+def ends_in_view(camera: Camera, position_mm: Floats) -> bool:
+    """True where a path that ends here ends within the picture, not at its edge."""
+    row, col = (float(x) for x in camera.pixels_from_points(position_mm))
+    rows, cols = camera.shape
+    inside = min(row + 0.5, rows - 0.5 - row, col + 0.5, cols - 0.5 - col)
+    return bool(inside > _AT_EDGE_PX)
+
+
 def end_in_picture(camera: Camera, position_mm: Floats, across: tuple[float, float]) -> ViewEnd:
     """An end at a point in the picture; `across` (d row, d col) is the free direction there."""
     row, col = (float(x) for x in camera.pixels_from_points(position_mm))
@@ -137,6 +150,12 @@ def end_in_picture(camera: Camera, position_mm: Floats, across: tuple[float, flo
     return ViewEnd(position_mm, np.column_stack((ray, edge / np.linalg.norm(edge))))
 
 
+def with_tip(basis: Floats, end_mm: Floats, leg_mm: Floats, camera: Camera) -> Floats:
+    """(3, 3): the plane (3, 2) in which an end moves, and a pixel's step along its leg (3,)."""
+    px_per_leg = float(np.linalg.norm(camera.pixel_jacobian(end_mm) @ leg_mm))
+    return np.column_stack((basis, leg_mm / max(px_per_leg, 1e-12)))
+
+
 def freedom_of_path(
     state: PathState,
     *,
@@ -149,8 +168,9 @@ def freedom_of_path(
 
     Parameters
     ----------
-    start_basis : (3, 2), plane in which an unknown source's entry point moves.
-    end_basis : (3, 2), plane in which the exit moves.
+    start_basis : (3, 2), plane in which an unknown source's entry point moves; (3, 3), by
+        `with_tip`, where the light begins in view.
+    end_basis : (3, 2), plane in which the exit moves; (3, 3) where the light stops in view.
     """
     m = len(state.vertices_mm)
     size = 3 * m + 1
@@ -168,10 +188,20 @@ def freedom_of_path(
         rows.append(row)
         values.append(value / std)
 
+    def hold_tip(vertex: int, basis: Floats) -> None:
+        """Which pixels are lit says to a pixel where the light ends, even where counts cannot."""
+        if basis.shape[1] < 3:
+            return
+        row = np.zeros(size)
+        row[3 * vertex : 3 * vertex + 3] = np.linalg.inv(basis)[2]
+        rows.append(row)
+        values.append(float(row @ state_vector(state)))
+
     if source.position_mm is None:
         assert start_basis is not None
-        add_column(0, start_basis[:, 0], "entry depth")
-        add_column(0, start_basis[:, 1], "entry height")
+        for direction, name in zip(start_basis.T, _END_MOVES, strict=False):
+            add_column(0, direction, f"entry {name}")
+        hold_tip(0, start_basis)
     else:
         position = np.asarray(source.position_mm, dtype=float)
         for axis, std in enumerate(source.position_std_xyz_mm):
@@ -189,8 +219,9 @@ def freedom_of_path(
     for vertex in range(1, m - 1):
         for axis in range(3):
             add_column(vertex, np.eye(3)[axis], f"corner {vertex} {'xyz'[axis]}")
-    add_column(m - 1, end_basis[:, 0], "exit depth")
-    add_column(m - 1, end_basis[:, 1], "exit height")
+    for direction, name in zip(end_basis.T, _END_MOVES, strict=False):
+        add_column(m - 1, direction, f"exit {name}")
+    hold_tip(m - 1, end_basis)
     for vertex, position_mm, std_mm in waypoints:
         if vertex >= m:
             raise ValueError(

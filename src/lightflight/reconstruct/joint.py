@@ -32,6 +32,7 @@ from lightflight.reconstruct.freedom import (
     end_in_picture,
     freedom_of_path,
     view_end,
+    with_tip,
 )
 from lightflight.reconstruct.geometry import Indices, PathState, footprints
 from lightflight.reconstruct.least_squares import (
@@ -60,8 +61,14 @@ _PASSES = 4
 """Most rounds of picture and path; the second often agrees with the last to a tenth of an error."""
 _STILL = 0.03
 """A round that moves nothing by more than this, in its own errors, was the last."""
-_DARK_PX = 1.6
-"""Light that ends farther than this from the picture's edge ends in the picture, px."""
+_DARK_PX = 1.2
+"""Light whose last pixel is farther than this from the picture's edge ends in the picture, px."""
+_LIT_SHARE = 0.6
+"""Where a leg's light falls below this share of what it was, the leg has ended."""
+_WING_PX = 3.0
+"""The spot's wing beyond a tip is no longer than this, px."""
+_USUAL_SPOT_PX = 0.4
+"""Std of a usual spot, px, to compare pixels on a leg's line with pixels beside it."""
 _OUTER_PX = 1.6
 """Pulses this near to the outermost of an end are judged together, px."""
 _FEW_INNER = 6
@@ -106,6 +113,8 @@ class JointFit:
     """Lines and brightness, one per recording."""
     floor_ps: float
     """Extra error per pulse that the residuals ask for, ps."""
+    tips: Tips
+    """Where the light begins and stops within the picture; pulses about these took no part."""
 
 
 def pulse_std_ps(observations: list[Observation]) -> float:
@@ -149,7 +158,7 @@ def fit_joint(
     cut: Tips = (None, None)
     for passed in range(_PASSES):
         state, ends = with_ends(state, clock, seen, std)
-        tips = _either(cut, ends.tips)
+        tips = known_tips(cut, ends.tips)
         pictures = tuple(
             measure_picture(
                 state, o, camera=seen.cameras[o.view], medium=setting.medium, std_ps=std
@@ -190,9 +199,10 @@ def fit_joint(
             lines=lines,
             pictures=pictures,
             floor_ps=floor,
+            tips=tips,
         )
         told = sum(tip is not None for tip in cut)
-        cut = _either(cut, cut_tips(solution, times, floor, setting))
+        cut = known_tips(cut, cut_tips(solution, times, floor, setting))
         more = sum(tip is not None for tip in cut) > told
         if passed > 0 and not more and _settled(before, solution, freedom):
             break
@@ -200,7 +210,7 @@ def fit_joint(
     return result
 
 
-def _either(one: Tips, other: Tips) -> Tips:
+def known_tips(one: Tips, other: Tips) -> Tips:
     """Tips of `one`, and of `other` where that knows none."""
     first, last = (a if a is not None else b for a, b in zip(one, other, strict=True))
     return first, last
@@ -268,20 +278,31 @@ def _as_found(
     return replace(setting, camera=solution.camera, others=solution.cameras[1:]), corrected
 
 
-def freedom_at(state: PathState, setting: Setting, ends: Ends | None = None) -> Freedom:
-    """Freedom of a path in a setting; `ends` None: its ends move across their own legs."""
+def freedom_at(
+    state: PathState, setting: Setting, ends: Ends | None = None, *, tips_move: bool = False
+) -> Freedom:
+    """Freedom of a path in a setting; `ends` None: its ends move across their own legs.
+
+    `tips_move`: an end where the light begins or stops in the picture moves along its leg too.
+    """
     camera, vertices = setting.camera, state.vertices_mm
     if ends is None:
         ends = Ends(
             _view_plane(camera, vertices[0], vertices[1]),
             _view_plane(camera, vertices[-1], vertices[-2]),
         )
+    first, last = ends.tips if tips_move else (None, None)
+    start, end = ends.start_basis, ends.end_basis
+    if first is not None:
+        start = with_tip(start, vertices[0], vertices[1] - vertices[0], camera)
+    if last is not None:
+        end = with_tip(end, vertices[-1], vertices[-1] - vertices[-2], camera)
     return freedom_of_path(
         state,
         source=setting.source,
         waypoints=setting.waypoints,
-        start_basis=ends.start_basis if setting.source.position_mm is None else None,
-        end_basis=ends.end_basis,
+        start_basis=start if setting.source.position_mm is None else None,
+        end_basis=end,
     )
 
 
@@ -439,11 +460,10 @@ def _visible_end(
     direction = (stop - start) / np.linalg.norm(stop - start)
     own = [o for o in observations if o.view == 0]
     seen = [_footprints_of_pulses(o, state, setting, leg, std) for o in own]
-    fraction = np.concatenate([s[0] for s in seen])
-    photons = np.concatenate([s[1] for s in seen])
+    fraction, photons, strength = (np.concatenate(column) for column in zip(*seen, strict=True))
     if not len(fraction):
         return None, None
-    extreme = int(np.argmax(outwards * fraction))
+    extreme = _last_lit(start, stop, fraction, strength, outwards, camera)
     inside = start + fraction[extreme] * (stop - start)
     if not bool(camera.sees(inside)):
         inside = start + np.median(fraction) * (stop - start)
@@ -452,21 +472,82 @@ def _visible_end(
         camera.pixels_from_points(start + fraction[:, np.newaxis] * (stop - start))
     )
     tip = places[extreme]
+    dark = all(_recorded_beyond(o, state, setting, leg, tip, std, outwards) for o in own)
     away = np.hypot(*(places - tip).T)
     sharp = np.median(photons[away < 4.0]) > 50.0 and len(np.unique(np.rint(away[away < 6.0]))) >= 5
     if edge is not None:
         gap = float(np.hypot(*(np.array(camera.pixels_from_points(edge.position_mm)) - tip)))
         if gap < 4.0 or not sharp:
-            return edge, tip if sharp and gap > _DARK_PX else None
+            return edge, tip if dark and sharp and gap > _DARK_PX else None
     inner = places[np.argmin(outwards * fraction)]
     along = (tip - inner) / max(float(np.hypot(*(tip - inner))), 1e-9)
-    return end_in_picture(camera, inside, (float(-along[1]), float(along[0]))), tip
+    return end_in_picture(
+        camera, inside, (float(-along[1]), float(along[0]))
+    ), tip if dark else None
+
+
+def _recorded_beyond(
+    observation: Observation,
+    state: PathState,
+    setting: Setting,
+    leg: int,
+    tip: Floats,
+    std: float,
+    outwards: float,
+) -> bool:
+    """True where light beyond a tip would be in the recording; else its codes end there."""
+    beyond = footprints(
+        state,
+        camera=setting.camera,
+        medium=setting.medium,
+        legs=np.array([leg]),
+        rows=tip[:1],
+        cols=tip[1:],
+    )
+    row, col = np.clip(np.rint(tip).astype(int), 0, np.array(setting.camera.shape) - 1).tolist()
+    lower, upper = observation.timing.code_intervals_ps([row], [col])
+    period_ps = observation.histograms.laser_period_ps
+    if period_ps is not None and (upper - lower).sum() > 0.98 * period_ps:
+        return True
+    first, last = float(lower.min()), float(upper.max())
+    delay = float(beyond.arrival_ps[0] + outwards * _WING_PX * beyond.slope_ps_per_px[0])
+    delay += float(observation.timing.skew_ps[row, col])
+    if period_ps is not None:
+        delay = first + (delay - first) % period_ps
+    return first + 3.0 * std < delay < last - 3.0 * std
+
+
+def _last_lit(
+    start: Floats,
+    stop: Floats,
+    fraction: Floats,
+    strength: Floats,
+    outwards: float,
+    camera: Camera,
+) -> int:
+    """The outermost pulse where the leg is as bright as before; beyond is the spot's wing alone."""
+    places = np.column_stack(
+        camera.pixels_from_points(start + fraction[:, np.newaxis] * (stop - start))
+    )
+    order = np.argsort(-outwards * fraction)
+    away = np.hypot(*(places - places[order[0]]).T)
+    for this in order:
+        near = np.abs(away - away[this]) < 0.5
+        inner = (away > away[this] + 1.0) & (away < away[this] + 5.0)
+        if away[this] > _WING_PX or np.count_nonzero(inner) < 3:
+            break
+        if strength[near].max() > _LIT_SHARE * np.median(strength[inner]):
+            return int(this)
+    return int(order[0])
 
 
 def _footprints_of_pulses(
     observation: Observation, state: PathState, setting: Setting, leg: int, std: float
-) -> tuple[Floats, Floats]:
-    """(fraction along the leg, photons) of the pulses that agree with one leg."""
+) -> tuple[Floats, Floats, Floats]:
+    """(fraction along the leg, photons, those there would be on its line) of the leg's pulses.
+
+    Pulses that agree with the leg in place and time; the spot is taken for a usual one.
+    """
     usable = np.flatnonzero(
         flags.is_usable(observation.arrivals.flags) & np.isfinite(observation.arrival_ps)
     )
@@ -476,4 +557,6 @@ def _footprints_of_pulses(
     low = -0.02 if leg > 0 else -np.inf
     high = 1.02 if leg < state.n_legs - 1 else np.inf
     lit &= (print_.fraction > low) & (print_.fraction < high)
-    return print_.fraction[lit], observation.arrivals.photons[usable][lit]
+    photons = observation.arrivals.photons[usable][lit]
+    on_line = photons * np.exp(0.5 * (print_.lateral_px[lit] / _USUAL_SPOT_PX) ** 2)
+    return print_.fraction[lit], photons, on_line

@@ -17,7 +17,7 @@ from scipy.interpolate import BSpline
 from lightflight import flags
 from lightflight.errors import NothingFoundError
 from lightflight.path import Goodness, LightPath
-from lightflight.reconstruct.assignment import Tips, clear_of_tips
+from lightflight.reconstruct.assignment import Tips, fraction_at
 from lightflight.reconstruct.forward import (
     CodeCounts,
     Layout,
@@ -32,7 +32,7 @@ from lightflight.reconstruct.forward import (
 )
 from lightflight.reconstruct.freedom import Freedom, state_vector
 from lightflight.reconstruct.geometry import PathState, footprints, vertex_time_jacobian
-from lightflight.reconstruct.joint import freedom_at, with_ends
+from lightflight.reconstruct.joint import Ends, freedom_at, known_tips, with_ends
 from lightflight.reconstruct.lateral import KNOT_SPACING_PX
 from lightflight.reconstruct.legs import undistorted_px
 from lightflight.reconstruct.observation import Observation, pixel_counts
@@ -53,9 +53,15 @@ _UNEVEN = 6.0
 tells times alone: it is hot, and loses light to its own noise, or it sees less than others."""
 _FREE_SCATTER = 3.0
 """How far the brightness of such a pixel may depart, ln."""
+_AT_TIP_PX = 2.5
+"""Pixels this near to where the light begins or stops are not judged by their times, px."""
 _MOST_STEPS = 40
 _TOLERANCE = 0.01
 """A step below this many standard errors ends a climb."""
+_LEVEL = 3e-3
+"""So does one that changes the log-likelihood by less than this."""
+_FREE_DAMPING = 1e-2
+"""Either tells that the top is near only where damping did not shorten the step."""
 _SPOT_PRIOR = (np.log(0.4), 0.8)
 _BEND_PRIOR = 0.3
 """How loosely neighbouring strengths are held together where no light tells (ln per knot^2)."""
@@ -103,18 +109,20 @@ def merged(observations: list[Observation]) -> Observation:
     return replace(first, histograms=whole, blind=blind)
 
 
-def without_outliers(observation: Observation, rough: LightPath, std_ps: float) -> Observation:
+def without_outliers(
+    observation: Observation, rough: LightPath, std_ps: float, tips: Tips
+) -> Observation:
     """The recording with the pixels that disagree with the rough path blinded."""
     wrong = rough.residuals[~rough.residuals["used"]]
     blind = observation.blind.copy()
     blind[wrong["row"], wrong["col"]] = True
     if len(rough.residuals):
-        blind |= pixels_off_the_path(observation, rough, std_ps)
+        blind |= pixels_off_the_path(observation, rough, std_ps, tips)
     return replace(observation, blind=blind)
 
 
 def pixels_off_the_path(
-    observation: Observation, rough: LightPath, std_ps: float
+    observation: Observation, rough: LightPath, std_ps: float, tips: Tips
 ) -> NDArray[np.bool_]:
     """(rows, cols), True where a pixel on the path has a pulse beside the path's time.
 
@@ -140,6 +148,10 @@ def pixels_off_the_path(
         near = (np.abs(print_.lateral_px) < _REACH_PX) & (print_.fraction > low)
         near &= print_.fraction < high
         gap[near, k] = (observation.arrival_ps[pulses] - print_.arrival_ps)[near]
+    # Where the light begins or stops, a pixel's time is that of the lit part of its footprint.
+    for tip in (tip for tip in tips if tip is not None):
+        away = np.hypot(arrivals.row[pulses] - tip[0], arrivals.col[pulses] - tip[1])
+        gap[away < _AT_TIP_PX] = np.nan
     on_path = np.isfinite(gap).any(axis=1)
     pulses, gap = pulses[on_path], gap[on_path]
     if not len(pulses):
@@ -155,25 +167,6 @@ def pixels_off_the_path(
     wrong = np.zeros(arrivals.shape, dtype=bool)
     wrong[arrivals.row[pulses[off]], arrivals.col[pulses[off]]] = True
     return wrong
-
-
-def pixels_at_tips(state: PathState, setting: Setting, tips: Tips) -> NDArray[np.bool_]:
-    """(rows, cols), True about and beyond the places where the light begins and stops."""
-    rows, cols = np.indices(setting.camera.shape)
-    cut = np.zeros(rows.size, dtype=bool)
-    legs = {k for k, tip in zip((0, state.n_legs - 1), tips, strict=True) if tip is not None}
-    for leg in sorted(legs):
-        print_ = footprints(
-            state,
-            camera=setting.camera,
-            medium=setting.medium,
-            legs=np.full(rows.size, leg),
-            rows=rows.ravel().astype(float),
-            cols=cols.ravel().astype(float),
-        )
-        near = np.abs(print_.lateral_px) < _REACH_PX
-        cut |= near & ~clear_of_tips(print_, leg, state, tips, setting)
-    return cut.reshape(rows.shape)
 
 
 def light_from_picture(picture: Picture, std_ps: float) -> Light:
@@ -382,19 +375,18 @@ def climb(
             departure + np.clip(follow[:, 2:], -1.0, 1.0),
         )
         new = evaluate(*trial)
-        if np.isfinite(new[3]) and new[3] >= value - 1e-7 * (1 + abs(value)) * 1e-3:
-            small = float(step @ total @ step) < _TOLERANCE**2 * layout.n_free
+        gained = new[3] - value
+        higher = bool(np.isfinite(new[3]) and gained >= 0.0)
+        if higher:
             state, light, modes, background, shift, departure = trial
-            gained = new[3] - value
             local, found, score, value = new
-            damping = max(damping / 10, 1e-9)
-            if (small and damping < 0.1) or (0 <= gained < 1e-4 and damping < 1e-3):
-                converged = True
-                break
-        else:
-            damping = damping * 10
-            if damping > 1e10:
-                break
+        small = float(step @ total @ step) < _TOLERANCE**2 * layout.n_free
+        if damping <= _FREE_DAMPING and (small or abs(gained) < _LEVEL):
+            converged = True
+            break
+        damping = max(damping / 10, 1e-9) if higher else damping * 10
+        if damping > 1e10:
+            break
     return Climb(
         state, light, modes, freedom, layout, pixels, local, background, shift, found,
         departure, uneven, prior, hold, converged,
@@ -440,15 +432,18 @@ def photon_path(
     rough: LightPath,
     *,
     std_ps: float,
+    tips: Tips = (None, None),
 ) -> LightPath:
     """Refine a rough path by the likelihood of all counts.
+
+    `tips` says where the light begins and stops in the picture, where that is known already.
 
     Raises
     ------
     NothingFoundError
         Where no pixel lies near the path.
     """
-    whole = without_outliers(merged(observations), rough, std_ps)
+    whole = without_outliers(merged(observations), rough, std_ps, tips)
     floor_ps = rough.goodness.error_floor_ps
     state = PathState(np.array(rough.vertices_mm), float(rough.vertex_times_ps[0]))
     light: Light | None = None
@@ -456,19 +451,21 @@ def photon_path(
     intrinsic = std_ps
     uneven = np.zeros((*setting.camera.shape, state.n_legs), dtype=bool)
     for _ in range(_PASSES):
+        previous = state
         state, ends = with_ends(state, observations, setting, std_ps)
-        observation = replace(whole, blind=whole.blind | pixels_at_tips(state, setting, ends.tips))
+        ends = replace(ends, tips=known_tips(ends.tips, tips))
+        state = _ending_at_tips(state, ends, setting, None if ended is None else previous)
         picture = measure_picture(
-            state, observation, camera=setting.camera, medium=setting.medium, std_ps=intrinsic
+            state, whole, camera=setting.camera, medium=setting.medium, std_ps=intrinsic
         )
-        light = light_from_picture(picture, intrinsic)
-        pixels = pixels_near_path(light, setting, observation, state)
+        cut_ends = (ends.tips[0] is not None, ends.tips[1] is not None)
+        light = replace(light_from_picture(picture, intrinsic), cut_ends=cut_ends)
+        pixels = pixels_near_path(light, setting, whole, state)
         pixels = replace(pixels, pixel_var=pixels.pixel_var + floor_ps**2)
         if len(pixels.rows) < 3:
             raise NothingFoundError("fewer than three usable pixels lie near the path")
-        codes = codes_of_pixels(pixels, observation, state, setting, std_ps)
-        freedom = freedom_at(state, setting, ends)
-        previous = state
+        codes = codes_of_pixels(pixels, whole, state, setting, std_ps)
+        freedom = freedom_at(state, setting, ends, tips_move=True)
         known = uneven[pixels.rows, pixels.cols]
         ended = climb(state, light, freedom, pixels, codes, setting, known)
         state = ended.state
@@ -480,6 +477,27 @@ def photon_path(
             break
     assert ended is not None
     return _path_from_climb(ended, setting, rough)
+
+
+def _ending_at_tips(
+    state: PathState, ends: Ends, setting: Setting, climbed: PathState | None
+) -> PathState:
+    """The path with its ends where light begins and stops in view: as seen, or as last climbed."""
+    first, last = ends.tips
+    vertices, start_time = state.vertices_mm.copy(), state.start_time_ps
+    if first is not None and setting.source.position_mm is None:
+        where = fraction_at(first, 0, state, setting)
+        step = vertices[1] - vertices[0]
+        vertices[0] += where * step
+        start_time += where * float(np.diff(state.vertex_times_ps(setting.medium))[0])
+        if climbed is not None:
+            vertices[0], start_time = climbed.vertices_mm[0], climbed.start_time_ps
+    if last is not None:
+        where = fraction_at(last, state.n_legs - 1, state, setting)
+        vertices[-1] = vertices[-2] + where * (vertices[-1] - vertices[-2])
+        if climbed is not None:
+            vertices[-1] = climbed.vertices_mm[-1]
+    return PathState(vertices, start_time)
 
 
 def _path_from_climb(ended: Climb, setting: Setting, rough: LightPath) -> LightPath:
