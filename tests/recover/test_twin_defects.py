@@ -179,7 +179,7 @@ def test_pulse_width_is_laser_trigger_and_response_in_squares():
     flat = simulate(scene_of(detector), kind="flat", photons_per_pixel=40_000.0, seed=11)
     with pytest.warns(UserWarning, match="no code-density"):
         timing = calibrate_timing(flat=flat, flat_arrival_ps=flat.truth.flat_arrival_ps)
-    fwhm = fwhm_from_std(timing.response_std_ps)
+    fwhm = np.array([fwhm_from_std(float(std)) for std in timing.response_std_ps.ravel()])
     true = np.sqrt(68.0**2 + 120.0**2 + 60.0**2)
     # the error of a width is width / sqrt(2 N): 0.35 % a pixel, 0.05 % of 64
     assert fwhm.mean() == pytest.approx(true, rel=2.5e-3)
