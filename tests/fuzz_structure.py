@@ -301,7 +301,7 @@ def _chunk(file: h5py.File, name: str, rng: np.random.Generator) -> None:
 
 def _json_text(file: h5py.File, name: str, rng: np.random.Generator) -> None:
     """Our own files: another value somewhere in the JSON that holds what is no array."""
-    if "attributes" not in file or not isinstance(file["attributes"], h5py.Dataset):
+    if "attributes" not in _datasets(file):
         return
     try:
         known = json.loads(bytes(file["attributes"][()]))

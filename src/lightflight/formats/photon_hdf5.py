@@ -184,7 +184,10 @@ def write(
         raise ValueError("Photon-HDF5 needs the frame of each photon: write .h5 without it")
     if frame_duration_ps is None:
         if record.laser_period_ps is None or record.periods_per_frame is None:
-            raise ValueError("give frame_duration_ps: how long a frame takes is not known")
+            raise ValueError(
+                "how long a frame takes is not known: give laser_period_ps and "
+                "periods_per_frame with the recording, or frame_duration_ps"
+            )
         frame_duration_ps = record.laser_period_ps * record.periods_per_frame
     with new_hdf5(path) as out:
         out.append("photon_data/timestamps", np.empty(0, np.int64), compress=True)

@@ -139,7 +139,7 @@ def campaign_figure(groups: Sequence[Repeats], *, title: str = "") -> Figure:
     draw_set_point_errors(groups, below)
     n = sum(group.angle_deg.size for group in groups)
     scenes = "scene" if len(groups) == 1 else "scenes"
-    heading = title or f"{n} paths of {len(groups)} {scenes}"
+    heading = title or f"{n} {'path' if n == 1 else 'paths'} of {len(groups)} {scenes}"
     figure.suptitle(heading, x=0.01, ha="left", fontsize=10, fontweight="bold")
     style.title(above, "Against the set-point")
     style.title(figure.axes[1], "Repeats")

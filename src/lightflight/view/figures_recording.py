@@ -38,7 +38,7 @@ def draw_counts(hist: Any, ax: Axes | None = None) -> Axes:
     image = ax.imshow(shown, cmap=style.count_colormap(), norm=norm)
     ax.set(xlabel="column", ylabel="row")
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(MaxNLocator(integer=True))
+        axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     unit = "photons" if hist.poisson else "intensity"
     style.colorbar(
         ax, image, f"{unit} per pixel", extend="max" if photons.max() > top else "neither"
