@@ -376,6 +376,24 @@ def test_every_public_name_of_view_exists() -> None:
         view.no_such  # noqa: B018
 
 
+def test_a_fit_is_drawn_beside_the_counts_that_pile_up_left() -> None:
+    """Three frames of four hold a photon: 1.85 photons came for each that was counted."""
+    from lightflight import Histograms, fit_pulses
+    from lightflight.view.figures_camera import draw_pixel_histogram
+
+    rng = np.random.default_rng(9)
+    counts = np.full((1, 12, 200), 40, dtype=np.uint32)
+    counts[..., 40:43] += 4000
+    hist = Histograms(
+        rng.poisson(counts), bin_width_ps=50.0, n_frames=26_600, periods_per_frame=4000
+    )
+    pulses = fit_pulses(hist, max_pulses=1)
+    assert pulses.photons[0] > 1.7 * 12_000
+    ax = draw_pixel_histogram(hist, 0, 0, pulses=pulses)
+    drawn = next(p for p in ax.patches if p.get_label() == "fit").get_data().values  # type: ignore[attr-defined]
+    assert drawn.sum() == pytest.approx(float(hist.photons[0, 0]), rel=0.02)
+
+
 @pytest.mark.parametrize("center", [2025.0, 9_990.0])
 def test_a_pixels_histogram_follows_its_codes_and_its_fit(center: float) -> None:
     from lightflight import Histograms

@@ -143,6 +143,7 @@ def draw_pixel_histogram(
     lower, upper, period = _pixel_intervals(hist, row, col, timing)
     fits = _pixel_pulses(pulses, row, col)
     middle = _window_middle(hist, row, col, lower, upper, fits)
+    seen = _share_counted(hist, row, col, lower, upper)
     lower, upper, order = _unfolded(lower, upper, middle, period)
     counts = np.asarray(hist.counts[row, col], dtype=float)[order]
     ax.bar(
@@ -150,7 +151,7 @@ def draw_pixel_histogram(
         label="counts",
     )  # fmt: skip
     if len(fits):
-        expected = _expected_counts(lower, upper, period, fits)
+        expected = _expected_counts(lower, upper, period, fits) * seen[order]
         ax.stairs(
             expected, np.append(lower, upper[-1]), color=style.ARRIVAL, lw=1.1, zorder=4,
             label="fit", baseline=None,
@@ -185,6 +186,15 @@ def _pixel_intervals(hist: Any, row: int, col: int, timing: Any) -> tuple[Floats
     clock = clock_of(hist, timing)
     lower, upper = clock.intervals(np.array([row]), np.array([col]))
     return lower[0].copy(), upper[0].copy(), float(clock.period)
+
+
+def _share_counted(hist: Any, row: int, col: int, lower: Floats, upper: Floats) -> Floats:
+    """(codes,), counts per photon that came: pulses tell those, the figure shows counts."""
+    from lightflight.timing.pile_up import open_share_of
+
+    intervals = (lower[np.newaxis], upper[np.newaxis])
+    share = open_share_of(hist, np.array([row]), np.array([col]), intervals)[0]
+    return np.broadcast_to(share, lower.shape)
 
 
 def _pixel_pulses(pulses: Any, row: int, col: int) -> NDArray[Any]:

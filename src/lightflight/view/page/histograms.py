@@ -42,8 +42,12 @@ def histogram_blob(hist: Any, *, pulses: Any = None, timing: Any = None) -> dict
     NaN without a pulse), unit of time, and the block; pixels that found no room are counted in
     `left_out`.
     """
+    from lightflight.timing.pile_up import pile_up_of
+
     rows, cols = hist.shape
     strongest = _strongest_pulses(pulses, rows, cols)
+    # Pulses tell the photons that came; beside the counts stand those that were counted.
+    strongest[:, 2:] /= pile_up_of(hist).scale[:, np.newaxis]
     order = _priority(hist, strongest)
     entries: list[tuple[int, Floats]] = []
     spent = 0
