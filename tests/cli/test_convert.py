@@ -96,4 +96,5 @@ def test_info_draws_recordings_alone(run, lab_folder, tmp_path):
     assert "lightflight plot calibration.h5" in done.stderr
     done = run("info", lab_folder / "recording.h5", "--plot", tmp_path / "x.doc")
     assert done.exit_code == 2
+    assert f"--plot {tmp_path / 'x.doc'}: the name must end in .png" in done.stderr
     assert list(tmp_path.iterdir()) == []

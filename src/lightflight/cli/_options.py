@@ -103,12 +103,14 @@ def check_outputs(
     inputs: Iterable[Path],
     suffixes: Iterable[str],
     kinds: tuple[str, ...] = (),
+    option: str = "-o",
 ) -> None:
     """Refuse, before any work, outputs that cannot or must not be written.
 
     Parameters
     ----------
     kinds : what an HDF5 file may hold that is replaced.
+    option : what the outputs were given by.
 
     Raises
     ------
@@ -118,19 +120,20 @@ def check_outputs(
     """
     allowed, read = list(suffixes), list(inputs)
     for output in outputs:
+        given = f"{option} {output}"
         if output.suffix.lower() not in allowed:
-            raise click.UsageError(f"-o {output}: the name must end in {' or '.join(allowed)}")
+            raise click.UsageError(f"{given}: the name must end in {' or '.join(allowed)}")
         if not output.parent.is_dir():
-            raise click.UsageError(f"-o {output}: make the folder {output.parent} first")
+            raise click.UsageError(f"{given}: make the folder {output.parent} first")
         if output.is_dir():
-            raise click.UsageError(f"-o {output}: is a folder, name a file in it")
+            raise click.UsageError(f"{given}: is a folder, name a file in it")
         if not output.exists():
             continue
         if any(path.exists() and output.samefile(path) for path in read):
-            raise click.UsageError(f"-o {output}: is an input too, choose another name")
+            raise click.UsageError(f"{given}: is an input too, choose another name")
         if output.suffix.lower() in RECORD_SUFFIXES and not _may_be_replaced(output, kinds):
             raise click.UsageError(
-                f"-o {output}: exists and is no earlier result of this command, choose another name"
+                f"{given}: exists and is no earlier result of this command, choose another name"
             )
 
 

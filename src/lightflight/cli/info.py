@@ -78,7 +78,7 @@ def command(
         print_lab(lab)
         return
     if plot is not None:
-        check_outputs([plot], inputs=[file], suffixes=FIGURE_SUFFIXES)
+        check_outputs([plot], inputs=[file], suffixes=FIGURE_SUFFIXES, option="--plot")
     facts, sentences = _facts_of(file, lab, hints)
     if plot is not None:
         _draw(file, lab, hints, plot)
