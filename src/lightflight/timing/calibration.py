@@ -43,6 +43,8 @@ ASSUMED_SCALE_STD = 0.005
 
 _PERIOD_TOLERANCE = 1e-4
 _WIDTH_TOLERANCE = 0.05
+_BLOCK_CODES = 32_768
+"""Codes whose edges are worked out at a time."""
 
 _ARRAY_FIELDS = {
     "gain": 0, "phases": 1, "end_code": 0, "first_live_width": 0, "gain_std": 0, "phase_std": 1,
@@ -228,20 +230,29 @@ class TimingCalibration:
             not folded; `lower <= upper`, equal for codes that can hold no photon.
         """
         rows, cols = self._checked_pixels(rows, cols)
-        edges, end = self._relative_edges(rows, cols)
-        width = self._width_ps(rows, cols)[:, None]
-        after_end = edges if self.laser_period_ps is None else edges - end[:, None]
-        if self.period_end_seen:
-            after_end = np.minimum(after_end, 0.0)
-        towards = -1.0 if self.reversed_codes else 1.0
-        edges = self.end_delay_ps + towards * width * after_end
-        first, last = edges[:, :-1].copy(), edges[:, 1:].copy()
+        first, last = np.empty((2, len(rows), len(self.code_widths)))
         blind = self.code_widths == 0
-        if self.reversed_codes:
-            first[:, blind] = last[:, blind]
-            return last, first
-        last[:, blind] = first[:, blind]
-        return first, last
+        # Few pixels at a time: what is worked on stays in the cache.
+        step = max(1, _BLOCK_CODES // len(self.code_widths))
+        for start in range(0, len(rows), step):
+            part = slice(start, start + step)
+            edges = self._edges_ps(rows[part], cols[part])
+            first[part], last[part] = edges[:, :-1], edges[:, 1:]
+            moved, kept = (first, last) if self.reversed_codes else (last, first)
+            moved[part, blind] = kept[part, blind]
+        return (last, first) if self.reversed_codes else (first, last)
+
+    def _edges_ps(self, rows: NDArray[np.intp], cols: NDArray[np.intp]) -> NDArray[np.float64]:
+        """(n, codes + 1), delay of each edge of the codes, in their order."""
+        edges, end = self._relative_edges(rows, cols)
+        if self.laser_period_ps is not None:
+            edges -= end[:, None]
+        if self.period_end_seen:
+            np.minimum(edges, 0.0, out=edges)
+        towards = -1.0 if self.reversed_codes else 1.0
+        edges *= towards * self._width_ps(rows, cols)[:, None]
+        edges += self.end_delay_ps
+        return edges
 
     def arrival_errors_ps(
         self, rows: ArrayLike, cols: ArrayLike, delay_ps: ArrayLike

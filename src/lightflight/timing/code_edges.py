@@ -69,7 +69,8 @@ def edges_and_end(widths: Floats, end_code: Floats) -> tuple[Floats, Floats]:
     end : (n,).
     """
     n_codes = widths.shape[1]
-    edges = np.concatenate([np.zeros((len(widths), 1)), np.cumsum(widths, axis=1)], axis=1)
+    edges = np.zeros((len(widths), n_codes + 1))
+    np.cumsum(widths, axis=1, out=edges[:, 1:])
     whole = np.clip(end_code.astype(np.intp), 0, n_codes)
     pixel = np.arange(len(widths))
     last = np.where(whole < n_codes, widths[pixel, np.minimum(whole, n_codes - 1)], 1.0)
