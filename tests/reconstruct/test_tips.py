@@ -38,6 +38,59 @@ def test_steep_legs_that_end_in_the_picture(angle_deg, method):
     assert np.sqrt(np.mean(np.square(pulls))) < 1.9
 
 
+def steep_paths(angle_deg, method, seeds):
+    scene, timing = scene_of(angle_deg), None
+    for seed in seeds:
+        hist = lf.simulate(scene, photons_per_pixel=4000.0, seed=seed, threads=1)
+        timing = timing or lf.TimingCalibration.nominal(hist)
+        yield lf.reconstruct(
+            hist, camera=CAMERA, source=scene.source, timing=timing, method=method, n_legs=1
+        )
+
+
+@pytest.mark.parametrize("angle_deg", [-60.0, 60.0])
+def test_where_light_stops_is_found(angle_deg):
+    """To 0.04 px in the picture. The stated error is 0.01 px: it takes the spot for a Gaussian."""
+    seen = np.array(CAMERA.pixels_from_points(scene_of(angle_deg).vertices_mm[-1]))
+    for path in steep_paths(angle_deg, "photon", range(100, 106)):
+        found = np.array(CAMERA.pixels_from_points(path.vertices_mm[-1]))
+        np.testing.assert_allclose(found, seen, atol=0.04)
+
+
+@pytest.mark.parametrize("angle_deg", [-80.0, -60.0])
+def test_pixels_at_the_tips_count(angle_deg):
+    """Errors at the bound, tips included: 24 ratios pass 1.5 by chance in 1 of 10,000."""
+    scene = scene_of(angle_deg)
+    bound = lf.bounds(scene, photons_per_pixel=4000.0).angle_std_deg[0]
+    found = [p.legs[0].angle_deg for p in steep_paths(angle_deg, "photon", range(200, 224))]
+    assert np.sqrt(np.mean(np.square(np.array(found) - angle_deg))) < 1.5 * bound
+
+
+def test_joint_asks_all_counts_where_light_stops_in_view():
+    (path,) = steep_paths(-60.0, "joint", [1])
+    assert path.method == "joint"
+    assert "all counts" in path.statements[0]
+
+
+def test_light_beyond_the_codes_is_not_dark():
+    """A window of codes that ends before the light does cuts the recording, not the leg."""
+    scene = scene_of(5.0, half_mm=190.0)
+    hist = lf.simulate(scene, photons_per_pixel=4000.0, seed=3, threads=1)
+    whole = lf.reconstruct(
+        hist, camera=CAMERA, source=scene.source, timing=lf.TimingCalibration.nominal(hist)
+    )
+    last = int(np.quantile(whole.residuals["arrival_ps"], 0.7) / hist.bin_width_ps)
+    cut = lf.Histograms(
+        hist.counts[:, :, :last], bin_width_ps=hist.bin_width_ps, laser_period_ps=None
+    )
+    part = lf.reconstruct(
+        cut, camera=CAMERA, source=scene.source, timing=lf.TimingCalibration.nominal(cut),
+        method="photon",
+    )  # fmt: skip
+    assert part.goodness.converged
+    assert abs(part.legs[0].angle_deg - 5.0) < 4.0 * part.legs[0].angle_std_deg
+
+
 def test_a_leg_that_crosses_the_picture_keeps_its_ends():
     """Nothing is taken for cut where nothing is: all pulses at the edges take part."""
     scene = scene_of(5.0, half_mm=190.0)
