@@ -6,6 +6,7 @@ import pytest
 import lightflight as lf
 from lightflight import flags
 from lightflight.errors import FileFormatError, UncalibratedWarning
+from lightflight.simulate import ideal
 from lightflight.timing.calibration import calibrate_timing
 from lightflight.timing.code_density import fit_code_density
 from lightflight.timing.edge_tables import clock_from_edges, edges_from_table
@@ -111,3 +112,30 @@ def test_code_density_finds_a_real_table_again(real_table, rng):
     error = 2500.0 * found - edges[good, 1:]
     assert np.abs(error).max() < 6.0 * 2.8
     assert error.std() < 2.8
+
+
+@pytest.mark.filterwarnings("ignore::lightflight.errors.SuspectDataWarning")
+def test_a_twin_with_the_codes_of_a_real_table_is_calibrated(real_table):
+    """Codes from nothing to several times their mean, over the whole 2.5 ns: errors as stated."""
+    _, edges = real_table
+    widths = np.diff(edges, axis=1)
+    blank = np.count_nonzero(widths > 0, axis=1) < 2
+    widths[blank] = widths[~blank].mean(axis=0)
+    camera = lf.Camera.facing_plane((16, 16), distance_mm=535.0, field_of_view_mm=(61.25, 61.25))
+    detector = ideal(
+        bin_width_ps=2500.0 / 140, laser_period_ps=2500.0, n_codes=140, response_fwhm_ps=100.0,
+        skew_range_ps=100.0, phase_map=np.maximum(widths, 1e-3).reshape(16, 16, 140),
+    )  # fmt: skip
+    scene = lf.Scene([(-60.0, 0.0, 0.0), (60.0, 3.0, 8.0)], camera=camera, detector=detector)
+    density = lf.simulate(scene, kind="code_density", photons_per_pixel=2e5, seed=1)
+    flat, later = (
+        lf.simulate(scene, kind="flat", photons_per_pixel=photons, seed=2, flat_arrival_ps=arrival)
+        for photons, arrival in ((2e4, 1000.0), (2e5, 1700.0))
+    )
+    clock = lf.calibrate_timing(density, flat=flat, flat_arrival_ps=1000.0, dead_codes="absorbed")
+    found = lf.find_arrivals(later, timing=clock)
+    error = (found.arrival_ps - 1700.0)[found.usable]
+    stated = np.hypot(found.photon_std_ps, found.pixel_std_ps)[found.usable]
+    assert found.usable.mean() > 0.95
+    assert np.sqrt(np.mean(error**2)) < 4.0
+    assert 0.8 < np.sqrt(np.mean((error / stated) ** 2)) < 1.25

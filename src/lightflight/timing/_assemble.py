@@ -47,6 +47,10 @@ def clock_from_code_density(
     dead_codes : "absorbed", "lost" or None, see `calibrate_timing`.
     """
     good = flags.is_usable(fit.flags)
+    if _covers_the_period(code_density, fit):
+        # Each pixel's own widths share out the period; codes are then as wide as stated on average.
+        share = (code_density.n_codes / fit.phases.sum(axis=-1))[..., np.newaxis]
+        fit = replace(fit, phases=fit.phases * share, phase_std=fit.phase_std * share)
     width, gain_std, scale_std, notes = _widths_ps(code_density, fit, dead_codes, good)
     mean_width = float(width[good].mean())
     nominal = TimingCalibration.nominal(code_density)
@@ -61,6 +65,14 @@ def clock_from_code_density(
         notes=(*notes, *_fit_notes(code_density, fit, width, gain_std, good)),
     )  # fmt: skip
     return clock
+
+
+def _covers_the_period(code_density: Histograms, fit: CodeDensityFit) -> bool:
+    """Whether a sweep of codes that are all free lasts as long as the laser period."""
+    period, width = code_density.laser_period_ps, code_density.bin_width_ps
+    if fit.structured or period is None or width is None:
+        return False
+    return abs(period / width - code_density.n_codes) < 0.5
 
 
 def _widths_ps(
@@ -109,6 +121,10 @@ def _widths_without_end(
             "the code-density recording shows no end of the laser period and has no bin_width_ps: "
             "give bin_width_ps (or laser_period_ps, where the codes cover the period)"
         )
+    if code_density.laser_period_ps is not None and _covers_the_period(code_density, fit):
+        each = np.full(fit.flux.shape, code_density.laser_period_ps / code_density.n_codes)
+        text = "the codes cover the laser period: the widths of each pixel add up to it"
+        return each, np.zeros(fit.flux.shape), 0.0, [text]
     gain_std = ASSUMED_GAIN_STD
     if code_density.laser_period_ps is not None:
         # Codes that stop just short of the period: an end in no pixel bounds the gains' spread.
