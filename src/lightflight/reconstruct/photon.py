@@ -374,7 +374,9 @@ def climb(
             shift + follow[:, 1],
             departure + np.clip(follow[:, 2:], -1.0, 1.0),
         )
-        new = evaluate(*trial)
+        # A step too far may leave nothing finite: it is refused below.
+        with np.errstate(over="ignore", invalid="ignore"):
+            new = evaluate(*trial)
         gained = new[3] - value
         higher = bool(np.isfinite(new[3]) and gained >= 0.0)
         if higher:
