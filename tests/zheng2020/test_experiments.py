@@ -1,5 +1,7 @@
 """The experiments at their smallest: one recording each, a thinner calibration."""
 
+import re
+
 import numpy as np
 import pytest
 
