@@ -17,8 +17,8 @@ from lightflight.errors import (
     SuspectDataWarning,
     UncalibratedWarning,
 )
-from lightflight.reconstruct.api import METHODS, earliest_arrival_ps
-from lightflight.reconstruct.setting import Setting
+from lightflight.reconstruct.api import METHODS
+from lightflight.reconstruct.setting import Setting, earliest_arrival_ps
 from tests.labs import lab_of, one_leg, three_legs
 
 

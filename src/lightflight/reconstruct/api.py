@@ -21,23 +21,25 @@ from lightflight.errors import (
 from lightflight.flight import Medium, Source
 from lightflight.path import RESIDUAL_DTYPE, LightPath
 from lightflight.reconstruct.assignment import Tips
-from lightflight.reconstruct.bend import bend_significance
+from lightflight.reconstruct.code_direction import (
+    ask_which_way,
+    legs_of_straight_light,
+    refuse_if_clearer_backwards,
+    warn_of_scatter,
+)
 from lightflight.reconstruct.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.geometry import PathState
 from lightflight.reconstruct.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.legs import (
-    ImageLeg,
-    find_legs,
     unwrapped_arrivals,
 )
 from lightflight.reconstruct.observation import Observation, blind_pixels
 from lightflight.reconstruct.result import on_first_lap, path_from_fit
 from lightflight.reconstruct.revise import fit_from_legs, revised, with_n_legs
-from lightflight.reconstruct.setting import Setting
+from lightflight.reconstruct.setting import Setting, earliest_arrival_ps
 from lightflight.reconstruct.statements import statements_from_covariance
 from lightflight.timing.arrivals import find_arrivals
 from lightflight.timing.calibration import ASSUMED_GAIN_STD, TimingCalibration
-from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
     from lightflight.camera import Camera
@@ -167,7 +169,7 @@ def _path_on_some_lap(
     if method == "paper":
         from lightflight.reconstruct.paper import paper_path
 
-        found = _legs_of_straight_light(observations[0], setting, n_legs) if start is None else None
+        found = legs_of_straight_light(observations[0], setting, n_legs) if start is None else None
         return paper_path(observations, setting, legs=found)
     tips: Tips = (None, None)
     try:
@@ -196,19 +198,19 @@ def _joint_fit(
     """The joint fit, from legs in the picture or from the user's start."""
     if start is not None:
         return fit_joint(observations, _state_from_start(start, setting), setting, legs=None)
-    legs = _legs_of_straight_light(observations[0], setting, n_legs)
+    legs = legs_of_straight_light(observations[0], setting, n_legs)
     try:
         fit = fit_from_legs(observations, legs, setting, drop=n_legs is None)
     except (GeometryError, NothingFoundError) as problem:
-        _refuse_if_clearer_backwards(legs, observations[0], setting, n_legs)
-        _ask_which_way(legs, observations[0], setting.camera, timing, problem)
+        refuse_if_clearer_backwards(legs, observations[0], setting, n_legs)
+        ask_which_way(legs, observations[0], setting.camera, timing, problem)
         raise
     if n_legs is None:
         fit = revised(observations, fit, setting)
     else:
         fit = with_n_legs(observations, fit, setting, n_legs)
     if timing is None and fit.floor_ps > 0.2 * pulse_std_ps(observations):
-        _warn_of_scatter(fit.floor_ps, legs, observations[0], setting.camera)
+        warn_of_scatter(fit.floor_ps, legs, observations[0], setting.camera)
     return fit
 
 
@@ -469,126 +471,6 @@ def clock_or_nominal(hist: Histograms, timing: TimingCalibration | None) -> Timi
         stacklevel=4,
     )
     return clock
-
-
-def earliest_arrival_ps(setting: Setting) -> float | None:
-    """No light can arrive before this time on the clock; None where the source is not known.
-
-    Straight from source to camera is the shortest way there is; a nanosecond and the errors
-    stated are allowed for.
-    """
-    source, medium = setting.source, setting.medium
-    if source.position_mm is None or source.emission_time_ps is None:
-        return None
-    gap = np.linalg.norm(np.asarray(source.position_mm, dtype=float) - setting.camera.center_mm)
-    index = min(medium.path_group_index, medium.return_group_index)
-    slack = 1000.0 + 5.0 * source.emission_time_std_ps
-    return float(source.emission_time_ps + index * gap / SPEED_OF_LIGHT_MM_PER_PS - slack)
-
-
-def _one_medium(medium: Medium) -> bool:
-    """True where the half-angle law bends every arrival curve upwards."""
-    return abs(medium.path_group_index / medium.return_group_index - 1) < 0.02
-
-
-def _search_legs(
-    arrivals: Arrivals, observation: Observation, setting: Setting, n_legs: int | None
-) -> tuple[ImageLeg, ...]:
-    """Legs in the picture of one table of arrivals."""
-    folded = arrivals.laser_period_ps is not None
-    return find_legs(
-        arrivals,
-        camera=setting.camera,
-        n_legs=n_legs,
-        earliest_ps=earliest_arrival_ps(setting) if folded else None,
-        convex=_one_medium(setting.medium),
-        computed_cube=not observation.histograms.poisson,
-    )
-
-
-def _legs_of_straight_light(
-    observation: Observation, setting: Setting, n_legs: int | None
-) -> tuple[ImageLeg, ...]:
-    """Legs in the picture; a clock that runs backwards is noticed here.
-
-    Straight light gives d^2 t_a / d psi^2 > 0 (half-angle law); a clock read backwards turns that
-    round. Where the legs found bend the wrong way beyond chance, or hardly any are found, the
-    search is made on the clock run backwards too, and the clearer picture decides.
-    """
-    try:
-        legs = _search_legs(observation.arrivals, observation, setting, n_legs)
-    except NothingFoundError:
-        _refuse_if_clearer_backwards((), observation, setting, n_legs)
-        raise
-    if bend_significance(legs, observation, setting.camera) < -6.0:
-        _refuse_if_clearer_backwards(legs, observation, setting, n_legs)
-    return legs
-
-
-def _refuse_if_clearer_backwards(
-    legs: tuple[ImageLeg, ...],
-    observation: Observation,
-    setting: Setting,
-    n_legs: int | None,
-) -> None:
-    """Raise CalibrationError where the clock run backwards shows legs as clear, rightly bent."""
-    if not _one_medium(setting.medium):
-        return
-    backwards = replace(
-        observation.arrivals, arrival_ps=-observation.arrival_ps, laser_period_ps=None
-    )
-    try:
-        mirrored = _search_legs(backwards, observation, setting, n_legs)
-    except NothingFoundError:
-        return
-
-    def clarity(found: tuple[ImageLeg, ...]) -> float:
-        return float(sum(leg.n_pixels**2 for leg in found))
-
-    turned = replace(observation, arrivals=backwards, arrival_ps=backwards.arrival_ps)
-    bend = bend_significance(mirrored, turned, setting.camera)
-    if clarity(mirrored) >= clarity(legs) and bend > 3.0:
-        now = observation.histograms.reversed_codes
-        raise CalibrationError(
-            "the arrival times bend the wrong way for straight light, so the codes run backwards: "
-            f"read the recording with reversed_codes={not now} (it says {now})"
-        )
-
-
-def _ask_which_way(
-    legs: tuple[ImageLeg, ...],
-    observation: Observation,
-    camera: Camera,
-    timing: TimingCalibration | None,
-    problem: Exception,
-) -> None:
-    """Where no path fits on a clock nobody calibrated and its direction does not show, ask."""
-    if timing is not None or bend_significance(legs, observation, camera) > 6.0:
-        return
-    now = observation.histograms.reversed_codes
-    raise CalibrationError(
-        "no path fits these arrival times, and without a calibration they do not show which way "
-        f"the codes run: give timing=, or try reversed_codes={not now} (the recording says {now})"
-    ) from problem
-
-
-def _warn_of_scatter(
-    floor_ps: float, legs: tuple[ImageLeg, ...], observation: Observation, camera: Camera
-) -> None:
-    """Say that an uncalibrated clock ruins the times, and that its direction may be wrong too."""
-    now = observation.histograms.reversed_codes
-    either_way = bend_significance(legs, observation, camera) < 6.0
-    doubt = (
-        f", and do not show which way the codes run (the recording says reversed_codes={now}; if "
-        f"in doubt try reversed_codes={not now})"
-        if either_way
-        else ""
-    )
-    warnings.warn(
-        f"the times scatter by {floor_ps:.0f} ps about the path: calibrate the clock{doubt}",
-        SuspectDataWarning,
-        stacklevel=3,
-    )
 
 
 def _state_from_start(start: Any, setting: Setting) -> PathState:

@@ -21,17 +21,14 @@ from lightflight.reconstruct.assignment import (
     Tips,
     assigned,
     mode_columns,
-    prints_of_leg,
     stacked,
     stacked_lines,
     time_data,
 )
+from lightflight.reconstruct.ends import Ends, known_tips, view_plane, with_ends
 from lightflight.reconstruct.freedom import (
     Freedom,
-    ViewEnd,
-    end_in_picture,
     freedom_of_path,
-    view_end,
     with_tip,
 )
 from lightflight.reconstruct.geometry import Indices, PathState, footprints
@@ -50,10 +47,9 @@ from lightflight.reconstruct.picture import (
     measure_picture,
 )
 from lightflight.reconstruct.setting import Setting
-from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
-    from lightflight.camera import Camera
+    pass
 
 Floats = NDArray[np.float64]
 
@@ -61,14 +57,6 @@ _PASSES = 4
 """Most rounds of picture and path; the second often agrees with the last to a tenth of an error."""
 _STILL = 0.03
 """A round that moves nothing by more than this, in its own errors, was the last."""
-_DARK_PX = 1.2
-"""Light whose last pixel is farther than this from the picture's edge ends in the picture, px."""
-_LIT_SHARE = 0.6
-"""Where a leg's light falls below this share of what it was, the leg has ended."""
-_WING_PX = 3.0
-"""The spot's wing beyond a tip is no longer than this, px."""
-_USUAL_SPOT_PX = 0.4
-"""Std of a usual spot, px, to compare pixels on a leg's line with pixels beside it."""
 _OUTER_PX = 1.6
 """Pulses this near to the outermost of an end are judged together, px."""
 _FEW_INNER = 6
@@ -79,18 +67,6 @@ _OUTLIER = 5.0
 """A pulse this many standard errors from the path takes no part."""
 _ROUGH_OUTLIER = 8.0
 """The same while the path is rough."""
-
-
-@dataclass(frozen=True, eq=False)
-class Ends:
-    """Planes in which the visible ends of a path move."""
-
-    start_basis: Floats
-    """(3, 2), at the entry into view (used where the source is unknown)."""
-    end_basis: Floats
-    """(3, 2), at the exit from view."""
-    tips: Tips = (None, None)
-    """Where the light begins and stops within the picture; None: it crosses the edge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,12 +186,6 @@ def fit_joint(
     return result
 
 
-def known_tips(one: Tips, other: Tips) -> Tips:
-    """Tips of `one`, and of `other` where that knows none."""
-    first, last = (a if a is not None else b for a, b in zip(one, other, strict=True))
-    return first, last
-
-
 def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Setting) -> Tips:
     """Ends of the path whose outermost pulses disagree with it, as cut footprints do.
 
@@ -288,8 +258,8 @@ def freedom_at(
     camera, vertices = setting.camera, state.vertices_mm
     if ends is None:
         ends = Ends(
-            _view_plane(camera, vertices[0], vertices[1]),
-            _view_plane(camera, vertices[-1], vertices[-2]),
+            view_plane(camera, vertices[0], vertices[1]),
+            view_plane(camera, vertices[-1], vertices[-2]),
         )
     first, last = ends.tips if tips_move else (None, None)
     start, end = ends.start_basis, ends.end_basis
@@ -304,14 +274,6 @@ def freedom_at(
         start_basis=start if setting.source.position_mm is None else None,
         end_basis=end,
     )
-
-
-def _view_plane(camera: Camera, at: Floats, towards: Floats) -> Floats:
-    """Plane through the camera in which a visible end moves: its ray, and across the leg."""
-    ray = at - camera.center_mm
-    ray = ray / np.linalg.norm(ray)
-    across = np.cross(ray, towards - at)
-    return np.column_stack((ray, across / np.linalg.norm(across)))
 
 
 def _rough_fit(
@@ -412,151 +374,3 @@ def _check_enough(times: TimeData, n_unknowns: int) -> None:
             f"{pixels} usable pixels lie on the path, fewer than its {n_unknowns} unknowns: record "
             "longer, give the source's place and time, or give a smaller n_legs"
         )
-
-
-def with_ends(
-    state: PathState, observations: list[Observation], setting: Setting, std: float
-) -> tuple[PathState, Ends]:
-    """The state with its last vertex (unknown source: and its first) where it leaves the view."""
-    vertices, start_time = state.vertices_mm.copy(), state.start_time_ps
-    end, last_tip = _visible_end(state, state.n_legs - 1, observations, setting, std, outwards=1.0)
-    if end is not None:
-        vertices[-1] = end.position_mm
-    entry = None
-    if setting.source.position_mm is None:
-        entry, first_tip = _visible_end(state, 0, observations, setting, std, outwards=-1.0)
-        if entry is not None:
-            direction = vertices[1] - vertices[0]
-            length = float(np.linalg.norm(direction))
-            moved = float((entry.position_mm - vertices[0]) @ direction) / length
-            vertices[0] = entry.position_mm
-            start_time += moved * setting.medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
-    else:
-        seen = bool(setting.camera.sees(vertices[0]))
-        first_tip = np.array(setting.camera.pixels_from_points(vertices[0])) if seen else None
-    ends = Ends(
-        _view_plane(setting.camera, vertices[0], vertices[1]) if entry is None else entry.basis,
-        _view_plane(setting.camera, vertices[-1], vertices[-2]) if end is None else end.basis,
-        (first_tip, last_tip),
-    )
-    return PathState(vertices, float(start_time)), ends
-
-
-def _visible_end(
-    state: PathState,
-    leg: int,
-    observations: list[Observation],
-    setting: Setting,
-    std: float,
-    *,
-    outwards: float,
-) -> tuple[ViewEnd | None, Floats | None]:
-    """Where a leg leaves the picture, or where its light stops within it; and the light's tip.
-
-    The tip is None where the light reaches the edge, or is too dim to tell.
-    """
-    camera = setting.camera
-    start, stop = state.vertices_mm[leg], state.vertices_mm[leg + 1]
-    direction = (stop - start) / np.linalg.norm(stop - start)
-    own = [o for o in observations if o.view == 0]
-    seen = [_footprints_of_pulses(o, state, setting, leg, std) for o in own]
-    fraction, photons, strength = (np.concatenate(column) for column in zip(*seen, strict=True))
-    if not len(fraction):
-        return None, None
-    extreme = _last_lit(start, stop, fraction, strength, outwards, camera)
-    inside = start + fraction[extreme] * (stop - start)
-    if not bool(camera.sees(inside)):
-        inside = start + np.median(fraction) * (stop - start)
-    edge = view_end(camera, inside, outwards * direction)
-    places = np.column_stack(
-        camera.pixels_from_points(start + fraction[:, np.newaxis] * (stop - start))
-    )
-    tip = places[extreme]
-    dark = all(_recorded_beyond(o, state, setting, leg, tip, std, outwards) for o in own)
-    away = np.hypot(*(places - tip).T)
-    sharp = np.median(photons[away < 4.0]) > 50.0 and len(np.unique(np.rint(away[away < 6.0]))) >= 5
-    if edge is not None:
-        gap = float(np.hypot(*(np.array(camera.pixels_from_points(edge.position_mm)) - tip)))
-        if gap < 4.0 or not sharp:
-            return edge, tip if dark and sharp and gap > _DARK_PX else None
-    inner = places[np.argmin(outwards * fraction)]
-    along = (tip - inner) / max(float(np.hypot(*(tip - inner))), 1e-9)
-    return end_in_picture(
-        camera, inside, (float(-along[1]), float(along[0]))
-    ), tip if dark else None
-
-
-def _recorded_beyond(
-    observation: Observation,
-    state: PathState,
-    setting: Setting,
-    leg: int,
-    tip: Floats,
-    std: float,
-    outwards: float,
-) -> bool:
-    """True where light beyond a tip would be in the recording; else its codes end there."""
-    beyond = footprints(
-        state,
-        camera=setting.camera,
-        medium=setting.medium,
-        legs=np.array([leg]),
-        rows=tip[:1],
-        cols=tip[1:],
-    )
-    row, col = np.clip(np.rint(tip).astype(int), 0, np.array(setting.camera.shape) - 1).tolist()
-    lower, upper = observation.timing.code_intervals_ps([row], [col])
-    period_ps = observation.histograms.laser_period_ps
-    if period_ps is not None and (upper - lower).sum() > 0.98 * period_ps:
-        return True
-    first, last = float(lower.min()), float(upper.max())
-    delay = float(beyond.arrival_ps[0] + outwards * _WING_PX * beyond.slope_ps_per_px[0])
-    delay += float(observation.timing.skew_ps[row, col])
-    if period_ps is not None:
-        delay = first + (delay - first) % period_ps
-    return first + 3.0 * std < delay < last - 3.0 * std
-
-
-def _last_lit(
-    start: Floats,
-    stop: Floats,
-    fraction: Floats,
-    strength: Floats,
-    outwards: float,
-    camera: Camera,
-) -> int:
-    """The outermost pulse where the leg is as bright as before; beyond is the spot's wing alone."""
-    places = np.column_stack(
-        camera.pixels_from_points(start + fraction[:, np.newaxis] * (stop - start))
-    )
-    order = np.argsort(-outwards * fraction)
-    away = np.hypot(*(places - places[order[0]]).T)
-    for this in order:
-        near = np.abs(away - away[this]) < 0.5
-        inner = (away > away[this] + 1.0) & (away < away[this] + 5.0)
-        if away[this] > _WING_PX or np.count_nonzero(inner) < 3:
-            break
-        if strength[near].max() > _LIT_SHARE * np.median(strength[inner]):
-            return int(this)
-    return int(order[0])
-
-
-def _footprints_of_pulses(
-    observation: Observation, state: PathState, setting: Setting, leg: int, std: float
-) -> tuple[Floats, Floats, Floats]:
-    """(fraction along the leg, photons, those there would be on its line) of the leg's pulses.
-
-    Pulses that agree with the leg in place and time; the spot is taken for a usual one.
-    """
-    usable = np.flatnonzero(
-        flags.is_usable(observation.arrivals.flags) & np.isfinite(observation.arrival_ps)
-    )
-    print_ = prints_of_leg(observation, state, setting, usable, leg)
-    gap = np.abs(observation.arrival_ps[usable] - print_.arrival_ps)
-    lit = (np.abs(print_.lateral_px) < 1.5) & (gap < std)
-    low = -0.02 if leg > 0 else -np.inf
-    high = 1.02 if leg < state.n_legs - 1 else np.inf
-    lit &= (print_.fraction > low) & (print_.fraction < high)
-    photons = observation.arrivals.photons[usable][lit]
-    on_line = photons * np.exp(0.5 * (print_.lateral_px[lit] / _USUAL_SPOT_PX) ** 2)
-    return print_.fraction[lit], photons, on_line

@@ -18,6 +18,7 @@ from lightflight import flags
 from lightflight.errors import NothingFoundError
 from lightflight.path import Goodness, LightPath
 from lightflight.reconstruct.assignment import Tips, fraction_at
+from lightflight.reconstruct.ends import Ends, known_tips, with_ends
 from lightflight.reconstruct.forward import (
     CodeCounts,
     Layout,
@@ -32,7 +33,7 @@ from lightflight.reconstruct.forward import (
 )
 from lightflight.reconstruct.freedom import Freedom, state_vector
 from lightflight.reconstruct.geometry import PathState, footprints, vertex_time_jacobian
-from lightflight.reconstruct.joint import Ends, freedom_at, known_tips, with_ends
+from lightflight.reconstruct.joint import freedom_at
 from lightflight.reconstruct.lateral import KNOT_SPACING_PX
 from lightflight.reconstruct.legs import undistorted_px
 from lightflight.reconstruct.observation import Observation, pixel_counts

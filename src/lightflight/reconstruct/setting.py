@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from lightflight.flight import Medium, Source
 from lightflight.reconstruct.freedom import Waypoint
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
     from lightflight.camera import Camera
@@ -35,3 +38,18 @@ class Setting:
     def at(self, view: int) -> Setting:
         """The setting of one camera alone."""
         return replace(self, camera=self.cameras[view], others=())
+
+
+def earliest_arrival_ps(setting: Setting) -> float | None:
+    """No light can arrive before this time on the clock; None where the source is not known.
+
+    Straight from source to camera is the shortest way there is; a nanosecond and the errors
+    stated are allowed for.
+    """
+    source, medium = setting.source, setting.medium
+    if source.position_mm is None or source.emission_time_ps is None:
+        return None
+    gap = np.linalg.norm(np.asarray(source.position_mm, dtype=float) - setting.camera.center_mm)
+    index = min(medium.path_group_index, medium.return_group_index)
+    slack = 1000.0 + 5.0 * source.emission_time_std_ps
+    return float(source.emission_time_ps + index * gap / SPEED_OF_LIGHT_MM_PER_PS - slack)
