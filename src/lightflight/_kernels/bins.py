@@ -130,8 +130,10 @@ def wrap_tail(values, n, reach):
 def accumulate(values, n, reach, sums):
     """Running sums over the bins, and on over those behind the fold."""
     sums[0] = 0.0
-    for i in range(reach):
-        sums[i + 1] = sums[i] + values[i if i < n else i - n]
+    for i in range(n):
+        sums[i + 1] = sums[i] + values[i]
+    for i in range(reach - n):
+        sums[n + 1 + i] = sums[n] + sums[i + 1]
 
 
 @jit_lent
@@ -143,6 +145,27 @@ def even_width(exposure, n):
     for k in range(n):
         smaller += exposure[k] < 0.9999 * widest
     return widest if smaller <= 3 else 0.0
+
+
+@jit_lent
+def least_covered(covered, reach, length):
+    """Smallest exposure of any window of so many bins; 0 where none is so long."""
+    if reach < length:
+        return 0.0
+    # Two at a time, so that one comparison need not wait for the other.
+    least = other = covered[length]
+    for i in range(0, reach - length, 2):
+        least = min(least, covered[i + length] - covered[i])
+        other = min(other, covered[i + 1 + length] - covered[i + 1])
+    return min(least, other, covered[reach] - covered[reach - length])
+
+
+@jit_lent
+def least_due(length, least):
+    """No window of 8 or more bins has less exposure; least: of those of 8 and of 64 bins."""
+    if length >= 64:
+        return (length // 64) * least[1]
+    return (length // 8) * least[0]
 
 
 @jit_lent
@@ -215,7 +238,7 @@ def log_trials(n):
 
 
 @jit_inlined
-def scan_for_pulse(levels, n, reach, covered, even, double_code, total, peak, best):
+def scan_for_pulse(levels, n, reach, covered, even, least, double_code, total, peak, floor, best):
     """Find the window of bins whose counts chance explains least.
 
     levels[0][:reach]: counts, with a tail behind the fold where they fold; peak: their largest;
@@ -223,12 +246,13 @@ def scan_for_pulse(levels, n, reach, covered, even, double_code, total, peak, be
     position. What is due in a window follows its exposure (`covered`: running sums), raised by
     what an imperfect clock may do: `double_code` bins' worth of light too much in a window, and
     5 % of `double_code` more. even: exposure of every bin, where the fullest window is the best,
-    or 0.
+    or 0; least: see `least_due`, which spares the windows of most lengths. An excess up to
+    `floor` is not looked for.
 
     best: log excess, first bin, number of bins; false alarms are fewer than exp(log_trials -
     excess), by trial exp(log_trials - excess - 3). Stops early at an unmistakable pulse.
     """
-    best[0], best[1], best[2] = 0.0, 0.0, 1.0
+    best[0], best[1], best[2] = floor, 0.0, 1.0
     level, length, where, fullest, highest = 0, 1, -1, peak, 0.0
     while 2 * length <= n or length == 1:
         if level > 0:
@@ -245,7 +269,7 @@ def scan_for_pulse(levels, n, reach, covered, even, double_code, total, peak, be
                     value = log_excess(fullest, total, expected)
                     if value > best[0]:
                         best[0], best[2], where, highest = value, length, level, fullest
-            else:
+            elif length < 8 or may_exceed(fullest, total, due * least_due(length, least), best[0]):
                 best_window(levels[level], count, length, covered, due, total, best)
             if best[0] > 50.0 and best[0] == before:
                 break

@@ -13,6 +13,7 @@ from lightflight._kernels.bins import (
     bins_from_codes,
     even_width,
     largest,
+    least_covered,
     log_trials,
     put,
     scan_for_pulse,
@@ -74,7 +75,7 @@ def new_row(counts):
 
 @jit_lent
 def lay_out(row, lower, upper, period):
-    """Bins of a pixel into the row; returns (bins, bins with the tail behind the fold, even)."""
+    """Bins of a pixel into the row; returns (bins, with the tail behind the fold, even, least)."""
     _, edges, exposure, _, _, codes = row
     n = bins_from_codes(lower, upper, period, edges, exposure, codes)
     return n, *sum_exposure(row, n, period)
@@ -85,14 +86,19 @@ def sum_exposure(row, n, period):
     """Sums over the exposure of the bins into the row; see `lay_out`."""
     _, _, exposure, inverse, covered, _ = row
     reach = 2 * n if period < math.inf else n
-    inverse[n], inverse[n + 1] = 0.0, 0.0
+    summed, live = 0.0, 0
     for k in range(n):
-        inverse[k] = 1.0 / exposure[k] if exposure[k] > 0.0 else 0.0
-        inverse[n] += inverse[k]
-        inverse[n + 1] += exposure[k] > 0.0
+        lit = exposure[k] > 0.0
+        inverse[k] = lit / (exposure[k] + (not lit))
+        summed += inverse[k]
+        live += lit
+    inverse[n], inverse[n + 1] = summed, live
     if n > 0:
         accumulate(exposure, n, reach, covered)
-    return reach, even_width(exposure, n)
+    even = even_width(exposure, n)
+    if even > 0.0:
+        return reach, even, (0.0, 0.0)
+    return reach, even, (least_covered(covered, reach, 8), least_covered(covered, reach, 64))
 
 
 @jit_lent
@@ -212,14 +218,14 @@ def fit_in_lanes(
     fits = (values, covariances, table[N_PULSES:])
     shared = lower.shape[0] == 1
     fresh, gaussian = False, model[3].shape[1] == 0
-    n, reach, even, trials_log, n_log = 0, 0, 0.0, 0.0, 0.0
+    n, reach, even, trials_log, n_log, least = 0, 0, 0.0, 0.0, 0.0, (0.0, 0.0)
     for i in range(counts.shape[0]):
         if not todo[i]:
             continue
         column = start_column + i
         if not (shared and fresh):
             at = 0 if shared else i
-            n, reach, even = lay_out(row, lower[at], upper[at], period)
+            n, reach, even, least = lay_out(row, lower[at], upper[at], period)
             fresh = True
             trials_log, n_log = log_trials(n), math.log(max(n, 1))
             bounds = bounds_of((exposure, edges, exposure), n, period, model)
@@ -236,13 +242,16 @@ def fit_in_lanes(
         dark = (dark_counts[i], dark_ratio[i] * covered[n])
         if trials[i] < math.inf:
             thin_exposure(levels[0], n, trials[i], exposure)
-            reach, even = sum_exposure(row, n, period)
+            reach, even, least = sum_exposure(row, n, period)
             fresh = False
         fetch_quarter(counts, i + 1, 1)
         peak = float(largest(levels[0][:n]))
         table[PEAK, column] = peak
-        scan_for_pulse(levels, n, reach, covered, even, double_code[i], total, peak, best)
-        if total <= 0.0 or (model[2] and best[0] < log_alarms + trials_log):
+        floor = log_alarms + trials_log if model[2] else 0.0
+        scan_for_pulse(
+            levels, n, reach, covered, even, least, double_code[i], total, peak, floor, best
+        )
+        if total <= 0.0 or (model[2] and best[0] <= floor):
             values[3, column] = (total + dark[0]) / (covered[n] + dark[1])
             continue
         fetch_quarter(counts, i + 1, 2)
@@ -295,7 +304,7 @@ def fit_rest(
     for column in left:
         i = column - first
         at = i if lower.shape[0] > 1 else 0
-        n, _, _ = lay_out(row, lower[at], upper[at], period)
+        n, _, _, _ = lay_out(row, lower[at], upper[at], period)
         take_counts(counts[i], codes, n, levels[0])
         if trials[i] < math.inf:
             thin_exposure(levels[0], n, trials[i], exposure)
@@ -342,7 +351,7 @@ def split_tile(
     work = (window, sums, small, outcome, best, np.empty(size), np.empty(size))
     for i in range(counts.shape[0]):
         at = i if lower.shape[0] > 1 else 0
-        n, reach, _ = lay_out(row, lower[at], upper[at], period)
+        n, reach, _, _ = lay_out(row, lower[at], upper[at], period)
         bins = (room[0], edges, exposure)
         take_counts(counts[i], codes, n, bins[0])
         if trials[i] < math.inf:
