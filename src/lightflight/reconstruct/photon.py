@@ -59,8 +59,8 @@ _AT_TIP_PX = 2.5
 _MOST_STEPS = 40
 _TOLERANCE = 0.01
 """A step below this many standard errors ends a climb."""
-_LEVEL = 3e-3
-"""So does one that changes the log-likelihood by less than this."""
+_LEVEL = 0.03
+"""So does one that changes the log-likelihood by less than this, a quarter of an error at most."""
 _FREE_DAMPING = 1e-2
 """Either tells that the top is near only where damping did not shorten the step."""
 _SPOT_PRIOR = (np.log(0.4), 0.8)
