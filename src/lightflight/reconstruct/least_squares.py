@@ -36,8 +36,10 @@ _NUDGE = 1e-3
 """Step of a pose for its derivative, in its own standard deviations."""
 _TOLERANCE = 5e-3
 """A step below this fraction of a standard error in every direction ends the fit."""
+_LEVEL = 1e-4
+"""So does one that changes chi-square by less than this."""
 _FREE_DAMPING = 1e-2
-"""A small step tells that the end is near only where damping does not make it so."""
+"""A step that leads nowhere lower tells of the end only where damping did not shorten it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,10 +176,12 @@ def solve(
         trial_cost = _cost(trial_system)
         small = float(step @ normal @ step) < _TOLERANCE**2 * len(step)
         gained = cost - trial_cost
-        lower = bool(np.isfinite(trial_cost) and gained >= 0.0)
+        lower = bool(np.isfinite(trial_cost) and gained >= -1e-12 * (1.0 + cost))
         if lower:
             state, (modes, pose), system, cost = trial_state, trial, trial_system, trial_cost
-        if damping <= _FREE_DAMPING and (small or (lower and gained < 1e-4)):
+        level = damping <= _FREE_DAMPING and (small or abs(gained) < _LEVEL)
+        # Along a gauge only short steps go down: a lower cost by a tiny step is an end too.
+        if level or (lower and small):
             converged = True
             break
         damping = max(damping / 10, 1e-12) if lower else damping * 10
