@@ -36,6 +36,8 @@ _NUDGE = 1e-3
 """Step of a pose for its derivative, in its own standard deviations."""
 _TOLERANCE = 5e-3
 """A step below this fraction of a standard error in every direction ends the fit."""
+_TINY = 1e-3
+"""So does one this short that leads lower, however much it was damped."""
 _LEVEL = 1e-4
 """So does one that changes chi-square by less than this."""
 _FREE_DAMPING = 1e-2
@@ -174,14 +176,15 @@ def solve(
         trial = modes + step[n_free : n_free + n_modes], pose + step[n_free + n_modes :]
         trial_system = linear(trial_state, *trial)
         trial_cost = _cost(trial_system)
-        small = float(step @ normal @ step) < _TOLERANCE**2 * len(step)
+        size = float(step @ normal @ step)
+        small = size < _TOLERANCE**2 * len(step)
         gained = cost - trial_cost
         lower = bool(np.isfinite(trial_cost) and gained >= -1e-12 * (1.0 + cost))
         if lower:
             state, (modes, pose), system, cost = trial_state, trial, trial_system, trial_cost
         level = damping <= _FREE_DAMPING and (small or abs(gained) < _LEVEL)
         # Along a gauge only short steps go down: a lower cost by a tiny step is an end too.
-        if level or (lower and small):
+        if level or (lower and size < _TINY**2 * len(step)):
             converged = True
             break
         damping = max(damping / 10, 1e-12) if lower else damping * 10

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from lightflight import flags
-from lightflight.errors import NothingFoundError
+from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path import Goodness, LightPath
 from lightflight.reconstruct.assignment import Tips, fraction_at
 from lightflight.reconstruct.ends import Ends, known_tips, with_ends
@@ -458,9 +458,15 @@ def photon_path(
         state, ends = with_ends(state, observations, setting, std_ps)
         ends = replace(ends, tips=known_tips(ends.tips, tips))
         state = _ending_at_tips(state, ends, setting, None if ended is None else previous)
-        picture = measure_picture(
-            state, whole, camera=setting.camera, medium=setting.medium, std_ps=intrinsic
-        )
+        try:
+            picture = measure_picture(
+                state, whole, camera=setting.camera, medium=setting.medium, std_ps=intrinsic
+            )
+        except GeometryError as lost:
+            raise NothingFoundError(
+                "too little light: the counts lose the path from the picture; record longer, or "
+                "give a starting path (start=)"
+            ) from lost
         cut_ends = (ends.tips[0] is not None, ends.tips[1] is not None)
         light = replace(light_from_picture(picture, intrinsic), cut_ends=cut_ends)
         pixels = pixels_near_path(light, setting, whole, state)
