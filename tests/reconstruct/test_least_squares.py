@@ -9,9 +9,9 @@ import pytest
 
 from lightflight.camera import Camera
 from lightflight.flight import Medium, Source
+from lightflight.reconstruct.ends import freedom_at
 from lightflight.reconstruct.freedom import Freedom, freedom_of_path
 from lightflight.reconstruct.geometry import PathState, footprints, overshoots
-from lightflight.reconstruct.joint import freedom_at
 from lightflight.reconstruct.least_squares import (
     LineDataInPicture,
     Solution,

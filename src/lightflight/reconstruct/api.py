@@ -30,9 +30,7 @@ from lightflight.reconstruct.code_direction import (
 from lightflight.reconstruct.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.geometry import PathState
 from lightflight.reconstruct.joint import JointFit, fit_joint, pulse_std_ps
-from lightflight.reconstruct.legs import (
-    unwrapped_arrivals,
-)
+from lightflight.reconstruct.legs import unwrapped_arrivals
 from lightflight.reconstruct.observation import Observation, blind_pixels
 from lightflight.reconstruct.result import on_first_lap, path_from_fit
 from lightflight.reconstruct.revise import fit_from_legs, revised, with_n_legs

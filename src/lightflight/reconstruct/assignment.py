@@ -77,9 +77,9 @@ def prints_of_leg(
         state,
         camera=setting.camera,
         medium=setting.medium,
-        legs=np.full(len(rows), leg),
-        rows=observation.arrivals.row[rows].astype(float),
-        cols=observation.arrivals.col[rows].astype(float),
+        legs=leg,
+        rows=observation.arrivals.row[rows],
+        cols=observation.arrivals.col[rows],
     )
 
 
@@ -134,8 +134,8 @@ def assigned(
         camera=setting.camera,
         medium=setting.medium,
         legs=leg_of,
-        rows=arrivals.row[index].astype(float),
-        cols=arrivals.col[index].astype(float),
+        rows=arrivals.row[index],
+        cols=arrivals.col[index],
     )
     footprint_ps = modelled[chosen, leg_of] - print_.arrival_ps
     return time_data(observation, index, leg_of, footprint_ps)
@@ -183,17 +183,21 @@ def clear_of_tips(
     return clear
 
 
-def fraction_at(pixel: Floats, leg: int, state: PathState, setting: Setting) -> float:
-    """Fraction of a leg that a place (row, col) of the picture sees."""
-    seen = footprints(
+def print_at(pixel: Floats, leg: int, state: PathState, setting: Setting) -> Footprint:
+    """Footprint on a leg of one place (row, col) of the picture."""
+    return footprints(
         state,
         camera=setting.camera,
         medium=setting.medium,
-        legs=np.array([leg]),
+        legs=leg,
         rows=pixel[:1],
         cols=pixel[1:],
     )
-    return float(seen.fraction[0])
+
+
+def fraction_at(pixel: Floats, leg: int, state: PathState, setting: Setting) -> float:
+    """Fraction of a leg that a place (row, col) of the picture sees."""
+    return float(print_at(pixel, leg, state, setting).fraction[0])
 
 
 def _blended_pulses(

@@ -33,6 +33,7 @@ from lightflight.reconstruct.freedom import (
     ends_in_view,
     freedom_of_path,
     view_end,
+    view_plane,
     with_tip,
 )
 from lightflight.reconstruct.geometry import PathState, footprints, vertex_time_jacobian
@@ -245,14 +246,14 @@ def _state_in_view(
             cut = PathState(np.array([vertices[0], entry.position_mm]), start_time)
             start_time = float(cut.vertex_times_ps(medium)[-1])
             vertices[0] = entry.position_mm
-        start_basis = _plane(camera, vertices[0], vertices[1], along=cut_ends[0])
+        start_basis = _moves_of_end(camera, vertices[0], vertices[1], in_view=cut_ends[0])
     state = PathState(vertices, start_time)
     freedom = freedom_of_path(
         state,
         source=source,
         waypoints=waypoints,
         start_basis=start_basis,
-        end_basis=_plane(camera, vertices[-1], vertices[-2], along=cut_ends[1]),
+        end_basis=_moves_of_end(camera, vertices[-1], vertices[-2], in_view=cut_ends[1]),
     )
     return state, freedom, cut_ends
 
@@ -267,16 +268,10 @@ def _middle_in_view(start: Floats, end: Floats, camera: Any, leg: int) -> Floats
     return middle
 
 
-def _plane(camera: Any, at: Floats, towards: Floats, *, along: bool) -> Floats:
-    """How an end may move: along its ray, across its leg, and along it; (3, 2) or (3, 3)."""
-    ray = at - camera.center_mm
-    ray = ray / np.linalg.norm(ray)
-    across = np.cross(ray, towards - at)
-    size = float(np.linalg.norm(across))
-    if size < 1e-9:
-        raise GeometryError("a leg points straight at the camera: its picture is a point")
-    plane = np.column_stack((ray, across / size))
-    return with_tip(plane, at, towards - at, camera) if along else plane
+def _moves_of_end(camera: Any, end: Floats, before: Floats, *, in_view: bool) -> Floats:
+    """How an end may move: along its ray, across its leg, in view along it too; (3, 2 or 3)."""
+    plane = view_plane(camera, end, before)
+    return with_tip(plane, end, end - before, camera) if in_view else plane
 
 
 def _light_and_pixels(
@@ -361,7 +356,7 @@ def _log_strength(
         state,
         camera=camera,
         medium=medium,
-        legs=np.full(len(grid), k),
+        legs=k,
         rows=np.asarray(row, dtype=float),
         cols=np.asarray(col, dtype=float),
     )

@@ -7,21 +7,27 @@ there, the planes in which they may move, and the tips of the light in the pictu
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from lightflight import flags
-from lightflight.reconstruct.assignment import Tips, prints_of_leg
-from lightflight.reconstruct.freedom import ViewEnd, end_in_picture, view_end
+from lightflight.reconstruct.assignment import Tips, print_at, prints_of_leg
+from lightflight.reconstruct.freedom import (
+    Freedom,
+    ViewEnd,
+    end_in_picture,
+    freedom_of_path,
+    view_end,
+    view_plane,
+    with_tip,
+)
 from lightflight.reconstruct.geometry import PathState, footprints
+from lightflight.reconstruct.least_squares import OUTLIER, Solution, TimeData
 from lightflight.reconstruct.observation import Observation
 from lightflight.reconstruct.setting import Setting
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
-
-if TYPE_CHECKING:
-    from lightflight.camera import Camera
 
 Floats = NDArray[np.float64]
 
@@ -31,6 +37,12 @@ _LIT_SHARE = 0.6
 """Where a leg's light falls below this share of what it was, the leg has ended."""
 _WING_PX = 3.0
 """The spot's wing beyond a tip is no longer than this, px."""
+_OUTER_PX = 1.6
+"""Pulses this near to the outermost of an end are judged together, px."""
+_FEW_INNER = 6
+"""An end is judged only by a path that rests on at least so many other pulses of its leg."""
+_FALSE_CUT = 1e-4
+"""Chance that an end which is whole is taken for cut."""
 _USUAL_SPOT_PX = 0.4
 """Std of a usual spot, px, to compare pixels on a leg's line with pixels beside it."""
 
@@ -81,6 +93,69 @@ def with_ends(
     return PathState(vertices, float(start_time)), ends
 
 
+def freedom_at(
+    state: PathState, setting: Setting, ends: Ends | None = None, *, tips_move: bool = False
+) -> Freedom:
+    """Freedom of a path in a setting; `ends` None: its ends move across their own legs.
+
+    `tips_move`: an end where the light begins or stops in the picture moves along its leg too.
+    """
+    camera, vertices = setting.camera, state.vertices_mm
+    if ends is None:
+        ends = Ends(
+            view_plane(camera, vertices[0], vertices[1]),
+            view_plane(camera, vertices[-1], vertices[-2]),
+        )
+    first, last = ends.tips if tips_move else (None, None)
+    start, end = ends.start_basis, ends.end_basis
+    if first is not None:
+        start = with_tip(start, vertices[0], vertices[1] - vertices[0], camera)
+    if last is not None:
+        end = with_tip(end, vertices[-1], vertices[-1] - vertices[-2], camera)
+    return freedom_of_path(
+        state,
+        source=setting.source,
+        waypoints=setting.waypoints,
+        start_basis=start if setting.source.position_mm is None else None,
+        end_basis=end,
+    )
+
+
+def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Setting) -> Tips:
+    """Ends of the path whose outermost pulses disagree with it, as cut footprints do.
+
+    Where light stops within a pixel's footprint, near the picture's edge or in it, the pixel's
+    time is that of the lit part: by the leg's slope earlier, or later, than the whole one's.
+    """
+    if floor_ps > 0.0:  # errors that do not explain the middle of a leg cannot judge its ends
+        return None, None
+    state = solution.state
+    variance = times.photon_var + times.pixel_var
+    pulls = np.minimum(solution.residual_ps**2 / variance, OUTLIER**2)
+    found: list[Floats | None] = [None, None]
+    for end, leg, sign in ((0, 0, -1.0), (1, state.n_legs - 1, 1.0)):
+        if end == 0 and setting.source.position_mm is not None:
+            continue
+        own = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == 0)
+        here = np.flatnonzero(own)
+        print_ = footprints(
+            state,
+            camera=solution.camera,
+            medium=setting.medium,
+            legs=leg,
+            rows=times.row[here],
+            cols=times.col[here],
+        )
+        outwards = sign * print_.fraction * print_.px_per_leg
+        outer = outwards > outwards.max(initial=-np.inf) - _OUTER_PX
+        if not outer.any() or np.count_nonzero(~outer) < _FEW_INNER:
+            continue
+        if pulls[here][outer].sum() > chdtri(np.count_nonzero(outer), _FALSE_CUT):
+            outermost = here[int(np.argmax(outwards))]
+            found[end] = np.array([times.row[outermost], times.col[outermost]])
+    return found[0], found[1]
+
+
 def _visible_end(
     state: PathState,
     leg: int,
@@ -102,14 +177,14 @@ def _visible_end(
     fraction, photons, strength = (np.concatenate(column) for column in zip(*seen, strict=True))
     if not len(fraction):
         return None, None
-    extreme = _last_lit(start, stop, fraction, strength, outwards, camera)
+    places = np.column_stack(
+        camera.pixels_from_points(start + fraction[:, np.newaxis] * (stop - start))
+    )
+    extreme = _last_lit(places, outwards * fraction, strength)
     inside = start + fraction[extreme] * (stop - start)
     if not bool(camera.sees(inside)):
         inside = start + np.median(fraction) * (stop - start)
     edge = view_end(camera, inside, outwards * direction)
-    places = np.column_stack(
-        camera.pixels_from_points(start + fraction[:, np.newaxis] * (stop - start))
-    )
     tip = places[extreme]
     dark = all(_recorded_beyond(o, state, setting, leg, tip, std, outwards) for o in own)
     away = np.hypot(*(places - tip).T)
@@ -134,40 +209,26 @@ def _recorded_beyond(
     outwards: float,
 ) -> bool:
     """True where light beyond a tip would be in the recording; else its codes end there."""
-    beyond = footprints(
-        state,
-        camera=setting.camera,
-        medium=setting.medium,
-        legs=np.array([leg]),
-        rows=tip[:1],
-        cols=tip[1:],
-    )
+    at_tip = print_at(tip, leg, state, setting)
     row, col = np.clip(np.rint(tip).astype(int), 0, np.array(setting.camera.shape) - 1).tolist()
     lower, upper = observation.timing.code_intervals_ps([row], [col])
     period_ps = observation.histograms.laser_period_ps
     if period_ps is not None and (upper - lower).sum() > 0.98 * period_ps:
         return True
     first, last = float(lower.min()), float(upper.max())
-    delay = float(beyond.arrival_ps[0] + outwards * _WING_PX * beyond.slope_ps_per_px[0])
+    delay = float(at_tip.arrival_ps[0] + outwards * _WING_PX * at_tip.slope_ps_per_px[0])
     delay += float(observation.timing.skew_ps[row, col])
     if period_ps is not None:
         delay = first + (delay - first) % period_ps
     return first + 3.0 * std < delay < last - 3.0 * std
 
 
-def _last_lit(
-    start: Floats,
-    stop: Floats,
-    fraction: Floats,
-    strength: Floats,
-    outwards: float,
-    camera: Camera,
-) -> int:
-    """The outermost pulse where the leg is as bright as before; beyond is the spot's wing alone."""
-    places = np.column_stack(
-        camera.pixels_from_points(start + fraction[:, np.newaxis] * (stop - start))
-    )
-    order = np.argsort(-outwards * fraction)
+def _last_lit(places: Floats, outwards: Floats, strength: Floats) -> int:
+    """The outermost pulse where the leg is as bright as before; beyond is the spot's wing alone.
+
+    `places` (n, 2) in the picture, `outwards` (n,) how far along the leg towards its end.
+    """
+    order = np.argsort(-outwards)
     away = np.hypot(*(places - places[order[0]]).T)
     for this in order:
         near = np.abs(away - away[this]) < 0.5
@@ -198,11 +259,3 @@ def _footprints_of_pulses(
     photons = observation.arrivals.photons[usable][lit]
     on_line = photons * np.exp(0.5 * (print_.lateral_px[lit] / _USUAL_SPOT_PX) ** 2)
     return print_.fraction[lit], photons, on_line
-
-
-def view_plane(camera: Camera, at: Floats, towards: Floats) -> Floats:
-    """Plane through the camera in which a visible end moves: its ray, and across the leg."""
-    ray = at - camera.center_mm
-    ray = ray / np.linalg.norm(ray)
-    across = np.cross(ray, towards - at)
-    return np.column_stack((ray, across / np.linalg.norm(across)))

@@ -176,8 +176,8 @@ def local_variables(
             camera=camera,
             medium=medium,
             legs=legs,
-            rows=pixels.rows[here].astype(float),
-            cols=pixels.cols[here].astype(float),
+            rows=pixels.rows[here],
+            cols=pixels.cols[here],
         )
         points = pixels.points_px[here]
         across, across_by_state = line_offsets(

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.errors import GeometryError
 from lightflight.flight import Source
 from lightflight.reconstruct.geometry import PathState
 
@@ -21,6 +22,11 @@ if TYPE_CHECKING:
     from lightflight.camera import Camera
 
 Floats = NDArray[np.float64]
+
+_AT_EDGE_PX = 0.3
+"""A path that ends this near to the picture's edge was cut there; its light goes on, px."""
+_END_MOVES = ("depth", "height", "along the leg")
+"""What the columns of an end's basis move."""
 
 Waypoint = tuple[int, ArrayLike, float]
 """(vertex index, position_mm (3,), one-sigma error in mm): a mirror measured with a ruler."""
@@ -61,11 +67,6 @@ def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tupl
             )
         checked.append((index, position, std))
     return tuple(checked)
-
-
-_AT_EDGE_PX = 0.3
-"""A path that ends this near to the picture's edge was cut there; its light goes on, px."""
-_END_MOVES = ("depth", "height", "along the leg")
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +149,23 @@ def end_in_picture(camera: Camera, position_mm: Floats, across: tuple[float, flo
     edge = rays[1] - rays[0]
     edge = edge - (edge @ ray) * ray
     return ViewEnd(position_mm, np.column_stack((ray, edge / np.linalg.norm(edge))))
+
+
+def view_plane(camera: Camera, end_mm: Floats, towards_mm: Floats) -> Floats:
+    """(3, 2): the plane in which an end moves, its ray and the direction across its leg.
+
+    Raises
+    ------
+    GeometryError
+        Where the leg, on its way to `towards_mm`, runs along the ray.
+    """
+    ray = end_mm - camera.center_mm
+    ray = ray / np.linalg.norm(ray)
+    across = np.cross(ray, towards_mm - end_mm)
+    size = float(np.linalg.norm(across))
+    if size < 1e-9:
+        raise GeometryError("a leg points straight at the camera: its picture is a point")
+    return np.column_stack((ray, across / size))
 
 
 def with_tip(basis: Floats, end_mm: Floats, leg_mm: Floats, camera: Camera) -> Floats:

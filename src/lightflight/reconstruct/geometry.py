@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lightflight.flight import Medium
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
@@ -112,11 +112,11 @@ def footprints(
     *,
     camera: Camera,
     medium: Medium,
-    legs: Indices,
-    rows: Floats,
-    cols: Floats,
+    legs: Indices | int,
+    rows: ArrayLike,
+    cols: ArrayLike,
 ) -> Footprint:
-    """Footprint of each pixel on its leg; `legs`, `rows`, `cols` are (n,)."""
+    """Footprint of each pixel on its leg; `rows`, `cols` are (n,), `legs` too or one for all."""
     return _footprints_and_jacobian(state, camera, medium, legs, rows, cols, False)[0]
 
 
@@ -125,9 +125,9 @@ def arrival_jacobian(
     *,
     camera: Camera,
     medium: Medium,
-    legs: Indices,
-    rows: Floats,
-    cols: Floats,
+    legs: Indices | int,
+    rows: ArrayLike,
+    cols: ArrayLike,
 ) -> tuple[Footprint, Floats]:
     """Footprints, and d(arrival time) / d(vertices (3m), start time); (n, 3m + 1).
 
@@ -170,12 +170,14 @@ def _footprints_and_jacobian(
     state: PathState,
     camera: Camera,
     medium: Medium,
-    legs: Indices,
-    rows: Floats,
-    cols: Floats,
+    legs: Indices | int,
+    rows: ArrayLike,
+    cols: ArrayLike,
     with_jacobian: bool,
 ) -> tuple[Footprint, Floats | None]:
+    rows, cols = np.asarray(rows, dtype=float), np.asarray(cols, dtype=float)
     vertices, n = state.vertices_mm, len(rows)
+    legs = np.broadcast_to(legs, n)
     start, end = vertices[legs], vertices[legs + 1]
     step = end - start
     fraction = nearest_fractions(camera, start, end, rows, cols)

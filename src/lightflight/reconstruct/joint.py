@@ -9,11 +9,9 @@ measured from the residuals and stated.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from lightflight import flags
 from lightflight.errors import NothingFoundError
@@ -25,14 +23,11 @@ from lightflight.reconstruct.assignment import (
     stacked_lines,
     time_data,
 )
-from lightflight.reconstruct.ends import Ends, known_tips, view_plane, with_ends
-from lightflight.reconstruct.freedom import (
-    Freedom,
-    freedom_of_path,
-    with_tip,
-)
-from lightflight.reconstruct.geometry import Indices, PathState, footprints
+from lightflight.reconstruct.ends import cut_tips, freedom_at, known_tips, with_ends
+from lightflight.reconstruct.freedom import Freedom
+from lightflight.reconstruct.geometry import Indices, PathState
 from lightflight.reconstruct.least_squares import (
+    OUTLIER,
     LineDataInPicture,
     Solution,
     TimeData,
@@ -48,23 +43,12 @@ from lightflight.reconstruct.picture import (
 )
 from lightflight.reconstruct.setting import Setting
 
-if TYPE_CHECKING:
-    pass
-
 Floats = NDArray[np.float64]
 
 _PASSES = 4
 """Most rounds of picture and path; the second often agrees with the last to a tenth of an error."""
 _STILL = 0.03
 """A round that moves nothing by more than this, in its own errors, was the last."""
-_OUTER_PX = 1.6
-"""Pulses this near to the outermost of an end are judged together, px."""
-_FEW_INNER = 6
-"""An end is judged only by a path that rests on at least so many other pulses of its leg."""
-_FALSE_CUT = 1e-4
-"""Chance that an end which is whole is taken for cut."""
-_OUTLIER = 5.0
-"""A pulse this many standard errors from the path takes no part."""
 _ROUGH_OUTLIER = 8.0
 """The same while the path is rough."""
 
@@ -186,41 +170,6 @@ def fit_joint(
     return result
 
 
-def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Setting) -> Tips:
-    """Ends of the path whose outermost pulses disagree with it, as cut footprints do.
-
-    Where light stops within a pixel's footprint, near the picture's edge or in it, the pixel's
-    time is that of the lit part: by the leg's slope earlier, or later, than the whole one's.
-    """
-    if floor_ps > 0.0:  # errors that do not explain the middle of a leg cannot judge its ends
-        return None, None
-    state = solution.state
-    variance = times.photon_var + times.pixel_var
-    pulls = np.minimum(solution.residual_ps**2 / variance, _OUTLIER**2)
-    found: list[Floats | None] = [None, None]
-    for end, leg, sign in ((0, 0, -1.0), (1, state.n_legs - 1, 1.0)):
-        if end == 0 and setting.source.position_mm is not None:
-            continue
-        own = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == 0)
-        here = np.flatnonzero(own)
-        print_ = footprints(
-            state,
-            camera=solution.camera,
-            medium=setting.medium,
-            legs=np.full(len(here), leg),
-            rows=times.row[here],
-            cols=times.col[here],
-        )
-        outwards = sign * print_.fraction * print_.px_per_leg
-        outer = outwards > outwards.max(initial=-np.inf) - _OUTER_PX
-        if not outer.any() or np.count_nonzero(~outer) < _FEW_INNER:
-            continue
-        if pulls[here][outer].sum() > chdtri(np.count_nonzero(outer), _FALSE_CUT):
-            outermost = here[int(np.argmax(outwards))]
-            found[end] = np.array([times.row[outermost], times.col[outermost]])
-    return found[0], found[1]
-
-
 def _settled(before: PathState, solution: Solution, freedom: Freedom) -> bool:
     """True where a pass moved the path by a small part of its errors: the next would not."""
     moved = np.append(
@@ -246,34 +195,6 @@ def _as_found(
         for o in observations
     ]
     return replace(setting, camera=solution.camera, others=solution.cameras[1:]), corrected
-
-
-def freedom_at(
-    state: PathState, setting: Setting, ends: Ends | None = None, *, tips_move: bool = False
-) -> Freedom:
-    """Freedom of a path in a setting; `ends` None: its ends move across their own legs.
-
-    `tips_move`: an end where the light begins or stops in the picture moves along its leg too.
-    """
-    camera, vertices = setting.camera, state.vertices_mm
-    if ends is None:
-        ends = Ends(
-            view_plane(camera, vertices[0], vertices[1]),
-            view_plane(camera, vertices[-1], vertices[-2]),
-        )
-    first, last = ends.tips if tips_move else (None, None)
-    start, end = ends.start_basis, ends.end_basis
-    if first is not None:
-        start = with_tip(start, vertices[0], vertices[1] - vertices[0], camera)
-    if last is not None:
-        end = with_tip(end, vertices[-1], vertices[-1] - vertices[-2], camera)
-    return freedom_of_path(
-        state,
-        source=setting.source,
-        waypoints=setting.waypoints,
-        start_basis=start if setting.source.position_mm is None else None,
-        end_basis=end,
-    )
 
 
 def _rough_fit(
@@ -334,7 +255,7 @@ def _solve_robustly(
         )
         state = solution.state
         updated_floor = _floor_variance(times, solution)
-        cut_times = reweighted(times, solution, floor_var=updated_floor, cut=_OUTLIER)
+        cut_times = reweighted(times, solution, floor_var=updated_floor, cut=OUTLIER)
         same = np.array_equal(cut_times.weight, times.weight)
         settled = abs(updated_floor - floor_var) < 0.02 * (updated_floor + 1e-6)
         times, floor_var = cut_times, updated_floor

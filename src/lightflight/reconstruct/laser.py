@@ -107,8 +107,8 @@ def _transit_std_ps(
         camera=path.camera,
         medium=path.medium,
         legs=np.array([leg_of[int(pixel[i])] for i in seen]),
-        rows=arrivals.row[seen].astype(float),
-        cols=arrivals.col[seen].astype(float),
+        rows=arrivals.row[seen],
+        cols=arrivals.col[seen],
     )
     transit[seen] = np.abs(print_.slope_ps_per_px) * picture.spot_std_px
     return transit

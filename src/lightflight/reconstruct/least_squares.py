@@ -43,6 +43,9 @@ _LEVEL = 1e-4
 _FREE_DAMPING = 1e-2
 """A step that leads nowhere lower tells of the end only where damping did not shorten it."""
 
+OUTLIER = 5.0
+"""A pulse this many standard errors from the path takes no part."""
+
 
 @dataclass(frozen=True, eq=False)
 class TimeData:

@@ -17,8 +17,8 @@ from scipy.interpolate import BSpline
 from lightflight import flags
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path import Goodness, LightPath
-from lightflight.reconstruct.assignment import Tips, fraction_at
-from lightflight.reconstruct.ends import Ends, known_tips, with_ends
+from lightflight.reconstruct.assignment import Tips, fraction_at, prints_of_leg
+from lightflight.reconstruct.ends import Ends, freedom_at, known_tips, with_ends
 from lightflight.reconstruct.forward import (
     CodeCounts,
     Layout,
@@ -33,7 +33,6 @@ from lightflight.reconstruct.forward import (
 )
 from lightflight.reconstruct.freedom import Freedom, state_vector
 from lightflight.reconstruct.geometry import PathState, footprints, vertex_time_jacobian
-from lightflight.reconstruct.joint import freedom_at
 from lightflight.reconstruct.lateral import KNOT_SPACING_PX
 from lightflight.reconstruct.legs import undistorted_px
 from lightflight.reconstruct.observation import Observation, pixel_counts
@@ -140,9 +139,9 @@ def pixels_off_the_path(
             state,
             camera=rough.camera,
             medium=rough.medium,
-            legs=np.full(len(pulses), k),
-            rows=arrivals.row[pulses].astype(float),
-            cols=arrivals.col[pulses].astype(float),
+            legs=k,
+            rows=arrivals.row[pulses],
+            cols=arrivals.col[pulses],
         )
         low = -0.02 if k > 0 else -np.inf
         high = 1.02 if k < state.n_legs - 1 else np.inf
@@ -217,9 +216,9 @@ def pixels_near_path(
             state,
             camera=camera,
             medium=setting.medium,
-            legs=np.full(len(rows), k),
-            rows=rows.astype(float),
-            cols=cols.astype(float),
+            legs=k,
+            rows=rows,
+            cols=cols,
         )
         delay = print_.arrival_ps + timing.skew_ps[rows, cols]
         delay = np.where(np.isfinite(delay) & near[:, k], delay, np.nanmedian(delay[near[:, k]]))
@@ -265,14 +264,7 @@ def _pixels_with_strangers(
     pulses = np.flatnonzero(np.isfinite(observation.arrival_ps))
     explained = np.zeros(len(pulses), dtype=bool)
     for k in range(state.n_legs):
-        print_ = footprints(
-            state,
-            camera=setting.camera,
-            medium=setting.medium,
-            legs=np.full(len(pulses), k),
-            rows=arrivals.row[pulses].astype(float),
-            cols=arrivals.col[pulses].astype(float),
-        )
+        print_ = prints_of_leg(observation, state, setting, pulses, k)
         gap = np.abs(observation.arrival_ps[pulses] - print_.arrival_ps)
         explained |= (np.abs(print_.lateral_px) < 4.0) & (gap < 4.0 * std_ps)
     strange = np.zeros(arrivals.shape, dtype=bool)
@@ -495,17 +487,18 @@ def _ending_at_tips(
     first, last = ends.tips
     vertices, start_time = state.vertices_mm.copy(), state.start_time_ps
     if first is not None and setting.source.position_mm is None:
-        where = fraction_at(first, 0, state, setting)
-        step = vertices[1] - vertices[0]
-        vertices[0] += where * step
-        start_time += where * float(np.diff(state.vertex_times_ps(setting.medium))[0])
         if climbed is not None:
             vertices[0], start_time = climbed.vertices_mm[0], climbed.start_time_ps
+        else:
+            where = fraction_at(first, 0, state, setting)
+            vertices[0] += where * (vertices[1] - vertices[0])
+            start_time += where * float(np.diff(state.vertex_times_ps(setting.medium))[0])
     if last is not None:
-        where = fraction_at(last, state.n_legs - 1, state, setting)
-        vertices[-1] = vertices[-2] + where * (vertices[-1] - vertices[-2])
         if climbed is not None:
             vertices[-1] = climbed.vertices_mm[-1]
+        else:
+            where = fraction_at(last, state.n_legs - 1, state, setting)
+            vertices[-1] = vertices[-2] + where * (vertices[-1] - vertices[-2])
     return PathState(vertices, start_time)
 
 
@@ -565,8 +558,8 @@ def _updated_residuals(rough: LightPath, ended: Climb, setting: Setting) -> NDAr
         camera=setting.camera,
         medium=setting.medium,
         legs=legs,
-        rows=table["row"].astype(float),
-        cols=table["col"].astype(float),
+        rows=table["row"],
+        cols=table["col"],
     )
     pixels = zip(ended.pixels.rows, ended.pixels.cols, strict=True)
     at_pixel = {(int(row), int(col)): i for i, (row, col) in enumerate(pixels)}

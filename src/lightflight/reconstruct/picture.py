@@ -126,9 +126,9 @@ def measure_picture(
             state,
             camera=camera,
             medium=medium,
-            legs=np.full(int(here.sum()), k),
-            rows=pixels.rows[here].astype(float),
-            cols=pixels.cols[here].astype(float),
+            legs=k,
+            rows=pixels.rows[here],
+            cols=pixels.cols[here],
         )
         arrival[here, k] = print_.arrival_ps
         width[here, k] = np.hypot(std_ps, 0.35 * print_.slope_ps_per_px)

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.reconstruct.ends import freedom_at
 from lightflight.reconstruct.geometry import PathState, footprints
-from lightflight.reconstruct.joint import JointFit, fit_joint, freedom_at
+from lightflight.reconstruct.joint import JointFit, fit_joint
 from lightflight.reconstruct.least_squares import Solution, solve
 from lightflight.reconstruct.legs import ImageLeg, undistorted_px
 from lightflight.reconstruct.observation import Observation

@@ -50,7 +50,7 @@ def _from_truth(
             state,
             camera=scene.camera,
             medium=scene.medium,
-            legs=np.full(len(seen.rows), leg),
+            legs=leg,
             rows=seen.rows,
             cols=seen.cols,
         )

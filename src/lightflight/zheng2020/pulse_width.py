@@ -56,8 +56,8 @@ def widths_of_recording(
         camera=scene.camera,
         medium=scene.medium,
         legs=np.zeros(len(rows), dtype=np.int64),
-        rows=rows.astype(float),
-        cols=cols.astype(float),
+        rows=rows,
+        cols=cols,
     )
     times = path.vertex_times_ps
     event = times[0] + foot.fraction * (times[1] - times[0])
