@@ -119,4 +119,5 @@ def fake_pulses(row: Any, col: Any, delay_ps: Any, *, std_ps: float, photons: fl
         background_per_ps=np.full(n, 0.004),
         covariance=covariance,
         flags=np.zeros(n, dtype=np.uint32),
+        method="likelihood",
     )

@@ -394,6 +394,21 @@ def test_a_fit_is_drawn_beside_the_counts_that_pile_up_left() -> None:
     assert drawn.sum() == pytest.approx(float(hist.photons[0, 0]), rel=0.02)
 
 
+def test_a_fit_by_least_squares_is_drawn_as_it_was_fitted() -> None:
+    """Sampled at the codes' middles; a pulse of one code, integrated, would be half as high."""
+    from lightflight import Histograms, fit_pulses
+    from lightflight.view.figures_camera import draw_pixel_histogram
+
+    counts = np.full((1, 12, 200), 2, dtype=np.uint32)
+    counts[..., 41] = 4000
+    hist = Histograms(counts, bin_width_ps=50.0)
+    pulses = fit_pulses(hist, max_pulses=1, method="least_squares")
+    ax = draw_pixel_histogram(hist, 0, 0, pulses=pulses)
+    drawn = next(p for p in ax.patches if p.get_label() == "fit").get_data().values  # type: ignore[attr-defined]
+    assert pulses.photons[0] < 2500
+    np.testing.assert_allclose(drawn, counts[0, 0], atol=8)
+
+
 @pytest.mark.parametrize("center", [2025.0, 9_990.0])
 def test_a_pixels_histogram_follows_its_codes_and_its_fit(center: float) -> None:
     from lightflight import Histograms

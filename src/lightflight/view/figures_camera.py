@@ -151,7 +151,8 @@ def draw_pixel_histogram(
         label="counts",
     )  # fmt: skip
     if len(fits):
-        expected = _expected_counts(lower, upper, period, fits) * seen[order]
+        sampled = pulses.method == "least_squares" and hist.poisson
+        expected = _expected_counts(lower, upper, period, fits, sampled=sampled) * seen[order]
         ax.stairs(
             expected, np.append(lower, upper[-1]), color=style.ARRIVAL, lw=1.1, zorder=4,
             label="fit", baseline=None,
@@ -231,8 +232,15 @@ def _half_window(fits: Floats, lower: Floats, upper: Floats, window_ps: float | 
     return whole
 
 
-def _expected_counts(lower: Floats, upper: Floats, period: float, fits: Floats) -> Floats:
-    """Expected counts per code of the fitted pulses and their background."""
+def _expected_counts(
+    lower: Floats, upper: Floats, period: float, fits: Floats, *, sampled: bool
+) -> Floats:
+    """Expected counts per code of the fitted pulses and their background.
+
+    Parameters
+    ----------
+    sampled : True: the Gaussian at the codes' middles, as least squares fit it; else its integral.
+    """
     from scipy.special import ndtr
 
     expected = np.nan_to_num(fits[0, 4]) * (upper - lower)
@@ -240,7 +248,12 @@ def _expected_counts(lower: Floats, upper: Floats, period: float, fits: Floats) 
     for delay, _, std, photons, *_ in fits:
         for turn in turns:
             z_low, z_high = (lower - delay - turn) / std, (upper - delay - turn) / std
-            expected = expected + photons * (ndtr(z_high) - ndtr(z_low))
+            if sampled:
+                z_middle = 0.5 * (z_low + z_high)
+                share = (z_high - z_low) * np.exp(-0.5 * z_middle**2) / np.sqrt(2.0 * np.pi)
+            else:
+                share = ndtr(z_high) - ndtr(z_low)
+            expected = expected + photons * share
     return np.asarray(expected)
 
 
