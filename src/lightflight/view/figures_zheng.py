@@ -64,7 +64,7 @@ def _note_pixel(ax: Axes, record: Any, pixel: tuple[int, int], *, screams: bool)
         pulses = record.pulses
         (k,) = np.flatnonzero((pulses.row == row) & (pulses.col == col))[:1]
         lines = [
-            f"row {row}, column {col}: {pulses.photons[k]:,.0f} photons",
+            f"row {row}, column {col}: {record.hist.photons[row, col]:,.0f} counts",
             f"{pulses.delay_ps[k]:.0f} ps, FWHM {fwhm_from_std(pulses.std_ps[k]):.0f} ps",
         ]
     ax.set_ylim(0, 1.3 * ax.get_ylim()[1])
@@ -206,7 +206,7 @@ def fig5c_figure(record: Any) -> Figure:
     ax = figure.subplots()
     ax.plot(
         record.angles_deg, record.theory_frame_ps, color=style.EVENT, lw=1.0,
-        label="of a frame, theory $c\\tau/(n - n\\,d{\\cdot}u)$",
+        label="of a frame, theory $n_p\\tau/(n_p - n_r\\,d{\\cdot}u)$",
     )  # fmt: skip
     ax.errorbar(
         record.angles_deg, record.frame_ps, record.frame_std_ps, fmt="o", ms=3, lw=0.7,
@@ -330,7 +330,7 @@ def contributions_figure(record: Any) -> Figure:
 
 @style.styled
 def discussion_figure(record: Any) -> Figure:
-    """What the discussion hopes for: every error over its bound, or in its unit."""
+    """What the discussion hopes for: every error, in its own unit, and its bound."""
     figure = style.new_figure(170, 12 + 8 * len(record.cases), layout="constrained")
     ax = figure.subplots()
     places = np.arange(len(record.cases))[::-1]

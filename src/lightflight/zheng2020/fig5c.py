@@ -38,7 +38,7 @@ class Fig5c:
     theory_pixel_ps: float
     """The laser's, at every angle."""
     theory_frame_ps: Floats
-    """(a,), c tau / (n_p - n_r d.u)."""
+    """(a,), n_p tau / (n_p - n_r d.u)."""
 
     @property
     def width_ps(self) -> float:

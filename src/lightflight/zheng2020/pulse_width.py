@@ -6,7 +6,7 @@ The paper does not say which width it plots against the angle:
   and the transit of the pulse through the pixel's footprint, in squares.
 - *of a frame*: the length of the pulse in one camera frame, counted in event time. Light from
   the pulse's head and tail left at different event times and arrives together, which stretches
-  the pulse by dt/dt_a = 1 / (n_p - n_r d.u): 58 to 82 ps for 68 ps, from -10 to 10 degrees.
+  the pulse by dt/dt_a = n_p / (n_p - n_r d.u): 58 to 82 ps for 68 ps, from -10 to 10 degrees.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def widths_of_recording(
 
 
 def frame_width_theory_ps(scene: Scene, pulse_fwhm_ps: float) -> float:
-    """C tau / (n_p - n_r d.u) / c at the leg's point nearest to the optical axis, ps."""
+    """By theory, n_p tau / (n_p - n_r d.u) at the leg's point nearest to the optical axis, ps."""
     vertices = np.asarray(scene.vertices_mm, dtype=float)
     direction = (vertices[1] - vertices[0]) / np.linalg.norm(vertices[1] - vertices[0])
     center, axis = scene.camera.center_mm, scene.camera.backward_axis
