@@ -131,6 +131,24 @@ def test_figures_of_the_three_legs_show_their_record(legs, limits):
     np.testing.assert_allclose(ends, np.maximum(limits.position_rms_mm, 1e-3))
 
 
+def test_note_says_what_was_measured_and_no_more(legs, limits):
+    figure = fig6.record_from_results([legs])
+    assert table.note_from_records({"contributions": limits}) == ""
+    short = table.note_from_records({"fig6": figure})
+    position = figure.position_rms_mm[figure.ways.index(fig6.Way("paper", "delays", True))]
+    assert f"errs by {position:.2g} mm" in short
+    assert f"{position / 1.75:.1f} and" in short
+    assert "put right" not in short
+    one_leg = fig5a.record_from_results([angle_result(0.0, error_deg=0.1)])
+    whole = table.note_from_records({"fig5a": one_leg, "fig6": figure, "contributions": limits})
+    assert "errs by 0.025° on one leg" in whole
+    position, time = limits.position_rms_mm[2], limits.event_time_rms_ps[2]
+    assert limits.names[2] == "lines"
+    assert f"give {position:.2g} mm and {time:.2g} ps" in whole
+    assert "With delays alone" not in whole  # that variant was not measured
+    assert whole.endswith(table.WHY)
+
+
 def test_picture_of_the_set_up_shows_mirrors_where_they_stand(legs):
     scene = fig6.record_from_results([legs]).scene
     photo, camera = rendered_set_up(scene, shape=(90, 215))

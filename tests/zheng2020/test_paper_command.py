@@ -73,7 +73,10 @@ def test_units_have_names_of_their_own(quick):
 def test_markdown_has_every_cell():
     row = Row("angle", "deg", "Fig. 5a", 0.15, 0.2, 0.01, None, 0.005, "all known")
     text = markdown_from_rows(
-        (row,), {"lightflight": "1", "seed": 0, "made_utc": "2026-01-01", "quick": True}
+        (row,),
+        {"lightflight": "1", "seed": 0, "made_utc": "2026-01-01", "quick": True},
+        notes=["One thing.", "Another."],
     )
     assert "| angle | deg | 0.15 | 0.2 | 0.01 | – | 0.005 | 15 | all known |" in text
+    assert "\n\nOne thing.\n\nAnother.\n\n" in text
     assert "quick run" in text

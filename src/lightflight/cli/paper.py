@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,17 +87,23 @@ def command(
     written = [] if what == "table" else _draw(records, output)
     rows = rows_from_records(records)
     about = _about(quick=quick, seed=seed)
+    notes = _notes(records)
     if rows:
-        written += _write_table(rows, about, output, what)
+        written += _write_table(rows, about, output, what, notes=notes)
     seconds = time.perf_counter() - started
     if as_json:
         listed = [_json_of_row(row) for row in rows]
-        print_json({**about, "rows": listed, "written": written, "seconds": round(seconds, 1)})
+        print_json(
+            {**about, "rows": listed, "notes": notes, "written": written,
+             "seconds": round(seconds, 1)}
+        )  # fmt: skip
         return
     if rows:
         _print_rows(rows)
-    print_sentences(_closing(records, output))
-    print_sentences([f"Written: {', '.join(written)}. {seconds:.0f} s."])
+    print_sentences([*notes, f"Written: {', '.join(written)}. {seconds:.0f} s."])
+    if "fig6" in records:
+        path = output / "units" / "legs-00-joint.h5"
+        print_sentences([f"The film (Visualization 1): lightflight movie {path} -o flight.mp4"])
 
 
 def _about(*, quick: bool, seed: int) -> dict[str, Any]:
@@ -129,18 +136,16 @@ def _draw(records: dict[str, Any], output: Path) -> list[str]:
 # --- the table -------------------------------------------------------------------------------
 
 
-def _closing(records: dict[str, Any], output: Path) -> list[str]:
+def _notes(records: dict[str, Any]) -> list[str]:
+    """What must be said beside the numbers."""
     from lightflight.zheng2020.discussion import NOT_COVERED
-    from lightflight.zheng2020.table import NOTE
+    from lightflight.zheng2020.table import note_from_records
 
-    said = []
-    if "fig6" in records:
-        said.append(NOTE)
-        path = output / "units" / "legs-00-joint.h5"
-        said.append(f"The film (Visualization 1): lightflight movie {path} -o flight.mp4")
-    if "discussion" in records:
-        said.append(NOT_COVERED)
-    return said
+    return [
+        note
+        for note in (note_from_records(records), NOT_COVERED if "discussion" in records else "")
+        if note
+    ]
 
 
 _COLUMNS = ("quantity", "unit", "the paper", "paper", "joint", "photon", "bound", "factor", "prior")
@@ -173,11 +178,10 @@ def _json_of_row(row: Row) -> dict[str, Any]:
     return asdict(row) | {"factor": row.factor}
 
 
-def markdown_from_rows(rows: tuple[Row, ...], about: dict[str, Any]) -> str:
-    """The table as Markdown, with seed, version and date."""
-    from lightflight.zheng2020.discussion import NOT_COVERED
-    from lightflight.zheng2020.table import NOTE
-
+def markdown_from_rows(
+    rows: tuple[Row, ...], about: dict[str, Any], *, notes: Sequence[str] = ()
+) -> str:
+    """The table as Markdown, with notes, seed, version and date."""
     lines = [
         f"| {' | '.join(_COLUMNS)} |",
         "|---|---|" + "---:|" * 6 + "---|",
@@ -187,10 +191,7 @@ def markdown_from_rows(rows: tuple[Row, ...], about: dict[str, Any]) -> str:
         "twin. *bound*: Cramér-Rao bound of a perfect clock. *factor*: the paper's number over the "
         "better of joint and photon.",
         "",
-        NOTE,
-        "",
-        NOT_COVERED,
-        "",
+        *(line for note in notes for line in (note, "")),
         f"lightflight {about['lightflight']}, seed {about['seed']}, {about['made_utc']}"
         + (", quick run" if about["quick"] else "")
         + ".",
@@ -200,7 +201,7 @@ def markdown_from_rows(rows: tuple[Row, ...], about: dict[str, Any]) -> str:
 
 
 def _write_table(
-    rows: tuple[Row, ...], about: dict[str, Any], output: Path, what: str
+    rows: tuple[Row, ...], about: dict[str, Any], output: Path, what: str, *, notes: Sequence[str]
 ) -> list[str]:
     import json
 
@@ -209,7 +210,7 @@ def _write_table(
 
     name = "table" if what in ("all", "table") else f"{what}-table"
     texts = {
-        ".md": markdown_from_rows(rows, about),
+        ".md": markdown_from_rows(rows, about, notes=notes),
         ".json": json.dumps(
             json_value({**about, "rows": [_json_of_row(row) for row in rows]}),
             indent=2,
