@@ -17,6 +17,11 @@ def failing(*, seed):
     raise RuntimeError(f"fails on purpose, seed {seed}")
 
 
+def interrupted(*, seed):
+    CALLS.append("interrupted")
+    raise KeyboardInterrupt
+
+
 def with_path(*, seed):
     CALLS.append("path")
     return {"paths": {"straight": make_path([(0.0, 0.0, 0.0), (100.0, 0.0, 10.0)])}}

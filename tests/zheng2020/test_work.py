@@ -1,6 +1,7 @@
 """Units of work: kept whole, used again only where they fit, in any number of processes."""
 
 import json
+import threading
 
 import numpy as np
 import pytest
@@ -59,6 +60,16 @@ def test_a_unit_that_fails_leaves_nothing_and_the_others_stay(tmp_path):
     with pytest.raises(RuntimeError, match="on purpose"):
         results_of_units(units, tmp_path, seed=1)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.json"]
+
+
+def test_a_worker_that_heard_ctrl_c_does_no_other_unit(tmp_path, monkeypatch):
+    monkeypatch.setattr(work, "_stopped", threading.Event())
+    work._do_unless_stopped(unit("a", value=3), tmp_path, 1)
+    for again in (unit("b", "interrupted"), unit("c", value=5)):
+        with pytest.raises(KeyboardInterrupt):
+            work._do_unless_stopped(again, tmp_path, 1)
+    assert fakes.CALLS == [3, "interrupted"]
+    assert [file.name for file in tmp_path.iterdir()] == ["a.json"]
 
 
 def test_progress_counts_kept_and_new_units(tmp_path):

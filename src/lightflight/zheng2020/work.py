@@ -15,6 +15,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 from lightflight._version import __version__
@@ -92,7 +93,7 @@ def _done(units: list[Unit], place: Path, seed: int, workers: int) -> Iterator[U
         min(workers, len(units)), mp_context=get_context("spawn"), initializer=_one_thread
     )
     try:
-        running = {pool.submit(_do, unit, place, seed): unit for unit in units}
+        running = {pool.submit(_do_unless_stopped, unit, place, seed): unit for unit in units}
         for done in as_completed(running):
             done.result()
             yield running[done]
@@ -105,6 +106,21 @@ def _one_thread() -> None:
     import numba
 
     numba.set_num_threads(1)
+
+
+_stopped = Event()
+"""Set in a worker process that heard Ctrl-C: the pool catches that and hands out the next unit."""
+
+
+def _do_unless_stopped(unit: Unit, place: Path, seed: int) -> None:
+    """`_do` in a worker process, whose first Ctrl-C is its last unit."""
+    if _stopped.is_set():
+        raise KeyboardInterrupt
+    try:
+        _do(unit, place, seed)
+    except KeyboardInterrupt:
+        _stopped.set()
+        raise
 
 
 def _do(unit: Unit, place: Path, seed: int) -> None:
