@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from types import SimpleNamespace
 from typing import Any
 
@@ -145,6 +147,22 @@ def test_threads_and_tiles_change_nothing(rng, monkeypatch):
     tiled = fit_pulses(hist, threads=2)
     for name in ("row", "col", "delay_ps", "std_ps", "photons", "covariance", "chi2", "flags"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(tiled, name))
+
+
+def test_pulses_that_nobody_holds_give_back_their_memory_at_once(rng):
+    """Not at the next garbage collection: a loop of fits would get fresh memory every time."""
+    hist = pulse_cube(rng, 6, [(1500.0, 500)], 1.0, n_codes=64)
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        pulses = fit_pulses(hist, max_pulses=1)
+        results = weakref.ref(pulses.covariance.base)
+        assert results() is not None
+        del pulses
+        assert results() is None
+    finally:
+        if collecting:
+            gc.enable()
 
 
 def test_no_photon_code_is_never_light(rng):

@@ -176,7 +176,7 @@ def fit_tile(
     background; covariances (4, 4, n) in that order; table (N_COLUMNS, n): counts, exposure,
     largest bin, pulses found, converged, steps, chi2, its bins, its deviate, share of the pulse
     in live bins, 1 where std is not at a bound, log excess of the residuals far from the pulse.
-    What has no meaning is left alone (NaN, given such).
+    What has no meaning is NaN.
     """
     conveyors = (new_conveyor(), new_conveyor(), new_conveyor())
     room = (new_row(counts), conveyors, np.empty(3))
@@ -195,6 +195,18 @@ def fetch_quarter(counts, i, part):
         row, size = counts[i], (counts.shape[1] + 3) // 4
         for start in range(part * size, min((part + 1) * size, row.size), 16):
             fetch_ahead(row, start)
+
+
+@jit_lent
+def leave_blank(results, at):
+    """NaN in a column of the results: nothing is known of the pixel."""
+    values, covariances, table = results
+    for a in range(4):
+        values[a, at] = math.nan
+        for b in range(4):
+            covariances[a, b, at] = math.nan
+    for a in range(N_COLUMNS):
+        table[a, at] = math.nan
 
 
 @jit_lent
@@ -220,38 +232,43 @@ def fit_in_lanes(
     fresh, gaussian = False, model[3].shape[1] == 0
     n, reach, even, trials_log, n_log, least = 0, 0, 0.0, 0.0, 0.0, (0.0, 0.0)
     for i in range(counts.shape[0]):
-        if not todo[i]:
-            continue
         column = start_column + i
+        if not todo[i]:
+            leave_blank(results, column)
+            continue
         if not (shared and fresh):
             at = 0 if shared else i
             n, reach, even, least = lay_out(row, lower[at], upper[at], period)
             fresh = True
             trials_log, n_log = log_trials(n), math.log(max(n, 1))
             bounds = bounds_of((exposure, edges, exposure), n, period, model)
-        table[N_PULSES, column] = 0.0
         if n == 0:  # no code of this pixel has a width
-            table[COUNTS, column] = counts[i].sum()
+            leave_blank(results, column)
+            table[COUNTS, column], table[N_PULSES, column] = counts[i].sum(), 0.0
             continue
         fetch_quarter(counts, i + 1, 0)
         total = float(take_counts(counts[i], codes, n, levels[0]))
         if total >= most_of(levels):
             return np.int64(-1)
         wrap_tail(levels[0], n, reach)
-        table[COUNTS, column], table[EXPOSURE, column] = total, covered[n]
-        dark = (dark_counts[i], dark_ratio[i] * covered[n])
+        exposed = covered[n]
+        dark = (dark_counts[i], dark_ratio[i] * exposed)
         if trials[i] < math.inf:
             thin_exposure(levels[0], n, trials[i], exposure)
             reach, even, least = sum_exposure(row, n, period)
             fresh = False
         fetch_quarter(counts, i + 1, 1)
         peak = float(largest(levels[0][:n]))
-        table[PEAK, column] = peak
         floor = log_alarms + trials_log if model[2] else 0.0
         scan_for_pulse(
             levels, n, reach, covered, even, least, double_code[i], total, peak, floor, best
         )
-        if total <= 0.0 or (model[2] and best[0] <= floor):
+        dim = total <= 0.0 or (model[2] and best[0] <= floor)
+        if dim:
+            leave_blank(results, column)
+        table[COUNTS, column], table[EXPOSURE, column], table[PEAK, column] = total, exposed, peak
+        if dim:
+            table[N_PULSES, column] = 0.0
             values[3, column] = (total + dark[0]) / (covered[n] + dark[1])
             continue
         fetch_quarter(counts, i + 1, 2)

@@ -48,7 +48,9 @@ def flags_of(
     fits: Fits, hist: Histograms, todo: NDArray[np.bool_], period: float
 ) -> NDArray[np.uint32]:
     """(n,), flags of every row: what the counts, the fit and the array say."""
-    flags = _pixel_flags(fits, hist, todo.ravel())[fits.pixel]
+    flags = _pixel_flags(fits, hist, todo.ravel())
+    if not fits.one_per_pixel:
+        flags = flags[fits.pixel]
     flags |= _pulse_flags(fits)
     flags |= _width_flags(fits, period)
     return flags
@@ -86,7 +88,9 @@ def _count_flags(
     """
     flags = np.zeros(len(counts), dtype=np.uint32)
     photons = zero_for_nan(fits.values[:, 2])
-    signal = np.minimum(np.bincount(fits.pixel, photons, minlength=len(counts)), counts)
+    if not fits.one_per_pixel:
+        photons = np.bincount(fits.pixel, photons, len(counts)).astype(np.float64)
+    signal = np.minimum(photons, counts)
     dark = counts - signal
     lit = todo & (counts > 0) & np.isfinite(fits.table[:, col.EXPOSURE])
     if not lit.any():
@@ -106,12 +110,11 @@ def _pulse_flags(fits: Fits) -> NDArray[np.uint32]:
     """(n,), pulses without usable errors, or with too few photons to be placed."""
     flags = np.zeros(len(fits.pixel), dtype=np.uint32)
     found = fits.column(col.N_PULSES) > 0
-    known = np.isfinite(fits.std_of).all(axis=1)
+    errors = [fits.std_of(i) for i in range(4)]
+    known = np.logical_and.reduce([np.isfinite(error) for error in errors])
     free = fits.column(col.STD_FREE) == 1
     with np.errstate(invalid="ignore"):
-        placed = (fits.values[:, 2] > 3.0 * fits.std_of[:, 2]) & (
-            fits.std_of[:, 0] < fits.values[:, 1]
-        )
+        placed = (fits.values[:, 2] > 3.0 * errors[2]) & (errors[0] < fits.values[:, 1])
     flags[found & ~known] |= fl.NO_COVARIANCE
     flags[found & known & free & ~placed] |= fl.TOO_FEW
     return flags
@@ -124,7 +127,7 @@ def _width_flags(fits: Fits, period: float) -> NDArray[np.uint32]:
     only pulses that fill the range, or sit inside one code, are called so.
     """
     flags = np.zeros(len(fits.pixel), dtype=np.uint32)
-    std, error, photons = fits.values[:, 1], fits.std_of[:, 1], fits.values[:, 2]
+    std, error, photons = fits.values[:, 1], fits.std_of(1), fits.values[:, 2]
     with np.errstate(invalid="ignore", divide="ignore"):
         at_bound = (fits.column(col.N_PULSES) > 0) & (fits.column(col.STD_FREE) == 0)
         wide = std > np.minimum(0.25 * fits.column(col.EXPOSURE), period / PERIOD_PULSES)

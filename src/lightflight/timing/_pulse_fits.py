@@ -113,16 +113,23 @@ class Fits:
     table: Floats
     """(pixels, N_COLUMNS), see `pulse_tile.fit_tile`."""
 
-    std_of: Floats
-    """(n, 4), standard errors."""
-
     typical_std: float
     """Typical std of the array's pulses; NaN where there are too few or no typical one."""
 
     def column(self, name: int) -> Floats:
         """(n,), a column of the table for every row."""
         values: Floats = self.table[:, name]
-        return values if len(self.pixel) == len(values) else values[self.pixel]
+        return values if self.one_per_pixel else values[self.pixel]
+
+    def std_of(self, value: int) -> Floats:
+        """(n,), standard error of one of the four values; NaN where it has none."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.sqrt(self.covariance[:, value, value]))
+
+    @property
+    def one_per_pixel(self) -> bool:
+        """Whether row i is pixel i."""
+        return len(self.pixel) == len(self.table)
 
 
 def zero_for_nan(values: Floats) -> Floats:
@@ -183,8 +190,13 @@ class _Job:
             self.dark_ratio = ratio * pile_up.scale / pile_up_of(background).scale
         self.n_codes = hist.n_codes
         self.counts = hist.counts.reshape(-1, hist.n_codes)
-        self.rows, self.cols = np.divmod(np.arange(len(self.counts)), hist.shape[1])
+        self.n_cols = hist.shape[1]
         self.double_code = clock.double_code(len(self.counts))
+
+    def intervals(self, pixels: NDArray[np.int64]) -> tuple[Floats, Floats]:
+        """Code intervals of pixels, see `Clock.intervals`."""
+        rows = pixels // self.n_cols
+        return self.clock.intervals(rows, pixels - rows * self.n_cols)
 
     def run(self, work: Callable[..., None], pixels: NDArray[np.int64] | None = None) -> None:
         """Call work(slice, counts, lower, upper) for every tile of all (or the given) pixels."""
@@ -193,9 +205,9 @@ class _Job:
 
         def one(first: int) -> None:
             part = slice(first, min(first + step, n_pixels))
-            tile = part if pixels is None else pixels[part]
-            lower, upper = self.clock.intervals(self.rows[tile], self.cols[tile])
-            work(part, scannable(self.counts[tile]), lower, upper)
+            tile = np.arange(part.start, part.stop) if pixels is None else pixels[part]
+            counts = self.counts[part if pixels is None else tile]
+            work(part, scannable(counts), *self.intervals(tile))
 
         starts = range(0, n_pixels, step)
         if self.threads == 1:
@@ -240,35 +252,45 @@ def _fit_singles(
 
     Their columns are together in memory: from here on columns are looked at, not rows.
     """
-    n_pixels = len(wanted)
-    values, covariance = np.full((4, n_pixels), np.nan), np.full((4, 4, n_pixels), np.nan)
-    table = np.full((pulse_tile.N_COLUMNS, n_pixels), np.nan)
+    values, covariance, table = _room_for_results(len(wanted))
 
     def fit(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
         starts, left = np.empty((len(counts), 4)), np.empty(len(counts), dtype=np.int64)
         period, double_code, trials = job.clock.period, job.double_code[part], job.trials[part]
         dark = job.dark_counts[part], job.dark_ratio[part]
         first, results = int(part.start), (values, covariance, table)
-        n_left = pulse_tile.fit_tile(
-            counts, lower, upper, period, wanted[part], double_code, trials, *dark,
-            LOG_FALSE_PULSES, model, starts, left, first, *results,
+        search = (
+            lower, upper, period, wanted[part], double_code, trials, *dark, LOG_FALSE_PULSES,
+            model, starts, left, first, *results,
         )  # fmt: skip
+        n_left = pulse_tile.fit_tile(counts, *search)
         if n_left < 0:
-            fit(part, scannable(counts.astype(np.float64)), lower, upper)
-        elif n_left:
+            counts = scannable(counts.astype(np.float64))
+            n_left = pulse_tile.fit_tile(counts, *search)
+        if n_left:
             pulse_tile.fit_rest(
-                counts, lower, upper, period, left[:n_left], double_code, trials,
-                *dark, model, starts, first, *results,
+                counts, lower, upper, period, left[:n_left], double_code, trials, *dark, model,
+                starts, first, *results,
             )  # fmt: skip
 
     job.run(fit)
-    return values.T, covariance.T, table.T
+    n = len(wanted)
+    return values[:, :n].T, covariance[..., :n].T, table[:, :n].T
+
+
+def _room_for_results(n_pixels: int) -> tuple[Floats, Floats, Floats]:
+    """Values (4, m), covariance (4, 4, m) and table (N_COLUMNS, m), for m >= n_pixels.
+
+    One block is quicker to get than three. Its rows are an odd number of cache lines of 8 apart:
+    a fit writes to one column of all, which must not compete for the same lines of the cache.
+    """
+    apart = 8 * (-(-n_pixels // 8) | 1)
+    values, covariance, table = np.split(np.empty((20 + pulse_tile.N_COLUMNS, apart)), (4, 20))
+    return values, covariance.reshape(4, 4, apart), table
 
 
 def _rows(pixel: NDArray[np.int64], values: Floats, covariance: Floats, table: Floats) -> Fits:
-    with np.errstate(invalid="ignore"):
-        std_of = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    fits = Fits(pixel, values, covariance, table, std_of, math.nan)
+    fits = Fits(pixel, values, covariance, table, math.nan)
     return replace(fits, typical_std=typical_std_of(fits))
 
 
@@ -281,12 +303,13 @@ def typical_std_of(fits: Fits) -> float:
     """
     some = slice(None, None, max(1, len(fits.pixel) // SAMPLE))
     std, photons = fits.values[some, 1], fits.values[some, 2]
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(invalid="ignore"):
+        std_error, photons_error = (np.sqrt(fits.covariance[some, i, i]) for i in (1, 2))
         good = (
             (fits.column(pulse_tile.CONVERGED)[some] == 1)
             & (fits.column(pulse_tile.HELD_SHARE)[some] > 0.9)
-            & (fits.std_of[some, 1] < 0.5 * std)
-            & (photons > 3.0 * fits.std_of[some, 2])
+            & (std_error < 0.5 * std)
+            & (photons > 3.0 * photons_error)
         )
     if np.count_nonzero(good) < MIN_PIXELS:
         return math.nan
@@ -326,12 +349,12 @@ def _weighted_median(values: Floats, weights: Floats) -> float:
 
 def pixels_to_split(fits: Fits) -> NDArray[np.int64]:
     """Pixels whose single pulse does not explain the counts, or is wider than the array's."""
-    table, values, std_of = fits.table, fits.values, fits.std_of
+    table, values = fits.table, fits.values
     with np.errstate(invalid="ignore", divide="ignore"):
         found = table[:, pulse_tile.N_PULSES] == 1
         elsewhere = table[:, pulse_tile.RESIDUAL] > LOG_FALSE_SECOND - 4.0
         widened = pulse_split.WIDER * fits.typical_std
-        wide = values[:, 1] - 2.0 * std_of[:, 1] > widened
+        wide = values[:, 1] - 2.0 * fits.std_of(1) > widened
         deviate = table[:, pulse_tile.CHI2_DEVIATE]
         misfit = (table[:, pulse_tile.CHI2] - table[:, pulse_tile.CHI2_BINS]) / values[:, 2]
         misshapen = (deviate > 4.0) & (misfit > 0.02)
@@ -382,7 +405,7 @@ def _several_rows(
     if math.isfinite(job.clock.period):
         for first in range(0, len(pixels), 1024):
             tile = pixels[first : first + 1024]
-            lower, _ = job.clock.intervals(job.rows[tile], job.cols[tile])
+            lower, _ = job.intervals(tile)
             start[first : first + 1024] = np.nanmin(lower, axis=1)
     parts = []
     for i, pixel in enumerate(pixels):

@@ -190,7 +190,7 @@ def fit_pulses(
         pile_up=pile_up, response=_response_for(hist, timing, response), threads=threads,
     )  # fmt: skip
     flags = flags_of(fits, hist, todo, clock.period)
-    flags |= (pile_up.rate > HIGH_RATE)[fits.pixel] * np.uint32(fl.PILE_UP)
+    flags[(pile_up.rate > HIGH_RATE)[fits.pixel]] |= fl.PILE_UP
     if timing is not None:
         flags |= timing.flags.ravel()[fits.pixel]
     if not fl.is_usable(flags).mean() > _FEW_PULSES:
@@ -249,7 +249,8 @@ def _pulses_from_fits(
     method: str,
 ) -> Pulses:
     """The table of pulses: photons that came, not only those counted; delays in one period."""
-    rows, cols = np.divmod(fits.pixel, hist.shape[1])
+    rows = fits.pixel // hist.shape[1]
+    cols = fits.pixel - rows * hist.shape[1]
     values, covariance = fits.values, fits.covariance
     if (pile_up.rate > 0).any():
         scale = np.ones((len(fits.pixel), 4))
@@ -261,13 +262,10 @@ def _pulses_from_fits(
     if math.isfinite(clock.period):
         delay = np.mod(delay, clock.period)
         delay = np.where(delay >= clock.period, 0.0, delay)
-    number = np.arange(len(fits.pixel))
-    if len(fits.pixel) > len(fits.table):
-        number -= np.searchsorted(fits.pixel, fits.pixel)
-    else:
-        number[:] = 0
-    n_pulses = zero_for_nan(fits.table[:, N_PULSES])
-    dof = zero_for_nan(fits.table[:, CHI2_BINS]) - (2 * n_pulses + 2)
+    number = np.zeros(len(fits.pixel), dtype=np.int32)
+    if not fits.one_per_pixel:
+        number += np.arange(len(fits.pixel)) - np.searchsorted(fits.pixel, fits.pixel)
+    dof = zero_for_nan(fits.column(CHI2_BINS) - (2 * fits.column(N_PULSES) + 2))
     return Pulses(
         row=rows.astype(np.int32),
         col=cols.astype(np.int32),
@@ -277,9 +275,9 @@ def _pulses_from_fits(
         background_per_ps=values[:, 3],
         covariance=covariance,
         chi2=fits.column(CHI2).copy(),
-        dof=np.maximum(dof, 0).astype(np.int64)[fits.pixel],
+        dof=np.maximum(dof, 0).astype(np.int64),
         flags=flags,
-        pulse_index=number.astype(np.int32),
+        pulse_index=number,
         shape=hist.shape,
         laser_period_ps=clock.period if math.isfinite(clock.period) else None,
         method=method if hist.poisson else "least_squares",
