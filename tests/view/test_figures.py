@@ -431,6 +431,11 @@ def test_a_pixels_histogram_follows_its_codes_and_its_fit(center: float) -> None
     # Five standard deviations of 5,000 photons.
     assert abs(expected.sum() - counts[1, 2].sum()) < 5 * np.sqrt(5000)
     assert "5000" in words_in(ax.get_figure())
+    whole = draw_pixel_histogram(hist, 1, 2).get_xlim()
+    assert whole == pytest.approx((0.0, 10_000.0))
+    fullest = draw_pixel_histogram(hist, 1, 2, window_ps=500.0).get_xlim()
+    top = 50.0 * (np.argmax(counts[1, 2]) + 0.5)
+    assert fullest == pytest.approx((top - 250.0, top + 250.0))
     with pytest.raises(IndexError, match="2 x 3"):
         draw_pixel_histogram(hist, 2, 0)
     text = words_in(pixel_cases_figure(hist, pulses))

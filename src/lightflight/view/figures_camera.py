@@ -142,7 +142,7 @@ def draw_pixel_histogram(
     ax = style.axes_or_new(ax, 85, 60)
     lower, upper, period = _pixel_intervals(hist, row, col, timing)
     fits = _pixel_pulses(pulses, row, col)
-    middle = _window_middle(hist, row, col, lower, upper, fits)
+    middle = _window_middle(hist, row, col, lower, upper, fits, window_ps)
     seen = _share_counted(hist, row, col, lower, upper)
     lower, upper, order = _unfolded(lower, upper, middle, period)
     counts = np.asarray(hist.counts[row, col], dtype=float)[order]
@@ -212,11 +212,20 @@ def _pixel_pulses(pulses: Any, row: int, col: int) -> NDArray[Any]:
 
 
 def _window_middle(
-    hist: Any, row: int, col: int, lower: Floats, upper: Floats, fits: Floats
+    hist: Any,
+    row: int,
+    col: int,
+    lower: Floats,
+    upper: Floats,
+    fits: Floats,
+    window_ps: float | None,
 ) -> float:
+    """Where the window is laid: at the pulse, else at the fullest code, or about everything."""
     if len(fits):
         return float(fits[np.argmax(fits[:, 3]), 0])
     live = upper > lower
+    if window_ps is None or not np.isfinite(window_ps):
+        return 0.5 * float(lower[live].min() + upper[live].max())
     counts = np.where(live, np.asarray(hist.counts[row, col], dtype=float), -1.0)
     top = int(np.argmax(counts))
     return float((lower[top] + upper[top]) / 2)
