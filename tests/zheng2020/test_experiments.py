@@ -131,6 +131,17 @@ def test_figures_of_the_three_legs_show_their_record(legs, limits):
     np.testing.assert_allclose(ends, np.maximum(limits.position_rms_mm, 1e-3))
 
 
+def test_visualization_1_has_a_frame_for_each_code_of_the_flight(legs):
+    record = fig6.record_from_results([legs])
+    flight = float(np.ptp(record.paths["joint"].vertex_times_ps))
+    frames = figures_zheng.visualization1_frames(record)
+    first = next(frames)
+    assert first.shape == (720, 1280, 3)
+    n_frames = 1 + sum(1 for _ in frames)
+    # and 120 ps before the first light and after the last
+    assert n_frames == pytest.approx((flight + 240.0) / 55.0, abs=2.0)
+
+
 def test_note_says_what_was_measured_and_no_more(legs, limits):
     figure = fig6.record_from_results([legs])
     assert table.note_from_records({"contributions": limits}) == ""

@@ -103,7 +103,7 @@ def command(
     print_sentences([*notes, f"Written: {', '.join(written)}. {seconds:.0f} s."])
     if "fig6" in records:
         path = output / "units" / "legs-00-joint.h5"
-        print_sentences([f"The film (Visualization 1): lightflight movie {path} -o flight.mp4"])
+        print_sentences([f"Visualization 1 as a film: lightflight movie {path} -o flight.mp4"])
 
 
 def _about(*, quick: bool, seed: int) -> dict[str, Any]:
@@ -120,8 +120,9 @@ def _about(*, quick: bool, seed: int) -> dict[str, Any]:
 
 
 def _draw(records: dict[str, Any], output: Path) -> list[str]:
-    """Write one figure per record; their names."""
+    """Write one figure per record, and the frames of the film; their names."""
     from lightflight.view import figures_zheng
+    from lightflight.view.encode import write_pictures
     from lightflight.view.export import write_figure
 
     written = []
@@ -130,6 +131,10 @@ def _draw(records: dict[str, Any], output: Path) -> list[str]:
             figure = getattr(figures_zheng, f"{name}_figure")(record)
             write_figure(figure, output / f"{name}.png")
             written.append(str(output / f"{name}.png"))
+        if "fig6" in records:
+            folder = output / "visualization1"
+            n_frames = write_pictures(figures_zheng.visualization1_frames(records["fig6"]), folder)
+            written.append(f"{folder} ({n_frames} frames)")
     return written
 
 

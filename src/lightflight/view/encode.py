@@ -1,4 +1,7 @@
-"""Frames into a film: MP4 (encoder from the `view` extra) or GIF, whole or not at all."""
+"""Frames into a film: MP4 (encoder from the `view` extra) or GIF, whole or not at all.
+
+Or as they are: numbered pictures in a folder.
+"""
 
 from __future__ import annotations
 
@@ -90,6 +93,22 @@ def _telling(frames: Iterable[Frame], n_frames: int, progress: Progress | None) 
         yield frame
         if progress is not None:
             progress(k + 1, n_frames)
+
+
+def write_pictures(frames: Iterable[Frame], folder: str | os.PathLike[str]) -> int:
+    """Write frames as frame-0000.png ... into a folder, in place of those there; how many."""
+    from PIL import Image
+
+    place = Path(folder)
+    place.mkdir(parents=True, exist_ok=True)
+    for old in place.glob("frame-????.png"):
+        old.unlink()
+    n_frames = 0
+    for frame in frames:
+        with atomic_path(place / f"frame-{n_frames:04d}.png") as fresh:
+            Image.fromarray(frame).save(fresh, format="PNG", compress_level=3)
+        n_frames += 1
+    return n_frames
 
 
 def _write_mp4(

@@ -5,6 +5,7 @@ Each function takes one record and gives a Figure; the paper's own numbers are m
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,11 @@ from numpy.typing import NDArray
 from lightflight import flags as fl
 from lightflight.units import fwhm_from_std
 from lightflight.view import style
+from lightflight.view.encode import Frame
 from lightflight.view.figures_camera import FIG_2B_CASES, draw_camera_picture, draw_pixel_histogram
 from lightflight.view.figures_path import draw_path_3d, draw_path_on_photo, legend_entries
 from lightflight.view.figures_timing import draw_times
+from lightflight.view.movie import MovieSettings, movie_frames
 from lightflight.view.photo_stand_in import rendered_set_up
 from lightflight.zheng2020 import reported
 
@@ -248,6 +251,13 @@ def fig6_figure(record: Any) -> Figure:
     return figure
 
 
+def visualization1_frames(record: Any) -> Iterator[Frame]:
+    """The full evolution (Visualization 1): `joint`'s path at every 55 ps, by both clocks."""
+    rate = MovieSettings().frames_per_second
+    settings = MovieSettings(pace_ps_per_s=rate * reported.BIN_WIDTH_PS)
+    return movie_frames(record.paths["joint"], settings=settings)
+
+
 def _before_and_after(record: Any) -> str:
     """Rms error of the time before the correction, and after it by `paper` and `joint`."""
     after = {
@@ -278,7 +288,8 @@ def _draw_errors(ax: Axes, record: Any) -> None:
         ax.annotate(
             style.number(float(error), 2), (error, place), (7, 0) if small else (0, 5),
             textcoords="offset points", ha="left" if small else "center",
-            va="center" if small else "baseline", fontsize=6.5,
+            va="center" if small else "baseline", fontsize=6.5, zorder=6,
+            path_effects=[withStroke(linewidth=2.6, foreground=style.PAPER)],
         )  # fmt: skip
     ax.plot(reported.POSITION_RMS_MM, len(places), **_STAR)
     ax.annotate(
