@@ -176,6 +176,18 @@ def test_frames_may_be_written_where_the_user_wants(tmp_path):
     np.testing.assert_array_equal(out, plain.frames)
 
 
+@pytest.mark.parametrize("crosstalk", [0.0, 0.1])
+def test_frames_may_be_written_into_a_part_of_something_larger(crosstalk):
+    scene = small_scene(pf32(crosstalk_probability=crosstalk))
+    larger = np.zeros((100, 8, 16), np.uint16)
+    simulate(
+        scene, photons_per_pixel=20.0, kind="frames", n_frames=100, frames_out=larger[:, :, 4:12]
+    )
+    plain = simulate(scene, photons_per_pixel=20.0, kind="frames", n_frames=100)
+    np.testing.assert_array_equal(larger[:, :, 4:12], plain.frames)
+    assert plain.frames.any()
+
+
 def test_drift_is_seen_in_the_order_of_frames():
     detector = pf32(**QUIET, drift_ps=2000.0, response_fwhm_ps=10.0)
     frames = drawn_frames(small_scene(detector), photons_per_pixel=4000.0)

@@ -66,9 +66,9 @@ def fill_frames(
     frames: NDArray[np.uint16], counts: Ints, rng: np.random.Generator
 ) -> NDArray[np.uint16]:
     """Put counted photons into empty frames (n, rows, cols), one per pixel and frame, at random."""
-    flat = frames.reshape(len(frames), -1)
     for pixel, codes in _photons_of_pixel(counts):
-        flat[rng.choice(len(frames), len(codes), replace=False), pixel] = codes
+        row, col = divmod(pixel, frames.shape[2])
+        frames[rng.choice(len(frames), len(codes), replace=False), row, col] = codes
     return frames
 
 

@@ -326,7 +326,8 @@ def _frames(
         part = out[block.first_frame : block.first_frame + block.n_frames]
         if stage.detector.crosstalk_probability > 0:
             pixel, code, frame = _with_echoes(stage, block, threads)
-            part.reshape(len(part), -1)[frame - block.first_frame, pixel] = code
+            row, col = np.divmod(pixel, stage.scene.shape[1])
+            part[frame - block.first_frame, row, col] = code
         else:
             counts = _recorded(stage, block, threads=threads)
             fill_frames(part, counts, stage.streams.generator("frame", block.number))
