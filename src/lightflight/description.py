@@ -19,6 +19,9 @@ from lightflight.recording import Progress, Recording, histogram
 SCREAMING_OCCUPANCY = 0.6
 """A pixel that fires in more of its frames than this is called screaming."""
 
+_STANDS_OUT = 1.5
+"""... and in so many times the median pixel's: half as much again is no pixel's share of a lamp."""
+
 _WINDOW_CODES = 8
 """Codes added up before a pulse is looked for: the period of a PF32's non-linearity."""
 
@@ -184,10 +187,13 @@ def _sum_of(halves: list[Histograms]) -> Histograms:
 def _screaming(hist: Histograms, photons: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(rows, cols), by occupancy where it is known, else by darkness against the median pixel.
 
-    Bright is not screaming: on a dark scene the light itself is all there is.
+    Bright is not screaming: on a dark scene the light itself is all there is, and under a lamp
+    every pixel fires in most frames.
     """
     if hist.occupancy is not None and hist.no_photon_code is not None:
-        return hist.occupancy > SCREAMING_OCCUPANCY
+        rate = -np.log1p(-np.minimum(hist.occupancy, 1.0 - 1e-9))
+        stands_out = rate > _STANDS_OUT * np.median(rate)
+        return np.asarray((hist.occupancy > SCREAMING_OCCUPANCY) & stands_out)
     dark = photons - np.stack([_near_highest_code(hist, row) for row in range(hist.shape[0])])
     return dark > 10 * max(float(np.median(dark)), _FEWEST_COUNTS)
 
