@@ -20,11 +20,12 @@ from lightflight.reconstruct.legs import find_legs
 from lightflight.reconstruct.paper import Projection, projection_of_leg
 from lightflight.simulate import Detector, Scene, simulate
 from lightflight.simulate.presets import ideal, paper_scene, pf32
-from lightflight.timing.calibration import calibrate_timing
+from lightflight.timing.calibration import TimingCalibration
 from lightflight.zheng2020.laboratory import (
     PHOTONS_PER_PIXEL,
     calibrated_clock,
     chain_of_recording,
+    clock_of_scene,
     known_source,
     observation_of,
 )
@@ -155,15 +156,13 @@ def measure_variant(*, name: str, recordings: int, seed: int) -> dict[str, Any]:
     """The paper's chain under one variant; errors of each recording."""
     variant = VARIANTS[name]
     scene = paper_scene(variant.detector())
+    timing = _clock_of(variant, scene, seed)
     truth = [_elevation_deg(step) for step in np.diff(np.asarray(scene.vertices_mm), axis=0)]
     errors, angles = [], []
     for run in range(recordings):
         hist = simulate(
             scene, photons_per_pixel=PHOTONS_PER_PIXEL, seed=2_000_000 * (seed + 1) + run
         )
-        timing = None
-        if variant.clock is not None:
-            timing = _clock_of(variant, scene, seed)
         path = chain_of_recording(
             hist,
             scene,
@@ -179,7 +178,7 @@ def measure_variant(*, name: str, recordings: int, seed: int) -> dict[str, Any]:
 
 
 def _lines_alone(
-    scene: Scene, timing: Any, run: int, seed: int
+    scene: Scene, timing: TimingCalibration | None, run: int, seed: int
 ) -> Callable[[list[Projection]], list[Projection]]:
     """Projections of legs that shine one at a time: no leg's light falls on another's pixels."""
     alone = []
@@ -194,14 +193,12 @@ def _lines_alone(
     return lambda _projections: alone
 
 
-def _clock_of(variant: Variant, scene: Scene, seed: int) -> Any:
-    assert variant.clock is not None
-    if scene.detector.screaming_fraction == pf32().screaming_fraction:
+def _clock_of(variant: Variant, scene: Scene, seed: int) -> TimingCalibration | None:
+    if variant.clock is None:
+        return None
+    if variant.detector is pf32:
         return calibrated_clock(variant.clock, seed=seed, three_legs=True)
-    density = simulate(scene, photons_per_pixel=4e6, seed=seed + 900, kind="code_density")
-    flat = simulate(scene, photons_per_pixel=4e5, seed=seed + 901, kind="flat")
-    arrival = flat.truth.flat_arrival_ps
-    return calibrate_timing(density, flat=flat, flat_arrival_ps=arrival, dead_codes="absorbed")
+    return clock_of_scene(variant.clock, scene, seed=seed)
 
 
 def _elevation_deg(step: Floats) -> float:

@@ -54,15 +54,23 @@ _CALIBRATION_SEED = 900
 
 @cache
 def calibrated_clock(kind: str, *, seed: int, three_legs: bool = False) -> TimingCalibration:
-    """Clock of the camera, one of `CLOCKS`, from recordings simulated for it.
+    """`clock_of_scene` of this package's camera, made once in a process.
+
+    Parameters
+    ----------
+    three_legs : the flat is recorded for the three-leg scene, else for a single leg at 0 deg: its
+        light arrives when the experiment's does.
+    """
+    return clock_of_scene(kind, paper_scene() if three_legs else angle_scene(0.0), seed=seed)
+
+
+def clock_of_scene(kind: str, scene: Scene, *, seed: int) -> TimingCalibration:
+    """Clock of a scene's camera, one of `CLOCKS`, from recordings simulated for it.
 
     Parameters
     ----------
     seed : of the experiment.
-    three_legs : the flat is recorded for the three-leg scene, else for a single leg at 0 deg: its
-        light arrives when the experiment's does.
     """
-    scene = paper_scene() if three_legs else angle_scene(0.0)
     first = seed + _CALIBRATION_SEED
     flat = simulate(scene, photons_per_pixel=FLAT_PER_PIXEL, seed=first + 1, kind="flat")
     density = None

@@ -1,4 +1,4 @@
-"""Fig. 6: a pulse by way of two mirrors, recorded, calibrated, reconstructed, compared.
+"""The demo: Fig. 6 once, recorded, calibrated, reconstructed under several priors, compared.
 
 The paper does not publish its coordinates or its photon counts; the scene here is ours, of the
 stated size, and gives the stated difference between arrival and propagation time.
@@ -8,12 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from lightflight.flight import Source
 from lightflight.histogram import Histograms
 from lightflight.path import LightPath
 from lightflight.path_error import PathError, path_error
@@ -21,15 +18,15 @@ from lightflight.reconstruct import reconstruct
 from lightflight.simulate import Scene, simulate
 from lightflight.simulate.presets import paper_scene
 from lightflight.timing.calibration import TimingCalibration, calibrate_timing
+from lightflight.zheng2020.laboratory import (
+    CODE_DENSITY_PER_PIXEL,
+    FLAT_PER_PIXEL,
+    PHOTONS_PER_PIXEL,
+    known_source,
+)
 
 Step = Callable[[str], AbstractContextManager[Any]]
 """Makes a context in which one named piece of work is done; the command line shows it."""
-
-CODE_DENSITY_PER_PIXEL = 4e6
-"""Mean counts per pixel of the code-density recording."""
-
-FLAT_PER_PIXEL = 4e5
-"""Mean counts per pixel of the flat recording."""
 
 PRIORS: Mapping[str, str] = {
     "known": "source and emission time known",
@@ -84,7 +81,7 @@ class Estimate:
 
 
 def record_three_legs(
-    *, photons_per_pixel: float = 40_000.0, seed: int = 1, step: Step = nullcontext
+    *, photons_per_pixel: float = PHOTONS_PER_PIXEL, seed: int = 1, step: Step = nullcontext
 ) -> Recordings:
     """Simulate the experiment and its two calibration recordings, clock defects and all.
 
@@ -125,14 +122,6 @@ def calibrate_three_legs(
     return {prior: unsure if prior == "unsure" else sure for prior in PRIORS}
 
 
-def source_from_prior(scene: Scene, prior: str) -> Source:
-    """What an experimenter knows of the source under one of `PRIORS`."""
-    known = Source(np.asarray(scene.vertices_mm)[0], pulse_fwhm_ps=scene.pulse_fwhm_ps)
-    if prior == "known":
-        return replace(known, emission_time_ps=scene.emission_time_ps)
-    return known
-
-
 def estimate_three_legs(
     recordings: Recordings,
     timings: Mapping[str, TimingCalibration],
@@ -153,7 +142,7 @@ def estimate_three_legs(
             path = reconstruct(
                 recordings.hist,
                 camera=scene.camera,
-                source=source_from_prior(scene, prior),
+                source=known_source(scene, emission_known=prior == "known"),
                 medium=scene.medium,
                 timing=timings[prior],
                 method=method,
