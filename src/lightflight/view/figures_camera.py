@@ -142,10 +142,11 @@ def draw_pixel_histogram(
     ax = style.axes_or_new(ax, 85, 60)
     lower, upper, period = _pixel_intervals(hist, row, col, timing)
     fits = _pixel_pulses(pulses, row, col)
-    middle = _window_middle(hist, row, col, lower, upper, fits, window_ps)
+    counts = np.asarray(hist.counts[row, col], dtype=float)
+    middle = _window_middle(counts, (lower, upper), period, fits, window_ps)
     seen = _share_counted(hist, row, col, lower, upper)
     lower, upper, order = _unfolded(lower, upper, middle, period)
-    counts = np.asarray(hist.counts[row, col], dtype=float)[order]
+    counts = counts[order]
     ax.bar(
         lower, counts, upper - lower, align="edge", color="#b7c4dc", edgecolor="none", zorder=2,
         label="counts",
@@ -212,23 +213,23 @@ def _pixel_pulses(pulses: Any, row: int, col: int) -> NDArray[Any]:
 
 
 def _window_middle(
-    hist: Any,
-    row: int,
-    col: int,
-    lower: Floats,
-    upper: Floats,
+    counts: Floats,
+    intervals: tuple[Floats, Floats],
+    period: float,
     fits: Floats,
     window_ps: float | None,
 ) -> float:
     """Where the window is laid: at the pulse, else at the fullest code, or about everything."""
     if len(fits):
         return float(fits[np.argmax(fits[:, 3]), 0])
+    lower, upper = intervals
     live = upper > lower
-    if window_ps is None or not np.isfinite(window_ps):
-        return 0.5 * float(lower[live].min() + upper[live].max())
-    counts = np.where(live, np.asarray(hist.counts[row, col], dtype=float), -1.0)
-    top = int(np.argmax(counts))
-    return float((lower[top] + upper[top]) / 2)
+    if window_ps is not None and np.isfinite(window_ps):
+        top = int(np.argmax(np.where(live, counts, -1.0)))
+        return 0.5 * float(lower[top] + upper[top])
+    if np.isfinite(period):
+        return 0.5 * period
+    return 0.5 * float(lower[live].min() + upper[live].max())
 
 
 def _half_window(fits: Floats, lower: Floats, upper: Floats, window_ps: float | None) -> float:
@@ -302,7 +303,7 @@ def pixel_cases_figure(hist: Any, pulses: Any, *, timing: Any = None) -> Figure:
     figure = style.new_figure(170, 115, layout="constrained")
     axes = figure.subplots(2, 2).ravel()
     for number, (ax, (name, bits)) in enumerate(zip(axes, FIG_2B_CASES, strict=True), start=1):
-        pixel = _pixel_of_case(pulses, bits)
+        pixel = pixel_of_case(pulses, bits)
         if pixel is None:
             style.message(ax, f"no pixel is\n{name}")
         else:
@@ -312,8 +313,8 @@ def pixel_cases_figure(hist: Any, pulses: Any, *, timing: Any = None) -> Figure:
     return figure
 
 
-def _pixel_of_case(pulses: Any, bits: int) -> tuple[int, int] | None:
-    """The pixel of a kind whose counts are the most typical of it."""
+def pixel_of_case(pulses: Any, bits: int) -> tuple[int, int] | None:
+    """A bright pixel of a kind, brighter than four of five; None where there is none."""
     words = np.asarray(pulses.flags, dtype=np.uint32)
     of_kind = fl.is_usable(words) if bits == 0 else (words & np.uint32(bits)) != 0
     of_kind &= np.isfinite(pulses.photons)

@@ -18,7 +18,12 @@ from lightflight import flags as fl
 from lightflight.units import fwhm_from_std
 from lightflight.view import style
 from lightflight.view.encode import Frame
-from lightflight.view.figures_camera import FIG_2B_CASES, draw_camera_picture, draw_pixel_histogram
+from lightflight.view.figures_camera import (
+    FIG_2B_CASES,
+    draw_camera_picture,
+    draw_pixel_histogram,
+    pixel_of_case,
+)
 from lightflight.view.figures_path import draw_path_3d, draw_path_on_photo, legend_entries
 from lightflight.view.figures_timing import draw_times
 from lightflight.view.movie import MovieSettings, movie_frames
@@ -40,7 +45,7 @@ def fig2_figure(record: Any) -> Figure:
     left, right = (figure.add_subfigure(grid[0, k]) for k in (0, 1))
     axes = left.subplots(2, 2).ravel()
     for number, (ax, (name, bits)) in enumerate(zip(axes, FIG_2B_CASES, strict=True), start=1):
-        pixel = _pixel_of_kind(record.pulses, bits)
+        pixel = pixel_of_case(record.pulses, bits)
         if pixel is None:
             style.message(ax, f"no pixel is\n{name}")
         else:
@@ -75,18 +80,6 @@ def _note_pixel(ax: Axes, record: Any, pixel: tuple[int, int], *, screams: bool)
         "\n".join(lines), (0.03, 0.97), xycoords="axes fraction", va="top", fontsize=7, zorder=9,
         path_effects=[withStroke(linewidth=2.6, foreground=style.PAPER)],
     )  # fmt: skip
-
-
-def _pixel_of_kind(pulses: Any, bits: int) -> tuple[int, int] | None:
-    """A bright pixel of a kind, or None."""
-    words = np.asarray(pulses.flags, dtype=np.uint32)
-    of_kind = fl.is_usable(words) if bits == 0 else (words & np.uint32(bits)) != 0
-    if not of_kind.any():
-        return None
-    places = np.flatnonzero(of_kind)
-    order = places[np.argsort(np.nan_to_num(pulses.photons[places]))]
-    k = order[int(0.8 * (len(order) - 1))]
-    return int(pulses.row[k]), int(pulses.col[k])
 
 
 @style.styled
