@@ -143,11 +143,8 @@ def test_scan_finds_the_window_of_a_brute_force_search(rng, folds, uneven):
         bin_kernels.accumulate(exposure, 40, reach, covered)
         best = np.empty(3)
         total, peak = float(counts.sum()), float(counts.max())
-        even = bin_kernels.even_width(exposure, 40)
-        least = tuple(bin_kernels.least_covered(covered, reach, m) for m in (8, 64))
-        bin_kernels.scan_for_pulse(
-            levels, 40, reach, covered, even, least, 0.0, total, peak, 0.0, best
-        )
+        even = bin_kernels.even_width(exposure)
+        bin_kernels.scan_for_pulse(levels, 40, reach, covered, even, 0.0, total, peak, 0.0, best)
         highest, found = 0.0, (0, 0)
         for length in (1, 2, 4, 8, 16):
             for first in range(40 if folds else 41 - length):

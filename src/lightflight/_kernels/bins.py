@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from lightflight._kernels.jit import jit_inlined, jit_lent
+from lightflight._kernels.jit import jit_inlined, jit_lent, jit_reordered
 
 
 @jit_lent
@@ -34,21 +34,21 @@ def bins_from_codes(lower, upper, period, edges, exposure, codes):
     backward = lower[0] > lower[n_codes - 1]
     earliest = upper[0] - period if backward else -math.inf
     latest = math.inf if backward else lower[0] + period
-    n = 0
+    n, here = 0, 0.0  # here: edges[n]
     for i in range(n_codes):
         k = n_codes - 1 - i if backward else i
         start, end = max(lower[k], earliest), min(upper[k], latest)
         if n == 0:
-            edges[0] = start
-        if not end > max(start, edges[n]):
+            edges[0] = here = start
+        if not end > max(start, here):
             continue
-        if start > edges[n] + 1e-6 * (end - start):
+        if start > here + 1e-6 * (end - start):
             exposure[n], codes[n] = 0.0, -1
             n += 1
-            edges[n] = start
-        exposure[n], codes[n] = end - edges[n], k
-        edges[n + 1] = end
+            edges[n] = here = start
+        exposure[n], codes[n] = end - here, k
         n += 1
+        edges[n] = here = end
     if n > 0 and period < math.inf and edges[n] < edges[0] + period:
         exposure[n], codes[n] = 0.0, -1
         edges[n + 1] = edges[0] + period
@@ -136,36 +136,27 @@ def accumulate(values, n, reach, sums):
         sums[n + 1 + i] = sums[n] + sums[i + 1]
 
 
-@jit_lent
-def even_width(exposure, n):
+@jit_reordered
+def invert_exposure(exposure, inverse):
+    """Inverse of the exposure of each bin (0: of one without); returns their sum and number."""
+    summed, live = 0.0, 0
+    for k in range(exposure.size):
+        lit = exposure[k] > 0.0
+        inverse[k] = lit / (exposure[k] + (not lit))
+        summed += inverse[k]
+        live += lit
+    return summed, live
+
+
+@jit_reordered
+def even_width(exposure):
     """Exposure of a bin where all but a few smaller ones have the same; else 0."""
     widest, smaller = 0.0, 0
-    for k in range(n):
+    for k in range(exposure.size):
         widest = max(widest, exposure[k])
-    for k in range(n):
+    for k in range(exposure.size):
         smaller += exposure[k] < 0.9999 * widest
     return widest if smaller <= 3 else 0.0
-
-
-@jit_lent
-def least_covered(covered, reach, length):
-    """Smallest exposure of any window of so many bins; 0 where none is so long."""
-    if reach < length:
-        return 0.0
-    # Two at a time, so that one comparison need not wait for the other.
-    least = other = covered[length]
-    for i in range(0, reach - length, 2):
-        least = min(least, covered[i + length] - covered[i])
-        other = min(other, covered[i + 1 + length] - covered[i + 1])
-    return min(least, other, covered[reach] - covered[reach - length])
-
-
-@jit_lent
-def least_due(length, least):
-    """No window of 8 or more bins has less exposure; least: of those of 8 and of 64 bins."""
-    if length >= 64:
-        return (length // 64) * least[1]
-    return (length // 8) * least[0]
 
 
 @jit_lent
@@ -221,14 +212,32 @@ def may_exceed(inside, total, expected, value):
 
 
 @jit_lent
+def count_exceeding(sums, before, after, due, total, value):
+    """How many windows `may_exceed` a value (no branch, so that the loop becomes vectors)."""
+    exceeding = 0
+    for i in range(sums.size):
+        expected = due * (after[i] - before[i])
+        above = float(sums[i]) - expected
+        likely = above * above * total > value * expected * (total - expected)
+        exceeding += (above > 0.0) & likely
+    return exceeding
+
+
+@jit_lent
 def best_window(sums, count, length, covered, due, total, best):
     """Update best (log excess, first bin, length) with windows of one length."""
-    for i in range(count):
-        expected = due * (covered[i + length] - covered[i])
-        if may_exceed(float(sums[i]), total, expected, best[0]):
-            value = log_excess(float(sums[i]), total, expected)
-            if value > best[0]:
-                best[0], best[1], best[2] = value, i, length
+    ends = covered[length:]
+    for start in range(0, count, 32):
+        stop = min(start + 32, count)
+        some, before, after = sums[start:stop], covered[start:stop], ends[start:stop]
+        if count_exceeding(some, before, after, due, total, best[0]) == 0:
+            continue
+        for i in range(stop - start):
+            expected = due * (after[i] - before[i])
+            if may_exceed(float(some[i]), total, expected, best[0]):
+                value = log_excess(float(some[i]), total, expected)
+                if value > best[0]:
+                    best[0], best[1], best[2] = value, start + i, length
 
 
 @jit_lent
@@ -238,7 +247,7 @@ def log_trials(n):
 
 
 @jit_inlined
-def scan_for_pulse(levels, n, reach, covered, even, least, double_code, total, peak, floor, best):
+def scan_for_pulse(levels, n, reach, covered, even, double_code, total, peak, floor, best):
     """Find the window of bins whose counts chance explains least.
 
     levels[0][:reach]: counts, with a tail behind the fold where they fold; peak: their largest;
@@ -246,8 +255,7 @@ def scan_for_pulse(levels, n, reach, covered, even, least, double_code, total, p
     position. What is due in a window follows its exposure (`covered`: running sums), raised by
     what an imperfect clock may do: `double_code` bins' worth of light too much in a window, and
     5 % of `double_code` more. even: exposure of every bin, where the fullest window is the best,
-    or 0; least: see `least_due`, which spares the windows of most lengths. An excess up to
-    `floor` is not looked for.
+    or 0. An excess up to `floor` is not looked for.
 
     best: log excess, first bin, number of bins; false alarms are fewer than exp(log_trials -
     excess), by trial exp(log_trials - excess - 3). Stops early at an unmistakable pulse.
@@ -269,7 +277,7 @@ def scan_for_pulse(levels, n, reach, covered, even, least, double_code, total, p
                     value = log_excess(fullest, total, expected)
                     if value > best[0]:
                         best[0], best[2], where, highest = value, length, level, fullest
-            elif length < 8 or may_exceed(fullest, total, due * least_due(length, least), best[0]):
+            else:
                 best_window(levels[level], count, length, covered, due, total, best)
             if best[0] > 50.0 and best[0] == before:
                 break

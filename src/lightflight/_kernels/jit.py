@@ -57,8 +57,9 @@ def jit_inlined(function: F) -> F:
 
 
 def jit_reordered(function: F) -> F:
-    """Like `jit_lent`, for long sums of floats whose order does not matter."""
-    return _compiled(function, {**_OPTIONS, "_nrt": False, "fastmath": {"contract", "reassoc"}})
+    """Like `jit_lent`, for sums, least and largest of many floats, none NaN, in any order."""
+    in_any_order = {"contract", "reassoc", "nnan", "nsz"}
+    return _compiled(function, {**_OPTIONS, "_nrt": False, "fastmath": in_any_order})
 
 
 def _compiled(function: F, options: dict[str, Any]) -> F:

@@ -240,18 +240,23 @@ def free_parameters(theta, grad, n_pulses, bounds, fit_std, free):
 
 @jit_lent
 def bounds_of(bins, n, period, model):
-    """(smallest std, largest std, smallest background) a fit of these bins may reach.
-
-    A tenth of a mean bin: below it position and width inside one bin cannot be told. A
-    thousandth of a count over the whole range: next to none, and the logarithm stays finite.
-    """
+    """(smallest std, largest std, smallest background) a fit of these bins may reach."""
     all_exposure, n_live = 0.0, 0
     for k in range(n):
         all_exposure += bins[2][k]
         n_live += bins[2][k] > 0.0
+    return bounds_from_sums(all_exposure, n_live, min(period, bins[1][n] - bins[1][0]), model)
+
+
+@jit_lent
+def bounds_from_sums(all_exposure, n_live, span, model):
+    """See `bounds_of`: from the exposure of all bins, the number of live ones, what they span.
+
+    A tenth of a mean bin: below it position and width inside one bin cannot be told. A
+    thousandth of a count over the whole range: next to none, and the logarithm stays finite.
+    """
     if n_live == 0:
         return 0.0, 0.0, 0.0
-    span = min(period, bins[1][n] - bins[1][0])
     floor = 1e-3 / all_exposure if model[0] else -math.inf
     return 0.1 * all_exposure / n_live, 0.5 * span, floor
 

@@ -12,8 +12,8 @@ from lightflight._kernels.bins import (
     accumulate,
     bins_from_codes,
     even_width,
+    invert_exposure,
     largest,
-    least_covered,
     log_trials,
     put,
     scan_for_pulse,
@@ -25,7 +25,7 @@ from lightflight._kernels.jit import jit, jit_lent
 from lightflight._kernels.lanes import fetch_ahead
 from lightflight._kernels.pile_up import thin_exposure
 from lightflight._kernels.pulse import (
-    bounds_of,
+    bounds_from_sums,
     covariance_of_fit,
     describe_fit,
     fit_bins,
@@ -75,7 +75,7 @@ def new_row(counts):
 
 @jit_lent
 def lay_out(row, lower, upper, period):
-    """Bins of a pixel into the row; returns (bins, with the tail behind the fold, even, least)."""
+    """Bins of a pixel into the row; returns (bins, bins with the tail behind the fold, even)."""
     _, edges, exposure, _, _, codes = row
     n = bins_from_codes(lower, upper, period, edges, exposure, codes)
     return n, *sum_exposure(row, n, period)
@@ -86,19 +86,10 @@ def sum_exposure(row, n, period):
     """Sums over the exposure of the bins into the row; see `lay_out`."""
     _, _, exposure, inverse, covered, _ = row
     reach = 2 * n if period < math.inf else n
-    summed, live = 0.0, 0
-    for k in range(n):
-        lit = exposure[k] > 0.0
-        inverse[k] = lit / (exposure[k] + (not lit))
-        summed += inverse[k]
-        live += lit
-    inverse[n], inverse[n + 1] = summed, live
+    inverse[n], inverse[n + 1] = invert_exposure(exposure[:n], inverse[:n])
     if n > 0:
         accumulate(exposure, n, reach, covered)
-    even = even_width(exposure, n)
-    if even > 0.0:
-        return reach, even, (0.0, 0.0)
-    return reach, even, (least_covered(covered, reach, 8), least_covered(covered, reach, 64))
+    return reach, even_width(exposure[:n])
 
 
 @jit_lent
@@ -230,7 +221,7 @@ def fit_in_lanes(
     fits = (values, covariances, table[N_PULSES:])
     shared = lower.shape[0] == 1
     fresh, gaussian = False, model[3].shape[1] == 0
-    n, reach, even, trials_log, n_log, least = 0, 0, 0.0, 0.0, 0.0, (0.0, 0.0)
+    n, reach, even, trials_log, n_log = 0, 0, 0.0, 0.0, 0.0
     for i in range(counts.shape[0]):
         column = start_column + i
         if not todo[i]:
@@ -238,10 +229,11 @@ def fit_in_lanes(
             continue
         if not (shared and fresh):
             at = 0 if shared else i
-            n, reach, even, least = lay_out(row, lower[at], upper[at], period)
+            n, reach, even = lay_out(row, lower[at], upper[at], period)
             fresh = True
             trials_log, n_log = log_trials(n), math.log(max(n, 1))
-            bounds = bounds_of((exposure, edges, exposure), n, period, model)
+            span = min(period, edges[n] - edges[0])
+            bounds = bounds_from_sums(covered[n], inverse[n + 1], span, model)
         if n == 0:  # no code of this pixel has a width
             leave_blank(results, column)
             table[COUNTS, column], table[N_PULSES, column] = counts[i].sum(), 0.0
@@ -255,14 +247,12 @@ def fit_in_lanes(
         dark = (dark_counts[i], dark_ratio[i] * exposed)
         if trials[i] < math.inf:
             thin_exposure(levels[0], n, trials[i], exposure)
-            reach, even, least = sum_exposure(row, n, period)
+            reach, even = sum_exposure(row, n, period)
             fresh = False
         fetch_quarter(counts, i + 1, 1)
         peak = float(largest(levels[0][:n]))
         floor = log_alarms + trials_log if model[2] else 0.0
-        scan_for_pulse(
-            levels, n, reach, covered, even, least, double_code[i], total, peak, floor, best
-        )
+        scan_for_pulse(levels, n, reach, covered, even, double_code[i], total, peak, floor, best)
         dim = total <= 0.0 or (model[2] and best[0] <= floor)
         if dim:
             leave_blank(results, column)
@@ -321,7 +311,7 @@ def fit_rest(
     for column in left:
         i = column - first
         at = i if lower.shape[0] > 1 else 0
-        n, _, _, _ = lay_out(row, lower[at], upper[at], period)
+        n, _, _ = lay_out(row, lower[at], upper[at], period)
         take_counts(counts[i], codes, n, levels[0])
         if trials[i] < math.inf:
             thin_exposure(levels[0], n, trials[i], exposure)
@@ -368,7 +358,7 @@ def split_tile(
     work = (window, sums, small, outcome, best, np.empty(size), np.empty(size))
     for i in range(counts.shape[0]):
         at = i if lower.shape[0] > 1 else 0
-        n, reach, _, _ = lay_out(row, lower[at], upper[at], period)
+        n, reach, _ = lay_out(row, lower[at], upper[at], period)
         bins = (room[0], edges, exposure)
         take_counts(counts[i], codes, n, bins[0])
         if trials[i] < math.inf:
