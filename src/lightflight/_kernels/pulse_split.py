@@ -13,7 +13,7 @@ import numpy as np
 
 from lightflight._kernels.bins import accumulate, edge_at, log_excess_over, put, residual_level
 from lightflight._kernels.jit import jit, jit_lent
-from lightflight._kernels.pulse import bin_model, fit_bins, reach_of_pulse
+from lightflight._kernels.pulse import bin_model, describe_fit, fit_bins, reach_of_pulse
 
 APART = 1.5  # centres closer than this many std are one pulse
 ALONE = 3.0  # further than this many std from every pulse, light is another pulse or a tail
@@ -23,6 +23,9 @@ WIDER = 1.15  # a blend of two is at least this much wider than one
 SAME = 1.12  # and its parts are as wide as one to within this
 UNEVEN = 0.3  # codes of a clock that takes all as equal may be so much narrower than their peers
 VALLEY = 5.0  # log-likelihood by which a valley must be better than a slope
+UNLIKELY = 4.0  # deviate of chi2 from which a fit may be of too few pulses
+MISFIT = 0.02  # ... where chi2 exceeds its due by this share of the photons
+DOUBTFUL = -4.0  # added to the threshold of a further pulse: residuals above it are looked into
 
 
 @jit_lent
@@ -181,21 +184,46 @@ def with_one_more(theta, n_pulses, time, photons, std, period, trial):
 
 
 @jit_lent
+def explains_counts(
+    bins, n, period, theta, n_pulses, typical_std, log_alarms, double_code, model, m, work
+):
+    """True where the fit in the window leaves nothing that a further pulse could explain.
+
+    The same is asked of single pulses before any split, see `_pulse_fits.pixels_to_split`.
+    """
+    window, sums, scratch, _, best, summary, _, _ = work
+    std, photons = theta[2 * n_pulses], 0.0
+    for j in range(n_pulses):
+        photons += theta[n_pulses + j]
+    describe_fit(bins, n, theta, n_pulses, model, window, m, scratch, summary)
+    misfit = (summary[0] - summary[1]) / photons
+    if std > WIDER * typical_std or (summary[2] > UNLIKELY and misfit > MISFIT):
+        return False
+    residual_scan(
+        bins, n, period, theta, n_pulses, model, ALONE, std, double_code, sums, scratch, best
+    )
+    return best[0] - math.log(n) <= log_alarms + DOUBTFUL
+
+
+@jit_lent
 def best_with_one_more(
-    bins, n, period, theta, n_pulses, typical_std, double_code, model, work, best_theta
+    bins, n, period, theta, n_pulses, typical_std, log_alarms, double_code, model, work, best_theta
 ):
     """Fit with one more pulse from several starts; returns the best objective, theta in best_theta.
+
+    The first fit that explains the counts is taken.
 
     Starts: the largest excess over the fit; the same with the array's std (or, unknown, 0.4 of
     the fitted one, for a fit that spans two pulses); a symmetric split of the first pulse.
     """
-    window, sums, scratch, outcome, best, base, trial = work
+    window, sums, scratch, outcome, best, _, base, trial = work
     std = theta[2 * n_pulses]
     narrow = typical_std if typical_std < std / WIDER else 0.4 * std
     highest = -math.inf
     size = 2 * n_pulses + 4
     # no literals, see `pulse_tile.fit_alone`
     none, is_last, is_first = np.int64(0), np.bool_(True), np.bool_(False)
+    more = n_pulses + 1
     for start in range(3):
         put(theta, size, base)
         if start == 0:
@@ -206,19 +234,9 @@ def best_with_one_more(
             if n_pulses == 1:
                 trial[0], trial[1] = narrow, theta[3]
                 residual_scan(
-                    bins,
-                    n,
-                    period,
-                    trial,
-                    none,
-                    model,
-                    0.0,
-                    narrow,
-                    double_code,
-                    sums,
-                    scratch,
+                    bins, n, period, trial, none, model, 0.0, narrow, double_code, sums, scratch,
                     best,
-                )
+                )  # fmt: skip
                 base[0] = theta[0] + wrapped(best[1] - theta[0], period)
             fit_bins(bins, n, period, base, n_pulses, model, is_first, window, scratch, outcome)
         else:
@@ -234,10 +252,15 @@ def best_with_one_more(
             trial[2 * n_pulses + 1] = 0.5 * theta[n_pulses]
         elif best[0] <= 0.0:
             continue
-        fit_bins(bins, n, period, trial, n_pulses + 1, model, is_last, window, scratch, outcome)
+        m = fit_bins(bins, n, period, trial, more, model, is_last, window, scratch, outcome)
         if outcome[0] > highest:
             highest = outcome[0]
             put(trial, size, best_theta)
+            if outcome[1] == 1.0 and explains_counts(
+                bins, n, period, best_theta, more, typical_std, log_alarms, double_code, model, m,
+                work,
+            ):  # fmt: skip
+                break
     return highest
 
 
@@ -252,7 +275,7 @@ def split_pulses(
     A further pulse must raise the log-likelihood by log_alarms + log(number of places) + 1, and
     its photons must exceed what an imperfect clock could have misplaced.
     """
-    window, _, scratch, outcome, _, _, _ = work
+    window, _, scratch, outcome, _, _, _, _ = work
     new = np.empty_like(theta)
     # no literals, see `pulse_tile.fit_alone`
     is_last = np.bool_(True)
@@ -263,7 +286,7 @@ def split_pulses(
     while n_pulses < max_pulses:
         std = theta[2 * n_pulses]
         higher = best_with_one_more(
-            bins, n, period, theta, n_pulses, typical_std, double_code, model, work, new
+            bins, n, period, theta, n_pulses, typical_std, log_alarms, double_code, model, work, new
         )
         needed = log_alarms + math.log(max(span / new[2 * n_pulses + 2], 1.0)) + 1.0
         if not higher > objective + needed:
@@ -283,6 +306,10 @@ def split_pulses(
         put(new, theta.size, theta)
         objective = outcome[0]
         n_pulses = more
+        if explains_counts(
+            bins, n, period, theta, n_pulses, typical_std, log_alarms, double_code, model, m, work
+        ):
+            break
     if n_pulses > 1:
         m = fit_bins(bins, n, period, theta, n_pulses, model, is_last, window, scratch, outcome)
     return n_pulses, m

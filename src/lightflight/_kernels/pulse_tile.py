@@ -355,7 +355,7 @@ def split_tile(
     room, window, sums, small = new_scratch(2 * n_codes + 2, max_pulses)
     best, outcome, summary = np.empty(3), np.empty(4), np.empty(4)
     theta = np.empty(size)
-    work = (window, sums, small, outcome, best, np.empty(size), np.empty(size))
+    work = (window, sums, small, outcome, best, summary, np.empty(size), np.empty(size))
     for i in range(counts.shape[0]):
         at = i if lower.shape[0] > 1 else 0
         n, reach, _ = lay_out(row, lower[at], upper[at], period)

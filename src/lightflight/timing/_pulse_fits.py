@@ -352,12 +352,12 @@ def pixels_to_split(fits: Fits) -> NDArray[np.int64]:
     table, values = fits.table, fits.values
     with np.errstate(invalid="ignore", divide="ignore"):
         found = table[:, pulse_tile.N_PULSES] == 1
-        elsewhere = table[:, pulse_tile.RESIDUAL] > LOG_FALSE_SECOND - 4.0
+        elsewhere = table[:, pulse_tile.RESIDUAL] > LOG_FALSE_SECOND + pulse_split.DOUBTFUL
         widened = pulse_split.WIDER * fits.typical_std
         wide = values[:, 1] - 2.0 * fits.std_of(1) > widened
         deviate = table[:, pulse_tile.CHI2_DEVIATE]
         misfit = (table[:, pulse_tile.CHI2] - table[:, pulse_tile.CHI2_BINS]) / values[:, 2]
-        misshapen = (deviate > 4.0) & (misfit > 0.02)
+        misshapen = (deviate > pulse_split.UNLIKELY) & (misfit > pulse_split.MISFIT)
         failed = table[:, pulse_tile.CONVERGED] == 0
     return np.flatnonzero(found & (elsewhere | wide | misshapen | failed))
 
