@@ -1,4 +1,7 @@
-"""Photons of pulses whose times and widths are known: one linear likelihood fit per pixel."""
+"""Photons of pulses whose times and widths are known: one linear likelihood fit per pixel.
+
+Of a pixel's codes, only those near its pulses are fitted; the others give the background.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight._kernels.jit import jit
+from lightflight._kernels.jit import jit, jit_lent, jit_reordered
 from lightflight._kernels.pulse import factorise, solve
 
 Floats = NDArray[np.float64]
@@ -17,6 +20,9 @@ _REACH = 5.0
 
 _DAMPING = 1e-9
 """Keeps two pulses at one place apart; nothing otherwise."""
+
+_STEPS = 4
+"""Solutions of the linear fit, each weighted by the one before."""
 
 
 @jit
@@ -39,90 +45,124 @@ def amplitudes_at_times(
     negative: nothing is clipped, so sums stay unbiased.
     """
     n, n_codes = counts.shape
-    n_pulses = delays.shape[1]
-    shape = np.zeros((n_pulses, n_codes))
-    near = np.zeros(n_codes, dtype=np.int64)
-    hessian = np.zeros((n_pulses, n_pulses))
-    score, solution, norm = np.zeros(n_pulses), np.zeros(n_pulses), np.zeros(n_pulses)
-    factor, free = np.zeros((n_pulses, n_pulses)), np.ones(n_pulses, dtype=np.bool_)
+    size = delays.shape[1]
+    near, places = np.empty(n_codes, np.bool_), np.empty(n_codes, np.int64)
+    shares, seen, due = np.empty((size, n_codes)), np.empty(n_codes), np.empty(n_codes)
+    square = (np.empty((size, size)), np.empty((size, size)), np.ones(size, np.bool_))
+    room = (*square, np.empty(size), np.empty(size), np.empty(size))
     for p in range(n):
-        n_near = 0
-        outside_counts = 0.0
-        outside_width = 0.0
+        near[:] = False
+        for q in range(size):
+            if not math.isnan(delays[p, q]):
+                mark_near(lower[p], upper[p], period, delays[p, q], _REACH * stds[p, q], near)
+        rate = background_rate(counts[p], lower[p], upper[p], near)
+        m = 0
         for k in range(n_codes):
-            width = upper[p, k] - lower[p, k]
-            if width <= 0.0:
-                continue
-            middle = 0.5 * (upper[p, k] + lower[p, k])
-            inside = False
-            for q in range(n_pulses):
-                shape[q, k] = 0.0
-                if math.isnan(delays[p, q]):
-                    continue
-                offset = middle - delays[p, q]
-                if period > 0.0:
-                    offset -= period * np.rint(offset / period)
-                if abs(offset) < _REACH * stds[p, q] + 0.5 * width:
-                    scale = 1.0 / (math.sqrt(2.0) * stds[p, q])
-                    shape[q, k] = 0.5 * (
-                        math.erf((offset + 0.5 * width) * scale)
-                        - math.erf((offset - 0.5 * width) * scale)
-                    )
-                    inside = True
-            if inside:
-                near[n_near] = k
-                n_near += 1
-            else:
-                outside_counts += counts[p, k]
-                outside_width += width
-        rate = outside_counts / outside_width if outside_width > 0.0 else 0.0
+            if near[k] and upper[p, k] > lower[p, k]:
+                places[m], seen[m] = k, counts[p, k]
+                due[m] = rate * (upper[p, k] - lower[p, k])
+                m += 1
+        for q in range(size):
+            delay, std = delays[p, q], stds[p, q]
+            share_of_pulse(lower[p], upper[p], period, delay, std, places[:m], shares[q])
         background[p] = rate
-        for q in range(n_pulses):
-            total = 0.0
-            for i in range(n_near):
-                k = near[i]
-                if shape[q, k] > 0.0:
-                    total += counts[p, k] - rate * (upper[p, k] - lower[p, k])
-            amplitude[p, q] = max(total, 0.0) if not math.isnan(delays[p, q]) else math.nan
-            empty_variance[p, q] = math.nan
-        for _ in range(4):
-            for q in range(n_pulses):
-                score[q] = 0.0
-                for r in range(n_pulses):
-                    hessian[q, r] = 0.0
-            for i in range(n_near):
-                k = near[i]
-                width = upper[p, k] - lower[p, k]
-                mean = rate * width + 1e-9
-                for q in range(n_pulses):
-                    if shape[q, k] > 0.0:
-                        mean += max(amplitude[p, q], 0.0) * shape[q, k]
-                excess = counts[p, k] - rate * width
-                for q in range(n_pulses):
-                    score[q] += shape[q, k] * excess / mean
-                    for r in range(n_pulses):
-                        hessian[q, r] += shape[q, k] * shape[r, k] / mean
-            for q in range(n_pulses):
-                if hessian[q, q] <= 0.0:
-                    hessian[q, q] = 1.0
-            factorise(hessian, free, n_pulses, _DAMPING, norm, factor)
-            solve(factor, norm, free, n_pulses, score, solution)
-            for q in range(n_pulses):
-                if not math.isnan(delays[p, q]):
-                    amplitude[p, q] = solution[q]
-        for q in range(n_pulses):
-            if math.isnan(delays[p, q]):
-                continue
-            information = 0.0
-            for i in range(n_near):
-                k = near[i]
-                width = upper[p, k] - lower[p, k]
-                mean = rate * width
-                for r in range(n_pulses):
-                    if r != q and shape[r, k] > 0.0:
-                        mean += max(amplitude[p, r], 0.0) * shape[r, k]
-                if mean > 0.0:
-                    information += shape[q, k] ** 2 / mean
-                elif shape[q, k] > 0.0:
-                    information = math.inf
-            empty_variance[p, q] = 1.0 / information if information > 0.0 else math.inf
+        fit_amplitudes(shares, seen[:m], due[:m], delays[p], amplitude[p], room)
+        for q in range(size):
+            empty_variance[p, q] = variance_without(q, shares, due[:m], delays[p], amplitude[p])
+
+
+@jit_lent
+def offset_from(delay, lower, upper, period):
+    """Time from `delay` to the middle of a code, the shorter way round; period: 0 for none."""
+    offset = 0.5 * (lower + upper) - delay
+    return offset - period * math.floor(offset / period + 0.5) if period > 0.0 else offset
+
+
+@jit_lent
+def mark_near(lower, upper, period, delay, reach, near):
+    """Mark the codes that come within `reach` of a delay."""
+    for k in range(near.size):
+        offset = offset_from(delay, lower[k], upper[k], period)
+        near[k] |= abs(offset) < reach + 0.5 * (upper[k] - lower[k])
+
+
+@jit_reordered
+def background_rate(counts, lower, upper, near):
+    """Counts per unit of time in the codes that are not near a pulse."""
+    total, exposed = 0.0, 0.0
+    for k in range(near.size):
+        width = upper[k] - lower[k]
+        outside = (width > 0.0) & (not near[k])
+        total += counts[k] * outside
+        exposed += width * outside
+    return total / exposed if exposed > 0.0 else 0.0
+
+
+@jit_lent
+def share_of_pulse(lower, upper, period, delay, std, places, share):
+    """Share of a Gaussian pulse in each of the codes `places`; 0 beyond its window, or absent."""
+    for i in range(places.size):
+        low, high = lower[places[i]], upper[places[i]]
+        offset, half = offset_from(delay, low, high, period), 0.5 * (high - low)
+        share[i] = 0.0
+        if abs(offset) < _REACH * std + half:
+            scale = 1.0 / (math.sqrt(2.0) * std)
+            share[i] = 0.5 * (math.erf((offset + half) * scale) - math.erf((offset - half) * scale))
+
+
+@jit_lent
+def expected_at(i, shares, due, amplitude, left_out):
+    """Counts expected in code i, without those of the pulse `left_out` (-1: with all)."""
+    mean = due[i]
+    for q in range(amplitude.size):
+        if q != left_out and shares[q, i] > 0.0:
+            mean += max(amplitude[q], 0.0) * shares[q, i]
+    return mean
+
+
+@jit_lent
+def fit_amplitudes(shares, seen, due, delays, amplitude, room):
+    """Photons of every pulse (NaN: absent), of maximum likelihood but for negative ones."""
+    hessian, factor, free, score, solution, norm = room
+    size = amplitude.size
+    for q in range(size):
+        total = 0.0
+        for i in range(seen.size):
+            if shares[q, i] > 0.0:
+                total += seen[i] - due[i]
+        amplitude[q] = math.nan if math.isnan(delays[q]) else max(total, 0.0)
+    for _ in range(_STEPS):
+        for q in range(size):
+            score[q] = 0.0
+            for r in range(size):
+                hessian[q, r] = 0.0
+        for i in range(seen.size):
+            weight = 1.0 / (expected_at(i, shares, due, amplitude, -1) + 1e-9)
+            for q in range(size):
+                weighted = shares[q, i] * weight
+                score[q] += weighted * (seen[i] - due[i])
+                for r in range(size):
+                    hessian[q, r] += weighted * shares[r, i]
+        for q in range(size):
+            if hessian[q, q] <= 0.0:
+                hessian[q, q] = 1.0
+        factorise(hessian, free, size, _DAMPING, norm, factor)
+        solve(factor, norm, free, size, score, solution)
+        for q in range(size):
+            if not math.isnan(delays[q]):
+                amplitude[q] = solution[q]
+
+
+@jit_lent
+def variance_without(q, shares, due, delays, amplitude):
+    """Variance that the amplitude of pulse q would have, were it zero; NaN where it is absent."""
+    if math.isnan(delays[q]):
+        return math.nan
+    information = 0.0
+    for i in range(due.size):
+        mean = expected_at(i, shares, due, amplitude, q)
+        if mean > 0.0:
+            information += shares[q, i] ** 2 / mean
+        elif shares[q, i] > 0.0:
+            information = math.inf
+    return 1.0 / information if information > 0.0 else math.inf
