@@ -181,7 +181,7 @@ def plain_python(kernel: Any) -> Any:
     return kernel.py_func
 
 
-@pytest.mark.parametrize("n_pixels", [1, 31, 32, 33, 64, 100, 1024])
+@pytest.mark.parametrize("n_pixels", [1, 63, 64, 65, 128, 200, 1024])
 @pytest.mark.parametrize("occupancy", [0.0, 0.04, 0.5, 1.0])
 @pytest.mark.parametrize("absent", [0, 7, 65_535])
 def test_photons_are_listed_in_order(rng, n_pixels, occupancy, absent):
@@ -221,6 +221,33 @@ def test_adding_photons_equals_its_python_and_numpy(rng):
         run(kernels.add_all_codes)(frames, slot, 8, 40, kept)
         all_codes = counts_by_numpy(frames[:, :, None], 64)[:, 0]
         np.testing.assert_array_equal(kept[slot[slot >= 0]], all_codes[slot >= 0, 8:48])
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 21), (8, 8), (5, 13), (32, 32), (25, 41), (50, 50)])
+@pytest.mark.parametrize("occupancy", [0.0, 0.04, 1.0])
+@pytest.mark.parametrize("absent", [0, 7, 23])
+def test_frames_of_any_size_equal_numpy(rng, shape, occupancy, absent):
+    """Fewer pixels than are looked at together, as many, more; one piece of a frame, or some."""
+    codes = rng.integers(0, 24, (31, *shape)).astype(np.uint16)
+    frames = np.where(rng.random(codes.shape) < occupancy, codes, absent).astype(np.uint16)
+    recording = Recording.from_frames(frames, n_codes=24, no_photon_code=absent)
+    expected = counts_by_numpy(frames, 24)
+    np.testing.assert_array_equal(histogram(recording).counts, expected)
+    rows, cols = (shape[0] // 2, shape[0]), (0, max(1, shape[1] - 1))
+    part = histogram(recording, rows=rows, cols=cols, codes=(5, 20)).counts
+    wanted = expected[slice(*rows), slice(*cols), 5:20]
+    of_photons = np.arange(5, 20) != absent  # the other column counts what the window left out
+    np.testing.assert_array_equal(part[..., of_photons], wanted[..., of_photons])
+
+
+@pytest.mark.parametrize("pixel", [0, 1023, 1024, 1999, 2000, 2024])
+@pytest.mark.parametrize("window", [{}, {"codes": (3, 9)}])
+def test_a_code_too_large_is_found_anywhere_and_not_counted(rng, pixel, window):
+    frames = frames_of_codes(rng, n_frames=3, rows=45, cols=45)
+    frames[2, pixel // 45, pixel % 45] = 64
+    recording = Recording.from_frames(frames, n_codes=64, no_photon_code=0)
+    with pytest.raises(ValueError, match=f"frame 2, pixel .{pixel // 45}, {pixel % 45}. holds"):
+        histogram(recording, **window)
 
 
 @pytest.mark.parametrize("n_codes", [1, 63, 64, 512, 1024, 2048])

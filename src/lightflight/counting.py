@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 from lightflight.errors import FileFormatError
 from lightflight.filecheck import free_memory_bytes
 from lightflight.histogram import Histograms
-from lightflight.recording import Progress, Recording, clock_of, pixel_dtype
+from lightflight.recording import Progress, Recording, clock_of
 
 _MEMORY_SHARE = 0.8
 _PADDED_BYTES = 1 << 26
-_LISTED_PIXELS = 1 << 14
-"""Pixels whose photons are listed before they are counted: the list stays in the nearest cache."""
 
 
 def counted(
@@ -123,7 +121,7 @@ def _count_frames(
     progress: Progress | None,
     chunk_bytes: int,
 ) -> tuple[NDArray[Any], int]:
-    from lightflight._kernels.frames import SPARE, add_all_codes, add_frames
+    from lightflight._kernels import frames as kernels
 
     source, absent, n_codes = recording.frames, recording.no_photon_code, recording.n_codes
     assert source is not None
@@ -133,19 +131,22 @@ def _count_frames(
     counts = cube.reshape(-1, cube.shape[2])
     kept = window.codes[0], window.shape[2]
     is_whole = window.shape == (*recording.shape, n_codes)
-    room = max(1, _LISTED_PIXELS // slot.size) * slot.size + SPARE
-    pixels, codes = np.empty(room, pixel_dtype(recording.shape)), np.empty(room, np.uint16)
+    lit, codes = np.empty((2, kernels.PIECE + kernels.SPARE), np.uint16)
+    places = np.empty((2, kernels.PIECE), np.uint64)
+
+    def add(block: NDArray[np.uint16]) -> bool:
+        given = block, np.uint16(absent or 0), n_codes
+        if is_whole:
+            return kernels.add_frames(*given, lit, places, counts)
+        return kernels.add_frames_in_window(*given, slot, *kept, lit, codes, counts)
+
     for first, last in _chunks(start, end, chunk_bytes // (slot.size * source.dtype.itemsize)):
         block = np.ascontiguousarray(source[first:last], np.uint16).reshape(-1, slot.size)
         if absent is None:
             check_codes(recording, block, first)
-            add_all_codes(block, slot, *kept, counts)
-        else:
-            fine = add_frames(
-                block, np.uint16(absent), n_codes, slot, *kept, is_whole, pixels, codes, counts
-            )
-            if not fine:
-                check_codes(recording, block, first)
+            kernels.add_all_codes(block, slot, *kept, counts)
+        elif not add(block):
+            check_codes(recording, block, first)
         _release_pages(source)
         if progress is not None:
             progress(last - start, end - start)

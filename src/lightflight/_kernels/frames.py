@@ -1,8 +1,8 @@
 """Counting kernels: dense frames of TDC codes, or photon events, into counts per pixel and code.
 
-Sparse frames are first listed as photons, a few frames at a time so that the list stays in the
-nearest cache, and then counted. No kernel checks its input: codes and pixels must lie within
-`counts`, or within `slot` and the TDC.
+Of sparse frames the pixels that hold a photon are listed first, at the speed of memory, and only
+these are counted. No kernel checks its input: codes and pixels must lie within `counts`, or
+within `slot` and the TDC.
 
 `counts` may have more columns than codes. Rows of 1,024 uint32 are one page long, and a pulse
 that every pixel has at the same code then falls on a few cache sets: counting is four times
@@ -16,17 +16,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight._kernels.jit import jit
+from lightflight._kernels.jit import jit, jit_lent
 from lightflight._kernels.lanes import (
     LANES,
     count_of_bits,
     fetch_ahead,
+    fetch_far_ahead,
     lanes_other_than,
     lowest_bit,
 )
 
-SPARE = 4
-"""Places beyond the last photon that `list_photons` may write to."""
+SPARE = 5
+"""Places beyond the last photon that the lists have room for."""
+
+PIECE = 1024
+"""Pixels of a frame that are listed, then counted: their lists stay in the nearest cache."""
 
 CHECKED_TOGETHER = 1 << 14
 """Photons that are checked before they are counted."""
@@ -35,11 +39,15 @@ _AHEAD = 2048
 """Codes between what is looked at and what is asked of memory; without, scanning takes twice as
 long and more."""
 
+_FAR_AHEAD = 4096
+"""Codes between a piece whose photons are placed and what is asked of memory meanwhile."""
+
 _PHOTONS_AHEAD = 64
 """Photons between the one that is counted and the one whose count is asked of memory."""
 
 _PAGE_BYTES = 4096
 _LINE_BYTES = 64
+_LINE_CODES = 32
 
 
 def padded_columns(n_codes: int, item_bytes: int) -> int:
@@ -48,7 +56,38 @@ def padded_columns(n_codes: int, item_bytes: int) -> int:
     return n_codes + _LINE_BYTES // item_bytes if is_page else n_codes
 
 
-@jit
+@jit_lent
+def list_lit(row: NDArray[np.uint16], absent: np.uint16, lit: NDArray[Any]) -> int:
+    """List the pixels of a row of codes that hold a photon, in order; returns how many.
+
+    `absent` (uint16) is the code that means no photon. The list has room for every pixel and
+    `SPARE` more: of 64 pixels so many are written without asking whether they hold a photon,
+    since at usual occupancies a branch for each would be guessed wrong.
+    """
+    whole = row.size // LANES * LANES
+    n = 0
+    for start in range(0, whole, LANES):
+        fetch_ahead(row, start + _AHEAD)
+        fetch_ahead(row, start + _AHEAD + _LINE_CODES)
+        bits = lanes_other_than(row, start, absent)
+        end = n + count_of_bits(bits)
+        for j in range(SPARE):
+            lit[n + j] = start + lowest_bit(bits)
+            bits &= bits - np.uint64(1)
+        n += SPARE
+        while n < end:
+            lit[n] = start + lowest_bit(bits)
+            bits &= bits - np.uint64(1)
+            n += 1
+        n = end
+    for pixel in range(whole, row.size):
+        if row[pixel] != absent:
+            lit[n] = pixel
+            n += 1
+    return n
+
+
+@jit_lent
 def list_photons(
     frames: NDArray[np.uint16],
     absent: np.uint16,
@@ -58,40 +97,22 @@ def list_photons(
 ) -> int:
     """List pixel and code of every photon of contiguous frames (n, pixels); returns how many.
 
-    `absent` (uint16) is the code that means no photon. The lists have room for every pixel of
-    every frame and `SPARE` more. Of 32 pixels the first four that may hold a photon are written
-    without asking, since at usual occupancies a branch for each would be guessed wrong.
+    The lists have room for every pixel of every frame and `SPARE` more; see `list_lit`.
     """
-    n_frames, n_pixels = frames.shape
-    whole = n_pixels // LANES * LANES
     n = 0
-    for i in range(n_frames):
-        row = frames[i]
-        before = n
-        for start in range(0, whole, LANES):
-            fetch_ahead(row, start + _AHEAD)
-            lit = lanes_other_than(row, start, absent)
-            end = n + count_of_bits(lit)
-            for j in range(SPARE):
-                pixel = start + (lowest_bit(lit) & (LANES - 1))
-                pixels[n + j] = pixel
-                codes[n + j] = row[pixel]
-                lit &= lit - np.uint32(1)
-            n += SPARE
-            while n < end:
-                pixel = start + lowest_bit(lit)
-                pixels[n] = pixel
-                codes[n] = row[pixel]
-                lit &= lit - np.uint32(1)
-                n += 1
-            n = end
-        for pixel in range(whole, n_pixels):
-            if row[pixel] != absent:
-                pixels[n] = pixel
-                codes[n] = row[pixel]
-                n += 1
-        photons_per_frame[i] = n - before
+    for i in range(frames.shape[0]):
+        end = n + list_lit(frames[i], absent, pixels[n:])
+        take_codes(frames[i], pixels[n:end], codes[n:end])
+        photons_per_frame[i] = end - n
+        n = end
     return n
+
+
+@jit_lent
+def take_codes(row: NDArray[np.uint16], lit: NDArray[Any], codes: NDArray[np.uint16]) -> None:
+    """Codes of some pixels of a row."""
+    for k in range(lit.size):
+        codes[k] = row[lit[k]]
 
 
 @jit
@@ -150,35 +171,92 @@ def add_all_codes(
                 counts[slot[pixel], k] += 1
 
 
-@jit
+@jit_lent
 def add_frames(
+    frames: NDArray[np.uint16],
+    absent: np.uint16,
+    n_codes: int,
+    lit: NDArray[np.uint16],
+    places: NDArray[np.uint64],
+    counts: NDArray[Any],
+) -> bool:
+    """Add the photons of contiguous frames (n, pixels) to `counts` (pixels, codes).
+
+    Returns False, and stops, where a frame holds a code not below `n_codes`. `lit` (`PIECE` +
+    `SPARE`,) and `places` (2, `PIECE`) are scratch. The photons of a piece are added after those
+    of the next are placed: their counts have then come from memory.
+    """
+    n_frames, n_pixels = frames.shape
+    flat, n_columns = counts.reshape(counts.size), counts.shape[1]
+    n_before, turn = 0, 0
+    for i in range(n_frames):
+        for first in range(0, n_pixels, PIECE):
+            row = frames[i, first : first + PIECE]
+            n = list_lit(row, absent, lit)
+            if place_photons(row, lit[:n], first, n_columns, flat, places[turn]) >= n_codes:
+                return False
+            turn = 1 - turn
+            add_ones(places[turn, :n_before], flat)
+            n_before = n
+    add_ones(places[1 - turn, :n_before], flat)
+    return True
+
+
+@jit_lent
+def place_photons(
+    row: NDArray[np.uint16],
+    lit: NDArray[np.uint16],
+    first_pixel: int,
+    n_columns: int,
+    flat: NDArray[Any],
+    places: NDArray[np.uint64],
+) -> Any:
+    """Where in `flat` the pixels of a piece of a frame are counted; returns the largest code.
+
+    Asks memory for these counts and, for each, for a line of the frames to come: this keeps
+    memory at work while no frame is looked at.
+    """
+    largest = np.uint16(0)
+    for k in range(lit.size):
+        code = row[lit[k]]
+        largest = max(largest, code)
+        place = (first_pixel + lit[k]) * n_columns + code
+        places[k] = place
+        fetch_ahead(flat, place)
+        fetch_far_ahead(row, _FAR_AHEAD + _LINE_CODES * k)
+    return largest
+
+
+@jit_lent
+def add_ones(places: NDArray[np.uint64], flat: NDArray[Any]) -> None:
+    """Count one more at each place; unsigned, so that none is looked for from the end."""
+    for k in range(places.size):
+        flat[places[k]] += 1
+
+
+@jit_lent
+def add_frames_in_window(
     frames: NDArray[np.uint16],
     absent: np.uint16,
     n_codes: int,
     slot: NDArray[np.int64],
     first_code: int,
     n_kept: int,
-    is_whole: bool,
-    pixels: NDArray[Any],
+    lit: NDArray[np.uint16],
     codes: NDArray[np.uint16],
     counts: NDArray[Any],
 ) -> bool:
-    """Add the photons of frames (n, pixels) to `counts`, as many frames at a time as fit.
-
-    `is_whole`: every pixel and code is kept, in order. `pixels` and `codes` are scratch, as for
-    `list_photons`. Returns False, and stops, where a frame holds a code not below `n_codes`.
-    """
+    """As `add_frames`, for `counts` as in `add_photons_in_window`; `codes` is scratch, too."""
     n_frames, n_pixels = frames.shape
-    step = (pixels.size - SPARE) // n_pixels
-    per_frame = np.empty(step, np.uint32)
-    for first in range(0, n_frames, step):
-        n = list_photons(frames[first : first + step], absent, pixels, codes, per_frame)
-        if n > 0 and largest_of(codes[:n]) >= n_codes:
-            return False
-        if is_whole:
-            add_photons(pixels[:n], codes[:n], counts)
-        else:
-            add_photons_in_window(pixels[:n], codes[:n], slot, first_code, n_kept, counts)
+    for i in range(n_frames):
+        for first in range(0, n_pixels, PIECE):
+            row = frames[i, first : first + PIECE]
+            n = list_lit(row, absent, lit)
+            take_codes(row, lit[:n], codes[:n])
+            if n > 0 and largest_of(codes[:n]) >= n_codes:
+                return False
+            some = slot[first : first + PIECE]
+            add_photons_in_window(lit[:n], codes[:n], some, first_code, n_kept, counts)
     return True
 
 
