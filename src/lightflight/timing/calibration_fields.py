@@ -6,26 +6,30 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-_NUMBERS = ("first_edge_ps", "bin_width_ps", "scale_std", "assumed_skew_std_ps")
-_OR_NONE = ("laser_period_ps", "no_photon_code")
+_NUMBERS = ("first_edge_ps", "bin_width_ps", "laser_period_ps", "scale_std", "assumed_skew_std_ps")
 _CODES = ("n_codes", "first_live_code", "no_photon_code")
 _YES_OR_NO = ("reversed_codes", "period_end_seen")
+_OR_NONE = ("laser_period_ps", "no_photon_code")
 _POSITIVE = ("bin_width_ps", "laser_period_ps", "n_codes")
 
 
 def check_plain_values(values: Mapping[str, Any]) -> None:
     """Raise ValueError for a number, code or answer that is none; absent ones are passed over."""
-    for name in (*_NUMBERS, *_OR_NONE, *_CODES, *_YES_OR_NO):
+    for name in (*_NUMBERS, *_CODES, *_YES_OR_NO):
         if name not in values or (name in _OR_NONE and values[name] is None):
             continue
         value = values[name]
         if name in _YES_OR_NO:
             fits = isinstance(value, bool)
         elif name in _CODES:
-            fits = isinstance(value, int) and not isinstance(value, bool)
-            fits = fits and 0 <= value <= values["n_codes"]
+            fits = _is_number(value, int) and 0 <= value <= values["n_codes"]
         else:
-            fits = isinstance(value, int | float) and not isinstance(value, bool)
-            fits = fits and math.isfinite(value)
+            fits = _is_number(value, int, float)
         if not fits or (name in _POSITIVE and value <= 0):
             raise ValueError(f"{name} cannot be {value!r:.60}: the file is damaged")
+
+
+def _is_number(value: Any, *kinds: type) -> bool:
+    if isinstance(value, bool) or not isinstance(value, kinds):
+        return False
+    return math.isfinite(value)
