@@ -256,10 +256,10 @@ def fit_in_lanes(
         dim = total <= 0.0 or (model[2] and best[0] <= floor)
         if dim:
             leave_blank(results, column)
-        table[COUNTS, column], table[EXPOSURE, column], table[PEAK, column] = total, exposed, peak
-        if dim:
             table[N_PULSES, column] = 0.0
             values[3, column] = (total + dark[0]) / (covered[n] + dark[1])
+        table[COUNTS, column], table[EXPOSURE, column], table[PEAK, column] = total, exposed, peak
+        if dim:
             continue
         fetch_quarter(counts, i + 1, 2)
         first, length = int(best[1]), int(best[2])
