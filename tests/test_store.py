@@ -349,6 +349,17 @@ def test_sizes_are_checked_before_memory_is_taken(tmp_path):
         load_record(path, kind="path")
 
 
+@pytest.mark.parametrize("n_left", [1, 3])
+def test_a_chunk_shorter_than_its_checksum_is_refused(tmp_path, n_left):
+    """HDF5 1.14 takes such a chunk for one of 4 GB, and the process ends."""
+    path = tmp_path / "x.h5"
+    _save(path, values=np.zeros(5000))
+    with h5py.File(path, "r+") as file:
+        file["values"].id.write_direct_chunk((0,), bytes(n_left))
+    with pytest.raises(FileFormatError, match=r"a chunk of array 'values' .* is cut short"):
+        load_record(path, kind="path")
+
+
 def test_arrays_in_other_files_are_not_followed(tmp_path):
     (tmp_path / "secret.bin").write_bytes(bytes(800))
     path = tmp_path / "r.h5"

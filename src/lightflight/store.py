@@ -53,6 +53,7 @@ _CHUNKED_FROM_BYTES = 4096
 _CHUNK_BYTES = 1 << 20
 _GROWING_CHUNK_BYTES = 1 << 14
 _SLAB_BYTES = 16 << 20
+_CHECKSUM_BYTES = 4
 
 
 # --- files that appear whole or not at all ----------------------------------------------
@@ -471,6 +472,13 @@ def check_dataset(dataset: Any, *, path: str | os.PathLike[str], ours: bool = Tr
     check_claim(size, dataset.id.get_storage_size(), path=path, what=what, most=most)
     chunk = math.prod(dataset.chunks or (0,)) * dataset.dtype.itemsize
     check_memory(chunk, path=path, what=f"a chunk of {what}")
+    if dataset.fletcher32 and dataset.id.chunk_iter(_is_cut_short):
+        raise FileFormatError(f"a chunk of {what} is cut short: the file is damaged", path=path)
+
+
+def _is_cut_short(chunk: Any) -> bool | None:
+    """Whether a stored chunk is shorter than its checksum: HDF5 would read far beyond its end."""
+    return True if chunk.size < _CHECKSUM_BYTES else None
 
 
 def _check_is_hdf5(file_path: Path, path: str | os.PathLike[str]) -> None:

@@ -177,6 +177,10 @@ def _lack(path):
     raise MissingExtraError("reading this needs that: pip install that")
 
 
+def _take(path, *, n_bytes):
+    return {"x": np.zeros(n_bytes, np.uint8)[:1]}, {}
+
+
 def _work(path, *, factor):
     return {"x": np.arange(3) * factor}, {"size": path.stat().st_size}
 
@@ -208,6 +212,15 @@ def test_a_reader_that_fails_is_one_error(child, name, text):
     with pytest.raises(FileFormatError, match=text) as caught:
         child(name)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX limits")
+def test_a_reader_of_a_small_file_may_not_take_much(child):
+    """Of seven bytes not even 2 GB come, however much is free."""
+    with pytest.raises(FileFormatError, match="cannot be read"):
+        child("_take", n_bytes=2 << 30)
+    arrays, _ = child("_take", n_bytes=1 << 28)
+    assert arrays["x"].size == 1
 
 
 def test_a_reader_that_hangs_is_ended(child, monkeypatch):

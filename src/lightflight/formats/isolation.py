@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError, MissingExtraError
-from lightflight.filecheck import free_memory_bytes
+from lightflight.filecheck import DEFLATE_MOST, free_memory_bytes
 
 TIME_LIMIT_S = 60.0
 """Seconds a reader may take for a small file; large ones get a second per megabyte more."""
@@ -54,7 +54,11 @@ def run_isolated(
     """
     with tempfile.TemporaryDirectory(prefix="lightflight-") as folder:
         command = [sys.executable, "-m", __name__, function, str(path.resolve()), folder]
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+            "OPENBLAS_NUM_THREADS": "1",  # each thread takes memory, on a large machine too much
+        }
         limit = TIME_LIMIT_S + path.stat().st_size / _BYTES_PER_S
         try:
             done = subprocess.run(  # noqa: S603  (our own module, no shell)
@@ -88,12 +92,14 @@ def _arrays_in(folder: Path) -> dict[str, NDArray[Any]]:
     return {file.stem: np.load(file, allow_pickle=False) for file in folder.glob("*.npy")}
 
 
-def _limit_memory() -> None:
+def _limit_memory(path: Path) -> None:
+    """Bound what may be taken: by the free memory, and by what so small a file can unpack to."""
     try:
         import resource
     except ImportError:  # not on Windows
         return
-    limit = int(_MEMORY_SHARE * free_memory_bytes()) + _LIBRARIES_BYTES
+    most = min(int(_MEMORY_SHARE * free_memory_bytes()), DEFLATE_MOST * path.stat().st_size)
+    limit = most + _LIBRARIES_BYTES
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     if hard == resource.RLIM_INFINITY or limit < hard:
         resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
@@ -102,7 +108,7 @@ def _limit_memory() -> None:
 def _main(function: str, path: str, folder: str) -> int:
     module, _, name = function.partition(":")
     arguments = json.loads(sys.stdin.read())
-    _limit_memory()
+    _limit_memory(Path(path))
     try:
         arrays, values = getattr(importlib.import_module(module), name)(Path(path), **arguments)
     except ImportError as error:
