@@ -22,14 +22,12 @@ def check_plain_values(values: Mapping[str, Any]) -> None:
         if name in _YES_OR_NO:
             fits = isinstance(value, bool)
         elif name in _CODES:
-            fits = _is_number(value, int) and 0 <= value <= values["n_codes"]
+            fits = _is_number(value) and isinstance(value, int) and 0 <= value <= values["n_codes"]
         else:
-            fits = _is_number(value, int, float)
+            fits = _is_number(value)
         if not fits or (name in _POSITIVE and value <= 0):
             raise ValueError(f"{name} cannot be {value!r:.60}: the file is damaged")
 
 
-def _is_number(value: Any, *kinds: type) -> bool:
-    if isinstance(value, bool) or not isinstance(value, kinds):
-        return False
-    return math.isfinite(value)
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
