@@ -13,17 +13,22 @@ cost      CPU time in calls of `scipy.optimize.curve_fit`, measured in the same 
 
 Every table prints the rms of (error / bound), where 1 is the limit; its own uncertainty (one
 sigma); and the pull of the stated errors. Seeds are fixed. The bound is `lf.bounds` for the same
-scene and prior. `benchmarks/accuracy_path.py` holds three legs and the camera's defects,
-`benchmarks/check_blind_scenes.py` the random scenes.
+scene and prior. `--json` keeps the rows, and `tools/update_limits_page.py` puts them on
+docs/explanation/limits.md. `benchmarks/accuracy_path.py` holds three legs and the camera's
+defects, `benchmarks/check_blind_scenes.py` the random scenes.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import curve_fit
@@ -85,17 +90,22 @@ class Tally:
         self.in_bounds.append(error / bound_deg)
         self.pulls.append(error / path.legs[0].angle_std_deg)
 
-    def row(self) -> str:
+    def row(self) -> dict[str, float | None]:
         """Mean |error|, rms in bounds with its own error, pull, failures."""
         if not self.degrees:
-            return f"{'-':>10s} {'-':>8s} {'-':>6s} {'-':>6s} {self.failed:6d}"
+            return {**dict.fromkeys(("degrees", "in_bounds", "own", "pull")), "failed": self.failed}
         ratio = float(np.sqrt(np.mean(np.square(self.in_bounds))))
-        own = ratio / np.sqrt(2.0 * len(self.in_bounds))
-        return (
-            f"{np.mean(np.abs(self.degrees)):10.4f} {ratio:8.3f} {own:6.3f} "
-            f"{np.sqrt(np.mean(np.square(self.pulls))):6.2f} {self.failed:6d}"
-        )
+        return {
+            "degrees": float(np.mean(np.abs(self.degrees))),
+            "in_bounds": ratio,
+            "own": ratio / np.sqrt(2.0 * len(self.in_bounds)),
+            "pull": float(np.sqrt(np.mean(np.square(self.pulls)))),
+            "failed": self.failed,
+        }
 
+
+Rows = list[dict[str, Any]]
+"""One table: plain numbers and words by name."""
 
 HEAD = f"{'mean |d|':>10s} {'/bound':>8s} {'+-':>6s} {'pull':>6s} {'failed':>6s}"
 
@@ -107,7 +117,7 @@ def one_leg_rows(
     priors: Iterable[str],
     *,
     seed: int,
-) -> None:
+) -> Rows:
     """A row for each prior and estimator, the same recordings for all."""
     tallies = {(prior, method): Tally() for prior in priors for method in METHODS}
     clock = None
@@ -129,17 +139,31 @@ def one_leg_rows(
                 tally.failed += 1
                 continue
             tally.add(path, angle, bounds[angle, prior])
-    for (prior, method), tally in tallies.items():
-        print(f"{photons:8g} {prior:16s} {method:8s} {tally.row()}", flush=True)
+    rows = [
+        {"photons": photons, "prior": prior, "method": method, **tally.row()}
+        for (prior, method), tally in tallies.items()
+    ]
+    for row in rows:
+        print(f"{photons:8g} {row['prior']:16s} {row['method']:8s} {_numbers(row)}", flush=True)
+    return rows
 
 
-def legs(runs: int) -> None:
+def _numbers(row: dict[str, Any]) -> str:
+    if row["degrees"] is None:
+        return f"{'-':>10s} {'-':>8s} {'-':>6s} {'-':>6s} {row['failed']:6d}"
+    return (
+        f"{row['degrees']:10.4f} {row['in_bounds']:8.3f} {row['own']:6.3f} {row['pull']:6.2f} "
+        f"{row['failed']:6d}"
+    )
+
+
+def legs(runs: int) -> Rows:
     """One leg at the paper's angles, in full light."""
     print(
         f"\nOne leg, -10 ... 10 deg, clean clock, {runs} recordings\n"
         f"{'photons':>8s} {'':25s} {HEAD}"
     )
-    one_leg_rows(_paper_angles, runs, 40_000.0, PRIORS, seed=10_000)
+    return one_leg_rows(_paper_angles, runs, 40_000.0, PRIORS, seed=10_000)
 
 
 def _paper_angles(run: int) -> tuple[float, lf.Scene]:
@@ -147,26 +171,34 @@ def _paper_angles(run: int) -> tuple[float, lf.Scene]:
     return angle, angle_scene(angle, detector=clean())
 
 
-def starved(runs: int) -> None:
+def starved(runs: int) -> Rows:
     """One leg in hardly any light."""
     print(f"\nOne leg in starved light, {runs} recordings\n{'photons':>8s} {'':25s} {HEAD}")
-    for photons in (40.0, 10.0, 3.0):
-        one_leg_rows(_paper_angles, runs, photons, ("known",), seed=20_000)
+    return [
+        row
+        for photons in (40.0, 10.0, 3.0)
+        for row in one_leg_rows(_paper_angles, runs, photons, ("known",), seed=20_000)
+    ]
 
 
-def steep(runs: int) -> None:
+def steep(runs: int) -> Rows:
     """Steep legs, away from the camera (negative) and towards it."""
     print(f"\nSteep legs, 4,000 photons, {runs} recordings each\n{'photons':>8s} {'':25s} {HEAD}")
+    rows: Rows = []
     for angle in (-80.0, -60.0, -30.0, 30.0, 60.0, 80.0):
         print(f"  {angle:+.0f} deg")
         scene = steep_scene(angle)
-        one_leg_rows(lambda _run, a=angle, s=scene: (a, s), runs, 4_000.0, PRIORS, seed=30_000)
+        own = one_leg_rows(
+            lambda _run, a=angle, s=scene: (a, s), runs, 4_000.0, PRIORS, seed=30_000
+        )
+        rows += [{"elevation_deg": angle, **row} for row in own]
+    return rows
 
 
 # --- intervals ------------------------------------------------------------------------------
 
 
-def coverage(runs: int) -> None:
+def coverage(runs: int) -> Rows:
     """How often stated intervals hold the truth."""
     print(f"\nIntervals, three legs, {runs} recordings in all; 64-72 % and 93-97 % are wanted")
     print(
@@ -174,15 +206,22 @@ def coverage(runs: int) -> None:
     )
     levels = (100.0, 1_000.0, 40_000.0)
     each = max(1, runs // (2 * len(levels)))
+    rows: Rows = []
     for name in ("perfect", "calibrated"):
         for photons in levels:
             for quantity, values in _scaled_errors(name, photons, each).items():
                 pulls = np.abs(np.concatenate(values)) if values else np.array([])
+                in_68, in_95 = float(np.mean(pulls < 0.9945)), float(np.mean(pulls < 1.96))
                 print(
-                    f"{name:12s} {photons:8g} {quantity:14s} {np.mean(pulls < 0.9945):8.1%} "
-                    f"{np.mean(pulls < 1.96):8.1%} {len(pulls):6d}",
+                    f"{name:12s} {photons:8g} {quantity:14s} {in_68:8.1%} {in_95:8.1%} "
+                    f"{len(pulls):6d}",
                     flush=True,
                 )
+                rows.append(
+                    {"clock": name, "photons": photons, "quantity": quantity, "in_68": in_68,
+                     "in_95": in_95, "n": len(pulls)}
+                )  # fmt: skip
+    return rows
 
 
 def _scaled_errors(clock: str, photons: float, runs: int) -> dict[str, list[np.ndarray]]:
@@ -229,7 +268,7 @@ def calibrated(scene: lf.Scene, *, seed: int) -> lf.TimingCalibration:
 # --- cost -----------------------------------------------------------------------------------
 
 
-def cost(runs: int) -> None:
+def cost(runs: int) -> Rows:
     """CPU time of whole reconstructions, warm, against `curve_fit` of single pixels."""
     rounds = min(runs, 9)
     print(f"\nCost in curve_fit calls, timed in turn with them, median of {rounds} rounds")
@@ -239,6 +278,7 @@ def cost(runs: int) -> None:
         ("32 x 32", paper_scene(pf32(seed=0)), "photon", 5_000),
         ("256 x 256", _fine_scene(), "joint", 20_000),
     )
+    rows: Rows = []
     for name, scene, method, allowed in jobs:
         timing = calibrated(scene, seed=1) if name == "32 x 32" else perfect_clock(scene)
         hist = lf.simulate(scene, photons_per_pixel=40_000.0, seed=5)
@@ -253,6 +293,8 @@ def cost(runs: int) -> None:
             calls.append(spent[-1] / unit)
         many, ms = np.median(calls[1:]), 1e3 * np.median(spent[1:])  # the first compiles
         print(f"{name:>12s} {method:8s} {many:8.0f} {allowed:8d} {ms:8.0f}", flush=True)
+        rows.append({"camera": name, "method": method, "calls": float(many), "allowed": allowed})
+    return rows
 
 
 def _fine_scene() -> lf.Scene:
@@ -277,17 +319,26 @@ def _seconds_of_curve_fit() -> float:
 
 
 def main() -> None:
-    """Print the tables."""
-    tables = {f.__name__: f for f in (legs, starved, steep, coverage, cost)}
+    """Print the tables, and keep them where --json says."""
+    tables: dict[str, Callable[[int], Rows]] = {
+        f.__name__: f for f in (legs, starved, steep, coverage, cost)
+    }
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--runs", type=int, default=82, help="recordings per row")
     parser.add_argument("--only", nargs="+", choices=sorted(tables), default=list(tables))
+    parser.add_argument("--json", type=Path, help="file for the rows of all tables")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
-    for name in arguments.only:
-        tables[name](arguments.runs)
+    done = {name: tables[name](arguments.runs) for name in arguments.only}
+    if arguments.json:
+        about = {
+            "lightflight": lf.__version__,
+            "runs": arguments.runs,
+            "made_utc": datetime.now(UTC).date().isoformat(),
+        }
+        arguments.json.write_text(json.dumps({**about, "tables": done}, indent=1))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Pages that are made from the code say what the code says; the README's commands exist."""
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -24,6 +25,44 @@ def test_the_readme_keeps_its_measured_block():
     subprocess.run(
         [sys.executable, REPOSITORY / "tools" / "update_readme.py", "--check"], check=True
     )
+
+
+def test_tables_of_the_limits_page_are_written_by_their_tool(monkeypatch):
+    monkeypatch.syspath_prepend(REPOSITORY / "tools")
+    tool = runpy.run_path(str(REPOSITORY / "tools" / "update_limits_page.py"))
+    text = tool["PAGE"].read_text("utf-8")
+    for name in tool["TABLES"]:
+        assert "a new table" in tool["with_block"](text, name, "a new table")
+    leg = {
+        "photons": 3.0, "prior": "known", "method": "joint", "elevation_deg": -80.0,
+        "degrees": 0.1234, "in_bounds": 1.056, "own": 0.02, "pull": 0.98, "failed": 0,
+    }  # fmt: skip
+    nothing = {**leg, "degrees": None, "failed": 1}
+    steep = [{**leg, "prior": p, "method": m} for p in tool["PRIORS"] for m in ("joint", "photon")]
+    share = {"clock": "perfect", "photons": 1000.0, "in_68": 0.681, "in_95": 0.954, "n": 9}
+    results = {
+        "lightflight": "1.2",
+        "runs": 7,
+        "made_utc": "2026-01-01",
+        "tables": {
+            "legs": [leg],
+            "starved": [leg, nothing],
+            "steep": steep,
+            "coverage": [{**share, "quantity": quantity} for quantity in tool["QUANTITIES"]],
+        },
+    }
+    lines = {name: tool["block_of_table"](name, results).splitlines() for name in tool["TABLES"]}
+    assert lines["legs"][2:] == [
+        "| source and emission time known | `joint` | 0.1234° | 1.056 | 0.98 |",
+        "",
+        "`benchmarks/accuracy_limits.py --only legs --runs 7`, 1.2, 2026-01-01.",
+    ]
+    assert lines["starved"][2:4] == [
+        "| 3 | `joint` | 0.123° | 1.06 | 0.98 |",
+        "| 3 | `joint` | finds nothing | | |",
+    ]
+    assert lines["steep"][2] == "| \u221280° | 0.12° | 1.06 | 1.06 | 0.98 | 1.06 |"
+    assert lines["coverage"][2] == "| perfect | 1,000 | 68.1 / 95.4 | 68.1 / 95.4 | 68.1 / 95.4 |"
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
