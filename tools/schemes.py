@@ -79,9 +79,9 @@ def world_frame() -> Figure:
 @style.styled
 def pixel_frame() -> Figure:
     """Pixels: row 0 at the top, the centre of the first pixel is (0, 0)."""
-    figure = style.new_figure(120, 54)
+    figure = style.new_figure(134, 54)
     ax = figure.add_axes((0.02, 0.02, 0.96, 0.86))
-    _bare(ax, x=(-3.0, 9.5), y=(3.8, -1.6))
+    _bare(ax, x=(-3.0, 11.0), y=(3.8, -1.6))
     for row in range(4):
         for col in range(5):
             first = row == 0 and col == 0

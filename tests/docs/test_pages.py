@@ -84,6 +84,19 @@ def test_no_page_is_empty_and_every_picture_exists() -> None:
             assert (page.parent / name).exists(), f"{page}: {name}"
 
 
+def test_no_word_of_a_scheme_is_cut_off() -> None:
+    from tools.schemes import SCHEMES
+
+    for name, draw in SCHEMES.items():
+        figure = draw()
+        figure.canvas.draw()
+        room = figure.bbox
+        for text in [*figure.texts, *(text for ax in figure.axes for text in ax.texts)]:
+            box = text.get_window_extent()
+            inside = (box.x0, room.x1 - box.x1, box.y0, room.y1 - box.y1)
+            assert min(inside) >= 0, (name, text.get_text())
+
+
 def test_a_page_that_lies_is_caught(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     run_console("$ lightflight versions\n")
