@@ -6,12 +6,12 @@ Run it for as long as it is given:
 
 Every format starts from a small valid file, and so do calibrations, paths and tables of points.
 A mutation knows the structure (`fuzz_structure`): it changes the numbers of headers, directories
-and tags to values that hurt, numbers in texts, bits anywhere; cuts, doubles and swaps stretches;
-does so inside compressed parts too; and rebuilds HDF5 files with false types, shapes, sizes,
-links and attributes. Each file is read, and counted, in a process of its own kind that may be
-killed: a crash, a hang, memory beyond bounds, a traceback, or an error that is not one sentence
-with the file's name is a finding, and its file is kept. Reading something plausible is none: not
-every change is damage.
+and tags to values that hurt, does so inside compressed parts too, and rebuilds HDF5 files with
+false types, shapes, sizes, links and attributes. Or it knows none (`fuzz_bytes`): numbers in
+texts, bits anywhere; stretches that are cut, doubled and swapped. Each file is read, and counted,
+in a process of its own kind that may be killed: a crash, a hang, memory beyond bounds, a
+traceback, or an error that is not one sentence with the file's name is a finding, and its file is
+kept. Reading something plausible is none: not every change is damage.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ import gzip
 import io
 import json
 import os
-import re
 import select
 import shutil
 import struct
@@ -40,23 +39,11 @@ from typing import Any
 
 import numpy as np
 
-from tests.fuzz_structure import Fields, fields_of, rebuilt_hdf5, zip_bomb
+from tests.fuzz_bytes import HURTFUL, HURTFUL_WIDE, mutated
+from tests.fuzz_structure import Fields, fields_of, rebuilt_hdf5, with_other_member, zip_bomb
 
 TIME_LIMIT_S = 20.0
 MEMORY_LIMIT_BYTES = 1 << 30
-_HURTFUL = (0, 1, 2, 7, 127, 128, 255, 256, 32767, 32768, 65535, 2**31 - 1, 2**31, 2**32 - 1)
-_HURTFUL_WIDE = (*_HURTFUL, 2**40, 2**62, 2**63 - 1, 2**63, 2**64 - 1)
-_HURTFUL_TEXTS = (
-    b"0",
-    b"-1",
-    b"1e999",
-    b"nan",
-    b"99999999999999999999",
-    b"",
-    b"x",
-    b"[[[[",
-    b"1.5",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,81 +252,6 @@ def _zipped(folder: Path) -> bytes:
 # --- mutations --------------------------------------------------------------------------
 
 
-def mutated(content: bytes, rng: np.random.Generator) -> bytes:
-    """One to four changes of a stretch of bytes."""
-    changes = (_bits, _number, _number, _number, _text_number, _cut, _doubled, _swapped, _noise)
-    for _ in range(int(rng.integers(1, 5))):
-        change = changes[int(rng.integers(len(changes)))]
-        content = change(content, rng) if content else content
-    return content
-
-
-def _place(content: bytes, rng: np.random.Generator) -> int:
-    """Anywhere, but half of the time in the first few hundred bytes, where headers are."""
-    end = len(content) if rng.random() < 0.5 else min(len(content), 600)
-    return int(rng.integers(end))
-
-
-def _bits(content: bytes, rng: np.random.Generator) -> bytes:
-    out = bytearray(content)
-    for _ in range(int(rng.integers(1, 9))):
-        out[_place(content, rng)] ^= 1 << int(rng.integers(8))
-    return bytes(out)
-
-
-def _number(content: bytes, rng: np.random.Generator) -> bytes:
-    """A hurtful integer, or float, over what may be one, aligned most of the time."""
-    width = int(rng.choice([1, 2, 4, 8]))
-    at = _place(content, rng)
-    if rng.random() < 0.8:
-        at -= at % width
-    values = _HURTFUL_WIDE if width == 8 else _HURTFUL
-    value = values[int(rng.integers(len(values)))] & ((1 << 8 * width) - 1)
-    packed = value.to_bytes(width, "little" if rng.random() < 0.8 else "big")
-    if width == 8 and rng.random() < 0.2:
-        packed = struct.pack("<d", rng.choice([np.nan, np.inf, -1.0, 1e308, 0.0]))
-    return content[:at] + packed + content[at + width :]
-
-
-def _text_number(content: bytes, rng: np.random.Generator) -> bytes:
-    """Another number, or none, where a text has one."""
-    found = list(re.finditer(rb"-?\d+(?:\.\d+)?", content[: 1 << 16]))
-    if not found:
-        return _bits(content, rng)
-    one = found[int(rng.integers(len(found)))]
-    new = _HURTFUL_TEXTS[int(rng.integers(len(_HURTFUL_TEXTS)))]
-    return content[: one.start()] + new + content[one.end() :]
-
-
-def _cut(content: bytes, rng: np.random.Generator) -> bytes:
-    start = _place(content, rng)
-    if rng.random() < 0.5:
-        return content[:start]
-    return content[:start] + content[start + int(rng.integers(1, 65)) :]
-
-
-def _doubled(content: bytes, rng: np.random.Generator) -> bytes:
-    start, length = _place(content, rng), int(rng.integers(1, 257))
-    return content[: start + length] + content[start:]
-
-
-def _swapped(content: bytes, rng: np.random.Generator) -> bytes:
-    first, second = sorted((_place(content, rng), _place(content, rng)))
-    length = min(int(rng.integers(1, 65)), second - first)
-    return (
-        content[:first]
-        + content[second : second + length]
-        + content[first + length : second]
-        + content[first : first + length]
-        + content[second + length :]
-    )
-
-
-def _noise(content: bytes, rng: np.random.Generator) -> bytes:
-    start, length = _place(content, rng), int(rng.integers(1, 65))
-    return content[:start] + rng.bytes(length) + content[start + length :]
-
-
 def mutated_file(seed: Seed, rng: np.random.Generator) -> bytes:
     """A mutation of a valid file: of its structure, of its bytes, or of what is packed in it."""
     if seed.inner is None or rng.random() < 0.3:
@@ -356,7 +268,7 @@ def mutated_file(seed: Seed, rng: np.random.Generator) -> bytes:
         return gzip.compress(mutated(gzip.decompress(seed.content), rng))
     if seed.inner == "mat":
         return _mat_with_mutated_element(seed.content, rng)
-    return _zip_with_mutated_member(seed.content, rng)
+    return with_other_member(seed.content, rng, lambda member: mutated(member, rng))
 
 
 def _with_other_fields(seed: Seed, rng: np.random.Generator) -> bytes:
@@ -364,26 +276,12 @@ def _with_other_fields(seed: Seed, rng: np.random.Generator) -> bytes:
     out = bytearray(seed.content)
     for _ in range(int(rng.integers(1, 4))):
         at, width = seed.fields[int(rng.integers(len(seed.fields)))]
-        values = _HURTFUL_WIDE if width == 8 else _HURTFUL
+        values = HURTFUL_WIDE if width == 8 else HURTFUL
         value = values[int(rng.integers(len(values)))]
         if rng.random() < 0.4:
             value = int.from_bytes(out[at : at + width], "little") + int(rng.integers(-9, 10))
         out[at : at + width] = (value & ((1 << 8 * width) - 1)).to_bytes(width, "little")
     return bytes(out)
-
-
-def _zip_with_mutated_member(content: bytes, rng: np.random.Generator) -> bytes:
-    out = io.BytesIO()
-    with (
-        zipfile.ZipFile(io.BytesIO(content)) as old,
-        zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as new,
-    ):
-        names = old.namelist()
-        chosen = names[int(rng.integers(len(names)))]
-        for name in names:
-            member = old.read(name)
-            new.writestr(name, mutated(member, rng) if name == chosen else member)
-    return out.getvalue()
 
 
 def _mat_with_mutated_element(content: bytes, rng: np.random.Generator) -> bytes:

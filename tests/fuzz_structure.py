@@ -335,6 +335,18 @@ _CHANGES: tuple[Callable[[h5py.File, str, np.random.Generator], None], ...] = (
 
 def zip_bomb(content: bytes, rng: np.random.Generator) -> bytes:
     """An archive of arrays in which one claims, and truly unpacks to, far more than it stores."""
+    n = int(2 ** rng.integers(20, 25))
+    shape = f"({n // 2048}, 32, 32)" if rng.random() < 0.5 else f"({n * 8},)"
+    words = f"{{'descr': '<u2', 'fortran_order': False, 'shape': {shape}, }}"
+    header = words.ljust(117) + "\n"
+    body = b"\x93NUMPY\1\0" + struct.pack("<H", len(header)) + header.encode() + bytes(n)
+    return with_other_member(content, rng, lambda _: body)
+
+
+def with_other_member(
+    content: bytes, rng: np.random.Generator, change: Callable[[bytes], bytes]
+) -> bytes:
+    """A zip archive, packed again with one of its files changed."""
     out = io.BytesIO()
     with (
         zipfile.ZipFile(io.BytesIO(content)) as old,
@@ -343,13 +355,6 @@ def zip_bomb(content: bytes, rng: np.random.Generator) -> bytes:
         names = old.namelist()
         chosen = names[int(rng.integers(len(names)))]
         for name in names:
-            body = old.read(name)
-            if name == chosen:
-                n = int(2 ** rng.integers(20, 25))
-                shape = f"({n // 2048}, 32, 32)" if rng.random() < 0.5 else f"({n * 8},)"
-                words = f"{{'descr': '<u2', 'fortran_order': False, 'shape': {shape}, }}"
-                header = words.ljust(117) + "\n"
-                body = b"\x93NUMPY\1\0" + struct.pack("<H", len(header)) + header.encode()
-                body += bytes(n)
-            new.writestr(name, body)
+            member = old.read(name)
+            new.writestr(name, change(member) if name == chosen else member)
     return out.getvalue()

@@ -10,6 +10,7 @@ import pytest
 
 import lightflight as lf
 from tests import fuzz_readers
+from tests.fuzz_bytes import mutated
 
 
 def test_the_valid_files_are_valid(tmp_path):
@@ -26,7 +27,7 @@ def test_the_valid_files_are_valid(tmp_path):
 def test_mutations_are_the_same_every_time():
     content = bytes(range(256)) * 4
     twice = [
-        [fuzz_readers.mutated(content, rng) for _ in range(50)]
+        [mutated(content, rng) for _ in range(50)]
         for rng in (np.random.default_rng(3), np.random.default_rng(3))
     ]
     assert twice[0] == twice[1]
