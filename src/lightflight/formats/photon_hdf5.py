@@ -60,28 +60,17 @@ def read(
         pixel = _detectors(photons, code, path)
         ours = file.get(_OURS)
         attributes = _plain_attributes(ours) if isinstance(ours, h5py.Group) else {}
-        settings = {}
-        if attributes:
-            settings = json.loads(str(read_array(ours.get("settings"), path=path)))
-            if not isinstance(settings, dict):
-                raise FileFormatError("its settings are not readable: it is damaged", path=path)
+        settings = _settings_in(ours, path) if attributes else {}
         told = _clock_in(file, path)
+        starts = None
         if "n_frames" in attributes:
             told["n_frames"] = int(attributes["n_frames"])
             stamps = StoredArray.of(photons.get("timestamps"), path=path, ours=False)
             if stamps.shape != code.shape:
                 raise FileFormatError("has not one time stamp per photon: it is damaged", path=path)
             starts = _frame_starts(stamps, told["n_frames"], path)
-        else:
-            starts = None
     n_codes = told.pop("n_codes")
-    if shape is not None:
-        shape = checked_shape(shape)
-    else:
-        stated = np.ravel(attributes.get("shape", (1, _largest(pixel) + 1)))
-        if len(stated) != 2 or stated.dtype.kind not in "iu":
-            raise FileFormatError("does not tell its shape: the file is damaged", path=path)
-        shape = int(stated[0]), int(stated[1])
+    shape = _stated_shape(attributes, pixel, path) if shape is None else checked_shape(shape)
     for name in CLOCK_FIELDS:
         if name in attributes:
             told[name] = attributes[name].item()
@@ -95,6 +84,21 @@ def read(
             settings=settings,
             **(told | dict(clock)),
         )
+
+
+def _settings_in(ours: Any, path: Path) -> dict[str, Any]:
+    settings = json.loads(str(read_array(ours.get("settings"), path=path)))
+    if not isinstance(settings, dict):
+        raise FileFormatError("its settings are not readable: it is damaged", path=path)
+    return settings
+
+
+def _stated_shape(attributes: Mapping[str, Any], pixel: Any, path: Path) -> tuple[int, int]:
+    """(rows, cols) as the file says; one row of all pixels with photons where it does not."""
+    stated = np.ravel(attributes.get("shape", (1, _largest(pixel) + 1)))
+    if len(stated) != 2 or stated.dtype.kind not in "iu":
+        raise FileFormatError("does not tell its shape: the file is damaged", path=path)
+    return int(stated[0]), int(stated[1])
 
 
 def _plain_attributes(node: Any) -> dict[str, Any]:
