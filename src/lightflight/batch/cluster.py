@@ -75,43 +75,13 @@ def workers(
             'campaigns need dask, which is not installed: pip install "lightflight[batch]"'
         ) from error
     level = logging.INFO if loud else logging.CRITICAL + 1
-    for name in [*logging.root.manager.loggerDict, "distributed"]:
-        if name.partition(".")[0] == "distributed":
-            logging.getLogger(name).setLevel(level)
-    dask_utils: Any = distributed.utils
-    dask_utils._forkserver_preload_set = True  # else Dask imports all it knows, pandas too
-    dask_cluster: Any = distributed.LocalCluster
-    dask_client: Any = distributed.Client
-    options = {
-        # Dask's own watching of itself would take a few per cent of every worker's time.
-        "distributed.worker.profile.enabled": False,
-        "distributed.admin.tick.interval": "1s",
-        "distributed.admin.system-monitor.interval": "5s",
-        "distributed.scheduler.allowed-failures": _MOST_DEATHS,
-        "distributed.worker.daemon": True,
-        "distributed.worker.multiprocessing-method": start_method,
-        "distributed.admin.system-monitor.gil.enabled": False,
-        "distributed.comm.timeouts.connect": f"{_CONNECT_S}s",
-        "distributed.nanny.pre-spawn-environ": _ENVIRONMENT,
-        "distributed.logging.distributed": logging.getLevelName(level) if loud else "CRITICAL",
-    }
-    with dask.config.set(options), contextlib.ExitStack() as stack:
-        if scheduler is None:
-            try:
-                address: Any = stack.enter_context(
-                    dask_cluster(
-                        n_workers=n_workers or cores(),
-                        threads_per_worker=1,
-                        host="127.0.0.1",
-                        dashboard_address=None,
-                        local_directory=str(scratch),
-                        silence_logs=False if loud else level,
-                    )
-                )
-            except RuntimeError as error:
-                raise ConfigError(f"no worker could be started: {_why_not(error)}") from None
-        else:
-            address = scheduler
+    _set_log_level(level)
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(dask.config.set(_dask_options(level, start_method)))
+        address = scheduler or stack.enter_context(
+            _local_cluster(n_workers or cores(), scratch, log_level=level)
+        )
+        dask_client: Any = distributed.Client
         try:
             client = stack.enter_context(
                 dask_client(address, timeout=_CONNECT_S, set_as_default=False)
@@ -122,6 +92,48 @@ def workers(
             ) from None
         client.register_plugin(_deaf_to_interrupts(), name="lightflight-interrupts")
         yield client
+
+
+def _set_log_level(level: int) -> None:
+    for name in [*logging.root.manager.loggerDict, "distributed"]:
+        if name.partition(".")[0] == "distributed":
+            logging.getLogger(name).setLevel(level)
+
+
+def _dask_options(log_level: int, start_method: str) -> dict[str, Any]:
+    return {
+        # Dask's own watching of itself would take a few per cent of every worker's time.
+        "distributed.worker.profile.enabled": False,
+        "distributed.admin.tick.interval": "1s",
+        "distributed.admin.system-monitor.interval": "5s",
+        "distributed.admin.system-monitor.gil.enabled": False,
+        "distributed.scheduler.allowed-failures": _MOST_DEATHS,
+        "distributed.worker.daemon": True,
+        "distributed.worker.multiprocessing-method": start_method,
+        "distributed.comm.timeouts.connect": f"{_CONNECT_S}s",
+        "distributed.nanny.pre-spawn-environ": _ENVIRONMENT,
+        "distributed.logging.distributed": logging.getLevelName(min(log_level, logging.CRITICAL)),
+    }
+
+
+def _local_cluster(n_workers: int, scratch: Path, *, log_level: int) -> Any:
+    """Workers on this machine; raises ConfigError where none can be started."""
+    import distributed
+
+    dask_utils: Any = distributed.utils
+    dask_utils._forkserver_preload_set = True  # else Dask imports all it knows, pandas too
+    dask_cluster: Any = distributed.LocalCluster
+    try:
+        return dask_cluster(
+            n_workers=n_workers,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address=None,
+            local_directory=str(scratch),
+            silence_logs=log_level if log_level > logging.CRITICAL else False,
+        )
+    except RuntimeError as error:
+        raise ConfigError(f"no worker could be started: {_why_not(error)}") from None
 
 
 def _start_method() -> str:
