@@ -82,6 +82,11 @@ def _note_pixel(ax: Axes, record: Any, pixel: tuple[int, int], *, screams: bool)
     )  # fmt: skip
 
 
+def _degrees(angle: float, digits: str = ".2f") -> str:
+    """An angle in deg with a minus sign as long as those of the axes."""
+    return f"{angle:{digits}}\u00b0".replace("-", "\u2212")
+
+
 @style.styled
 def fig4_figure(record: Any) -> Figure:
     """The legs one after another (Fig. 4): start, reference plane, projection, angle, end."""
@@ -90,7 +95,7 @@ def fig4_figure(record: Any) -> Figure:
     for leg, ax in enumerate(figure.subplots(1, n, sharey=True)):
         _draw_reference_plane(ax, record, leg)
         ax.set_xlabel("x (mm)")
-        style.title(ax, f"Leg {leg + 1}", f"dashed: true, {record.true_angles_deg[leg]:.2f}\u00b0")
+        style.title(ax, f"Leg {leg + 1}", f"dashed: true, {_degrees(record.true_angles_deg[leg])}")
     figure.axes[0].set_ylabel("z (mm), towards the camera")
     return figure
 
@@ -116,7 +121,7 @@ def _draw_reference_plane(ax: Axes, record: Any, leg: int) -> None:
     )  # fmt: skip
     middle = 0.5 * (start + end)
     ax.annotate(
-        f"\u03b1 = {record.angles_deg[leg]:.2f}\u00b0", (middle[0], middle[2]), (0, -16),
+        f"\u03b1 = {_degrees(record.angles_deg[leg])}", (middle[0], middle[2]), (0, -16),
         textcoords="offset points", ha="center", color=style.EVENT, zorder=9,
         bbox={"fc": style.PAPER, "ec": "none", "pad": 1.0, "alpha": 0.8},
     )  # fmt: skip
@@ -184,7 +189,7 @@ def fig5b_figure(record: Any) -> Figure:
         ax.plot(curve.theory_arrival_ps, curve.theory_event_ps, color=color, lw=1.0)
         ax.plot(
             curve.arrival_ps, curve.event_time_ps, "o", ms=3, color=color,
-            label=f"{curve.angle_deg:+.0f}\u00b0   rms {curve.time_rms_ps:.2f} ps",
+            label=f"{_degrees(curve.angle_deg, '+.0f')}   rms {curve.time_rms_ps:.2f} ps",
         )  # fmt: skip
         longest = max(longest, float(curve.theory_arrival_ps.max()))
     ax.plot([0, longest], [0, longest], color=style.QUIET, lw=0.8, ls="--")
