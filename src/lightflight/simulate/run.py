@@ -351,10 +351,7 @@ def _events(stage: Stage, threads: int | None, progress: Progress | None) -> Rec
         if detector.crosstalk_probability > 0 and block.n_frames is not None:
             parts.append(_with_echoes(stage, block, threads))
         else:
-            counts = _recorded(stage, block, threads=threads)
-            rng = stage.streams.generator("frame", block.number)
-            one = detector.first_photon_only
-            parts.append(events_of_block(counts, block, one_per_frame=one, rng=rng))
+            parts.append(_photons(stage, block, threads))
         if progress is not None:
             progress(block.number + 1, len(blocks))
     pixel, code = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
@@ -372,15 +369,21 @@ def _events(stage: Stage, threads: int | None, progress: Progress | None) -> Rec
     )
 
 
+def _photons(stage: Stage, block: Block, threads: int | None) -> tuple[Ints, Ints, Ints | None]:
+    """(pixel, code, frame) of each photon that one part of a recording holds."""
+    return events_of_block(
+        _recorded(stage, block, threads=threads),
+        block,
+        one_per_frame=stage.detector.first_photon_only,
+        rng=stage.streams.generator("frame", block.number),
+    )
+
+
 def _with_echoes(stage: Stage, block: Block, threads: int | None) -> Photons:
     """Photons of one part of a recording, each echo of crosstalk in the frame of its cause."""
     detector = stage.detector
     silent = replace(stage.scene, detector=replace(detector, crosstalk_probability=0.0))
-    counts = _recorded(replace(stage, scene=silent), block, threads=threads)
-    rng = stage.streams.generator("frame", block.number)
-    pixel, code, frame = events_of_block(
-        counts, block, one_per_frame=detector.first_photon_only, rng=rng
-    )
+    pixel, code, frame = _photons(replace(stage, scene=silent), block, threads)
     assert frame is not None
     return with_echoes(
         (pixel, code, frame),
