@@ -227,6 +227,10 @@ def test_rows_of_the_table(legs):
     reported_numbers = {row.reported for row in rows if row.reported is not None}
     assert reported_numbers == {0.15, 3.03, 65.0, 1.75, 3.84, 174.80, 70.0, 8.0, 16.5}
     assert all(row.prior for row in rows)
+    exits = [row for row in rows if "source to exit" in row.quantity]
+    assert [row.joint for row in exits] == [
+        legs["errors"][f"joint, codes, emission time {how}"][2] for how in ("known", "fitted")
+    ]
     position = next(row for row in rows if row.reported == 1.75)
     ours = (position.joint, position.photon)
     assert position.factor == pytest.approx(1.75 / min(v for v in ours if v is not None))

@@ -31,10 +31,6 @@ class Fig5c:
     """(a,), of a frame, in event time, deconvolved."""
     frame_std_ps: Floats
     """(a,), scatter between recordings."""
-    pixel_raw_ps: Floats
-    """(a,), of a pixel, as fitted."""
-    frame_raw_ps: Floats
-    """(a,), of a frame, as fitted."""
     theory_pixel_ps: float
     """The laser's, at every angle."""
     theory_frame_ps: Floats
@@ -73,8 +69,6 @@ def record_from_results(results: Sequence[Mapping[str, Any]]) -> Fig5c:
         pixel_std_ps=pixel.std(axis=1),
         frame_ps=np.nanmean(frame, axis=1),
         frame_std_ps=np.nanstd(frame, axis=1),
-        pixel_raw_ps=column("pixel_fwhm_ps").mean(axis=1),
-        frame_raw_ps=np.nanmean(column("frame_fwhm_ps"), axis=1),
         theory_pixel_ps=scenes[0].pulse_fwhm_ps,
         theory_frame_ps=np.array([frame_width_theory_ps(s, s.pulse_fwhm_ps) for s in scenes]),
     )

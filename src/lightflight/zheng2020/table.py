@@ -208,6 +208,16 @@ def _path_rows(figure: Fig6) -> Iterator[Row]:
                 f"source known, {prior}",
                 f"three legs, {words}, rms in view" if clock == "delays" else "",
             )  # fmt: skip
+    for known in (True, False):
+        prior = "emission time known" if known else "emission time fitted"
+        yield Row(
+            f"position error, three legs, source to exit, rms; {prior}; code widths calibrated",
+            "mm", "Fig. 6", None,
+            error(figure.whole_position_rms_mm, "paper", "codes", known=known),
+            error(figure.whole_position_rms_mm, "joint", "codes", known=known),
+            error(figure.whole_position_rms_mm, "photon", "codes", known=known),
+            None, f"source known, {prior}",
+        )  # fmt: skip
     yield Row(
         "arrival time against event time, before correction, rms", "ps", "Fig. 6b",
         reported.ARRIVAL_TIME_RMS_PS, figure.before_ps, None, None, None,
