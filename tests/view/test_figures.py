@@ -285,6 +285,7 @@ def fake_timing(rng: np.random.Generator, *, flat: bool = True) -> Any:
         flags=words,
         gain=1 + 0.0065 * rng.normal(size=shape),
         phases=mean * (1 + 0.064 * rng.normal(size=(*shape, 8))),
+        phase_std=np.full((*shape, 8), 0.008),
         skew_ps=300 * rng.normal(size=shape) if flat else np.zeros(shape),
         skew_std_ps=np.full(shape, 0.4) if flat else nan,
         response_std_ps=72 + 1.5 * rng.normal(size=shape) if flat else nan,
@@ -310,6 +311,9 @@ def test_the_calibration_figure_shows_what_was_measured(
     assert ("no flat recording" in text) == (not flat)
     good = fl.is_usable(timing.flags)
     assert f"{np.std(100 * timing.gain[good]):.2f} % rms" in text
+    seen = np.std(timing.phases[good], axis=0)
+    own = np.hypot(np.sqrt(np.mean(seen**2)), 0.008)
+    assert f"pixels differ by {100 * own:.1f} % rms, known to 0.8 %" in text
 
 
 def test_bad_pixels_are_drawn_where_they_are(rng: np.random.Generator) -> None:

@@ -66,9 +66,10 @@ def draw_phases(timing: Any, ax: Axes | None = None) -> Axes:
     """Relative widths of the codes by phase (code modulo 8): mean, pixel spread, single pixels."""
     ax = style.axes_or_new(ax, 85, 70)
     phases = np.asarray(timing.phases, dtype=float)[good_pixels(timing)]
-    phases = phases[np.isfinite(phases).all(axis=1)]
+    known = np.isfinite(phases).all(axis=1)
+    phases, errors = phases[known], timing.phase_std[good_pixels(timing)][known]
     n_phases = timing.phases.shape[2]
-    if len(phases) == 0 or n_phases < 2:
+    if len(phases) == 0 or n_phases < 2 or np.all(phases == 1.0):
         return style.message(ax, "code widths were not measured")
     k = np.arange(n_phases)
     mean, spread = phases.mean(axis=0), phases.std(axis=0)
@@ -87,7 +88,10 @@ def draw_phases(timing: Any, ax: Axes | None = None) -> Axes:
         ax.plot(k, mean, color=style.ARRIVAL, lw=0.9)
     ax.axhline(1.0, color=style.QUIET, lw=0.6, zorder=0)
     ax.set(xlabel=f"code modulo {n_phases}", ylabel="relative code width")
-    note = f"pixels differ by {100 * float(spread.mean()):.1f} % rms"
+    # Few photons draw widths to the mean: their own spread is that seen and their errors.
+    error = float(np.sqrt(np.mean(errors**2)))
+    own = float(np.hypot(np.sqrt(np.mean(spread**2)), error))
+    note = f"pixels differ by {100 * own:.1f} % rms, known to {100 * error:.1f} %"
     style.title(ax, f"{_count_word(n_phases)} phases", note, stacked=True)
     return ax
 
