@@ -30,6 +30,9 @@ TIME_LIMIT_S = 60.0
 
 _MEMORY_SHARE = 0.8
 _LIBRARIES_BYTES = 1 << 30
+_EMPTY_CUBE_BYTES = 2 << 30
+"""Room for the cube of an image with hardly a photon in it, whose file is small."""
+
 _BYTES_PER_S = 1e6
 _REFUSED, _MISSING = 3, 4
 
@@ -93,13 +96,13 @@ def _arrays_in(folder: Path) -> dict[str, NDArray[Any]]:
 
 
 def _limit_memory(path: Path) -> None:
-    """Bound what may be taken: by the free memory, and by what so small a file can unpack to."""
+    """Bound what may be taken: by the free memory, and by what so small a file can hold."""
     try:
         import resource
     except ImportError:  # not on Windows
         return
-    most = min(int(_MEMORY_SHARE * free_memory_bytes()), DEFLATE_MOST * path.stat().st_size)
-    limit = most + _LIBRARIES_BYTES
+    unpacked = _EMPTY_CUBE_BYTES + DEFLATE_MOST * path.stat().st_size
+    limit = min(int(_MEMORY_SHARE * free_memory_bytes()), unpacked) + _LIBRARIES_BYTES
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     if hard == resource.RLIM_INFINITY or limit < hard:
         resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
