@@ -281,12 +281,12 @@ def _fit_singles(
 def _room_for_results(n_pixels: int) -> tuple[Floats, Floats, Floats]:
     """Values (4, m), covariance (4, 4, m) and table (N_COLUMNS, m), for m >= n_pixels.
 
-    One block is quicker to get than three. Its rows are an odd number of cache lines of 8 apart:
-    a fit writes to one column of all, which must not compete for the same lines of the cache.
+    Rows are an odd number of cache lines of 8 apart: a fit writes to one column of all, which
+    must not compete for the same lines of the cache. The table is for itself: it is not kept.
     """
     apart = 8 * (-(-n_pixels // 8) | 1)
-    values, covariance, table = np.split(np.empty((20 + pulse_tile.N_COLUMNS, apart)), (4, 20))
-    return values, covariance.reshape(4, 4, apart), table
+    kept, table = np.empty((20, apart)), np.empty((pulse_tile.N_COLUMNS, apart))
+    return kept[:4], kept[4:].reshape(4, 4, apart), table
 
 
 def _rows(pixel: NDArray[np.int64], values: Floats, covariance: Floats, table: Floats) -> Fits:
