@@ -112,6 +112,18 @@ def test_threads_do_not_change_a_recording():
     np.testing.assert_array_equal(alone.counts, many.counts)
 
 
+def test_threads_do_not_change_raw_recordings():
+    """Crosstalk too; more photons than two chunks hold."""
+    scene = small_scene(pf32(**QUIET, crosstalk_probability=0.02))
+    alone, many = (
+        simulate(scene, photons_per_pixel=60_000.0, kind="events", threads=n) for n in (1, 3)
+    )
+    assert len(alone.code) > 2 * 131_072
+    np.testing.assert_array_equal(alone.code, many.code)
+    for one, other in zip(photons_of_events(alone), photons_of_events(many), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 @pytest.mark.parametrize("kind", ["frames", "events"])
 def test_raw_recordings_repeat_as_well(kind):
     scene = small_scene(pf32())
