@@ -14,7 +14,7 @@ from lightflight import flags as fl
 from lightflight._kernels import pulse_tile as col
 from lightflight.errors import NothingFoundError
 from lightflight.histogram import Histograms
-from lightflight.timing._pulse_fits import Fits, zero_for_nan
+from lightflight.timing._pulse_fits import Fits, even_sample, zero_for_nan
 
 WIDTH_FACTOR = 1.6
 """A pulse this much wider or narrower than the array's typical one is not the array's pulse."""
@@ -96,7 +96,8 @@ def _count_flags(
     if not lit.any():
         return flags
     flat = signal < 0.2 * dark
-    peers = float(np.median(dark[lit]))
+    of_peers = dark[lit]
+    peers = float(np.median(of_peers[even_sample(len(of_peers))]))
     flags[lit & flat & (dark > ABNORMAL_FACTOR * max(peers, 1.0) + 20.0)] |= fl.ABNORMAL_COUNT
     if hist.n_frames is not None:
         flags[lit & flat & (dark > SCREAMING_OCCUPANCY * hist.n_frames)] |= fl.SCREAMING
