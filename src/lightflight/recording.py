@@ -22,7 +22,7 @@ from lightflight.histogram import Histograms
 Progress = Callable[[int, int], None]
 """Called now and then with (done, in all), in frames or in photons."""
 
-_CHUNK_BYTES = 8 << 20
+_CHUNK_BYTES = 16 << 20
 
 
 class SlicedArray(Protocol):
