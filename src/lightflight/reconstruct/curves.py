@@ -5,9 +5,8 @@ Pure functions of places (px), times (ps) and errors (ps).
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
+from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -39,22 +38,32 @@ def kink_place(s: Floats, times: Floats, errors: Floats) -> float | None:
     knots = np.arange(s.min() + _KINK_FROM_END_PX, s.max() - _KINK_FROM_END_PX + 1e-9, 1.0)
     if len(knots) == 0 or len(s) < 8:
         return None
-    parabola = np.polynomial.polynomial.polyvander(s, 2)
-    smooth = _misfit(np.polynomial.polynomial.polyvander(s, 3), times, errors)
-    costs = [
-        _misfit(np.column_stack((parabola, np.maximum(s - knot, 0.0))), times, errors)
-        for knot in knots
-    ]
-    best = int(np.argmin(costs))
-    scale = max(1.0, costs[best] / len(s))
-    if costs[best] < min(_KINK_SHARE * smooth, smooth - _KINK_CHI2 * scale):
+    bends = np.maximum(s[:, np.newaxis] - knots, 0.0)
+    misfits = _misfits(s, np.column_stack((s**3, bends)), times, errors)
+    smooth, kinked = misfits[0], misfits[1:]
+    best = int(np.argmin(kinked))
+    scale = max(1.0, kinked[best] / len(s))
+    if kinked[best] < min(_KINK_SHARE * smooth, smooth - _KINK_CHI2 * scale):
         return float(knots[best])
     return None
 
 
-def _misfit(design: NDArray[Any], times: Floats, errors: Floats) -> float:
-    """Chi-square of the best curve; a wild pixel counts as one of five errors at most."""
+def _misfits(s: Floats, extra: Floats, times: Floats, errors: Floats) -> Floats:
+    """Chi-square of the best parabola with each of the columns `extra` (n, k) added; (k,).
+
+    A wild pixel counts as one of five errors at most.
+    """
     weight = weights_from_errors(errors)
-    best = np.linalg.lstsq(design * weight[:, np.newaxis], times * weight, rcond=None)[0]
-    scaled = (times - design @ best) * weight
-    return float(np.minimum(scaled**2, 25.0 * max(1.0, float(np.median(scaled**2)))).sum())
+    # What the parabola takes of times and columns is taken off once for all.
+    parabola, _ = np.linalg.qr(polynomial.polyvander(s, 2) * weight[:, np.newaxis])
+    left = np.column_stack((times, extra)) * weight[:, np.newaxis]
+    size = np.linalg.norm(left, axis=0)
+    left -= parabola @ (parabola.T @ left)
+    target, columns = left[:, 0], left[:, 1:]
+    squared = np.sum(columns**2, axis=0)
+    told = squared > (1e-9 * size[1:]) ** 2
+    share = np.where(told, target @ columns / np.where(told, squared, 1.0), 0.0)
+    scaled = (target[:, np.newaxis] - columns * share) ** 2
+    most = 25.0 * np.maximum(1.0, np.median(scaled, axis=0))
+    chi2: Floats = np.minimum(scaled, most).sum(axis=0)
+    return chi2

@@ -102,7 +102,7 @@ def nearest_fractions(
         # Near a vanishing point the picture speeds up along the leg: keep Newton on a leash.
         change = np.clip(np.nan_to_num(change), -0.5, 0.5)
         fraction = fraction + change
-        if np.abs(change).max(initial=0.0) < 1e-7:  # Newton: the next would be 1e-14
+        if np.abs(change).max(initial=0.0) < 1e-4:  # Newton: the next would be 1e-8
             break
     return fraction
 

@@ -102,7 +102,7 @@ def state_from_legs(
     last = straights[-1]
     end = (
         last.start_mm
-        + _lengths_on_rays(last.start_mm, last.direction[np.newaxis], curves[-1].rays[-1:], camera)[
+        + _meetings(last.start_mm, last.direction[np.newaxis], curves[-1].rays[-1:], camera)[0][
             0, 0
         ]
         * last.direction
@@ -125,8 +125,10 @@ def _directions(curve: LegCurve, angles: Floats) -> Floats:
     return np.cos(angles)[:, np.newaxis] * along - np.sin(angles)[:, np.newaxis] * away
 
 
-def _lengths_on_rays(start: Floats, directions: Floats, rays: Floats, camera: Camera) -> Floats:
-    """Path length from start to where each ray meets each direction; (directions, rays), mm.
+def _meetings(
+    start: Floats, directions: Floats, rays: Floats, camera: Camera
+) -> tuple[Floats, Floats]:
+    """Where each ray meets each direction: (directions, rays) mm from the start, and on the ray.
 
     NaN where the meeting point is behind the start or behind the camera.
     """
@@ -138,18 +140,18 @@ def _lengths_on_rays(start: Floats, directions: Floats, rays: Floats, camera: Ca
     determinant = np.maximum(1.0 - dr**2, 1e-15)
     length = (dr * rb - db[:, np.newaxis]) / determinant
     depth = (rb - dr * db[:, np.newaxis]) / determinant
-    return np.where((length > 0) & (depth > 0), length, np.nan)
+    behind = (length <= 0) | (depth <= 0)
+    length[behind] = depth[behind] = np.nan
+    return length, depth
 
 
 def _relative_arrivals(
     start: Floats, directions: Floats, rays: Floats, camera: Camera, medium: Medium
 ) -> Floats:
     """Arrival time of light from each ray's meeting point, counted from the start's event time."""
-    length = _lengths_on_rays(start, directions, rays, camera)
-    points = start + length[..., np.newaxis] * directions[:, np.newaxis]
-    distance = np.linalg.norm(points - camera.center_mm, axis=-1)
+    length, depth = _meetings(start, directions, rays, camera)
     arrival: Floats = (
-        medium.path_group_index * length + medium.return_group_index * distance
+        medium.path_group_index * length + medium.return_group_index * depth
     ) / SPEED_OF_LIGHT_MM_PER_PS
     return arrival
 
@@ -260,9 +262,9 @@ def _following_leg(
     previous: Straight, seen: LegCurve, curve: LegCurve, camera: Camera, medium: Medium
 ) -> Straight:
     """Leg that starts on the line of the one before it, after that was last seen."""
-    last_seen = _lengths_on_rays(
+    last_seen = _meetings(
         previous.start_mm, previous.direction[np.newaxis], seen.rays[-1:], camera
-    )[0, 0]
+    )[0][0, 0]
     if not np.isfinite(last_seen):
         last_seen = 0.0
     approach = float(previous.direction @ curve.plane_normal)
