@@ -36,6 +36,7 @@ from lightflight.reconstruct.result import on_first_lap, path_from_fit
 from lightflight.reconstruct.revise import fit_from_legs, revised, with_n_legs
 from lightflight.reconstruct.setting import Setting, earliest_arrival_ps
 from lightflight.reconstruct.statements import statements_from_covariance
+from lightflight.reconstruct.unclaimed import from_unclaimed_legs, with_unclaimed_legs
 from lightflight.timing.arrivals import find_arrivals
 from lightflight.timing.calibration import ASSUMED_GAIN_STD, TimingCalibration
 
@@ -202,9 +203,12 @@ def _joint_fit(
     except (GeometryError, NothingFoundError) as problem:
         refuse_if_clearer_backwards(legs, observations[0], setting, n_legs)
         ask_which_way(legs, observations[0], setting.camera, timing, problem)
-        raise
+        longer = from_unclaimed_legs(observations, legs, setting) if n_legs is None else None
+        if longer is None:
+            raise
+        fit = longer
     if n_legs is None:
-        fit = revised(observations, fit, setting)
+        fit = with_unclaimed_legs(observations, legs, revised(observations, fit, setting), setting)
     else:
         fit = with_n_legs(observations, fit, setting, n_legs)
     if timing is None and fit.floor_ps > 0.2 * pulse_std_ps(observations):

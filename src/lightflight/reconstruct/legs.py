@@ -283,6 +283,18 @@ def _disjoint_groups(
     return groups
 
 
+def image_leg(arrivals: Arrivals, members: NDArray[np.intp], camera: Camera | None) -> ImageLeg:
+    """The leg through pulses said to be its own; `members` (n,), rows of the arrivals table."""
+    return _image_leg(
+        np.arange(len(members)),
+        members,
+        undistorted_px(camera, arrivals.row[members], arrivals.col[members]),
+        arrivals.arrival_ps[members],
+        np.hypot(arrivals.photon_std_ps[members], arrivals.pixel_std_ps[members]),
+        np.maximum(arrivals.photons[members], 1e-12),
+    )
+
+
 def _image_leg(
     group: NDArray[np.int64],
     rows: NDArray[np.intp],

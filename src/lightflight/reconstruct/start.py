@@ -100,13 +100,8 @@ def state_from_legs(
     for number, curve in enumerate(curves[1:], start=2):
         straights.append(_following_leg(straights[-1], curves[number - 2], curve, camera, medium))
     last = straights[-1]
-    end = (
-        last.start_mm
-        + _meetings(last.start_mm, last.direction[np.newaxis], curves[-1].rays[-1:], camera)[0][
-            0, 0
-        ]
-        * last.direction
-    )
+    length, _ = _meetings(last.start_mm, last.direction[np.newaxis], curves[-1].rays[-1:], camera)
+    end = last.start_mm + length[0, 0] * last.direction
     vertices = np.array([leg.start_mm for leg in straights] + [end])
     return PathState(vertices, first.start_time_ps)
 

@@ -1,0 +1,211 @@
+"""Light that no leg explains, and whether it is a leg that the search in the picture left out.
+
+A short leg that turns off beside its neighbour hides in that one's wings as long as legs are
+looked for one by one. Once the others are known, the pulses they do not explain are few, and a
+leg shows among them; it is kept where the path with it explains them and still fits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from lightflight import flags
+from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.reconstruct.assignment import prints_of_leg
+from lightflight.reconstruct.geometry import Indices
+from lightflight.reconstruct.joint import JointFit
+from lightflight.reconstruct.legs import (
+    ImageLeg,
+    find_legs,
+    image_leg,
+    legs_in_turn,
+    undistorted_px,
+)
+from lightflight.reconstruct.observation import Observation
+from lightflight.reconstruct.revise import fit_from_legs, revised
+from lightflight.reconstruct.setting import Setting, earliest_arrival_ps
+
+Floats = NDArray[np.float64]
+
+_LEAST_PULSES = 3
+"""So many pulses, at as many places along a line, may be a leg; fewer are left alone."""
+_LEAST_PHOTONS = 20.0
+"""Dimmer pulses than this may be chance, or a wing."""
+_REACH_PX = 2.5
+"""A pulse this near to a leg, at its time, is the leg's light, px ..."""
+_REACH_SPOTS = 4.0
+"""... or this near in stds of the spot."""
+_MARGIN_PX = 1.0
+"""So is one this far beyond a corner, px."""
+_ERRORS, _PULSES = 6.0, 0.5
+"""Times agree within so many errors, or this part of the pulse's own std."""
+_LINK_PX, _LINK_STDS = 2.3, 2.0
+"""Pulses this near to each other in the picture, px, and in time, in their stds, lie together."""
+_WORST_CHI2 = 1.5
+"""A path with further legs must fit its pulses to this chi-square per degree of freedom."""
+
+
+def with_unclaimed_legs(
+    observations: list[Observation], legs: tuple[ImageLeg, ...], fit: JointFit, setting: Setting
+) -> JointFit:
+    """The fit with the legs that light beside its path asks for; as it is where none does.
+
+    Parameters
+    ----------
+    legs : of the first recording as found in the picture, which the fit began with.
+    """
+    left = unclaimed_by_path(observations[0], fit, setting)
+    if len(left) < _LEAST_PULSES:
+        return fit
+    for chain in _longer_chains(observations[0], legs, left, setting):
+        trial = _fitted(observations, chain, setting)
+        if trial is None or trial.floor_ps > fit.floor_ps + 1e-9:
+            continue
+        still = unclaimed_by_path(observations[0], trial, setting)
+        fits = trial.solution.chi2 < _WORST_CHI2 * max(trial.solution.dof, 1)
+        if fits and trial.solution.converged and len(still) <= len(left) - _LEAST_PULSES:
+            return trial
+    return fit
+
+
+def from_unclaimed_legs(
+    observations: list[Observation], legs: tuple[ImageLeg, ...], setting: Setting
+) -> JointFit | None:
+    """A fit where the legs found make no path, from those and what light beside them adds."""
+    for chain in _longer_chains(observations[0], legs, np.empty(0, dtype=np.int64), setting):
+        trial = _fitted(observations, chain, setting)
+        if trial is not None:
+            return trial
+    return None
+
+
+def unclaimed_by_path(observation: Observation, fit: JointFit, setting: Setting) -> Indices:
+    """Rows of the arrivals table whose pulses no leg of a path explains; (n,)."""
+    pulses, errors, std = _telling_pulses(observation)
+    state, reach = fit.solution.state, max(_REACH_PX, _REACH_SPOTS * fit.pictures[0].spot_std_px)
+    gap = np.full((len(pulses), state.n_legs), np.nan)
+    for k in range(state.n_legs):
+        print_ = prints_of_leg(observation, state, setting, pulses, k)
+        margin = _MARGIN_PX / print_.px_per_leg
+        near = np.abs(print_.lateral_px) < reach
+        near &= (print_.fraction > -margin) | (k == 0)
+        near &= (print_.fraction < 1.0 + margin) | (k == state.n_legs - 1)
+        gap[near, k] = (observation.arrival_ps[pulses] - print_.arrival_ps)[near]
+    taken = np.isin(pulses, fit.times.index[fit.times.weight > 0])
+    return pulses[~(taken | _explained(gap, errors, std))]
+
+
+def unclaimed_by_legs(
+    observation: Observation, legs: tuple[ImageLeg, ...], setting: Setting
+) -> Indices:
+    """Rows of the arrivals table whose pulses no leg of the picture explains; (n,)."""
+    pulses, errors, std = _telling_pulses(observation)
+    arrivals = observation.arrivals
+    points = undistorted_px(setting.camera, arrivals.row[pulses], arrivals.col[pulses])
+    gap = np.full((len(pulses), len(legs)), np.nan)
+    for k, leg in enumerate(legs):
+        offset = points - leg.origin_px
+        along = offset @ leg.direction_px
+        across = offset[:, 0] * leg.direction_px[1] - offset[:, 1] * leg.direction_px[0]
+        first, last = leg.extent_px
+        near = (along > first - _MARGIN_PX) & (along < last + _MARGIN_PX)
+        near &= np.abs(across) < _REACH_PX
+        gap[near, k] = (observation.arrival_ps[pulses] - leg.arrival_ps(along))[near]
+    return pulses[~_explained(gap, errors, std)]
+
+
+def _telling_pulses(observation: Observation) -> tuple[Indices, Floats, float]:
+    """(rows of the arrivals table, errors of their times in ps, typical std of a pulse in ps)."""
+    arrivals = observation.arrivals
+    usable = flags.is_usable(arrivals.flags) & np.isfinite(observation.arrival_ps)
+    pulses = np.flatnonzero(usable & (arrivals.photons > _LEAST_PHOTONS))
+    errors = np.hypot(arrivals.photon_std_ps, arrivals.pixel_std_ps)[pulses]
+    return pulses, errors, float(np.median(arrivals.std_ps[usable])) if usable.any() else 0.0
+
+
+def _explained(gap: Floats, errors: Floats, std: float) -> NDArray[np.bool_]:
+    """True where a pulse is a leg's, or the mixed light of two; `gap` (n, legs), NaN: not near."""
+    tolerance = np.maximum(_ERRORS * errors, _PULSES * std)
+    with np.errstate(invalid="ignore"):
+        own = (np.abs(gap) < tolerance[:, np.newaxis]).any(axis=1)
+        mixed = (gap < 0).any(axis=1) & (gap > 0).any(axis=1)
+    # Two pulses farther apart than this do not mix: they are told apart.
+    near = np.nanmin(np.abs(np.nan_to_num(gap, nan=np.inf)), axis=1, initial=np.inf) < 3.0 * std
+    explained: NDArray[np.bool_] = own | (mixed & near)
+    return explained
+
+
+def _longer_chains(
+    observation: Observation, legs: tuple[ImageLeg, ...], left: Indices, setting: Setting
+) -> list[tuple[ImageLeg, ...]]:
+    """The legs with what may be missing among them, in each way that can be told.
+
+    `left` are the pulses that the path does not explain; those that the legs in the picture do
+    not explain are others, where a leg was dropped or cut short by a false corner.
+    """
+    arrivals = observation.arrivals
+    beside = _clusters(observation, unclaimed_by_legs(observation, legs, setting), setting)
+    searched, lone = _searched(observation, left, setting), _clusters(observation, left, setting)
+    chains: list[tuple[ImageLeg, ...]] = []
+    for further in (beside, searched, [*beside, *searched], lone):
+        some = [*legs, *further]
+        strength = [float(arrivals.photons[leg.members].sum()) for leg in some]
+        std = float(np.nanmedian(arrivals.std_ps))
+        chain = tuple(legs_in_turn(some, strength, std_ps=std))
+        if any(leg in chain for leg in further) and chain not in chains:
+            chains.append(chain)
+    return chains
+
+
+def _searched(observation: Observation, left: Indices, setting: Setting) -> list[ImageLeg]:
+    """Legs that the search in the picture finds when it sees these pulses alone."""
+    arrivals = observation.arrivals
+    hidden = np.ones(len(arrivals.flags), dtype=bool)
+    hidden[left] = False
+    masked = arrivals.flags | np.where(hidden, flags.MASKED, 0).astype(arrivals.flags.dtype)
+    folded = arrivals.laser_period_ps is not None
+    try:
+        return list(
+            find_legs(
+                replace(arrivals, flags=masked),
+                camera=setting.camera,
+                earliest_ps=earliest_arrival_ps(setting) if folded else None,
+                convex=False,  # beside a corner, its mixed light may bend the times either way
+            )
+        )
+    except NothingFoundError:
+        return []
+
+
+def _clusters(observation: Observation, left: Indices, setting: Setting) -> list[ImageLeg]:
+    """Straight legs through pulses that lie together in place and time, few as they may be."""
+    if len(left) < _LEAST_PULSES:
+        return []
+    arrivals = observation.arrivals
+    times = observation.arrival_ps[left]
+    points = undistorted_px(setting.camera, arrivals.row[left], arrivals.col[left])
+    apart = np.linalg.norm(points[:, np.newaxis] - points, axis=2)
+    std = float(np.median(arrivals.std_ps[left]))
+    linked = (apart < _LINK_PX) & (np.abs(times[:, np.newaxis] - times) < _LINK_STDS * std)
+    n, label = connected_components(linked, directed=False)
+    legs = []
+    for k in range(n):
+        members = left[label == k]
+        if len(members) >= _LEAST_PULSES:
+            legs.append(image_leg(arrivals, members, setting.camera))
+    return [leg for leg in legs if leg.n_pixels >= _LEAST_PULSES]
+
+
+def _fitted(
+    observations: list[Observation], chain: tuple[ImageLeg, ...], setting: Setting
+) -> JointFit | None:
+    try:
+        return revised(
+            observations, fit_from_legs(observations, chain, setting, drop=True), setting
+        )
+    except (GeometryError, NothingFoundError, np.linalg.LinAlgError, ValueError):
+        return None
