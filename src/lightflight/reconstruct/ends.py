@@ -193,8 +193,8 @@ def _visible_end(
         gap = float(np.hypot(*(np.array(camera.pixels_from_points(edge.position_mm)) - tip)))
         if gap < 4.0 or not sharp:
             return edge, tip if dark and sharp and gap > _DARK_PX else None
-    inner = places[np.argmin(outwards * fraction)]
-    along = (tip - inner) / max(float(np.hypot(*(tip - inner))), 1e-9)
+    along = camera.pixel_jacobian(inside) @ direction
+    along = along / max(float(np.hypot(*along)), 1e-9)
     across = float(-along[1]), float(along[0])
     return end_in_picture(camera, inside, across), tip if dark else None
 

@@ -43,6 +43,8 @@ _MARGIN_PX = 1.0
 """So is one this far beyond a corner, px."""
 _ERRORS, _PULSES = 6.0, 0.5
 """Times agree within so many errors, or this part of the pulse's own std."""
+_MOST_FURTHER = 3
+"""More legs than this are not left out by a search: what is beside the path is other light."""
 _LINK_PX, _LINK_STDS = 2.3, 2.0
 """Pulses this near to each other in the picture, px, and in time, in their stds, lie together."""
 _WORST_CHI2 = 1.5
@@ -147,6 +149,9 @@ def _longer_chains(
     `left` are the pulses that the path does not explain; those that the legs in the picture do
     not explain are others, where a leg was dropped or cut short by a false corner.
     """
+    # Scaled intensities have no errors of their own that say what a leg explains.
+    if not observation.histograms.poisson:
+        return []
     arrivals = observation.arrivals
     beside = _clusters(observation, unclaimed_by_legs(observation, legs, setting), setting)
     searched, lone = _searched(observation, left, setting), _clusters(observation, left, setting)
@@ -156,7 +161,8 @@ def _longer_chains(
         strength = [float(arrivals.photons[leg.members].sum()) for leg in some]
         std = float(np.nanmedian(arrivals.std_ps))
         chain = tuple(legs_in_turn(some, strength, std_ps=std))
-        if any(leg in chain for leg in further) and chain not in chains:
+        new = any(leg in chain for leg in further) and len(chain) <= len(legs) + _MOST_FURTHER
+        if new and chain not in chains:
             chains.append(chain)
     return chains
 
