@@ -14,7 +14,7 @@ from benchmarks.check_blind_scenes import (
     judged,
 )
 from lightflight.reconstruct import api
-from lightflight.simulate.presets import paper_scene
+from lightflight.simulate.presets import ideal, paper_scene
 from tests.oracles.brute_force import expected_counts
 
 
@@ -43,7 +43,7 @@ def test_without_a_second_look_a_leg_is_missed(monkeypatch):
 @pytest.mark.parametrize("code", [60, 140, 230])
 def test_a_shiny_screw_is_no_leg(code):
     """Light beside the path that no flight can join: 12 pixels that flash at one time."""
-    scene = paper_scene()
+    scene = paper_scene(detector=ideal(psf_std_px=0.35))
     hist = lf.simulate(scene, photons_per_pixel=2000.0, seed=4, threads=1)
     counts = np.array(hist.counts)
     rng = np.random.default_rng(code)

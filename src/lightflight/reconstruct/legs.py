@@ -37,6 +37,12 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+_LONG_PX = 8
+"""A leg seen at so many places along its line is a leg, however broad or swift."""
+_SLENDER = 6.0
+"""A shorter one is longer than its breadth (rms) by this factor ..."""
+_LEAST_RUN = 0.2
+"""... and light takes longer than this from its one end to the other, in stds of a pulse."""
 _GHOST_SHARE = 0.25
 """Legs of a computed cube dimmer per pixel than this share of the brightest are ghosts."""
 
@@ -63,6 +69,8 @@ class ImageLeg:
     """Distinct pixel positions along the leg."""
     residual_rms_ps: float
     """rms of arrival times about the polynomial."""
+    breadth_px: float
+    """rms distance of its light from the line, px."""
 
     def points_px(self, s: ArrayLike) -> Floats:
         """(u, v) at distances `s` along the leg; (..., 2), px."""
@@ -195,17 +203,27 @@ def find_legs(
     rows, points, times = rows[flight], points[flight], times[flight]
     errors, weights = errors[flight], weights[flight]
     groups = _disjoint_groups(points, times, errors, weights, settings, n_legs)
+    std_ps = float(np.median(arrivals.std_ps[rows]))
     legs = [_image_leg(group, rows, points, times, errors, weights) for group in groups]
+    legs = [leg for leg in legs if not is_flash(leg, std_ps=std_ps)]
     strength = [float(arrivals.photons[leg.members].sum()) for leg in legs]
     if computed_cube:
         legs, strength = without_dim_legs(legs, strength)
-    legs = legs_in_turn(legs, strength, std_ps=float(np.median(arrivals.std_ps[rows])))
+    legs = legs_in_turn(legs, strength, std_ps=std_ps)
     if not legs:
         raise NothingFoundError(
             f"{len(rows)} pixels hold a pulse but no {min_pixels} of them lie on a straight line "
             "with times that run smoothly along it: mask false pixels, or give a starting path"
         )
     return tuple(legs)
+
+
+def is_flash(leg: ImageLeg, *, std_ps: float) -> bool:
+    """True for a patch of pixels that light up at once, as broad as long: a screw that shines."""
+    if leg.n_pixels >= _LONG_PX:
+        return False
+    run_ps = leg.span_ps[1] - leg.span_ps[0]
+    return leg.n_pixels < _SLENDER * leg.breadth_px or run_ps < _LEAST_RUN * std_ps
 
 
 def without_dim_legs(
@@ -305,7 +323,9 @@ def _image_leg(
 ) -> ImageLeg:
     """Line and time polynomial through one group of pulses."""
     origin, direction = fitted_line(points[group], weights[group])
-    s = (points[group] - origin) @ direction
+    offset = points[group] - origin
+    s = offset @ direction
+    across = offset[:, 0] * direction[1] - offset[:, 1] * direction[0]
     coefficients = fitted_times(s, times[group], errors[group])
     middle_slope = np.polynomial.polynomial.polyval(
         0.0, np.polynomial.polynomial.polyder(coefficients)
@@ -322,4 +342,5 @@ def _image_leg(
         time_coefficients=coefficients,
         n_pixels=distinct_positions(s),
         residual_rms_ps=float(np.sqrt(np.mean(residual**2))),
+        breadth_px=float(np.sqrt(np.average(across**2, weights=weights[group]))),
     )

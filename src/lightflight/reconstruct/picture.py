@@ -31,6 +31,9 @@ _REACH_PX = 3.2
 _CORNER_PX = 1.5
 """Pixels this near to a corner in the picture belong to no one leg, px."""
 
+_LEAST_PIXELS = 4
+"""Fewer pixels than this do not say where a leg's line runs."""
+
 
 @dataclass(frozen=True, eq=False)
 class LegInPicture:
@@ -138,8 +141,11 @@ def measure_picture(
     for k, leg in enumerate(legs):
         margin = _corner_margin(leg, k, len(legs))
         clear = (pixels.along[:, k] > margin[0]) & (pixels.along[:, k] < margin[1])
-        use = pixels.near[:, k] & ~blended[:, k] & np.isfinite(empty[:, k]) & clear
-        if use.sum() < 4:
+        seen = pixels.near[:, k] & np.isfinite(empty[:, k])
+        own = seen & ~blended[:, k]
+        # A leg of few pixels takes those it shares as well: better a rough line than none.
+        use = next((some for some in (own & clear, own, seen) if some.sum() >= _LEAST_PIXELS), own)
+        if use.sum() < _LEAST_PIXELS:
             raise NothingFoundError(
                 f"leg {k + 1} of the path has {int(use.sum())} pixels of its own in the picture, "
                 "too few to say where it runs: give a smaller n_legs or another start"

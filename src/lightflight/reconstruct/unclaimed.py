@@ -22,6 +22,7 @@ from lightflight.reconstruct.legs import (
     ImageLeg,
     find_legs,
     image_leg,
+    is_flash,
     legs_in_turn,
     undistorted_px,
 )
@@ -203,7 +204,7 @@ def _clusters(observation: Observation, left: Indices, setting: Setting) -> list
         members = left[label == k]
         if len(members) >= _LEAST_PULSES:
             legs.append(image_leg(arrivals, members, setting.camera))
-    return [leg for leg in legs if leg.n_pixels >= _LEAST_PULSES]
+    return [leg for leg in legs if not is_flash(leg, std_ps=std)]
 
 
 def _fitted(
