@@ -317,17 +317,22 @@ class Camera:
     def pixel_jacobian(self, points_mm: ArrayLike) -> NDArray[np.float64]:
         """(..., 2, 3), px/mm: derivative of (row, col) by the world point, distortion included."""
         points = self._camera_points(points_mm)
-        z = np.where(points[..., 2] > 0.0, points[..., 2], np.nan)
-        x, y = points[..., 0] / z, points[..., 1] / z
-        projection = np.zeros((*z.shape, 2, 3))
-        projection[..., 0, 0] = projection[..., 1, 1] = 1.0 / z
-        projection[..., 0, 2] = -x / z
-        projection[..., 1, 2] = -y / z
+        z = np.where(points[..., 2:] > 0.0, points[..., 2:], np.nan)
+        x, y = points[..., :1] / z, points[..., 1:2] / z
+        right, down, forward = self.world_from_camera[:3, :3].T
+        # How the image plane moves without lens, (..., 3) each, and how the lens bends that, (..., 2).
+        x_by_point, y_by_point = (right - x * forward) / z, (down - y * forward) / z
+        x_by_plane, y_by_plane = np.moveaxis(self._distortion_jacobian(x[..., 0], y[..., 0]), -2, 0)
         k = self.matrix
-        # Rows of the result are (row, col), OpenCV's are (u = col, v = row).
-        pixel_from_plane = np.array([[0.0, k[1, 1]], [k[0, 0], k[0, 1]]])
-        lens = pixel_from_plane @ self._distortion_jacobian(x, y)
-        return np.asarray(lens @ projection @ self.world_from_camera[:3, :3].T)
+        row_by_plane = k[1, 1] * y_by_plane
+        col_by_plane = k[0, 0] * x_by_plane + k[0, 1] * y_by_plane
+        return np.stack(
+            [
+                by_plane[..., :1] * x_by_point + by_plane[..., 1:] * y_by_point
+                for by_plane in (row_by_plane, col_by_plane)
+            ],
+            axis=-2,
+        )
 
     # ---- pixel -> world -------------------------------------------------------------------
 
