@@ -320,7 +320,7 @@ class Camera:
         z = np.where(points[..., 2:] > 0.0, points[..., 2:], np.nan)
         x, y = points[..., :1] / z, points[..., 1:2] / z
         right, down, forward = self.world_from_camera[:3, :3].T
-        # How the image plane moves without lens, (..., 3) each, and how the lens bends that, (..., 2).
+        # How the place in the image plane moves, (..., 3), and how the lens bends that, (..., 2).
         x_by_point, y_by_point = (right - x * forward) / z, (down - y * forward) / z
         x_by_plane, y_by_plane = np.moveaxis(self._distortion_jacobian(x[..., 0], y[..., 0]), -2, 0)
         k = self.matrix
