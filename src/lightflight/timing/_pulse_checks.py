@@ -148,14 +148,14 @@ def check_fits(fits: Fits, flags: NDArray[np.uint32], period: float) -> None:
 
     A recording that merely shows no pulse is not refused here: its rows say so.
     """
-    if not np.nansum(fits.table[:, col.COUNTS]) > 0:
+    if not (fits.table[:, col.COUNTS] > 0).any():
         raise NothingFoundError(
             "the recording holds no photons: every count is zero, in the no-photon code, or in "
             "an excluded pixel"
         )
     counting = (flags & (fl.NO_PHOTONS | fl.MASKED | fl.DEAD)) == 0
     hot = (flags & (fl.SCREAMING | fl.SATURATED | fl.ABNORMAL_COUNT)) != 0
-    if counting.any() and hot[counting].all():
+    if counting.any() and not (counting & ~hot).any():
         raise NothingFoundError(
             f"all {np.unique(fits.pixel[counting]).size} pixels that count are hot or saturated: "
             "lower the light or the exposure, or shield the camera"
