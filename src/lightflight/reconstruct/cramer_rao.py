@@ -42,10 +42,13 @@ from lightflight.reconstruct.legs import undistorted_px
 from lightflight.reconstruct.picture import leg_in_picture
 from lightflight.reconstruct.result import prior_in_words
 from lightflight.reconstruct.statements import statements_from_covariance
+from lightflight.timing.response import Response
 from lightflight.units import std_from_fwhm
 
 Floats = NDArray[np.float64]
 
+_REACH_STDS = 12.0
+"""Codes cover the flight, and this many stds of a pulse before and after it."""
 _FIXED = 1e12
 """Information that stands for "known exactly"."""
 
@@ -96,7 +99,9 @@ class Conditions:
     spot_std_px: float
     """Optics and active area, px."""
     pulse_std_ps: float
-    """Laser pulse and response, ps."""
+    """Laser pulse and response, tail and all, ps."""
+    response: Response | None
+    """Shape of a recorded pulse, stretched to that width; None: a Gaussian."""
     code_width_ps: float
     """Width of a code, ps."""
     background_per_ps: float
@@ -116,6 +121,7 @@ def bounds(
     medium: Medium | None = None,
     spot_std_px: float | None = None,
     pulse_std_ps: float | None = None,
+    response: Response | None = None,
     code_width_ps: float | None = None,
     background_per_code: float | None = None,
     pixel_std_ps: float = 0.0,
@@ -131,6 +137,8 @@ def bounds(
     source, camera, medium : stand in for those of the subject.
     spot_std_px : std of optics and active area, px (else from the detector, else 0.35).
     pulse_std_ps : std of laser pulse and response, ps (else from source and detector, else 70).
+    response : shape of a recorded pulse (else the detector's, with its tail; else a Gaussian).
+        The estimators must be told it too, by a calibration whose flat was fitted with it.
     code_width_ps : ps (else from the detector, else 55).
     background_per_code : background counts per pixel and code (else from the scene, else 0.02).
     pixel_std_ps : calibration error of each pixel, ps.
@@ -156,6 +164,7 @@ def bounds(
         photons_per_pixel=photons_per_pixel,
         spot_std_px=spot_std_px,
         pulse_std_ps=pulse_std_ps,
+        response=response,
         code_width_ps=code_width_ps,
         background_per_code=background_per_code,
         pixel_std_ps=pixel_std_ps,
@@ -185,6 +194,7 @@ def _conditions(
     photons_per_pixel: float,
     spot_std_px: float | None,
     pulse_std_ps: float | None,
+    response: Response | None,
     code_width_ps: float | None,
     background_per_code: float | None,
     pixel_std_ps: float,
@@ -193,11 +203,9 @@ def _conditions(
     width = code_width_ps or getattr(detector, "bin_width_ps", None) or 55.0
     if spot_std_px is None:
         spot_std_px = spot_std_of(subject)
+    response = response or _response_of(subject, source)
     if pulse_std_ps is None:
-        laser = source.pulse_fwhm_ps or getattr(subject, "pulse_fwhm_ps", None) or 68.0
-        response = getattr(detector, "response_fwhm_ps", 150.0)
-        jitter = getattr(detector, "trigger_jitter_fwhm_ps", 0.0)
-        pulse_std_ps = std_from_fwhm(float(np.sqrt(laser**2 + response**2 + jitter**2)))
+        pulse_std_ps = _core_std_ps(subject, source) if response is None else response.std_ps
     if background_per_code is None:
         period = getattr(detector, "laser_period_ps", None) or 50_000.0
         whole = getattr(subject, "background", None)
@@ -206,11 +214,32 @@ def _conditions(
         photons_per_pixel=float(photons_per_pixel),
         spot_std_px=float(spot_std_px),
         pulse_std_ps=float(pulse_std_ps),
+        response=response,
         code_width_ps=float(width),
         background_per_ps=max(float(background_per_code), 1e-9) / float(width),
         pixel_std_ps=pixel_std_ps,
         strength=getattr(subject, "strength", None),
     )
+
+
+def _core_std_ps(subject: Any, source: Source) -> float:
+    """Std of laser pulse, trigger and response without its tail, ps."""
+    detector = getattr(subject, "detector", None)
+    laser = source.pulse_fwhm_ps or getattr(subject, "pulse_fwhm_ps", None) or 68.0
+    own = getattr(detector, "response_fwhm_ps", 150.0)
+    jitter = getattr(detector, "trigger_jitter_fwhm_ps", 0.0)
+    return float(std_from_fwhm(float(np.sqrt(laser**2 + own**2 + jitter**2))))
+
+
+def _response_of(subject: Any, source: Source) -> Response | None:
+    """Shape of what the subject's detector records; None where that has no tail."""
+    detector = getattr(subject, "detector", None)
+    share = getattr(detector, "response_tail_fraction", 0.0)
+    tail_ps = getattr(detector, "response_tail_ps", 0.0)
+    if not (share > 0 and tail_ps > 0):
+        return None
+    core_ps = _core_std_ps(subject, source)
+    return Response.with_tail(std_ps=core_ps, tail_ps=tail_ps, tail_share=share)
 
 
 def _state_in_view(
@@ -470,8 +499,8 @@ def _event_time_rms(path: LightPath, sampled: Any, camera: Any) -> float:
 
 def _expected_codes(arrival_ps: Floats, conditions: Conditions, n: int) -> CodeCounts:
     """Even codes that cover the whole flight; counts are not needed for expected information."""
-    low = float(np.nanmin(arrival_ps)) - 12 * conditions.pulse_std_ps
-    high = float(np.nanmax(arrival_ps)) + 12 * conditions.pulse_std_ps
+    low = float(np.nanmin(arrival_ps)) - _REACH_STDS * conditions.pulse_std_ps
+    high = float(np.nanmax(arrival_ps)) + _REACH_STDS * conditions.pulse_std_ps
     k = int(np.ceil((high - low) / conditions.code_width_ps))
     edges = low + conditions.code_width_ps * np.arange(k + 1)
     shape = (n, k)
@@ -481,4 +510,5 @@ def _expected_codes(arrival_ps: Floats, conditions: Conditions, n: int) -> CodeC
         upper_ps=np.broadcast_to(edges[1:], shape).copy(),
         period_ps=0.0,
         use_outside=np.ones(n, dtype=bool),
+        shape=np.empty((3, 0)) if conditions.response is None else conditions.response.table(),
     )
