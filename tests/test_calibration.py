@@ -1,5 +1,6 @@
 """The clock: edges, errors, refusals, and files."""
 
+import pickle
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -350,3 +351,27 @@ def test_a_file_with_a_value_that_cannot_be_is_refused(tmp_path, name, value):
     save_record(tmp_path / "c.h5", kind="calibration", arrays=arrays, attributes=changed)
     with pytest.raises(FileFormatError, match=name):
         TimingCalibration.load(tmp_path / "c.h5")
+
+
+def test_kept_edges_are_nobodys_to_change(calibrated, monkeypatch):
+    """Worked out each time or kept: the same edges, in arrays of the caller's own."""
+    _, timing = calibrated
+    rows, cols = [3, 0, 7], [1, 5, 7]
+    kept = timing.code_intervals_ps(rows, cols)
+    for edges in timing.code_intervals_ps(rows, cols):
+        edges[:] = np.nan
+    monkeypatch.setattr("lightflight.timing.calibration._KEPT_CODES", 0)
+    anew = replace(timing).code_intervals_ps(rows, cols)
+    np.testing.assert_array_equal(kept, anew)
+    np.testing.assert_array_equal(timing.code_intervals_ps(rows, cols), anew)
+
+
+def test_kept_edges_do_not_travel(calibrated):
+    _, timing = calibrated
+    before = len(pickle.dumps(replace(timing)))
+    timing.code_intervals_ps([0], [0])
+    sent = pickle.dumps(timing)
+    assert len(sent) == before
+    np.testing.assert_array_equal(
+        pickle.loads(sent).code_intervals_ps([2], [3]), timing.code_intervals_ps([2], [3])
+    )

@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,6 +46,8 @@ _PERIOD_TOLERANCE = 1e-4
 _WIDTH_TOLERANCE = 0.05
 _BLOCK_CODES = 32_768
 """Codes whose edges are worked out at a time."""
+_KEPT_CODES = 2_000_000
+"""The edges of a camera with no more codes than this in all are kept (32 MB)."""
 
 _ARRAY_FIELDS = {
     "gain": 0, "phases": 1, "end_code": 0, "first_live_width": 0, "gain_std": 0, "phase_std": 1,
@@ -230,6 +233,25 @@ class TimingCalibration:
             not folded; `lower <= upper`, equal for codes that can hold no photon.
         """
         rows, cols = self._checked_pixels(rows, cols)
+        if self.gain.size * len(self.code_widths) > _KEPT_CODES:
+            return self._intervals_ps(rows, cols)
+        lower, upper = self._all_intervals_ps
+        pixel = rows * self.shape[1] + cols
+        return lower[pixel], upper[pixel]
+
+    @cached_property
+    def _all_intervals_ps(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Code intervals of every pixel of a small camera: each step of a fit asks for some."""
+        rows, cols = (index.ravel() for index in np.indices(self.shape))
+        return self._intervals_ps(rows, cols)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process needs: not what can be worked out again."""
+        return {item.name: getattr(self, item.name) for item in fields(self)}
+
+    def _intervals_ps(
+        self, rows: NDArray[np.intp], cols: NDArray[np.intp]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         first, last = np.empty((2, len(rows), len(self.code_widths)))
         blind = self.code_widths == 0
         # Few pixels at a time: what is worked on stays in the cache.
