@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.ends import freedom_at
 from lightflight.reconstruct.geometry import PathState, footprints
-from lightflight.reconstruct.joint import JointFit, fit_joint
+from lightflight.reconstruct.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.least_squares import Solution, solve
 from lightflight.reconstruct.legs import ImageLeg, undistorted_px
 from lightflight.reconstruct.observation import Observation
@@ -29,6 +29,8 @@ _BEND_CHI2 = 50.0
 """A bend this significant (chi-square of one number) makes a second leg worth trying."""
 _GAIN_CHI2 = 40.0
 """A further leg must lower chi-square by this much beyond its parameters' worth."""
+_LARGE_FLOOR = 0.2
+"""Scatter of the times beyond their errors that asks for a reason, in stds of a pulse."""
 _FEW_PULSES = 5
 """A leg that no more pulses than this speak for must earn its place."""
 _LEAST_TURN_DEG = 2.5
@@ -259,7 +261,9 @@ def _sharpest_bend(
     low, high = np.quantile(along[here], [0.05, 0.95])
     if high - low < 6.0:
         return 0.0, 0.5
-    weight = times.weights(fit.floor_ps**2)
+    # Scatter as large as this is a bend not yet seen rather than a clock's: it must not hide it.
+    floor_ps = fit.floor_ps if fit.floor_ps < _LARGE_FLOOR * pulse_std_ps(observations) else 0.0
+    weight = times.weights(floor_ps**2)
     precision = np.linalg.pinv(solution.covariance, hermitian=True)
     best, place = 0.0, 0.5 * (low + high)
     for at in np.arange(low + 2.0, high - 1.9, 1.0):
@@ -273,7 +277,6 @@ def _sharpest_bend(
             total += float(np.interp(at, line_fit.bend_places_px, line_fit.bend_chi2_at))
         if total > best:
             best, place = total, float(at)
-    del observations
     print_ = footprints(
         solution.state,
         camera=setting.camera,
