@@ -89,8 +89,8 @@ def drawn_camera(rng: np.random.Generator, facing: bool) -> BruteCamera:
     off, around = np.deg2rad(rng.uniform(10.0, 50.0)), rng.uniform(0.0, 2.0 * np.pi)
     away = [np.sin(off) * np.cos(around), np.sin(off) * np.sin(around), np.cos(off)]
     return camera_looking_at(
-        target + rng.uniform(450.0, 650.0) * np.array(away),
-        target,
+        (target + rng.uniform(450.0, 650.0) * np.array(away)).tolist(),
+        target.tolist(),
         roll=rng.uniform(-np.pi, np.pi),
         px_per_slope=32.0 / (245.0 / 535.0),
     )
@@ -106,7 +106,7 @@ def point_in_space(camera: BruteCamera, row: float, col: float, depth: float) ->
 def pixels_crossed(camera: BruteCamera, start: np.ndarray, end: np.ndarray) -> float:
     """Length of a leg's image inside the picture, px."""
     seen = np.array([camera.image(start + f * (end - start)) for f in np.linspace(0.0, 1.0, 200)])
-    inside = ((seen > -0.5) & (seen < 31.5)).all(axis=1)
+    inside = np.asarray(((seen > -0.5) & (seen < 31.5)).all(axis=1))
     steps = np.linalg.norm(np.diff(seen, axis=0), axis=1)
     return float(steps[inside[1:] & inside[:-1]].sum())
 
@@ -310,12 +310,13 @@ def judged(
 
 def _bound(case: Case, source: lf.Source, camera: lf.Camera, photons: float) -> float:
     """The package's bound of the rms position error in view, mm."""
-    scene = case.scene
+    scene, brightness = case.scene, case.scene.brightness
+    assert brightness is not None
     spot = float(np.hypot(scene.blur_std_px, scene.active_side_px / np.sqrt(12.0)))
     subject = SimpleNamespace(
         vertices_mm=scene.vertices, camera=camera, source=source, medium=lf.Medium(),
         emission_time_ps=scene.emission_time, vertex_times_ps=true_times(scene),
-        strength=lambda along, _leg: np.array([scene.brightness(s) for s in along]),
+        strength=lambda along, _leg: np.array([brightness(s) for s in along]),
     )  # fmt: skip
     try:
         with warnings.catch_warnings():
