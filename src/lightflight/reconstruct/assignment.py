@@ -122,7 +122,7 @@ def assigned(
         modelled[near, k] = (print_.arrival_ps + correction)[near]
         gap[near, k] = np.abs(observation.arrival_ps[usable] - modelled[:, k])[near]
         strength = np.exp(-0.5 * (print_.lateral_px / picture.spot_std_px) ** 2)
-        expected[:, k] = strength * _on_leg(print_, k, state, margin_px=1.5)
+        expected[:, k] = strength * on_leg(print_, k, state, margin_px=1.5)
     best = np.argmin(gap, axis=1)
     total = np.hypot(np.hypot(arrivals.photon_std_ps, arrivals.pixel_std_ps)[usable], floor_ps)
     mine = gap[np.arange(n), best] < np.maximum(6.0 * total, 0.5 * std)
@@ -141,9 +141,7 @@ def assigned(
     return time_data(observation, index, leg_of, footprint_ps)
 
 
-def _on_leg(
-    print_: Footprint, leg: int, state: PathState, *, margin_px: float
-) -> NDArray[np.bool_]:
+def on_leg(print_: Footprint, leg: int, state: PathState, *, margin_px: float) -> NDArray[np.bool_]:
     """True where a pixel's foot lies on the leg, or at most `margin_px` beyond its corners.
 
     A negative margin keeps clear of the corners. The ends of the path are not corners.
@@ -159,10 +157,10 @@ def _clear_of_corners(
     print_: Footprint, leg: int, state: PathState, members: Indices | None
 ) -> NDArray[np.bool_]:
     """True where a pixel's foot is on the leg and no corner is within the spot."""
-    clear = _on_leg(print_, leg, state, margin_px=-_CORNER_PX)
+    clear = on_leg(print_, leg, state, margin_px=-_CORNER_PX)
     if members is None:
         return clear
-    beyond = ~_on_leg(print_, leg, state, margin_px=_CORNER_PX)
+    beyond = ~on_leg(print_, leg, state, margin_px=_CORNER_PX)
     clear |= beyond & (members == leg)
     return clear
 

@@ -28,17 +28,22 @@ def _one_medium(medium: Medium) -> bool:
     return abs(medium.path_group_index / medium.return_group_index - 1) < 0.02
 
 
-def _search_legs(
-    arrivals: Arrivals, observation: Observation, setting: Setting, n_legs: int | None
+def search_legs(
+    arrivals: Arrivals,
+    observation: Observation,
+    setting: Setting,
+    n_legs: int | None,
+    *,
+    convex: bool | None = None,
 ) -> tuple[ImageLeg, ...]:
-    """Legs in the picture of one table of arrivals."""
+    """Legs in the picture of one table of arrivals; `convex` None: as the media ask for."""
     folded = arrivals.laser_period_ps is not None
     return find_legs(
         arrivals,
         camera=setting.camera,
         n_legs=n_legs,
         earliest_ps=earliest_arrival_ps(setting) if folded else None,
-        convex=_one_medium(setting.medium),
+        convex=_one_medium(setting.medium) if convex is None else convex,
         computed_cube=not observation.histograms.poisson,
     )
 
@@ -53,7 +58,7 @@ def legs_of_straight_light(
     search is made on the clock run backwards too, and the clearer picture decides.
     """
     try:
-        legs = _search_legs(observation.arrivals, observation, setting, n_legs)
+        legs = search_legs(observation.arrivals, observation, setting, n_legs)
     except NothingFoundError:
         refuse_if_clearer_backwards((), observation, setting, n_legs)
         raise
@@ -75,7 +80,7 @@ def refuse_if_clearer_backwards(
         observation.arrivals, arrival_ps=-observation.arrival_ps, laser_period_ps=None
     )
     try:
-        mirrored = _search_legs(backwards, observation, setting, n_legs)
+        mirrored = search_legs(backwards, observation, setting, n_legs)
     except NothingFoundError:
         return
 

@@ -142,6 +142,13 @@ def undistorted_px(camera: Camera | None, row: ArrayLike, col: ArrayLike) -> Flo
     return np.stack((focal * x, focal * y), axis=-1)
 
 
+def along_across(points: Floats, origin_px: Floats, direction_px: Floats) -> tuple[Floats, Floats]:
+    """Position of points (n, 2) along a line of the picture and distance to its right; (n,), px."""
+    offset = points - origin_px
+    across = offset[:, 1] * direction_px[0] - offset[:, 0] * direction_px[1]
+    return offset @ direction_px, across
+
+
 def mean_focal_px(camera: Camera) -> float:
     """Geometric mean of the two focal lengths, px."""
     return float(np.sqrt(abs(camera.matrix[0, 0] * camera.matrix[1, 1])))
@@ -323,9 +330,7 @@ def _image_leg(
 ) -> ImageLeg:
     """Line and time polynomial through one group of pulses."""
     origin, direction = fitted_line(points[group], weights[group])
-    offset = points[group] - origin
-    s = offset @ direction
-    across = offset[:, 0] * direction[1] - offset[:, 1] * direction[0]
+    s, across = along_across(points[group], origin, direction)
     coefficients = fitted_times(s, times[group], errors[group])
     middle_slope = np.polynomial.polynomial.polyval(
         0.0, np.polynomial.polynomial.polyder(coefficients)

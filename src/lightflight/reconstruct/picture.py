@@ -17,7 +17,7 @@ from lightflight.flight import Medium
 from lightflight.reconstruct.geometry import Footprint, Indices, PathState, footprints
 from lightflight.reconstruct.lateral import LineData, LineFit, fit_lines
 from lightflight.reconstruct.least_squares import LineDataInPicture
-from lightflight.reconstruct.legs import undistorted_px
+from lightflight.reconstruct.legs import along_across, undistorted_px
 from lightflight.reconstruct.observation import Observation, photons_at_times
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
@@ -48,10 +48,7 @@ class LegInPicture:
 
     def along_across(self, points: Floats) -> tuple[Floats, Floats]:
         """Position along the line and distance to its right, of (n, 2) points; px."""
-        offset = points - self.origin_px
-        along = offset @ self.direction_px
-        across = offset[:, 1] * self.direction_px[0] - offset[:, 0] * self.direction_px[1]
-        return along, across
+        return along_across(points, self.origin_px, self.direction_px)
 
 
 @dataclass(frozen=True, eq=False)

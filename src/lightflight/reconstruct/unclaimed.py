@@ -15,12 +15,13 @@ from scipy.sparse.csgraph import connected_components
 
 from lightflight import flags
 from lightflight.errors import GeometryError, NothingFoundError
-from lightflight.reconstruct.assignment import prints_of_leg
+from lightflight.reconstruct.assignment import on_leg, prints_of_leg
+from lightflight.reconstruct.code_direction import search_legs
 from lightflight.reconstruct.geometry import Indices
 from lightflight.reconstruct.joint import JointFit
 from lightflight.reconstruct.legs import (
     ImageLeg,
-    find_legs,
+    along_across,
     image_leg,
     is_flash,
     legs_in_turn,
@@ -28,7 +29,7 @@ from lightflight.reconstruct.legs import (
 )
 from lightflight.reconstruct.observation import Observation
 from lightflight.reconstruct.revise import fit_from_legs, revised
-from lightflight.reconstruct.setting import Setting, earliest_arrival_ps
+from lightflight.reconstruct.setting import Setting
 
 Floats = NDArray[np.float64]
 
@@ -93,10 +94,8 @@ def unclaimed_by_path(observation: Observation, fit: JointFit, setting: Setting)
     gap = np.full((len(pulses), state.n_legs), np.nan)
     for k in range(state.n_legs):
         print_ = prints_of_leg(observation, state, setting, pulses, k)
-        margin = _MARGIN_PX / print_.px_per_leg
         near = np.abs(print_.lateral_px) < reach
-        near &= (print_.fraction > -margin) | (k == 0)
-        near &= (print_.fraction < 1.0 + margin) | (k == state.n_legs - 1)
+        near &= on_leg(print_, k, state, margin_px=_MARGIN_PX)
         gap[near, k] = (observation.arrival_ps[pulses] - print_.arrival_ps)[near]
     taken = np.isin(pulses, fit.times.index[fit.times.weight > 0])
     return pulses[~(taken | _explained(gap, errors, std))]
@@ -111,9 +110,7 @@ def unclaimed_by_legs(
     points = undistorted_px(setting.camera, arrivals.row[pulses], arrivals.col[pulses])
     gap = np.full((len(pulses), len(legs)), np.nan)
     for k, leg in enumerate(legs):
-        offset = points - leg.origin_px
-        along = offset @ leg.direction_px
-        across = offset[:, 0] * leg.direction_px[1] - offset[:, 1] * leg.direction_px[0]
+        along, across = along_across(points, leg.origin_px, leg.direction_px)
         first, last = leg.extent_px
         near = (along > first - _MARGIN_PX) & (along < last + _MARGIN_PX)
         near &= np.abs(across) < _REACH_PX
@@ -156,11 +153,11 @@ def _longer_chains(
     arrivals = observation.arrivals
     beside = _clusters(observation, unclaimed_by_legs(observation, legs, setting), setting)
     searched, lone = _searched(observation, left, setting), _clusters(observation, left, setting)
+    std = float(np.nanmedian(arrivals.std_ps))
     chains: list[tuple[ImageLeg, ...]] = []
     for further in (beside, searched, [*beside, *searched], lone):
         some = [*legs, *further]
         strength = [float(arrivals.photons[leg.members].sum()) for leg in some]
-        std = float(np.nanmedian(arrivals.std_ps))
         chain = tuple(legs_in_turn(some, strength, std_ps=std))
         new = any(leg in chain for leg in further) and len(chain) <= len(legs) + _MOST_FURTHER
         if new and chain not in chains:
@@ -174,16 +171,10 @@ def _searched(observation: Observation, left: Indices, setting: Setting) -> list
     hidden = np.ones(len(arrivals.flags), dtype=bool)
     hidden[left] = False
     masked = arrivals.flags | np.where(hidden, flags.MASKED, 0).astype(arrivals.flags.dtype)
-    folded = arrivals.laser_period_ps is not None
+    alone = replace(arrivals, flags=masked)
     try:
-        return list(
-            find_legs(
-                replace(arrivals, flags=masked),
-                camera=setting.camera,
-                earliest_ps=earliest_arrival_ps(setting) if folded else None,
-                convex=False,  # beside a corner, its mixed light may bend the times either way
-            )
-        )
+        # Beside a corner, its mixed light may bend the times either way.
+        return list(search_legs(alone, observation, setting, None, convex=False))
     except NothingFoundError:
         return []
 
