@@ -1,0 +1,199 @@
+"""False alarms and detections of the verdict, on worlds of the tests' own forward model.
+
+    python benchmarks/verdict.py                                   # both tables, small
+    python benchmarks/verdict.py --only undisturbed --runs 400
+    python benchmarks/verdict.py --only defects --runs 10 --cells barrel,index --strength 1
+    python benchmarks/verdict.py --held-out                        # the defects kept back
+
+undisturbed  worlds with nothing wrong, by number of legs, photons, prior and estimator: share of
+             "trust", and the chance (Kolmogorov-Smirnov) that the p-values are uniform
+defects      worlds with one thing wrong: share seen, share in which the cause is named first and
+             among those that cannot be told apart, size of that group, and how many are wrong by
+             more than three stated errors and 0.3 mm with "trust"
+
+Seeds are fixed: run k of a cell is world k. `--json` holds one line for each recording; a run that
+was cut short goes on from there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+import warnings
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import kstest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import lightflight as lf
+from tests.oracles.worlds.border import record, what_the_user_tells
+from tests.oracles.worlds.defects import DEFECTS, defects
+from tests.oracles.worlds.random_worlds import random_world
+from tests.oracles.worlds.world import World
+
+PRIORS = ("known", "lab")
+METHODS = ("joint", "photon")
+WRONG_STDS, WRONG_MM = 3.0, 0.3
+
+Cell = dict[str, Any]
+
+
+def undisturbed_cells(runs: int) -> Iterator[Cell]:
+    for method, n_legs, photons, prior in product(METHODS, (1, 3), (40_000.0, 400.0), PRIORS):
+        for seed in range(runs):
+            yield {
+                "table": "undisturbed", "defect": "", "strength": 0.0, "method": method,
+                "n_legs": n_legs, "photons": photons, "prior": prior, "seed": seed,
+            }  # fmt: skip
+
+
+def defect_cells(
+    runs: int, names: list[str], strengths: list[int], legs: list[int]
+) -> Iterator[Cell]:
+    for name, k, n_legs, prior, method in product(names, strengths, legs, PRIORS, METHODS):
+        for seed in range(runs):
+            yield {
+                "table": "defects", "defect": name, "strength": DEFECTS[name].strengths[k],
+                "method": method, "n_legs": n_legs, "photons": 40_000.0, "prior": prior,
+                "seed": seed,
+            }  # fmt: skip
+
+
+def world_of(cell: Cell) -> World:
+    world = random_world(cell["seed"], cell["n_legs"], cell["photons"], cell["prior"])
+    if not cell["defect"]:
+        return world
+    return DEFECTS[cell["defect"]].applied(world, cell["strength"])
+
+
+def result_of(cell: Cell) -> Cell:
+    """One recording made, reconstructed and compared with its world."""
+    world = world_of(cell)
+    told = what_the_user_tells(world)
+    hist = record(world, cell["seed"])
+    start = time.process_time()
+    try:
+        path = lf.reconstruct(hist, method=cell["method"], **told)
+    except (ValueError, RuntimeError) as refused:
+        return {"outcome": "refused", "says": f"{type(refused).__name__}: {refused}"}
+    error_mm, stds = worst_error(path, world)
+    verdict = path.verdict
+    return {
+        "outcome": str(verdict.level),
+        "named": [str(finding.name) for finding in verdict.findings],
+        "blind_to": sorted({str(spot.name) for spot in verdict.blind_to}),
+        "p_value": verdict.p_value,
+        "n_legs_found": path.n_legs,
+        "error_mm": error_mm,
+        "stds": stds,
+        "cpu_s": time.process_time() - start,
+    }
+
+
+def worst_error(path: lf.LightPath, world: World) -> tuple[float, float]:
+    """Largest error of a corner, mm and in stated errors; of one leg: of its direction.
+
+    Infinite where the number of legs is wrong. The ends lie where the view says.
+    """
+    if path.n_legs != world.n_legs:
+        return float("inf"), float("inf")
+    if world.n_legs == 1:
+        step = world.vertices[1] - world.vertices[0]
+        slope = np.degrees(np.arcsin(step @ path.camera.backward_axis / np.linalg.norm(step)))
+        off = abs(path.legs[0].angle_deg - slope)
+        in_mm = float(np.radians(off) * np.linalg.norm(step))
+        return in_mm, float(off / max(path.legs[0].angle_std_deg, 1e-12))
+    off = np.abs(path.vertices_mm - world.vertices)[1:-1]
+    return float(off.max()), float((off / np.maximum(path.vertex_std[1:-1, :3], 1e-9)).max())
+
+
+def wrong(row: Cell) -> bool:
+    return row["outcome"] != "refused" and row["stds"] > WRONG_STDS and row["error_mm"] > WRONG_MM
+
+
+def print_undisturbed(rows: list[Cell]) -> None:
+    print(f"{'undisturbed':36s} {'n':>4s} {'trust':>7s} {'contr.':>7s} {'KS p':>7s} {'cpu s':>7s}")
+    for key in dict.fromkeys(key_of(row) for row in rows):
+        own = [row for row in rows if key_of(row) == key]
+        p_values = [row["p_value"] for row in own if np.isfinite(row.get("p_value", np.nan))]
+        uniform = kstest(p_values, "uniform").pvalue if p_values else float("nan")
+        trust = np.mean([row["outcome"] == "trust" for row in own])
+        against = np.mean([row["outcome"] == "contradicted" for row in own])
+        cpu = np.median([row.get("cpu_s", np.nan) for row in own])
+        print(f"{key:36s} {len(own):4d} {trust:7.3f} {against:7.3f} {uniform:7.3f} {cpu:7.2f}")
+
+
+def print_defects(rows: list[Cell]) -> None:
+    head = ("n", "seen", "first", "group", "size", "silent")
+    print(f"{'defect':58s} " + " ".join(f"{word:>6s}" for word in head))
+    for key in dict.fromkeys(key_of(row) for row in rows):
+        own = [row for row in rows if key_of(row) == key]
+        finding = DEFECTS[own[0]["defect"]].finding
+        named = [row.get("named", []) for row in own]
+        seen = sum(row["outcome"] != "trust" for row in own)
+        first = sum(names[:1] == [finding] for names in named)
+        among = sum(finding in names for names in named)
+        size = float(np.median([len(names) for names in named]))
+        silent = sum(wrong(row) and row["outcome"] == "trust" for row in own)
+        print(f"{key:58s} {len(own):6d} {seen:6d} {first:6d} {among:6d} {size:6.1f} {silent:6d}")
+
+
+def key_of(row: Cell) -> str:
+    defect = f"{row['defect']} {row['strength']:g} " if row["defect"] else ""
+    return f"{defect}{row['n_legs']} legs {row['photons']:g} {row['prior']} {row['method']}"
+
+
+def finished(file: Path | None) -> list[Cell]:
+    if file is None or not file.exists():
+        return []
+    return [json.loads(line) for line in file.read_text("utf-8").splitlines() if line]
+
+
+def run(cells: list[Cell], file: Path | None) -> list[Cell]:
+    """Rows of all cells; those that the file holds are not done again."""
+    done = {json.dumps([row[name] for name in cells[0]]): row for row in finished(file)}
+    rows = []
+    for cell in cells:
+        row = done.get(json.dumps(list(cell.values())))
+        if row is None:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                row = {**cell, **result_of(cell)}
+            if file is not None:
+                with file.open("a", encoding="utf-8") as out:
+                    out.write(json.dumps(row) + "\n")
+        rows.append(row)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", choices=("undisturbed", "defects"))
+    parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--cells", default="", help="names of defects, by comma; all")
+    parser.add_argument("--strength", type=int, choices=(0, 1, 2), help="which of three; all")
+    parser.add_argument("--legs", default="1,3")
+    parser.add_argument("--held-out", action="store_true", help="the defects that are kept back")
+    parser.add_argument("--json", type=Path, help="one line for each recording; goes on from there")
+    options = parser.parse_args()
+    names = options.cells.split(",") if options.cells else []
+    names = names or [defect.name for defect in defects(held_out=options.held_out)]
+    strengths = [0, 1, 2] if options.strength is None else [options.strength]
+    legs = [int(n) for n in options.legs.split(",")]
+    if options.only != "defects":
+        print_undisturbed(run(list(undisturbed_cells(options.runs)), options.json))
+    if options.only != "undisturbed":
+        print_defects(run(list(defect_cells(options.runs, names, strengths, legs)), options.json))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,106 @@
+"""What is noticed of a path without a test of its fit: what was left out, told, assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import bdtrc
+
+from lightflight import flags
+from lightflight.path.light_path import LightPath
+from lightflight.path.verdict import Finding, FindingName, Severity
+from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.verdict.evidence import Evidence, evidence_from_deviate, sigma_from_p
+
+_USUAL_POOR = 0.02
+"""Share of the pulses on an undisturbed path that carry POOR_FIT: at most this."""
+
+
+def evidence_from_flags(fit: JointFit, sightings: list[Sighting]) -> tuple[Evidence, ...]:
+    """Whether more pulses on the path have a shape that does not fit than chance brings."""
+    poor, n = 0, 0
+    for number, sighting in enumerate(sightings):
+        used = (fit.sighting_of == number) & (fit.times.weight > 0)
+        words = sighting.arrivals.flags[fit.times.index[used]]
+        poor += int(np.count_nonzero(words & np.uint32(flags.POOR_FIT)))
+        n += int(used.sum())
+    if not n:
+        return ()
+    p_value = float(bdtrc(poor - 1, n, _USUAL_POOR)) if poor else 1.0
+    return (
+        evidence_from_deviate(
+            FindingName.SHAPE,
+            sigma_from_p(p_value),
+            sentence=f"{poor} of {n} pulses on the path do not have the shape of the laser's pulse",
+            remedy="look at the pixels that the flag poor_fit marks: haze, tails, second pulses",
+            symptom=True,
+        ),
+    )
+
+
+def noticed(
+    path: LightPath, sightings: Sequence[Sighting], *, nominal_clock: bool, n_legs: int | None
+) -> tuple[Finding, ...]:
+    """Findings that are no tests."""
+    found = []
+    if nominal_clock:
+        found.append(
+            Finding(
+                FindingName.CALIBRATION,
+                "the clock is nominal: no timing calibration was given",
+                0.0,
+                "calibrate the clock (lightflight calibrate)",
+                Severity.CHECK,
+            )
+        )
+    if n_legs is not None and path.n_legs != n_legs:
+        found.append(
+            Finding(
+                FindingName.LEG_COUNT,
+                f"{n_legs} legs were told and the path has {path.n_legs}",
+                0.0,
+                "leave the number of legs open, or give a start",
+                Severity.CHECK,
+            )
+        )
+    if not path.goodness.converged:
+        found.append(
+            Finding(
+                FindingName.SCATTER,
+                "the fit stopped before it converged",
+                0.0,
+                "give a start, or a smaller number of legs",
+                Severity.CHECK,
+            )
+        )
+    return tuple(found)
+
+
+def beyond_the_tests(fit: JointFit, sightings: Sequence[Sighting]) -> tuple[Finding, ...]:
+    """Findings that say why the tests would not hold for this recording; none where they do.
+
+    Footprints that the end of the light cuts, and pulses that pile-up bends, are modelled by the
+    counts alone: the tests, which rest on pulses, would call them wrong.
+    """
+    piled = any(
+        np.any(sighting.arrivals.flags[fit.times.index[own]] & np.uint32(flags.PILE_UP))
+        for number, sighting in enumerate(sightings)
+        if (own := fit.sighting_of == number).any()
+    )
+    reasons = (
+        (any(tip is not None for tip in fit.tips), "its light begins or stops in the picture"),
+        (piled, "photons piled up"),
+    )
+    return tuple(
+        Finding(
+            FindingName.NOT_EXAMINED,
+            f"the path was not tested: {reason}",
+            0.0,
+            "judge it by its residuals",
+            Severity.CHECK,
+        )
+        for holds, reason in reasons
+        if holds
+    )

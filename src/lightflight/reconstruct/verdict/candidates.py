@@ -1,0 +1,372 @@
+"""What the times and lines of a path would be if something held fixed were a little off.
+
+Each `Candidate` is a cause with a column for each of its parameters: the change of the whitened
+rows of the joint fit (`least_squares.Solution.rows`) by that parameter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.camera.model import Camera
+from lightflight.flight import Medium
+from lightflight.path.verdict import FindingName
+from lightflight.reconstruct.fit.least_squares import TimeData, rows_of_view
+from lightflight.reconstruct.model.geometry import PathState, footprints, line_offsets
+from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.picture import LineDataInPicture
+
+Floats = NDArray[np.float64]
+
+_STEP = 1e-3
+"""Steps of numerical derivatives, in plausible sizes."""
+_TREND_WAVES = 3
+"""Waves along each leg that a trend is looked for in, beside the slopes that the path takes up."""
+
+
+@dataclass(frozen=True)
+class Plausible:
+    """One-sigma size that a parameter may be off by before it is no explanation, and its unit."""
+
+    size: float
+    unit: str
+
+
+PLAUSIBLE: dict[str, Plausible] = {
+    # A ruler slips by centimetres, a number is typed for another bench.
+    "source": Plausible(30.0, "mm"),
+    "pose shift": Plausible(20.0, "mm"),
+    "pose turn": Plausible(0.1, "rad"),
+    # A field of view read off a screen, a zoom ring that moved.
+    "focal_length": Plausible(0.1, "of itself"),
+    # A wide-angle lens that nobody calibrated: some px at the corner.
+    "distortion": Plausible(3.0, "px at the corner"),
+    # Air told for water (0.33) or fibre (0.47), or the other way round.
+    "index": Plausible(0.5, ""),
+    # Cables and triggers; another cable is 500 ps for 10 cm.
+    "clock_offset": Plausible(500.0, "ps"),
+    # Another temperature, another supply voltage; a nominal code width is off by a few percent.
+    "clock_scale": Plausible(0.02, "of itself"),
+    "clock_drift": Plausible(200.0, "ps"),
+    # What comparators of single-photon detectors are known for between dark and bright.
+    "walk": Plausible(50.0, "ps"),
+    # A beam that a lens of air (a heat haze, a jet) or a bent fibre turns.
+    "curved_leg": Plausible(20.0, "mm sagitta"),
+    # A mirror outside the picture.
+    "unseen_leg": Plausible(200.0, "mm"),
+    "unseen_leg time": Plausible(1000.0, "ps"),
+    "trend": Plausible(200.0, "ps"),
+}
+"""By what a cause is judged to be no explanation; documented on the page of the verdict."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A cause, and what it would do to the whitened rows.
+
+    Attributes
+    ----------
+    name : FindingName
+        The cause.
+    columns : array of float
+        (N, k), change of the rows by each parameter of plausible size.
+    plausible : tuple of Plausible
+        (k), the sizes.
+    symptom : bool
+        True for what several causes bring.
+    """
+
+    name: FindingName
+    columns: Floats
+    plausible: tuple[Plausible, ...]
+    symptom: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The model of the whitened rows of times and lines, to be asked with something else off.
+
+    Attributes
+    ----------
+    state : PathState
+        The path.
+    cameras : tuple of Camera
+        The cameras.
+    medium : Medium
+        The medium.
+    times : TimeData
+        Pulses.
+    lines : LineDataInPicture
+        Lines of the legs.
+    sqrt_weight : array of float
+        (n,), inverse errors of the pulses, 1/ps.
+    size : int
+        Number of all rows, priors and others included.
+    """
+
+    state: PathState
+    cameras: tuple[Camera, ...]
+    medium: Medium
+    times: TimeData
+    lines: LineDataInPicture
+    sqrt_weight: Floats
+    size: int
+
+    def whole(self, by_time: Floats, by_line: Floats) -> Floats:
+        """(N,) row by row: of times (n,), ps; of lines (2 L,), px; nothing for all others."""
+        column = np.zeros(self.size)
+        n = len(by_time)
+        column[:n] = self.sqrt_weight * by_time
+        column[n : n + len(by_line)] = self.lines.whitening @ by_line
+        return column
+
+    def model(
+        self,
+        *,
+        state: PathState | None = None,
+        cameras: tuple[Camera, ...] | None = None,
+        medium: Medium | None = None,
+    ) -> Floats:
+        """(n + 2 L,): arrival times, ps, and how far the path's lines are from those seen, px."""
+        state = self.state if state is None else state
+        medium = self.medium if medium is None else medium
+        n, n_lines = len(self.times.leg), len(self.lines.leg)
+        out = np.zeros(n + n_lines)
+        for view, told in enumerate(self.cameras):
+            camera = told if cameras is None else cameras[view]
+            here = rows_of_view(self.times.view, view, n)
+            drawn = rows_of_view(self.lines.view, view, n_lines)
+            out[here] = footprints(
+                state,
+                camera=camera,
+                medium=medium,
+                legs=self.times.leg[here],
+                rows=self.times.row[here],
+                cols=self.times.col[here],
+            ).arrival_ps
+            anchors = self.lines.anchors[drawn]
+            if camera is not told:
+                anchors = undistorted_px(camera, *_pixels_of(told, anchors))
+            out[n + drawn] = line_offsets(
+                state,
+                camera=camera,
+                legs=self.lines.leg[drawn],
+                anchors=anchors,
+                focal_px=mean_focal_px(camera),
+            )[0]
+        return out
+
+    def change(
+        self,
+        step: float,
+        *,
+        state: PathState | None = None,
+        cameras: tuple[Camera, ...] | None = None,
+        medium: Medium | None = None,
+    ) -> tuple[Floats, Floats]:
+        """Derivatives of times (n,) and lines (2 L,) by what is off by `step` in the argument."""
+        off = self.model(state=state, cameras=cameras, medium=medium)
+        changed = (off - self.model()) / step
+        n = len(self.times.leg)
+        return changed[:n], changed[n:]
+
+    def shifted(self, shift_mm: Floats) -> tuple[Floats, Floats]:
+        """The same where the whole path stands elsewhere; (3,), mm."""
+        step = 1e-2
+        moved = replace(self.state, vertices_mm=self.state.vertices_mm + step * shift_mm)
+        return self.change(step, state=moved)
+
+    def fractions(self) -> tuple[Floats, Floats]:
+        """Where along its leg each pulse (n,) and each anchor of a line (2 L,) is."""
+        times, lines = self.times, self.lines
+        n, n_lines = len(times.leg), len(lines.leg)
+        out = np.zeros(n + n_lines)
+        for view, camera in enumerate(self.cameras):
+            here, drawn = rows_of_view(times.view, view, n), rows_of_view(lines.view, view, n_lines)
+            row, col = _pixels_of(camera, lines.anchors[drawn])
+            out[np.concatenate((here, n + drawn))] = footprints(
+                self.state,
+                camera=camera,
+                medium=self.medium,
+                legs=np.concatenate((times.leg[here], lines.leg[drawn])),
+                rows=np.concatenate((times.row[here], row)),
+                cols=np.concatenate((times.col[here], col)),
+            ).fraction
+        return out[:n], out[n:]
+
+
+def _pixels_of(camera: Camera, anchors: Floats) -> tuple[Floats, Floats]:
+    """(row, col) of undistorted places (k, 2) of the picture."""
+    slopes = np.column_stack((anchors / mean_focal_px(camera), np.ones(len(anchors))))
+    places = camera.center_mm + slopes @ camera.world_from_camera[:3, :3].T
+    row, col = camera.pixels_from_points(places)
+    return np.asarray(row), np.asarray(col)
+
+
+def geometry_candidates(
+    rows: Rows, *, counted_ps: Floats, repeat: Floats, photons: Floats
+) -> list[Candidate]:
+    """All causes that times and lines can tell of.
+
+    Parameters
+    ----------
+    rows : the model.
+    counted_ps : (n,), what the clock of each pulse's pixel counted, signed as arrival times are.
+    repeat : (n,), which of the repeats each pulse is of.
+    photons : (n,), of each pulse.
+    """
+    nothing = np.zeros(len(rows.lines.leg))
+
+    def of_times(name: FindingName, *by_time: Floats, symptom: bool = False) -> Candidate:
+        sizes = (PLAUSIBLE[name],) * len(by_time)
+        columns = [s.size * rows.whole(t, nothing) for s, t in zip(sizes, by_time, strict=True)]
+        return Candidate(name, np.column_stack(columns), sizes, symptom)
+
+    found = [
+        of_times(FindingName.CLOCK_OFFSET, np.ones(len(counted_ps))),
+        of_times(FindingName.CLOCK_SCALE, counted_ps),
+        of_times(FindingName.WALK, *_brightness(photons)),
+        _index(rows),
+        _of_cameras(rows, FindingName.FOCAL_LENGTH, [("focal_length", _zoomed)]),
+        _of_cameras(rows, FindingName.DISTORTION, [("distortion", _stretched)]),
+        _of_cameras(rows, FindingName.POSE, list(_poses())),
+        _source(rows),
+        _curved(rows),
+    ]
+    if rows.state.n_legs > 1:
+        found.append(_unseen(rows))
+    # Of what a clock drifts over one recording, its mean time is half late.
+    passed = (repeat + 0.5) / (repeat.max(initial=0.0) + 1.0)
+    found.append(of_times(FindingName.CLOCK_DRIFT, passed))
+    found.append(of_times(FindingName.TREND, *_waves(rows), symptom=True))
+    return found
+
+
+def _brightness(photons: Floats) -> tuple[Floats, Floats]:
+    """Share of the brightest pulse's light, and its log per decade: both ways delays may go."""
+    share = np.maximum(photons, 1.0) / max(float(photons.max(initial=1.0)), 1.0)
+    return share, np.log10(share)
+
+
+def _candidate(
+    rows: Rows, name: FindingName, parts: list[tuple[str, tuple[Floats, Floats]]]
+) -> Candidate:
+    sizes = tuple(PLAUSIBLE[kind] for kind, _ in parts)
+    columns = [s.size * rows.whole(*change) for s, (_, change) in zip(sizes, parts, strict=True)]
+    return Candidate(name, np.column_stack(columns), sizes)
+
+
+def _index(rows: Rows) -> Candidate:
+    step = 1e-5
+    path = replace(rows.medium, path_group_index=rows.medium.path_group_index + step)
+    back = replace(rows.medium, return_group_index=rows.medium.return_group_index + step)
+    parts = [("index", rows.change(step, medium=medium)) for medium in (path, back)]
+    return _candidate(rows, FindingName.INDEX, parts)
+
+
+def _of_cameras(
+    rows: Rows, name: FindingName, moves: list[tuple[str, Callable[[Camera, float], Camera]]]
+) -> Candidate:
+    """A cause within the cameras, each by itself."""
+    parts = []
+    for view, camera in enumerate(rows.cameras):
+        for kind, moved in moves:
+            step = _STEP * PLAUSIBLE[kind].size
+            cameras = list(rows.cameras)
+            cameras[view] = moved(camera, step)
+            parts.append((kind, rows.change(step, cameras=tuple(cameras))))
+    return _candidate(rows, name, parts)
+
+
+def _zoomed(camera: Camera, share: float) -> Camera:
+    matrix = camera.matrix.copy()
+    matrix[[0, 1], [0, 1]] *= 1.0 + share
+    return replace(camera, matrix=matrix)
+
+
+def _stretched(camera: Camera, corner_px: float) -> Camera:
+    """The camera with its first radial term larger, by what moves a corner of the picture so."""
+    rows, cols = camera.shape
+    corner = np.hypot(rows / 2, cols / 2)
+    slope = corner / mean_focal_px(camera)
+    terms = np.zeros(max(4, len(camera.distortion)))
+    terms[: len(camera.distortion)] = camera.distortion
+    terms[0] += corner_px / (corner * slope**2)
+    return replace(camera, distortion=terms)
+
+
+def _poses() -> Iterator[tuple[str, Callable[[Camera, float], Camera]]]:
+    for axis in range(6):
+        kind = "pose turn" if axis < 3 else "pose shift"
+        yield kind, partial(_posed, axis)
+
+
+def _posed(axis: int, camera: Camera, step: float) -> Camera:
+    return camera.perturbed(step * np.eye(6)[axis])
+
+
+def _source(rows: Rows) -> Candidate:
+    parts = []
+    for axis in range(3):
+        step = 1e-2
+        vertices = rows.state.vertices_mm.copy()
+        vertices[0, axis] += step
+        moved = replace(rows.state, vertices_mm=vertices)
+        parts.append(("source", rows.change(step, state=moved)))
+    return _candidate(rows, FindingName.SOURCE, parts)
+
+
+def _curved(rows: Rows) -> Candidate:
+    """Each leg bowed in the picture and in depth: half a sine, with so large a sagitta."""
+    f_time, f_line = rows.fractions()
+    center = rows.cameras[0].center_mm
+    parts = []
+    for leg in range(rows.state.n_legs):
+        start, end = rows.state.vertices_mm[leg : leg + 2]
+        along = (end - start) / np.linalg.norm(end - start)
+        away = 0.5 * (start + end) - center
+        depth = away - (away @ along) * along
+        depth = depth / max(float(np.linalg.norm(depth)), 1e-12)
+        for direction in (np.cross(along, depth), depth):
+            by_time, by_line = rows.shifted(direction)
+            parts.append(
+                (
+                    "curved_leg",
+                    (
+                        np.where(rows.times.leg == leg, np.sin(np.pi * f_time) * by_time, 0.0),
+                        np.where(rows.lines.leg == leg, np.sin(np.pi * f_line) * by_line, 0.0),
+                    ),
+                )
+            )
+    return _candidate(rows, FindingName.CURVED_LEG, parts)
+
+
+def _unseen(rows: Rows) -> Candidate:
+    """At each corner, what follows starts elsewhere or later than the leg before ends."""
+    by_shift = [rows.shifted(np.eye(3)[axis]) for axis in range(3)]
+    parts = []
+    for corner in range(1, rows.state.n_legs):
+        late, drawn = rows.times.leg >= corner, rows.lines.leg >= corner
+        for by_time, by_line in by_shift:
+            parts.append(("unseen_leg", (by_time * late, by_line * drawn)))
+        parts.append(("unseen_leg time", (late.astype(float), np.zeros(len(drawn)))))
+    return _candidate(rows, FindingName.UNSEEN_LEG, parts)
+
+
+def _waves(rows: Rows) -> list[Floats]:
+    """Cosines along the seen part of each leg, of one period and more."""
+    fraction, _ = rows.fractions()
+    found = []
+    for leg in range(rows.state.n_legs):
+        here = rows.times.leg == leg
+        if np.count_nonzero(here) < 4 * _TREND_WAVES:
+            continue
+        low, high = fraction[here].min(), fraction[here].max()
+        place = (fraction - low) / max(high - low, 1e-12)
+        found += [np.where(here, np.cos(np.pi * (k + 2) * place), 0.0) for k in range(_TREND_WAVES)]
+    return found or [np.zeros(len(fraction))]

@@ -1,0 +1,78 @@
+"""What one test says of one cause, in the form that `judge` weighs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, ndtri
+
+from lightflight.path.verdict import BlindSpot, FindingName
+
+Floats = NDArray[np.float64]
+
+_LEAST_P = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Result of one test; where all is well, `chi2` is a chi-square of `dof` degrees.
+
+    Attributes
+    ----------
+    name : FindingName
+        The cause that is freed.
+    chi2 : float
+        By how much chi-square falls when it is freed alone.
+    dof : int
+        Number of parameters freed.
+    gain : float
+        `chi2` less what an implausible size costs, less `dof`: causes are ranked by it.
+    sentence : str
+        What was seen.
+    remedy : str
+        What to do.
+    directions : array of float
+        (N, dof), orthonormal directions of the whitened data that the test looks along, so that
+        the correlation of tests of the same data is known; (0, dof): of other data than all others.
+    deviates : array of float
+        (dof,), the data along `directions`.
+    symptom : bool
+        True for what any of several causes would bring: named only where no cause explains it.
+    blind : tuple of BlindSpot
+        What this test cannot see though it moves the path by more than stated.
+    """
+
+    name: FindingName
+    chi2: float
+    dof: int
+    gain: float
+    sentence: str
+    remedy: str
+    directions: Floats = field(default_factory=lambda: np.empty((0, 0)), repr=False)
+    deviates: Floats = field(default_factory=lambda: np.empty(0), repr=False)
+    symptom: bool = False
+    blind: tuple[BlindSpot, ...] = ()
+
+    @property
+    def p_value(self) -> float:
+        """Chance of a chi-square as large where all is well."""
+        return float(max(chdtrc(self.dof, self.chi2), _LEAST_P))
+
+    @property
+    def sigma(self) -> float:
+        """The same as a two-sided normal deviate."""
+        return sigma_from_p(self.p_value)
+
+
+def sigma_from_p(p_value: float) -> float:
+    """Normal deviate that is exceeded, on both sides, with probability `p_value`."""
+    return float(-ndtri(0.5 * min(max(p_value, _LEAST_P), 1.0)))
+
+
+def evidence_from_deviate(
+    name: FindingName, z: float, *, sentence: str, remedy: str, symptom: bool = False
+) -> Evidence:
+    """Evidence of one number that is N(0, 1) where all is well, from data of its own."""
+    return Evidence(name, z**2, 1, z**2 - 1.0, sentence, remedy, np.empty((0, 1)), symptom=symptom)

@@ -1,0 +1,71 @@
+"""The verdict on a path that `reconstruct` found: all evidence, weighed."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+from lightflight.errors import GeometryError, NothingFoundError, SuspectDataWarning
+from lightflight.path.light_path import LightPath
+from lightflight.path.verdict import NOT_EXAMINED, Level, Verdict
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.verdict.bookkeeping import (
+    beyond_the_tests,
+    evidence_from_flags,
+    noticed,
+)
+from lightflight.reconstruct.verdict.evidence import Evidence
+from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry
+from lightflight.reconstruct.verdict.hidden import evidence_without_hidden
+from lightflight.reconstruct.verdict.judge import verdict_from_evidence
+
+
+def examined(
+    path: LightPath,
+    fit: JointFit | None,
+    sightings: list[Sighting],
+    setting: Setting,
+    *,
+    nominal_clock: bool,
+    n_legs: int | None,
+) -> LightPath:
+    """The path with its verdict, and a warning where the recording contradicts it.
+
+    `fit` is the joint fit of the same recordings; None: it is made here, from the path.
+    """
+    fit = _fit_about(path, sightings, setting) if fit is None else fit
+    said = noticed(path, sightings, nominal_clock=nominal_clock, n_legs=n_legs)
+    verdict = Verdict(Level.CHECK, (*said, *NOT_EXAMINED.findings))
+    if fit is not None:
+        beyond = beyond_the_tests(fit, sightings)
+        evidence = () if beyond else collected(fit, sightings, setting)
+        if n_legs is None and evidence:
+            evidence = evidence_without_hidden(fit, evidence, sightings, setting) or evidence
+        verdict = verdict_from_evidence(evidence, (*said, *beyond))
+    if verdict.level is Level.CONTRADICTED:
+        warnings.warn(
+            f"the recording contradicts this path: {verdict}", SuspectDataWarning, stacklevel=4
+        )
+    return replace(path, verdict=verdict)
+
+
+def collected(fit: JointFit, sightings: list[Sighting], setting: Setting) -> tuple[Evidence, ...]:
+    """All tests of one recording and its path."""
+    return (
+        *evidence_from_geometry(fit, sightings, setting),
+        *evidence_from_flags(fit, sightings),
+    )
+
+
+def _fit_about(path: LightPath, sightings: list[Sighting], setting: Setting) -> JointFit | None:
+    """A joint fit that starts from the path; None where single pulses do not allow one."""
+    state = PathState(np.array(path.vertices_mm), float(path.vertex_times_ps[0]))
+    try:
+        return fit_joint(sightings, state, setting, legs=None)
+    except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
+        return None

@@ -1,0 +1,281 @@
+"""Score tests on times and lines: would chi-square fall if something held fixed were freed?
+
+At the joint solution with the stated errors, let r be the whitened residuals, J the derivatives of
+the model by all that is free (priors are rows) and C those by a cause's parameters. What the fit
+cannot take up of C is C' = C - J J^+ C; freeing the cause lowers chi-square by |U^T r|^2, U an
+orthonormal basis of C'. No second fit is needed, and since U is known, so is the correlation of all
+tests.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.path.verdict import BlindSpot, FindingName
+from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.least_squares import Solution, TimeData, fit_path
+from lightflight.reconstruct.model.geometry import vertex_time_jacobian
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.verdict.candidates import (
+    Candidate,
+    Rows,
+    geometry_candidates,
+)
+from lightflight.reconstruct.verdict.evidence import Evidence
+from lightflight.reconstruct.verdict.uneven import uneven_light
+
+Floats = NDArray[np.float64]
+
+_LEAST_SIGNAL = 1.0
+"""A parameter whose plausible size makes no more than this, sigma, is not asked for."""
+SEEN_AT = 3.7
+"""What is this many sigma is seen in half of all recordings: the threshold of some 40 tests."""
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """A joint fit with the stated errors, as the tests need it.
+
+    Attributes
+    ----------
+    residual : array of float
+        (N,), whitened.
+    span : array of float
+        (N, p), orthonormal basis of what the fit can take up.
+    gain : array of float
+        (p, N): d(free parameters) / d(whitened rows), of those that move the path.
+    vertex_mm : array of float
+        (3m, p), what these do to the vertices, mm.
+    vertex_std_mm : array of float
+        (3m,), stated errors of the vertices, mm.
+    in_view : array of bool
+        (m,), True for vertices that are in view, or end a leg that is.
+    """
+
+    residual: Floats
+    span: Floats
+    gain: Floats
+    vertex_mm: Floats
+    vertex_std_mm: Floats
+    in_view: NDArray[np.bool_]
+
+    def left_of(self, columns: Floats) -> Floats:
+        """What the fit cannot take up of columns (N, k)."""
+        left: Floats = columns - self.span @ (self.span.T @ columns)
+        return left
+
+
+def evidence_from_geometry(
+    fit: JointFit, sightings: list[Sighting], setting: Setting
+) -> tuple[Evidence, ...]:
+    """All that times and lines of a joint fit say of what was held fixed."""
+    times, solution = stated_fit(fit, sightings, setting)
+    examined = examined_fit(fit, solution, setting)
+    rows = Rows(
+        solution.state,
+        solution.cameras,
+        setting.medium,
+        times,
+        fit.lines,
+        np.sqrt(times.weights(0.0)),
+        len(solution.rows),
+    )
+    candidates = geometry_candidates(
+        rows,
+        counted_ps=_counted_ps(fit, sightings) - solution.residual_ps,
+        repeat=_repeats(fit, sightings),
+        photons=_of_pulses(fit, sightings, "photons"),
+    )
+    found = [_score_test(candidate, examined) for candidate in candidates]
+    tested = [one for one in found if one is not None]
+    return (*tested, _scatter(fit, times, solution))
+
+
+def stated_fit(
+    fit: JointFit, sightings: list[Sighting], setting: Setting
+) -> tuple[TimeData, Solution]:
+    """The fit's pulses with all errors that are known of, and its solution with these alone.
+
+    Not with the error floor, which takes up any misfit.
+    """
+    uneven = uneven_light(fit, sightings, setting)
+    if fit.floor_ps == 0.0 and not uneven.columns_ps.shape[1]:
+        return fit.times, fit.solution
+    times = replace(
+        fit.times,
+        footprint_ps=fit.times.footprint_ps + uneven.late_ps,
+        modes_ps=np.hstack((fit.times.modes_ps, uneven.columns_ps)),
+    )
+    solution = fit_path(
+        fit.solution.state,
+        times,
+        fit.lines,
+        fit.freedom,
+        cameras=setting.cameras,
+        medium=setting.medium,
+    )
+    return times, solution
+
+
+def examined_fit(fit: JointFit, solution: Solution, setting: Setting) -> Examined:
+    """A solution taken apart for the tests."""
+    scale = np.sqrt(np.sum(solution.columns**2, axis=0)) + 1e-300
+    left, values, right = np.linalg.svd(solution.columns / scale, full_matrices=False)
+    kept = values > 1e-9 * values[0]
+    n_free = fit.freedom.basis.shape[1]
+    gain = ((right[kept].T / values[kept]) @ left[:, kept].T) / scale[:, np.newaxis]
+    to_vertices = vertex_time_jacobian(solution.state.vertices_mm, setting.medium)
+    m = len(solution.state.vertices_mm)
+    places = np.arange(4 * m).reshape(m, 4)[:, :3].ravel()
+    vertex_mm = to_vertices[places] @ fit.freedom.basis
+    covariance = vertex_mm @ solution.covariance[:n_free, :n_free] @ vertex_mm.T
+    return Examined(
+        residual=solution.rows,
+        span=left[:, kept],
+        gain=gain[:n_free],
+        vertex_mm=vertex_mm,
+        vertex_std_mm=np.sqrt(np.maximum(np.diag(covariance), 0.0)),
+        in_view=np.ones(m, dtype=bool),
+    )
+
+
+def _score_test(candidate: Candidate, examined: Examined) -> Evidence | None:
+    """The test of one cause; None where its plausible size would leave no trace."""
+    left = examined.left_of(candidate.columns)
+    basis, signal, mixing = np.linalg.svd(left, full_matrices=False)
+    kept = signal > _LEAST_SIGNAL
+    if not kept.any():
+        return None
+    basis, signal, mixing = basis[:, kept], signal[kept], mixing[kept]
+    z = basis.T @ examined.residual
+    # With the plausible size as a prior: what an implausible size costs is no gain.
+    shrunk = signal**2 / (1.0 + signal**2)
+    sizes = mixing.T @ (z * shrunk / signal)
+    chi2, dof = float(z @ z), len(z)
+    return Evidence(
+        candidate.name,
+        chi2,
+        dof,
+        float(z @ (shrunk * z)) - candidate.columns.shape[1],
+        _sentence(candidate, sizes),
+        REMEDIES.get(candidate.name, "look at the residuals along the legs"),
+        basis,
+        z,
+        candidate.symptom,
+        () if candidate.symptom else _blind(candidate, signal, mixing, examined),
+    )
+
+
+def _sentence(candidate: Candidate, sizes: Floats) -> str:
+    """What the cause would have to be, by the parameter that is farthest off."""
+    if candidate.symptom:
+        return "times bend away from the path along the legs"
+    largest = int(np.argmax(np.abs(sizes)))
+    plausible = candidate.plausible[largest]
+    what = candidate.name.replace("_", " ")
+    return f"{what} off by {sizes[largest] * plausible.size:.2g} {plausible.unit}".rstrip()
+
+
+def _blind(
+    candidate: Candidate, signal: Floats, mixing: Floats, examined: Examined
+) -> tuple[BlindSpot, ...]:
+    """The largest error of each parameter that stays unseen, where it moves the path."""
+    spots = []
+    for k, plausible in enumerate(candidate.plausible):
+        seen = float(np.linalg.norm(signal * mixing[:, k]))
+        hidden = min(1.0, SEEN_AT / max(seen, 1e-12))
+        moved = examined.vertex_mm @ (examined.gain @ (hidden * candidate.columns[:, k]))
+        by_vertex = np.linalg.norm(moved.reshape(-1, 3), axis=1)
+        stated = np.linalg.norm(examined.vertex_std_mm.reshape(-1, 3), axis=1)
+        worst = int(np.argmax(np.where(examined.in_view, by_vertex - stated, -np.inf)))
+        if by_vertex[worst] > stated[worst]:
+            spots.append(
+                BlindSpot(
+                    candidate.name,
+                    hidden * plausible.size,
+                    plausible.unit,
+                    float(by_vertex[worst]),
+                )
+            )
+    spots.sort(key=lambda spot: -spot.moves_mm)
+    return tuple(spots[:1])
+
+
+def _scatter(fit: JointFit, times: TimeData, solution: Solution) -> Evidence:
+    """Whether times, lines and priors agree with the path as well as stated, whatever the cause."""
+    n_shared = solution.columns.shape[1] - fit.freedom.basis.shape[1]
+    n_others = len(fit.lines.leg) + len(fit.freedom.prior_values) + n_shared
+    squared = solution.rows[: len(times.leg) + n_others] ** 2
+    free = int(np.linalg.matrix_rank(solution.columns))
+    dof = max(1, int(np.count_nonzero(times.weight)) + n_others - free)
+    chi2 = float(squared.sum())
+    return Evidence(
+        FindingName.SCATTER,
+        chi2,
+        dof,
+        chi2 - dof,
+        f"times scatter about the path by {np.sqrt(chi2 / dof):.2g} times their stated errors",
+        "calibrate the delays of the pixels anew",
+        np.empty((0, dof)),
+        symptom=True,
+    )
+
+
+def _of_pulses(fit: JointFit, sightings: list[Sighting], name: str) -> Floats:
+    """(n,) what the tables of arrivals say of each pulse."""
+    out = np.zeros(len(fit.times.leg))
+    for number, sighting in enumerate(sightings):
+        here = fit.sighting_of == number
+        out[here] = getattr(sighting.arrivals, name)[fit.times.index[here]]
+    return out
+
+
+def _counted_ps(fit: JointFit, sightings: list[Sighting]) -> Floats:
+    """(n,) delay that the clock counted for each pulse, signed as arrival times are.
+
+    As measured: a column made of it must be that of the model, or noise explains itself.
+    """
+    out = np.zeros(len(fit.times.leg))
+    for number, sighting in enumerate(sightings):
+        here = fit.sighting_of == number
+        rows = fit.times.row[here].astype(int)
+        cols = fit.times.col[here].astype(int)
+        delay = (
+            sighting.arrivals.arrival_ps[fit.times.index[here]]
+            + sighting.timing.skew_ps[rows, cols]
+        )
+        period = sighting.arrivals.laser_period_ps
+        if sighting.histograms.reversed_codes and period is not None:
+            delay = delay - period
+        out[here] = delay
+    return out
+
+
+def _repeats(fit: JointFit, sightings: list[Sighting]) -> Floats:
+    """(n,) which of its camera's recordings each pulse is of, from zero."""
+    number_in_view = np.zeros(len(sightings))
+    for view in {o.view for o in sightings}:
+        own = [k for k, o in enumerate(sightings) if o.view == view]
+        number_in_view[own] = np.arange(len(own))
+    return number_in_view[fit.sighting_of]
+
+
+REMEDIES: dict[FindingName, str] = {
+    FindingName.SOURCE: "measure the source's place and time, or state their errors",
+    FindingName.CLOCK_OFFSET: "calibrate the trigger's zero, or let the emission time be fitted",
+    FindingName.CLOCK_SCALE: "calibrate the clock at the temperature of the recording",
+    FindingName.CLOCK_DRIFT: "record shorter, and calibrate before and after",
+    FindingName.WALK: "record dimmer, or calibrate the delay against brightness",
+    FindingName.INDEX: "state the medium's group index, out and back",
+    FindingName.FOCAL_LENGTH: "calibrate the camera, or measure its field of view",
+    FindingName.DISTORTION: "calibrate the camera's lens",
+    FindingName.POSE: "measure where the camera stands and looks, or state its errors",
+    FindingName.CURVED_LEG: "look for what bends the beam",
+    FindingName.UNSEEN_LEG: "look for a mirror outside the picture, and say where it is",
+    FindingName.TREND: "look at the residuals along the legs",
+}
+"""What cures each cause."""

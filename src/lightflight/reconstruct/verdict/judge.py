@@ -1,0 +1,117 @@
+"""From evidence to a verdict: one budget of false alarms over all tests, and causes in order.
+
+The smallest of many p-values is small by chance. How small is worked out from the tests' number and
+correlation: tests of the same data look along known directions, so their p-values are drawn
+together; tests of other data are independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from lightflight.path.verdict import BlindSpot, Finding, Level, Severity, Verdict
+from lightflight.reconstruct.verdict.evidence import Evidence
+
+Floats = NDArray[np.float64]
+
+CHECK_AT = 0.01
+"""Family-wise chance of a false "check"."""
+CONTRADICTED_AT = 1e-4
+"""Family-wise chance of a false "contradicted"."""
+_DRAWS = 4000
+_TAIL = 0.05
+"""Below this, drawn p-values are too few: the number of independent tests is taken from here."""
+_WITHIN = 9.0
+"""Causes whose gain is within this of the best cannot be told from it."""
+_MOST_NAMED = 6
+
+
+def verdict_from_evidence(evidence: Sequence[Evidence], noticed: Sequence[Finding] = ()) -> Verdict:
+    """The verdict on all tests, and on what was noticed without one."""
+    if not evidence:
+        return Verdict(Level.CHECK if noticed else Level.TRUST, tuple(noticed))
+    p_value = family_p_value(evidence)
+    level, severity = Level.TRUST, Severity.CHECK
+    if p_value < CONTRADICTED_AT:
+        level, severity = Level.CONTRADICTED, Severity.CONTRADICTED
+    elif p_value < CHECK_AT or noticed:
+        level = Level.CHECK
+    if any(finding.severity is Severity.CONTRADICTED for finding in noticed):
+        level = Level.CONTRADICTED
+    causes = named(evidence) if p_value < CHECK_AT else []
+    findings = tuple(
+        Finding(one.name, one.sentence, one.sigma, one.remedy, severity) for one in causes
+    )
+    return Verdict(level, (*findings, *noticed), _blind(evidence), p_value, len(evidence))
+
+
+def family_p_value(evidence: Sequence[Evidence]) -> float:
+    """Chance that the smallest p-value of all these tests is as small where all is well."""
+    smallest = min(one.p_value for one in evidence)
+    together = [one for one in evidence if one.directions.shape[0]]
+    alone = len(evidence) - len(together)
+    passed = alone * float(np.log1p(-min(smallest, 1.0 - 1e-16)))
+    if together:
+        passed += _log_passed(smallest, _drawn_smallest(together))
+    return float(-np.expm1(passed))
+
+
+def _log_passed(p_value: float, drawn: Floats) -> float:
+    """Log of the chance that correlated tests all stay above a p-value, from drawn smallest."""
+    tail = float(np.quantile(drawn, _TAIL))
+    if p_value >= tail:
+        above = int(np.count_nonzero(drawn > p_value))
+        return float(np.log(max(float(above), 0.5) / len(drawn)))
+    independent = np.log1p(-_TAIL) / np.log1p(-tail)
+    return float(independent * np.log1p(-p_value))
+
+
+def _drawn_smallest(together: Sequence[Evidence]) -> Floats:
+    """Smallest p-values (draws,) of tests of the same data where all is well."""
+    directions = np.hstack([one.directions for one in together])
+    values, vectors = np.linalg.eigh(directions.T @ directions)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    drawn = np.random.default_rng(1914).normal(size=(_DRAWS, len(values))) @ root.T
+    smallest = np.ones(_DRAWS)
+    first = 0
+    for one in together:
+        last = first + one.directions.shape[1]
+        chi2 = np.sum(drawn[:, first:last] ** 2, axis=1)
+        smallest = np.minimum(smallest, chdtrc(last - first, chi2))
+        first = last
+    return smallest
+
+
+def named(evidence: Sequence[Evidence]) -> list[Evidence]:
+    """Causes that cannot be told from the best one, the best first; symptoms where none explains.
+
+    A symptom comes first where the best cause leaves it improbable all the same.
+    """
+    causes = sorted((e for e in evidence if not e.symptom), key=lambda e: -e.gain)
+    best = causes[0] if causes and causes[0].gain > 0.0 else None
+    group = [] if best is None else [e for e in causes if e.gain > max(0.0, best.gain - _WITHIN)]
+    unexplained = [e for e in evidence if e.symptom and _left_by(best, e) < CHECK_AT]
+    unexplained.sort(key=lambda e: e.p_value)
+    weak = best is None or best.p_value * len(evidence) > CHECK_AT
+    ordered = [*unexplained, *group] if weak else [*group, *unexplained]
+    return ordered[:_MOST_NAMED]
+
+
+def _left_by(cause: Evidence | None, symptom: Evidence) -> float:
+    """p-value of a symptom once a cause is freed that takes up what both see."""
+    if cause is None:
+        return symptom.p_value
+    left = symptom.chi2 - cause.chi2
+    if symptom.directions.shape[0] and cause.directions.shape[0]:
+        taken = symptom.directions.T @ (cause.directions @ cause.deviates)
+        left = float(np.sum((symptom.deviates - taken) ** 2))
+    return float(chdtrc(symptom.dof, max(0.0, left)))
+
+
+def _blind(evidence: Sequence[Evidence]) -> tuple[BlindSpot, ...]:
+    spots = [spot for one in evidence for spot in one.blind]
+    return tuple(sorted(spots, key=lambda spot: -spot.moves_mm))

@@ -1,0 +1,153 @@
+"""What uneven light does to the times: the brightness that the joint fit's spline leaves out.
+
+A pixel sees a stretch of its leg through the spot. Its mean time is that of its foot, later by
+(variance of the spot) x (slope of the times) x (slope of the log of the light that pixels see).
+The joint fit takes the light from a spline with a knot every three pixels; light that changes
+faster stays in the photons of the pulses as a scatter about it. Here that rest is taken for a
+Gaussian process along the leg, as strong as the photons show it: its mean corrects the times, its
+errors are columns of errors that pulses share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve
+
+from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.model.geometry import Footprint, footprints
+from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.lateral import LineFit
+from lightflight.reconstruct.model.picture import LegInPicture
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+
+Floats = NDArray[np.float64]
+
+_ALIKE_PX = 1.0
+"""Over so much of the picture the rest is alike: knots leave waves of up to 6 px, a spot hides
+those shorter than 3 px; px."""
+_STRENGTHS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
+"""Strengths of the rest that are tried, ln."""
+_GRAINS = (0.0, 0.02, 0.06, 0.2)
+"""Unequal efficiencies of the pixels that are tried, ln: these move no time."""
+_LEAST_PHOTONS = 30.0
+_FEW = 8
+_NEAR_STDS = 2.0
+"""Beyond so many standard deviations of the spot its shape is in doubt."""
+_LEAST_EFFECT = 0.1
+"""Columns that make less than this, in errors of the pulses, are left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Uneven:
+    """Effect of the brightness that a spline leaves out.
+
+    Attributes
+    ----------
+    late_ps : array of float
+        (n,), by how much each pulse is late, ps.
+    columns_ps : array of float
+        (n, k), one-sigma errors of that, shared by neighbours, ps.
+    """
+
+    late_ps: Floats
+    columns_ps: Floats
+
+
+def uneven_light(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Uneven:
+    """What the brightness that is left out does to each pulse of a joint fit."""
+    n = len(fit.times.leg)
+    late, columns = np.zeros(n), [np.zeros((n, 0))]
+    for number, sighting in enumerate(sightings):
+        picture, camera = fit.pictures[number], fit.solution.cameras[sighting.view]
+        for leg in range(fit.solution.state.n_legs):
+            here = np.flatnonzero((fit.sighting_of == number) & (fit.times.leg == leg))
+            if len(here) < _FEW:
+                continue
+            print_ = footprints(
+                fit.solution.state,
+                camera=camera,
+                medium=setting.medium,
+                legs=leg,
+                rows=fit.times.row[here],
+                cols=fit.times.col[here],
+            )
+            points = undistorted_px(camera, fit.times.row[here], fit.times.col[here])
+            error = np.sqrt((fit.times.photon_var + fit.times.pixel_var)[here])
+            own, shared = _of_leg(
+                picture.legs[leg],
+                picture.fits[leg],
+                print_,
+                points,
+                sighting.arrivals.photons[fit.times.index[here]],
+                error,
+            )
+            late[here] = own
+            whole = np.zeros((n, shared.shape[1]))
+            whole[here] = shared
+            columns.append(whole)
+    return Uneven(late, np.hstack(columns))
+
+
+def _of_leg(
+    line: LegInPicture,
+    strength: LineFit,
+    print_: Footprint,
+    points: Floats,
+    photons: Floats,
+    error_ps: Floats,
+) -> tuple[Floats, Floats]:
+    """Lateness (n,) and its columns (n, k) of the pulses of one leg."""
+    along, _ = line.along_across(points)
+    lateral = print_.lateral_px / strength.spot_std_px
+    low, high = strength.spline.t[3], strength.spline.t[-4]
+    telling = (photons > _LEAST_PHOTONS) & (np.abs(lateral) < _NEAR_STDS)
+    telling &= (along > low) & (along < high)
+    nothing = np.zeros(len(along)), np.zeros((len(along), 0))
+    if np.count_nonzero(telling) < _FEW:
+        return nothing
+    seen = along[telling]
+    rest = np.log(photons[telling]) - strength.spline(seen) + 0.5 * lateral[telling] ** 2
+    rest = rest - np.average(rest, weights=photons[telling])
+    alike = _kernel(np.subtract.outer(seen, seen))
+    best = _strongest(alike, rest, 1.0 / photons[telling])
+    if best is None:
+        return nothing
+    variance, factor = best
+    gap = np.subtract.outer(along, seen) / _ALIKE_PX
+    by_rest = -variance * gap / _ALIKE_PX * np.exp(-0.5 * gap**2)
+    per_slope = strength.spot_std_px**2 * print_.slope_ps_per_px
+    late = per_slope * (by_rest @ cho_solve((factor, True), rest))
+    apart = np.subtract.outer(along, along) / _ALIKE_PX
+    prior = variance / _ALIKE_PX**2 * (1.0 - apart**2) * np.exp(-0.5 * apart**2)
+    slopes = prior - by_rest @ cho_solve((factor, True), by_rest.T)
+    covariance = slopes * np.outer(per_slope / error_ps, per_slope / error_ps)
+    values, vectors = np.linalg.eigh(covariance)
+    kept = values > _LEAST_EFFECT**2
+    return late, error_ps[:, np.newaxis] * vectors[:, kept] * np.sqrt(values[kept])
+
+
+def _kernel(gap_px: Floats) -> Floats:
+    alike: Floats = np.exp(-0.5 * (gap_px / _ALIKE_PX) ** 2)
+    return alike
+
+
+def _strongest(alike: Floats, rest: Floats, noise: Floats) -> tuple[float, Floats] | None:
+    """Variance of the rest that the photons make most likely, and the factor of their covariance.
+
+    None where no rest is the most likely.
+    """
+    best, found = -np.inf, None
+    for strength in _STRENGTHS:
+        for grain in _GRAINS:
+            covariance = strength**2 * alike + np.diag(noise + grain**2)
+            factor: Floats = np.linalg.cholesky(covariance).astype(np.float64, copy=False)
+            scaled = np.linalg.solve(factor, rest)
+            likely = -0.5 * float(scaled @ scaled) - float(np.log(np.diag(factor)).sum())
+            if likely > best:
+                best = likely
+                found = (strength**2, factor) if strength > 0.0 else None
+    return found

@@ -1,0 +1,149 @@
+"""The verdict of `reconstruct`, against worlds of the tests' own forward model."""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, kstest
+
+import lightflight as lf
+from lightflight.errors import SuspectDataWarning, UncalibratedWarning
+from lightflight.path.verdict import FindingName
+from lightflight.reconstruct.verdict.evidence import Evidence, evidence_from_deviate
+from lightflight.reconstruct.verdict.judge import family_p_value, named, verdict_from_evidence
+from tests.oracles.worlds.border import record, what_the_user_tells
+from tests.oracles.worlds.defects import DEFECTS
+from tests.oracles.worlds.random_worlds import random_world
+
+
+@cache
+def recording(seed, defect="", n_legs=3, photons=40_000.0, prior="known"):
+    world = random_world(seed, n_legs, photons, prior)
+    if defect:
+        assert not DEFECTS[defect].held_out
+        world = DEFECTS[defect].applied(world, DEFECTS[defect].strengths[1])
+    return record(world, seed), what_the_user_tells(world)
+
+
+def reconstructed(*world, method="joint", **others):
+    hist, told = recording(*world, **others)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SuspectDataWarning)
+        return lf.reconstruct(hist, method=method, **told)
+
+
+def along(columns, data, name=FindingName.INDEX, symptom=False):
+    """Evidence of data (N,) along orthonormal columns (N, k)."""
+    z = columns.T @ data
+    return Evidence(name, float(z @ z), len(z), float(z @ z) - len(z), "", "", columns, z, symptom)
+
+
+class TestJudge:
+    def test_family_p_value_is_uniform_for_correlated_tests(self):
+        """24 tests of 1 to 3 parameters in 12 dimensions, and four of other data."""
+        rng = np.random.default_rng(5)
+        columns = [np.linalg.qr(rng.normal(size=(12, 1 + k % 3)))[0] for k in range(24)]
+        found = []
+        for _ in range(400):
+            data = rng.normal(size=12)
+            tests = [along(own, data) for own in columns]
+            tests += [
+                evidence_from_deviate(FindingName.HAZE, z, sentence="", remedy="")
+                for z in rng.normal(size=4)
+            ]
+            found.append(family_p_value(tests))
+        assert kstest(found, "uniform").pvalue > 1e-3
+        assert 1e-3 < np.mean(np.array(found) < 0.05) < 0.1
+
+    @pytest.mark.parametrize("n", [1, 30, 60])
+    def test_threshold_of_independent_tests(self, n):
+        """Of so many tests one has to be this clear: 2.6, 3.6, 3.8 sigma for 1 %."""
+        quiet = [evidence_from_deviate(FindingName.HAZE, 0.0, sentence="", remedy="")] * (n - 1)
+        needed = float(np.sqrt(chi2.isf(-np.expm1(np.log(0.99) / n), 1)))
+        loud, soft = (
+            evidence_from_deviate(FindingName.GLARE, needed + more, sentence="", remedy="")
+            for more in (0.01, -0.01)
+        )
+        assert verdict_from_evidence([*quiet, loud]).level == "check"
+        assert verdict_from_evidence([*quiet, soft]).level == "trust"
+
+    def test_causes_within_nine_of_the_best_are_named_together(self):
+        basis = np.eye(4)
+        data = np.array([12.0, 3.0, 0.0, 0.0])
+        tilted = (12.0 * basis[0] + 3.0 * basis[1])[:, None] / np.hypot(12.0, 3.0)
+        best = along(tilted, data, FindingName.INDEX)
+        near = along(basis[:, :1], data, FindingName.POSE)
+        far = along((basis[:, :1] + basis[:, 2:3]) / np.sqrt(2.0), data, FindingName.SOURCE)
+        assert [e.name for e in named([far, near, best])] == ["index"]
+        data[1] = 2.9
+        best, near = along(tilted, data, FindingName.INDEX), along(basis[:, :1], data)
+        assert len(named([far, near, best])) == 2
+
+    def test_a_symptom_is_named_only_where_no_cause_explains_it(self):
+        basis = np.eye(5)
+        data = np.array([9.0, 0.5, -0.3, 0.8, 0.1])
+        cause = along(basis[:, :1], data, FindingName.DISTORTION)
+        trend = along(basis[:, :3], data, FindingName.TREND, symptom=True)
+        assert [e.name for e in named([trend, cause])] == ["distortion"]
+        data[1] = 7.0
+        cause = along(basis[:, :1], data, FindingName.DISTORTION)
+        trend = along(basis[:, :3], data, FindingName.TREND, symptom=True)
+        assert [e.name for e in named([trend, cause])] == ["distortion", "trend"]
+
+
+def test_undisturbed_recordings_are_trusted():
+    """1 % of recordings may raise an alarm: two or more of eight do so in one suite of 370."""
+    worlds = [(seed, "", legs, light, prior) for seed, legs, light, prior in [
+        (5, 3, 40_000.0, "known"), (6, 1, 40_000.0, "known"), (7, 3, 400.0, "known"),
+        (8, 3, 40_000.0, "lab"), (30, 3, 40_000.0, "known"), (29, 1, 40_000.0, "lab"),
+        (31, 3, 400.0, "lab"), (10, 1, 400.0, "known"),
+    ]]  # fmt: skip
+    levels = [reconstructed(*world).verdict.level for world in worlds]
+    assert sum(level != "trust" for level in levels) <= 1, levels
+
+
+@pytest.mark.parametrize(
+    ("defect", "seed"), [("focal_length_longer", 0), ("barrel", 1), ("camera_aside", 2)]
+)
+def test_a_defect_is_named(defect, seed):
+    hist, told = recording(seed, defect)
+    with pytest.warns(SuspectDataWarning, match="the recording contradicts this path"):
+        verdict = lf.reconstruct(hist, **told).verdict
+    assert verdict.level == "contradicted"
+    assert DEFECTS[defect].finding in [finding.name for finding in verdict.findings]
+    assert len(verdict.findings) <= 6
+
+
+def test_a_leg_opened_for_a_late_trigger_is_asked_for_other_causes():
+    path = reconstructed(0, "clock_early")
+    assert path.n_legs == 4
+    assert path.verdict.level == "contradicted"
+    assert {"unseen_leg", "clock_offset"} <= {finding.name for finding in path.verdict.findings}
+
+
+@pytest.mark.parametrize("method", ["photon", "paper"])
+def test_every_estimator_gives_a_verdict(method):
+    verdict = reconstructed(1, "barrel", method=method).verdict
+    assert verdict.level == "contradicted"
+    assert verdict.n_tests > 5
+
+
+def test_a_nominal_clock_is_warned_of_once_and_checked():
+    hist, told = recording(1)
+    with pytest.warns(UncalibratedWarning) as given:
+        path = lf.reconstruct(hist, **(told | {"timing": None}))
+    assert [one.category for one in given] == [UncalibratedWarning]
+    assert path.verdict.level == "check"
+    assert "calibration" in [finding.name for finding in path.verdict.findings]
+
+
+def test_blind_spots_are_what_moves_the_path_unseen():
+    """Seen at half of the power where it is as large as said; what is larger would be seen."""
+    spots = reconstructed(1).verdict.blind_to
+    assert spots
+    assert all(spot.moves_mm > 0.0 and spot.size > 0.0 for spot in spots)
+    moved = [spot.moves_mm for spot in spots]
+    assert moved == sorted(moved, reverse=True)
