@@ -1,0 +1,123 @@
+"""What a fit took as exact, and what it costs where it is not: mm at a vertex per unit of it.
+
+To first order, from the gain of the fit: how far its vertices follow the data that a source, a
+camera or a medium a little off would have made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.flight import Source
+from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.least_squares import Modelled, modelled
+from lightflight.reconstruct.model.geometry import vertex_time_jacobian
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.shared import MEDIUM, SharedErrors, undistorted_as_moved
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Unit:
+    """A thing taken as exact, and a handy size that it might be off by."""
+
+    thing: str
+    size: str
+    view: int
+    sigma: tuple[float, ...]
+
+
+def _units(setting: Setting) -> list[_Unit]:
+    """Things of camera and medium that are told as exact, first camera only."""
+    camera, medium = setting.camera, setting.medium
+    pose = np.zeros(6) if camera.pose_covariance is None else np.diag(camera.pose_covariance)
+    found = []
+    for axis, name in enumerate("xyz"):
+        for first, thing, size, step in (
+            (3, "camera's place", f"1 mm in {name}", 1.0),
+            (0, "camera's rotation", f"0.1° about {name}", np.radians(0.1)),
+        ):
+            if pose[first + axis] == 0.0:
+                sigma = np.eye(8)[first + axis] * step
+                found.append(_Unit(thing, size, 0, tuple(sigma)))
+    if camera.focal_std_fraction == 0.0:
+        found.append(_Unit("focal length", "1 %", 0, tuple(np.eye(8)[6] * 0.01)))
+    if camera.distortion_std == 0.0:
+        found.append(_Unit("distortion", "0.01 of k1", 0, tuple(np.eye(8)[7] * 0.01)))
+    if medium.path_group_index_std == 0.0 and medium.return_group_index_std == 0.0:
+        both = (np.eye(8)[0] + np.eye(8)[1]) * 1e-3
+        found.append(_Unit("group index", "0.001", MEDIUM, tuple(both)))
+    return found
+
+
+def prices_of_fit(fit: JointFit, setting: Setting) -> tuple[str, ...]:
+    """One sentence for each thing that was taken as exact, the dearest direction of each.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The joint fit.
+    setting : Setting
+        As told.
+
+    Returns
+    -------
+    tuple of str
+        "source exact: 1 mm in z moves corner 1 by 0.45 mm" ...
+    """
+    solution = fit.solution
+    to_vertices = vertex_time_jacobian(solution.state.vertices_mm, solution.medium)
+    gain = to_vertices @ fit.freedom_basis
+    dearest: dict[str, tuple[float, str]] = {}
+    for thing, size, times, lines in _off_by(fit, setting):
+        n_free = gain.shape[1]
+        step = solution.photon_gain[:n_free] @ times + solution.line_gain[:n_free] @ lines
+        # Vertex 0 is the source, where that is known: what follows from it is of interest.
+        moves = np.linalg.norm((gain @ step).reshape(-1, 4)[1:, :3], axis=1)
+        corners = moves[:-1] if len(moves) > 1 else moves
+        worst = int(np.argmax(corners))
+        where = f"corner {worst + 1}" if len(moves) > 1 else "the exit"
+        said = f"{thing} exact: {size} moves {where} by {corners[worst]:.2g} mm"
+        dearest[thing] = max(dearest.get(thing, (-1.0, "")), (float(corners[worst]), said))
+    return tuple(said for _, said in dearest.values())
+
+
+def _off_by(fit: JointFit, setting: Setting) -> Iterator[tuple[str, str, Floats, Floats]]:
+    """(thing, size, times (n,), whitened line offsets (2 L,)): what it would do to the data."""
+    solution, n = fit.solution, len(fit.times.leg)
+    units = _units(setting)
+    errors = SharedErrors(
+        tuple(unit.thing for unit in units),
+        np.array([unit.view for unit in units], dtype=np.int64),
+        np.array([unit.sigma for unit in units]).reshape(-1, 8),
+    )
+    seen = Setting(solution.cameras[0], Source(), solution.medium, others=solution.cameras[1:])
+    # Anchors are told in the picture of the lens as told.
+    view = np.zeros(len(fit.lines.leg)) if fit.lines.view is None else fit.lines.view
+    anchors = fit.lines.anchors.copy()
+    for number, camera in enumerate(setting.cameras):
+        own = view == number
+        anchors[own] = undistorted_as_moved(anchors[own], camera, seen.cameras[number])
+    lines = replace(fit.lines, anchors=anchors)
+    model = modelled(solution.state, fit.times, lines, seen, errors, np.zeros(len(errors)))
+    for k, unit in enumerate(units):
+        yield unit.thing, unit.size, model.by_shared[:n, k], model.by_shared[n:, k]
+    yield from _off_at_the_start(fit, model, setting.source)
+
+
+def _off_at_the_start(
+    fit: JointFit, model: Modelled, source: Source
+) -> Iterator[tuple[str, str, Floats, Floats]]:
+    if source.position_mm is None:
+        return
+    by_line = fit.lines.whitening @ model.offset_by_state
+    for axis in np.flatnonzero(source.position_std_xyz_mm == 0):
+        size = f"1 mm in {'xyz'[axis]}"
+        yield "source", size, model.arrival_by_state[:, axis], by_line[:, axis]
+    if source.emission_time_ps is not None and source.emission_time_std_ps == 0:
+        yield "emission time", "1 ps", model.arrival_by_state[:, -1], by_line[:, -1]

@@ -1,0 +1,412 @@
+"""Errors that all pixels share: pose and lens of the cameras, group indices of the medium.
+
+Each is one number in its own standard deviations, zero where the user's record is right.
+`shared_errors` reads them off the records, `moved` is the setting with some of them. Errors of the
+clock are columns of its calibration (`timing`), those of source and emission time are priors on
+the path (`freedom`). `freed` widens what a check names to its plausible size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.flight import INDEX_SLACK_STDS, Medium
+from lightflight.reconstruct.model.forward import Layout, Light, Local, Pixels, local_variables
+from lightflight.reconstruct.model.geometry import PathState, vertex_time_jacobian
+from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.timing.clock.calibration import TimingCalibration
+from lightflight.timing.clock.shared_modes import with_shared_errors
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+    from lightflight.recording.histograms import Histograms
+    from lightflight.timing.clock.code_clock import CodeClock
+
+Floats = NDArray[np.float64]
+
+NUDGE = 1e-3
+"""Step of a shared error for its derivative, in its own standard deviations."""
+
+PLAUSIBLE = {
+    "source": 10.0,
+    "emission_time": 500.0,
+    "pose": 5.0,
+    "focal_length": 0.05,
+    "distortion": 0.3,
+    "index": 0.34,
+    "clock_offset": 500.0,
+    "clock_scale": 0.01,
+    "clock_drift": 100.0,
+}
+"""One-sigma sizes that nobody would be surprised by, and what a freed thing may be off by.
+
+source: mm, a ruler and a mirror's thickness. emission_time: ps, ten centimetres of cable. pose: mm,
+and 1 deg; a tripod knocked. focal_length: share; what is printed on a lens. distortion: k1 of a
+cheap wide lens that nobody calibrated. index: water where air was told. clock_offset: ps, a cable
+or a trigger level. clock_scale: share; 0.7 % between dead codes absorbed and lost, and a warm
+camera. clock_drift: ps over all repeats, an hour of warming up.
+"""
+
+_PLAUSIBLE_TURN_DEG = 1.0
+"""Of a pose, beside its mm."""
+
+MEDIUM = -1
+"""Stands for the medium where a camera is counted."""
+
+
+@dataclass(frozen=True, eq=False)
+class SharedErrors:
+    """Directions in which a setting may be off, one standard deviation each.
+
+    Attributes
+    ----------
+    names : tuple of str
+        (k,), the cause that each belongs to ("pose", "focal_length", "distortion", "index").
+    view : array of int, shape (k,)
+        The camera it moves; -1: the medium.
+    sigma : array of float, shape (k, 8)
+        What one standard deviation moves: pose (rad, rad, rad, mm, mm, mm), focal length (share),
+        k1; of the medium index out and back, then zeros.
+    """
+
+    names: tuple[str, ...]
+    view: NDArray[np.int64]
+    sigma: Floats
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def nudged(self, setting: Setting, delta: Floats) -> Iterator[tuple[int, Setting]]:
+        """(k, setting moved by `delta` and by `NUDGE` more of error k), one after the other."""
+        for k in range(len(self)):
+            more = delta.copy()
+            more[k] += NUDGE
+            yield k, moved(setting, self, more)
+
+
+def shared_errors(setting: Setting) -> SharedErrors:
+    """The errors that the records of a setting state; none where all is exact."""
+    names: list[str] = []
+    rows: list[tuple[int, Floats]] = []
+
+    def add(name: str, view: int, first: int, sigma: Floats | list[float]) -> None:
+        row = np.zeros(8)
+        row[first : first + len(sigma)] = sigma
+        names.append(name)
+        rows.append((view, row))
+
+    for view, camera in enumerate(setting.cameras):
+        for column in _pose_scale(camera).T:
+            add("pose", view, 0, column)
+        if camera.focal_std_fraction > 0:
+            add("focal_length", view, 6, [camera.focal_std_fraction])
+        if camera.distortion_std > 0:
+            add("distortion", view, 7, [camera.distortion_std])
+    for pair in _index_scale(setting.medium):
+        add("index", MEDIUM, 0, pair)
+    return SharedErrors(
+        tuple(names),
+        np.array([view for view, _ in rows], dtype=np.int64),
+        np.array([row for _, row in rows]).reshape(-1, 8),
+    )
+
+
+def _pose_scale(camera: Camera) -> Floats:
+    """(6, r): one-sigma moves of the camera; no columns where the pose is exact."""
+    if camera.pose_covariance is None:
+        return np.zeros((6, 0))
+    values, vectors = np.linalg.eigh(np.asarray(camera.pose_covariance, dtype=float))
+    # An exact direction has no scale and would be a column of zeros.
+    keep = values > 1e-24
+    scale: Floats = vectors[:, keep] * np.sqrt(values[keep])
+    return scale
+
+
+def _index_scale(medium: Medium) -> list[Floats]:
+    """One-sigma moves (out, back) of the group indices: Cholesky's factor of their covariance."""
+    out, back = medium.path_group_index_std, medium.return_group_index_std
+    # What is exact goes along with nothing.
+    along = medium.index_correlation if out > 0 else 0.0
+    pairs = np.array([[out, along * back], [0.0, back * np.sqrt(1.0 - along**2)]])
+    return [pair for pair in pairs if pair.any()]
+
+
+def moved(setting: Setting, errors: SharedErrors, delta: Floats) -> Setting:
+    """The setting with its cameras and medium moved by `delta` (k,) standard deviations.
+
+    Parameters
+    ----------
+    setting : Setting
+        As told.
+    errors : SharedErrors
+        Of that setting.
+    delta : array of float, shape (k,)
+        In standard deviations.
+
+    Returns
+    -------
+    Setting
+        As told where nothing moves; the stated errors stay.
+    """
+    if not len(errors):
+        return setting
+    cameras = []
+    for view, camera in enumerate(setting.cameras):
+        own = errors.view == view
+        if own.any():
+            move = errors.sigma[own].T @ delta[own]
+            # A pose that is exact stays, bit for bit.
+            camera = camera.perturbed(move[:6]) if move[:6].any() else camera
+            camera = camera.with_lens_moved(focal_share=float(move[6]), radial=float(move[7]))
+        cameras.append(camera)
+    own = errors.view == MEDIUM
+    medium = setting.medium
+    if own.any():
+        medium = _medium_moved(medium, errors.sigma[own].T @ delta[own])
+    return replace(setting, camera=cameras[0], others=tuple(cameras[1:]), medium=medium)
+
+
+def _medium_moved(medium: Medium, by: Floats) -> Medium:
+    """The medium with its indices (out, back) moved; not beyond what a record may hold."""
+    slack = 0.999 * INDEX_SLACK_STDS
+    stds = np.array([medium.path_group_index_std, medium.return_group_index_std])
+    told = np.array([medium.path_group_index, medium.return_group_index])
+    out, back = np.clip(told + by[:2], 1.0 - slack * stds, 10.0)
+    return replace(medium, path_group_index=float(out), return_group_index=float(back))
+
+
+def undistorted_as_moved(points: Floats, told: Camera, seen: Camera) -> Floats:
+    """Points (n, 2) of the undistorted picture of one camera in that of another; same pixels.
+
+    Parameters
+    ----------
+    points : array of float, shape (n, 2)
+        (u, v), px, of the camera `told`.
+    told : Camera
+        As it was when the points were measured.
+    seen : Camera
+        The same with its lens moved.
+
+    Returns
+    -------
+    array of float, shape (n, 2)
+        The same array where both lenses are one.
+    """
+    same = np.array_equal(told.matrix, seen.matrix)
+    if same and np.array_equal(told.distortion, seen.distortion):
+        return points
+    focal = mean_focal_px(told)
+    row, col = told.pixels_from_normalized(points[:, 0] / focal, points[:, 1] / focal)
+    return undistorted_px(seen, row, col)
+
+
+def vertex_time_columns(errors: SharedErrors, state: PathState) -> Floats:
+    """d(x, y, z, t of every vertex) / d(shared errors); (4m, k): a slower pulse is later.
+
+    Parameters
+    ----------
+    errors : SharedErrors
+        k of them.
+    state : PathState
+        The path.
+
+    Returns
+    -------
+    array of float, shape (4m, k)
+        Zero but for the times, and for the indices' columns.
+    """
+    steps = np.linalg.norm(np.diff(state.vertices_mm, axis=0), axis=1)
+    travelled = np.concatenate(([0.0], np.cumsum(steps)))
+    columns = np.zeros((len(travelled), 4, len(errors)))
+    own = np.flatnonzero(errors.view == MEDIUM)
+    columns[:, 3, own] = np.outer(travelled, errors.sigma[own, 0]) / SPEED_OF_LIGHT_MM_PER_PS
+    return columns.reshape(4 * len(travelled), len(errors))
+
+
+def vertices_by_parameters(
+    state: PathState, medium: Medium, basis: Floats, errors: SharedErrors, *, first: int
+) -> tuple[NDArray[np.int64], Floats]:
+    """Which parameters move vertices or their times (k,), and how: d(x, y, z, t) by them, (4m, k).
+
+    Those are the freedom, first of all parameters, and errors of the medium.
+
+    Parameters
+    ----------
+    state : PathState
+        The path.
+    medium : Medium
+        Group indices out and back.
+    basis : array of float, shape (3m + 1, p)
+        Columns are unit moves of (vertices in mm, start time in ps).
+    errors : SharedErrors
+        Those that are parameters too.
+    first : int
+        The place of the first of those.
+
+    Returns
+    -------
+    rows : array of int, shape (k,)
+        Places among the parameters.
+    jacobian : array of float, shape (4m, k)
+        mm and ps.
+    """
+    to_vertices = vertex_time_jacobian(state.vertices_mm, medium) @ basis
+    by_shared = vertex_time_columns(errors, state)
+    own = np.flatnonzero(by_shared.any(axis=0))
+    if len(own):
+        to_vertices = np.column_stack((to_vertices, by_shared[:, own]))
+    return np.concatenate((np.arange(basis.shape[1]), first + own)), to_vertices
+
+
+def local_with_shared(
+    state: PathState,
+    light: Light,
+    pixels: Pixels,
+    layout: Layout,
+    *,
+    basis: Floats,
+    modes: Floats,
+    setting: Setting,
+    errors: SharedErrors,
+    delta: Floats,
+) -> Local:
+    """`local_variables` as the moved setting sees them, and how they follow the shared errors.
+
+    Parameters
+    ----------
+    state : PathState
+        The path as it is now.
+    light : Light
+        Brightness, spot and pulse width.
+    pixels : Pixels
+        The pixels that take part.
+    layout : Layout
+        Where each kind of parameter sits.
+    basis : array of float, shape (3m + 1, p)
+        Columns are unit moves of (vertices in mm, start time in ps).
+    modes : array of float, shape (k,)
+        Shared clock errors, in standard deviations.
+    setting : Setting
+        As told.
+    errors : SharedErrors
+        Of that setting.
+    delta : array of float, shape (k,)
+        Where they stand, in standard deviations.
+
+    Returns
+    -------
+    Local
+        (n, L) each; the shared errors' columns by finite differences.
+    """
+
+    def seen_in(there: Setting) -> Local:
+        own = pixels
+        if len(errors):
+            points = undistorted_px(there.camera, pixels.rows, pixels.cols)
+            own = replace(pixels, points_px=points)
+        return local_variables(
+            state, light, own, layout, basis=basis, modes=modes, camera=there.camera,
+            medium=there.medium,
+        )  # fmt: skip
+
+    local = seen_in(moved(setting, errors, delta))
+    first = layout.n_free + layout.n_modes
+    for k, there in errors.nudged(setting, delta):
+        other = seen_in(there)
+        for at, after, before in (
+            (0, other.log_photons, local.log_photons),
+            (1, other.arrival_ps, local.arrival_ps),
+            (2, np.log(other.std_ps), np.log(local.std_ps)),
+        ):
+            change = np.where(pixels.near, after - before, 0.0) / NUDGE
+            local.jacobian[:, at::3, first + k] = change
+    return local
+
+
+def freed(
+    setting: Setting,
+    clocks: Sequence[CodeClock | None],
+    recordings: Sequence[Histograms],
+    free: Iterable[str],
+) -> tuple[Setting, list[CodeClock | None]]:
+    """Setting and clocks with what `free` names uncertain by at least its plausible size.
+
+    Parameters
+    ----------
+    setting : Setting
+        As told.
+    clocks : sequence of CodeClock or None
+        One for each recording, in their order; None: nominal codes.
+    recordings : sequence of Histograms
+        Those recordings.
+    free : iterable of str
+        Of `PLAUSIBLE`.
+
+    Returns
+    -------
+    setting : Setting
+        Its records state the plausible errors.
+    clocks : list of CodeClock or None
+        Theirs too.
+
+    Raises
+    ------
+    ValueError
+        For another name.
+    """
+    wanted = {free} if isinstance(free, str) else set(free)
+    unknown = sorted(wanted - set(PLAUSIBLE))
+    if unknown:
+        raise ValueError(f"free: {unknown[0]!r} is none of {', '.join(PLAUSIBLE)}")
+    source, medium = setting.source, setting.medium
+    if "source" in wanted:
+        std = np.maximum(source.position_std_xyz_mm, PLAUSIBLE["source"])
+        source = replace(source, position_std_mm=tuple(std.tolist()))
+    if "emission_time" in wanted:
+        std_ps = max(source.emission_time_std_ps, PLAUSIBLE["emission_time"])
+        source = replace(source, emission_time_std_ps=std_ps)
+    if "index" in wanted:
+        stds = (medium.path_group_index_std, medium.return_group_index_std)
+        out, back = (max(std, PLAUSIBLE["index"]) for std in stds)
+        medium = replace(medium, path_group_index_std=out, return_group_index_std=back)
+    cameras = [_freed_camera(camera, wanted) for camera in setting.cameras]
+    widened = replace(
+        setting, camera=cameras[0], others=tuple(cameras[1:]), source=source, medium=medium
+    )
+    pairs = enumerate(zip(clocks, recordings, strict=True))
+    n = len(recordings)
+    return widened, [_freed_clock(c, hist, wanted, (k + 0.5) / n) for k, (c, hist) in pairs]
+
+
+def _freed_camera(camera: Camera, wanted: set[str]) -> Camera:
+    changes: dict[str, object] = {}
+    if "pose" in wanted:
+        std = np.repeat([np.radians(_PLAUSIBLE_TURN_DEG), PLAUSIBLE["pose"]], 3)
+        told = np.zeros((6, 6)) if camera.pose_covariance is None else camera.pose_covariance
+        changes["pose_covariance"] = told + np.diag(std**2)
+    for name, key in (("focal_length", "focal_std_fraction"), ("distortion", "distortion_std")):
+        if name in wanted:
+            changes[key] = max(getattr(camera, key), PLAUSIBLE[name])
+    return replace(camera, **changes) if changes else camera  # type: ignore[arg-type]
+
+
+def _freed_clock(
+    clock: CodeClock | None, hist: Histograms, wanted: set[str], when: float
+) -> CodeClock | None:
+    """The clock with wider errors; `when`: the recording's middle as a share of all repeats."""
+    offset = PLAUSIBLE["clock_offset"] if "clock_offset" in wanted else 0.0
+    scale = PLAUSIBLE["clock_scale"] if "clock_scale" in wanted else 0.0
+    drift = PLAUSIBLE["clock_drift"] * when if "clock_drift" in wanted else 0.0
+    if not (offset or scale or drift):
+        return clock
+    clock = TimingCalibration.nominal(hist) if clock is None else clock
+    if not isinstance(clock, TimingCalibration):
+        raise TypeError(f"free: the errors of a {type(clock).__name__} cannot be widened")
+    return with_shared_errors(clock, offset_std_ps=offset, scale_std=scale, drift_std_ps=drift)
