@@ -15,60 +15,35 @@ Everything is loaded when it is first used (PEP 562): importing the package cost
 """
 
 import importlib
-import sys
-from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from lightflight._lazy import lazy_names
+from lightflight._moved import answer_for_moved_modules
 from lightflight._version import __version__
 
 if TYPE_CHECKING:
-    from lightflight.camera import Camera
-    from lightflight.camera_calibration import calibrate_camera
+    from lightflight.camera.calibration import calibrate_camera
+    from lightflight.camera.model import Camera
     from lightflight.flight import Medium, Source
-    from lightflight.histogram import Histograms
-    from lightflight.path import LightPath
-    from lightflight.path_error import path_error
-    from lightflight.reconstruct import Bounds, bounds, find_legs, reconstruct
+    from lightflight.formats.registry import read, write
+    from lightflight.path.error import path_error
+    from lightflight.path.light_path import LightPath
+    from lightflight.path.second_view import observe
+    from lightflight.reconstruct.chain import reconstruct
     from lightflight.reconstruct.laser import LaserPulse, laser_pulse
-    from lightflight.reconstruct.planning import Plan, plan
-    from lightflight.recording import Recording, histogram, read, write
-    from lightflight.simulate import Detector, Scene, simulate
-    from lightflight.timing.arrivals import Arrivals, find_arrivals
-    from lightflight.timing.calibration import TimingCalibration, calibrate_timing
-    from lightflight.timing.pulses import Pulses, fit_pulses
-    from lightflight.view.observation import observe
-
-_HOME_FROM_NAME = {
-    "Arrivals": "timing.arrivals",
-    "Bounds": "reconstruct",
-    "Camera": "camera",
-    "Detector": "simulate",
-    "Histograms": "histogram",
-    "LaserPulse": "reconstruct.laser",
-    "LightPath": "path",
-    "Medium": "flight",
-    "Plan": "reconstruct.planning",
-    "Pulses": "timing.pulses",
-    "Recording": "recording",
-    "Scene": "simulate",
-    "Source": "flight",
-    "TimingCalibration": "timing.calibration",
-    "bounds": "reconstruct",
-    "calibrate_camera": "camera_calibration",
-    "calibrate_timing": "timing.calibration",
-    "find_arrivals": "timing.arrivals",
-    "find_legs": "reconstruct",
-    "fit_pulses": "timing.pulses",
-    "histogram": "recording",
-    "laser_pulse": "reconstruct.laser",
-    "observe": "view.observation",
-    "path_error": "path_error",
-    "plan": "reconstruct.planning",
-    "read": "recording",
-    "reconstruct": "reconstruct",
-    "simulate": "simulate",
-    "write": "recording",
-}
+    from lightflight.reconstruct.legs.find import find_legs
+    from lightflight.reconstruct.limits.bounds import Bounds, bounds
+    from lightflight.reconstruct.limits.planning import Plan, plan
+    from lightflight.recording.counting import histogram
+    from lightflight.recording.histograms import Histograms
+    from lightflight.recording.recording import Recording
+    from lightflight.simulate.detector import Detector
+    from lightflight.simulate.recordings import simulate
+    from lightflight.simulate.scene import Scene
+    from lightflight.timing.calibrate.chain import calibrate_timing
+    from lightflight.timing.clock.calibration import TimingCalibration
+    from lightflight.timing.pulses.arrivals import Arrivals, find_arrivals
+    from lightflight.timing.pulses.pulses import Pulses, fit_pulses
 
 __all__ = [
     "Arrivals",
@@ -103,47 +78,47 @@ __all__ = [
     "write",
 ]
 
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "Arrivals": "lightflight.timing.pulses.arrivals",
+        "Bounds": "lightflight.reconstruct.limits.bounds",
+        "Camera": "lightflight.camera.model",
+        "Detector": "lightflight.simulate.detector",
+        "Histograms": "lightflight.recording.histograms",
+        "LaserPulse": "lightflight.reconstruct.laser",
+        "LightPath": "lightflight.path.light_path",
+        "Medium": "lightflight.flight",
+        "Plan": "lightflight.reconstruct.limits.planning",
+        "Pulses": "lightflight.timing.pulses.pulses",
+        "Recording": "lightflight.recording.recording",
+        "Scene": "lightflight.simulate.scene",
+        "Source": "lightflight.flight",
+        "TimingCalibration": "lightflight.timing.clock.calibration",
+        "bounds": "lightflight.reconstruct.limits.bounds",
+        "calibrate_camera": "lightflight.camera.calibration",
+        "calibrate_timing": "lightflight.timing.calibrate.chain",
+        "find_arrivals": "lightflight.timing.pulses.arrivals",
+        "find_legs": "lightflight.reconstruct.legs.find",
+        "fit_pulses": "lightflight.timing.pulses.pulses",
+        "histogram": "lightflight.recording.counting",
+        "laser_pulse": "lightflight.reconstruct.laser",
+        "observe": "lightflight.path.second_view",
+        "path_error": "lightflight.path.error",
+        "plan": "lightflight.reconstruct.limits.planning",
+        "read": "lightflight.formats.registry",
+        "reconstruct": "lightflight.reconstruct.chain",
+        "simulate": "lightflight.simulate.recordings",
+        "write": "lightflight.formats.registry",
+    },
+)
 
-def _exported(name: str) -> Any:
-    """Import what the public name stands for."""
-    home = importlib.import_module(f"{__name__}.{_HOME_FROM_NAME[name]}")
-    return getattr(home, name)
+# Two rooms have the name of the function that they are the room of. Python binds a subpackage in
+# its package once, when it is first imported: done here, and unbound again, it leaves the name to
+# the function (docs/decisions/0005).
+for _room in ("reconstruct", "simulate"):
+    importlib.import_module(f"{__name__}.{_room}")
+    del globals()[_room]
+del _room
 
-
-class _CallableModule(ModuleType):
-    """A submodule that shares its name with the public function: calling it calls that."""
-
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        return _exported(self.__name__.rpartition(".")[2])(*args, **kwargs)
-
-    @property
-    def __signature__(self) -> Any:
-        import inspect
-
-        return inspect.signature(_exported(self.__name__.rpartition(".")[2]))
-
-
-class _Package(ModuleType):
-    """Package that keeps `lf.simulate(...)` working once `lightflight.simulate` is imported.
-
-    Importing a submodule binds it in the package, over the function of the same name
-    (`histogram`, `path_error`, `reconstruct`, `simulate`); such a submodule is made callable.
-    """
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if type(value) is ModuleType and name in _HOME_FROM_NAME:
-            value.__class__ = _CallableModule
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME_FROM_NAME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return _exported(name)
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+answer_for_moved_modules()

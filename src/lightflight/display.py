@@ -12,12 +12,24 @@ import html
 import struct
 import zlib
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags as fl
+
+if TYPE_CHECKING:
+    from lightflight import (
+        Arrivals,
+        Bounds,
+        Camera,
+        Histograms,
+        LightPath,
+        Pulses,
+        Recording,
+        TimingCalibration,
+    )
 
 Facts = list[tuple[str, str]]
 
@@ -28,7 +40,22 @@ _TERM = "text-align:left;vertical-align:top;font-weight:normal;opacity:.7;paddin
 
 
 def number(value: float | None, digits: int = 3, *, sign: bool = False) -> str:
-    """`value` with so many significant digits, a true minus sign and no exponent for 1e-4…1e6."""
+    """`value` with so many significant digits, a true minus sign and no exponent for 1e-4…1e6.
+
+    Parameters
+    ----------
+    value : float or None
+        The number.
+    digits : int, optional
+        Significant digits.
+    sign : bool, optional
+        True writes + before positive numbers.
+
+    Examples
+    --------
+    >>> number(1234.5), number(0.085612), number(7.0, sign=True)
+    ('1234', '0.0856', '+7.00')
+    """
     if value is None or not np.isfinite(value):
         return "\u2013"
     if value == 0:
@@ -44,7 +71,20 @@ def number(value: float | None, digits: int = 3, *, sign: bool = False) -> str:
 
 
 def with_error(value: float | None, error: float | None) -> str:
-    """`value ± error`, the error with two significant digits; without one, six of the value."""
+    """`value ± error`, the error with two significant digits; without one, six of the value.
+
+    Parameters
+    ----------
+    value : float or None
+        The number.
+    error : float or None
+        Its standard deviation.
+
+    Examples
+    --------
+    >>> with_error(60.123, 0.34)
+    '60.12 ± 0.34'
+    """
     if value is None or not np.isfinite(value):
         return "\u2013"
     if error is None or not np.isfinite(error) or error <= 0:
@@ -56,6 +96,11 @@ def with_error(value: float | None, error: float | None) -> str:
 
 def html_from_record(record: Any) -> str:
     """A record as a card of HTML: title, facts, a small picture; a few kB, no scripts.
+
+    Parameters
+    ----------
+    record : object
+        One that has a card.
 
     Raises
     ------
@@ -90,6 +135,13 @@ def png_from_image(image: ArrayLike, *, percent: float = 99.0) -> bytes:
     """A grey picture (rows, cols) as PNG: dark is little, NaN is clear; thinned to 128 px.
 
     The scale runs from the smallest value to the percentile `percent`.
+
+    Parameters
+    ----------
+    image : array
+        Values by pixel, shape (rows, cols); NaN is clear.
+    percent : float, optional
+        Percentile at which the scale ends.
     """
     values = _thinned(np.asarray(image, dtype=float))
     finite = np.isfinite(values)
@@ -110,10 +162,12 @@ def png_from_image(image: ArrayLike, *, percent: float = 99.0) -> bytes:
 
 
 def _thinned(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    # Rounded up, so that no picture is larger than it may be.
     step = -(-max(image.shape) // _PICTURE_PX)
     if step == 1:
         return image
     rows, cols = (step * -(-length // step) for length in image.shape)
+    # NaN at the border, which the mean of a block leaves out.
     padded = np.full((rows, cols), np.nan)
     padded[: image.shape[0], : image.shape[1]] = image
     blocks = padded.reshape(rows // step, step, cols // step, step)
@@ -131,7 +185,7 @@ def _picture(image: ArrayLike, *, percent: float = 99.0) -> str:
     )
 
 
-def _path_picture(path: Any) -> str:
+def _path_picture(path: LightPath) -> str:
     """Front (x, y) and top (x, z) view of the vertices, one scale, as SVG."""
     vertices = np.asarray(path.vertices_mm, dtype=float)
     vertices = vertices[np.isfinite(vertices).all(axis=1)]
@@ -170,7 +224,7 @@ def _size(record: Any) -> str:
     return f"{rows} \u00d7 {cols} pixels"
 
 
-def _clock_facts(record: Any) -> Facts:
+def _clock_facts(record: Histograms | Recording | TimingCalibration) -> Facts:
     direction = "backwards" if record.reversed_codes else "forwards"
     return [
         ("codes", f"{record.n_codes}, running {direction}"),
@@ -179,14 +233,14 @@ def _clock_facts(record: Any) -> Facts:
     ]
 
 
-def _flag_facts(words: Any) -> Facts:
+def _flag_facts(words: NDArray[np.uint32]) -> Facts:
     counted = ", ".join(
         f"{count} {name.replace('_', ' ')}" for name, count in fl.count_flags(words).items()
     )
     return [("flagged", counted or "none")]
 
 
-def _histograms_card(hist: Any) -> Card:
+def _histograms_card(hist: Histograms) -> Card:
     photons = np.asarray(hist.photons, dtype=float)
     facts = [
         ("camera", _size(hist)),
@@ -201,7 +255,7 @@ def _histograms_card(hist: Any) -> Card:
     return facts, picture, "photons by pixel (square root)"
 
 
-def _recording_card(recording: Any) -> Card:
+def _recording_card(recording: Recording) -> Card:
     facts = [("camera", _size(recording)), ("kind", recording.kind), *_clock_facts(recording)]
     if recording.n_frames is not None:
         facts.append(("frames", _count(recording.n_frames)))
@@ -211,7 +265,7 @@ def _recording_card(recording: Any) -> Card:
     return facts, "", ""
 
 
-def _calibration_card(timing: Any) -> Card:
+def _calibration_card(timing: TimingCalibration) -> Card:
     facts = [
         ("camera", _size(timing)),
         *_clock_facts(timing),
@@ -226,7 +280,7 @@ def _calibration_card(timing: Any) -> Card:
     return facts, _picture(timing.gain), "gain by pixel"
 
 
-def _camera_card(camera: Any) -> Card:
+def _camera_card(camera: Camera) -> Card:
     x, y, z = camera.center_mm
     axis = camera.backward_axis
     facts = [
@@ -244,7 +298,7 @@ def _camera_card(camera: Any) -> Card:
     return facts, "", ""
 
 
-def _path_card(path: Any) -> Card:
+def _path_card(path: LightPath) -> Card:
     good = path.goodness
     facts = [
         ("estimator", path.method),
@@ -264,7 +318,7 @@ def _path_card(path: Any) -> Card:
     return facts, _path_picture(path), "from the front, and from above"
 
 
-def _table_card(table: Any, column: str, what: str) -> Card:
+def _table_card(table: Arrivals | Pulses, column: str, what: str) -> Card:
     usable = np.asarray(table.usable)
     values = np.asarray(getattr(table, column), dtype=float)[usable]
     values = values[np.isfinite(values)]
@@ -275,7 +329,7 @@ def _table_card(table: Any, column: str, what: str) -> Card:
     return [*facts, *_flag_facts(table.flags)], _picture(table.image(column)), f"{what} by pixel"
 
 
-def _bounds_card(bounds: Any) -> Card:
+def _bounds_card(bounds: Bounds) -> Card:
     angles = ", ".join(f"{number(a, 2)}\u00b0" for a in bounds.angle_std_deg)
     facts = [
         ("prior", bounds.prior),

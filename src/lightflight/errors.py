@@ -6,12 +6,23 @@ command line returns for it (`lightflight --help` lists them).
 
 from __future__ import annotations
 
+import importlib
 import os
 from typing import Any
 
 
 class FileFormatError(ValueError):
-    """A file is missing, empty, truncated, foreign or damaged."""
+    """A file is missing, empty, truncated, foreign or damaged.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong with it and what to do, after the file's name.
+    path : path, optional
+        The file.
+    offset : int, optional
+        Byte at which it goes wrong.
+    """
 
     exit_code = 3
 
@@ -40,7 +51,12 @@ class CalibrationError(ValueError):
 class GeometryError(ValueError):
     """Camera, source and path are in a position that cannot be computed.
 
-    `offenders` marks the elements of the input that caused it, where there are several.
+    Parameters
+    ----------
+    message : str
+        What is wrong and what to do.
+    offenders : array or int, optional
+        Marks the elements of the input that caused it, where there are several.
     """
 
     exit_code = 5
@@ -66,6 +82,32 @@ class MissingExtraError(ImportError):
     """An optional package is needed; the text names the extra that brings it."""
 
     exit_code = 2
+
+
+def optional_package(name: str, otherwise: str) -> Any:
+    """A package that only some users have.
+
+    Parameters
+    ----------
+    name : str
+        What to import.
+    otherwise : str
+        Sentence for who does not have it: what needs it and which extra brings it.
+
+    Returns
+    -------
+    module
+        The package.
+
+    Raises
+    ------
+    MissingExtraError
+        Without it.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise MissingExtraError(otherwise) from error
 
 
 class LightflightWarning(UserWarning):

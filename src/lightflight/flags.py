@@ -17,8 +17,16 @@ from numpy.typing import ArrayLike, NDArray
 class Flag:
     """One thing that can be wrong.
 
-    `value` is the bit, `name` the short word in tables, `meaning` the sentence in the docs,
-    `excludes` whether a pulse that carries it takes no part in a reconstruction.
+    Attributes
+    ----------
+    value : int
+        The bit.
+    name : str
+        Short word in tables.
+    meaning : str
+        Sentence in the documentation.
+    excludes : bool
+        Whether a pulse that carries it takes no part in a reconstruction.
     """
 
     value: int
@@ -65,21 +73,64 @@ RAY_MISSES_PATH, ILL_CONDITIONED, PILE_UP, OUTLIER = (flag.value for flag in REG
 EXCLUDING: int = sum(flag.value for flag in REGISTRY if flag.excludes)
 """All bits that keep a pulse out of a reconstruction."""
 
+SCREAMING_OCCUPANCY = 0.6
+"""A pixel that fires in more of its frames than this may scream; what else it must do depends on
+the light: see `pixels_that_scream_in_a_scene`, `..._under_even_light` and, for a dark recording,
+`timing.pulses.checks`."""
+
 
 def names_from_flags(flags: int) -> tuple[str, ...]:
-    """Short names of the bits set in one flag word."""
+    """Short names of the bits set in one flag word.
+
+    Parameters
+    ----------
+    flags : int
+        Sum of bits; unknown ones are passed over.
+
+    Returns
+    -------
+    tuple of str
+        In the order of `REGISTRY`.
+
+    Examples
+    --------
+    >>> names_from_flags(TOO_FEW | SATURATED)
+    ('too_few', 'saturated')
+    """
     return tuple(flag.name for flag in REGISTRY if int(flags) & flag.value)
 
 
 def count_flags(flags: ArrayLike) -> dict[str, int]:
-    """How many elements of `flags` carry each bit; bits that none carries are left out."""
+    """How many elements carry each bit.
+
+    Parameters
+    ----------
+    flags : array of int
+        Of any shape.
+
+    Returns
+    -------
+    dict of str to int
+        By short name; bits that none carries are left out.
+    """
     words = np.asarray(flags, dtype=np.uint32)
     counted = {flag.name: int(np.count_nonzero(words & flag.value)) for flag in REGISTRY}
     return {name: n for name, n in counted.items() if n}
 
 
 def is_usable(flags: ArrayLike) -> NDArray[np.bool_]:
-    """True where no excluding bit is set; same shape as `flags`."""
+    """Whether no excluding bit is set.
+
+    Parameters
+    ----------
+    flags : array of int
+        Of any shape.
+
+    Returns
+    -------
+    array of bool
+        Of the same shape.
+    """
     words = np.asarray(flags, dtype=np.uint32)
     usable: NDArray[np.bool_] = (words & np.uint32(EXCLUDING)) == 0
     return usable

@@ -28,27 +28,56 @@ from lightflight.units import AIR_GROUP_INDEX, SPEED_OF_LIGHT_MM_PER_PS
 Floats = NDArray[np.float64]
 
 
+INDEX_SLACK_STDS = 5.0
+"""A group index may lie below one by this many of its stated errors."""
+
+
 @dataclass(frozen=True)
 class Medium:
     """Uniform medium: group index on the way of the pulse, and on the way to the camera.
 
     Windows or walls between path and camera are not part of the model.
+
+    Attributes
+    ----------
+    path_group_index : float
+        n_p, along the path (fibre: about 1.47).
+    return_group_index : float
+        n_r, from the path to the camera.
+    path_group_index_std : float
+        One-sigma error of n_p. 0: exact.
+    return_group_index_std : float
+        One-sigma error of n_r. 0: exact.
+    index_correlation : float
+        Of those two errors: 1, one medium both ways; 0, two that know nothing of each other.
     """
 
     path_group_index: float = AIR_GROUP_INDEX
-    """n_p, along the path (fibre: about 1.47)."""
 
     return_group_index: float = AIR_GROUP_INDEX
-    """n_r, from the path to the camera."""
+
+    path_group_index_std: float = field(default=0.0, kw_only=True)
+
+    return_group_index_std: float = field(default=0.0, kw_only=True)
+
+    index_correlation: float = field(default=1.0, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("path_group_index", "return_group_index"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and 1.0 <= value <= 10.0):
+            value, std = getattr(self, name), getattr(self, f"{name}_std")
+            if not (np.isfinite(std) and std >= 0.0):
+                raise ValueError(f"{name}_std must be finite and >= 0, got {std}")
+            # A fitted index of air may fall below one within its error.
+            if not (np.isfinite(value) and 1.0 - INDEX_SLACK_STDS * std <= value <= 10.0):
                 raise ValueError(f"{name} must lie between 1 and 10, got {value}")
+        if not -1.0 <= self.index_correlation <= 1.0:
+            raise ValueError(
+                f"index_correlation must lie between -1 and 1, got {self.index_correlation}"
+            )
 
 
 def _checked_position(position: ArrayLike | None) -> tuple[float, float, float] | None:
+    """(x, y, z), mm, as a tuple; ValueError for what is no place."""
     if position is None:
         return None
     xyz = np.asarray(position, dtype=float)
@@ -61,22 +90,31 @@ def _checked_position(position: ArrayLike | None) -> tuple[float, float, float] 
 
 @dataclass(frozen=True)
 class Source:
-    """Where and when the pulse starts, as far as it is known. None means unknown: it is fitted."""
+    """Where and when the pulse starts, as far as it is known. None means unknown: it is fitted.
+
+    Attributes
+    ----------
+    position_mm : ArrayLike or None
+        (3,) world, mm; stored as a tuple.
+    position_std_mm : float or (float, float, float)
+        One-sigma error of the position: one number, or one per axis; mm. 0: exact.
+    emission_time_ps : float or None
+        When the pulse left the source, on the calibrated clock; ps.
+    emission_time_std_ps : float
+        One-sigma error of the emission time, ps. 0: exact.
+    pulse_fwhm_ps : float or None
+        Full width at half maximum of the laser pulse, ps.
+    """
 
     position_mm: ArrayLike | None = None
-    """(3,) world, mm; stored as a tuple."""
 
     position_std_mm: float | tuple[float, float, float] = field(default=0.0, kw_only=True)
-    """One-sigma error of the position: one number, or one per axis; mm. 0: exact."""
 
     emission_time_ps: float | None = field(default=None, kw_only=True)
-    """When the pulse left the source, on the calibrated clock; ps."""
 
     emission_time_std_ps: float = field(default=0.0, kw_only=True)
-    """One-sigma error of the emission time, ps. 0: exact."""
 
     pulse_fwhm_ps: float | None = field(default=None, kw_only=True)
-    """Full width at half maximum of the laser pulse, ps."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position_mm", _checked_position(self.position_mm))
@@ -109,13 +147,28 @@ def event_times_from_vertices(
 ) -> Floats:
     """Event time at each vertex of a path: t_k = t_B + n_p (path length to k) / c.
 
+    Source: method.md, Flight.
+
     Parameters
     ----------
-    vertices_mm : (m, 3), world, mm.
+    vertices_mm : array of float, shape (m, 3)
+        World, mm.
+    emission_time_ps : float
+        t_B, when the pulse is at vertex 0, ps.
+    path_group_index : float
+        n_p.
 
     Returns
     -------
-    (m,), ps.
+    array of float, shape (m,)
+        ps.
+
+    Examples
+    --------
+    >>> event_times_from_vertices(
+    ...     [[0, 0, 0], [299.792458, 0, 0]], emission_time_ps=5.0, path_group_index=1.0
+    ... ).round(9)
+    array([   5., 1005.])
     """
     vertices = np.asarray(vertices_mm, dtype=float)
     lengths = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
@@ -126,7 +179,22 @@ def event_times_from_vertices(
 def return_time_from_points(
     points_mm: ArrayLike, *, camera_center_mm: ArrayLike, return_group_index: float
 ) -> Floats:
-    """Time that scattered light needs to the camera: `n_r |A - X| / c`; (...), ps."""
+    """Time that scattered light needs to the camera: ``n_r |A - X| / c`` (method.md, Flight).
+
+    Parameters
+    ----------
+    points_mm : array of float, shape (..., 3)
+        X, world, mm.
+    camera_center_mm : array of float, shape (3,)
+        A, world, mm.
+    return_group_index : float
+        n_r.
+
+    Returns
+    -------
+    array of float, shape (...)
+        ps.
+    """
     separation = np.asarray(camera_center_mm, dtype=float) - np.asarray(points_mm, dtype=float)
     distance: Floats = np.linalg.norm(separation, axis=-1)
     return return_group_index * distance / SPEED_OF_LIGHT_MM_PER_PS
@@ -139,16 +207,25 @@ def arrival_time_from_event(
     camera_center_mm: ArrayLike,
     return_group_index: float = AIR_GROUP_INDEX,
 ) -> Floats:
-    """Arrival time of light scattered at points X at event times t: `t_a = t + n_r |A - X| / c`.
+    """Arrival time of light scattered at known places: ``t_a = t + n_r |A - X| / c``.
+
+    Source: method.md, Flight.
 
     Parameters
     ----------
-    points_mm : (..., 3), world, mm.
-    event_time_ps : (...), ps.
+    points_mm : array of float, shape (..., 3)
+        X, world, mm.
+    event_time_ps : array of float, shape (...)
+        t, when the pulse is there, ps.
+    camera_center_mm : array of float, shape (3,)
+        A, world, mm.
+    return_group_index : float
+        n_r.
 
     Returns
     -------
-    (...), ps, on the clock of `event_time_ps`.
+    array of float, shape (...)
+        ps, on the clock of `event_time_ps`.
     """
     return np.asarray(event_time_ps, dtype=float) + return_time_from_points(
         points_mm, camera_center_mm=camera_center_mm, return_group_index=return_group_index
@@ -162,7 +239,24 @@ def event_time_from_arrival(
     camera_center_mm: ArrayLike,
     return_group_index: float = AIR_GROUP_INDEX,
 ) -> Floats:
-    """Event time at known points from arrival times: `t = t_a - n_r |A - X| / c`; (...), ps."""
+    """Event time at known places from arrival times: ``t = t_a - n_r |A - X| / c`` (method.md).
+
+    Parameters
+    ----------
+    points_mm : array of float, shape (..., 3)
+        X, world, mm.
+    arrival_ps : array of float, shape (...)
+        t_a, ps.
+    camera_center_mm : array of float, shape (3,)
+        A, world, mm.
+    return_group_index : float
+        n_r.
+
+    Returns
+    -------
+    array of float, shape (...)
+        ps, on the clock of `arrival_ps`.
+    """
     return np.asarray(arrival_ps, dtype=float) - return_time_from_points(
         points_mm, camera_center_mm=camera_center_mm, return_group_index=return_group_index
     )
@@ -179,22 +273,32 @@ def distance_from_arrival(
 ) -> Floats:
     """Distance along a pixel's ray to the point where light straight from the source scattered.
 
-    With tau = t_a - t_B, `s = |A - B|`, q = r . (A - B), the point X = A + lambda r obeys
+    With tau = t_a - t_B, ``s = |A - B|``, q = r . (A - B), the point X = A + lambda r obeys
 
         n_p^2 (s^2 + 2 lambda q + lambda^2) = (c tau - n_r lambda)^2,
 
     solved in the form that stays exact when n_p = n_r, where it is
-    lambda = ((c tau / n)^2 - s^2) / (2 (c tau / n + q)).
+    lambda = ((c tau / n)^2 - s^2) / (2 (c tau / n + q)) (method.md, One pixel, one point).
 
     Parameters
     ----------
-    rays : (..., 3), unit, world, from the camera outwards.
-    arrival_ps : (...), ps.
-    source_mm : (..., 3), world, mm.
+    rays : array of float, shape (..., 3)
+        Unit vectors, world, from the camera outwards.
+    arrival_ps : array of float, shape (...)
+        t_a, ps.
+    source_mm : array of float, shape (..., 3)
+        B, world, mm: where the light comes from, straight.
+    emission_time_ps : array of float, shape (...)
+        t_B, when it left there, ps.
+    camera_center_mm : array of float, shape (3,)
+        A, world, mm.
+    medium : Medium, optional
+        None: air.
 
     Returns
     -------
-    (...), mm; NaN where no point in front of the camera explains the arrival.
+    array of float, shape (...)
+        lambda, mm; NaN where no point in front of the camera explains the arrival.
     """
     medium = Medium() if medium is None else medium
     n_path, n_return = medium.path_group_index, medium.return_group_index
@@ -209,8 +313,10 @@ def distance_from_arrival(
     constant = n_path**2 * s_squared - light_path**2
     with np.errstate(invalid="ignore", divide="ignore"):
         root = np.sqrt(linear**2 - quadratic * constant)
+        # Both exact where n_p = n_r, which leaves no far root.
         near = -constant / (linear + root)
         far = -(linear + root) / quadratic if quadratic else np.full_like(near, np.nan)
+        # Squared, the equation also holds for light that would fly a negative way.
         valid_near = (near > 0) & (light_path > n_return * near)
         valid_far = (far > 0) & (light_path > n_return * far)
     return np.where(valid_near, near, np.where(valid_far, far, np.nan))
@@ -225,9 +331,27 @@ def point_from_arrival(
     camera_center_mm: ArrayLike,
     medium: Medium | None = None,
 ) -> Floats:
-    """Point on each pixel's ray where light straight from the source scattered; (..., 3), mm.
+    """Point on each pixel's ray where light straight from the source scattered: X = A + lambda r.
 
-    See `distance_from_arrival`; NaN where there is none.
+    Parameters
+    ----------
+    rays : array of float, shape (..., 3)
+        Unit vectors, world, from the camera outwards.
+    arrival_ps : array of float, shape (...)
+        t_a, ps.
+    source_mm : array of float, shape (..., 3)
+        B, world, mm: where the light comes from, straight.
+    emission_time_ps : array of float, shape (...)
+        t_B, when it left there, ps.
+    camera_center_mm : array of float, shape (3,)
+        A, world, mm.
+    medium : Medium, optional
+        None: air.
+
+    Returns
+    -------
+    array of float, shape (..., 3)
+        World, mm; NaN where `distance_from_arrival`, which finds lambda, has none.
     """
     distance = distance_from_arrival(
         rays,
@@ -252,17 +376,24 @@ def arrival_time_from_viewing_angle(
     """Half-angle law: arrival time of a straight leg in the plane through camera and leg.
 
     t_a = t_f + (p / c) (n_p tan psi + n_r sec psi); for one index n this is
-    t_f + (n p / c) tan(pi/4 + psi/2). psi is the viewing angle from the foot of the
-    perpendicular from the camera to the leg, positive in the direction of flight; p the length
-    of that perpendicular and t_f the event time at its foot.
+    t_f + (n p / c) tan(pi/4 + psi/2) (method.md, One leg: the half-angle law).
 
     Parameters
     ----------
-    viewing_angle : (...), rad, in (-pi/2, pi/2).
+    viewing_angle : array of float, shape (...)
+        psi, rad, in (-pi/2, pi/2), from the foot of the perpendicular from the camera to the leg,
+        positive in the direction of flight.
+    foot_time_ps : array of float, shape (...)
+        t_f, event time at the foot, ps.
+    foot_distance_mm : array of float, shape (...)
+        p, length of the perpendicular, mm.
+    medium : Medium, optional
+        None: air.
 
     Returns
     -------
-    (...), ps.
+    array of float, shape (...)
+        ps, on the clock of `foot_time_ps`.
     """
     medium = Medium() if medium is None else medium
     psi = np.asarray(viewing_angle, dtype=float)
@@ -278,10 +409,23 @@ def arrival_time_from_viewing_angle(
 def apparent_speed_from_direction(
     direction: ArrayLike, towards_camera: ArrayLike, *, medium: Medium | None = None
 ) -> Floats:
-    """Length of path seen per unit arrival time: c / (n_p - n_r d.u); (...), mm/ps.
+    """Length of path seen per unit arrival time: c / (n_p - n_r d.u).
 
-    d is the unit direction of flight and u the unit vector from the point to the camera, both
-    (..., 3). Along u the light arrives as fast as it flies and the speed diverges.
+    Along u the light arrives as fast as it flies and the speed diverges.
+
+    Parameters
+    ----------
+    direction : array of float, shape (..., 3)
+        d, unit vector in the direction of flight, world.
+    towards_camera : array of float, shape (..., 3)
+        u, unit vector from the point to the camera, world.
+    medium : Medium, optional
+        None: air.
+
+    Returns
+    -------
+    array of float, shape (...)
+        mm/ps.
     """
     medium = Medium() if medium is None else medium
     approach = np.sum(np.asarray(direction, float) * np.asarray(towards_camera, float), axis=-1)
@@ -292,10 +436,20 @@ def apparent_speed_from_direction(
 
 
 def elevation_from_direction(direction: ArrayLike, normal: ArrayLike) -> Floats:
-    """Elevation of a leg out of the plane normal to n: alpha = asin(d.n); (...), rad.
+    """Elevation of a leg out of the plane normal to n: alpha = asin(d.n).
 
-    n is the backward optical axis (towards the camera) unless the user says otherwise, so that
-    positive means towards the camera, as in the paper.
+    Parameters
+    ----------
+    direction : array of float, shape (..., 3)
+        d, unit vector in the direction of flight, world.
+    normal : array of float, shape (3,)
+        n, unit vector, world: the backward optical axis (towards the camera) unless the user says
+        otherwise, so that positive means towards the camera, as in the paper.
+
+    Returns
+    -------
+    array of float, shape (...)
+        rad.
     """
     d = np.asarray(direction, dtype=float)
     n = np.asarray(normal, dtype=float)
@@ -314,20 +468,30 @@ def arrival_time_from_propagation_time(
     start_angle: ArrayLike,
     group_index: float = 1.0,
 ) -> Floats:
-    """Eq. 1 of the paper: t_a = t + sqrt(s^2/c^2 + t^2 - 2 s t sin(alpha + theta) / c).
+    """Arrival time of the paper: t_a = t + sqrt(s^2/c^2 + t^2 - 2 s t sin(alpha + theta) / c).
 
     Parameters
     ----------
-    propagation_time_ps : t, since the pulse was at B; ps.
-    start_distance_mm : `s = |BA|`, mm.
-    propagation_angle : alpha, angle of the leg out of the reference plane, rad.
-    start_angle : theta, signed: sin(theta) = (A - B).e / s with e the unit vector along viewing
-        plane and reference plane, in the direction of flight; rad.
-    group_index : n of the medium; the paper takes 1 (c is then the speed in the medium).
+    propagation_time_ps : array of float, shape (...)
+        t, since the pulse was at B, ps.
+    start_distance_mm : array of float, shape (...)
+        ``s = |BA|``, mm.
+    propagation_angle : array of float, shape (...)
+        alpha, angle of the leg out of the reference plane, rad.
+    start_angle : array of float, shape (...)
+        theta, rad, signed: sin(theta) = (A - B).e / s with e the unit vector along viewing plane
+        and reference plane, in the direction of flight.
+    group_index : float
+        n of the medium; the paper takes 1 (c is then the speed in the medium).
 
     Returns
     -------
-    (...), ps since the pulse was at B.
+    array of float, shape (...)
+        ps since the pulse was at B.
+
+    References
+    ----------
+    Zheng et al. 2020, Eq. 1.
     """
     speed = SPEED_OF_LIGHT_MM_PER_PS / group_index
     t = np.asarray(propagation_time_ps, dtype=float)
@@ -345,11 +509,30 @@ def propagation_time_from_projection(
     start_angle: ArrayLike,
     group_index: float = 1.0,
 ) -> Floats:
-    """Eq. 2 of the paper: t = (1/c) s l cos(theta) / (l sin(alpha) + s cos(alpha + theta)).
+    """Flight time of the paper: t = (1/c) s l cos(theta) / (l sin(alpha) + s cos(alpha + theta)).
 
-    `projected_length_mm` is `l = |BE|`, where E is the point at which the viewing ray of the pixel
-    meets the reference plane; the other parameters are those of
-    `arrival_time_from_propagation_time`. Returns (...), ps since the pulse was at B.
+    Parameters
+    ----------
+    projected_length_mm : array of float, shape (...)
+        ``l = |BE|``, mm, where E is the point at which the pixel's viewing ray meets the reference
+        plane.
+    start_distance_mm : array of float, shape (...)
+        ``s = |BA|``, mm.
+    propagation_angle : array of float, shape (...)
+        alpha, angle of the leg out of the reference plane, rad.
+    start_angle : array of float, shape (...)
+        theta, rad, as for `arrival_time_from_propagation_time`.
+    group_index : float
+        n of the medium.
+
+    Returns
+    -------
+    array of float, shape (...)
+        ps since the pulse was at B.
+
+    References
+    ----------
+    Zheng et al. 2020, Eq. 2.
     """
     speed = SPEED_OF_LIGHT_MM_PER_PS / group_index
     length = np.asarray(projected_length_mm, dtype=float)

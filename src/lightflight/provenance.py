@@ -18,7 +18,18 @@ NUMERIC_PACKAGES = ("numpy", "scipy", "numba", "h5py")
 
 
 def version_of(package: str) -> str | None:
-    """Installed version of a distribution, without importing it; None where it is missing."""
+    """Installed version of a distribution, without importing it.
+
+    Parameters
+    ----------
+    package : str
+        Its name in the index.
+
+    Returns
+    -------
+    str or None
+        None where it is missing.
+    """
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -26,15 +37,41 @@ def version_of(package: str) -> str | None:
 
 
 def sha256_of_file(path: str | os.PathLike[str]) -> str:
-    """SHA-256 of a file's bytes, as hex digits; read in pieces, so any size will do."""
+    """SHA-256 of a file's bytes; read in pieces, so any size will do.
+
+    Parameters
+    ----------
+    path : path
+        A regular file.
+
+    Returns
+    -------
+    str
+        Hex digits.
+    """
     with Path(path).open("rb") as file:
+        # Recordings may be larger than memory.
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def input_record(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Name, size and SHA-256 of one input file; its folder stays on the machine it lies on.
 
-    Of a folder (Zarr): the SHA-256 of its files' names and SHA-256, in the order of their names.
+    Parameters
+    ----------
+    path : path
+        Of a folder (Zarr): the SHA-256 of its files' names and SHA-256, in the order of their
+        names.
+
+    Returns
+    -------
+    dict of str
+        name, bytes, sha256.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be read.
     """
     file = Path(path)
     if not file.is_dir():
@@ -59,10 +96,19 @@ def provenance_record(
 
     Parameters
     ----------
-    command : the command or function that made the result.
-    inputs : files it was made from; their names and SHA-256 are kept, not their folders.
-    settings : the resolved set-up (see `lightflight.lab`); must be JSON-compatible.
-    seed : the random seed, where one was used.
+    command : str, optional
+        The command or function that made the result.
+    inputs : iterable of path
+        Files it was made from; their names and SHA-256 are kept, not their folders.
+    settings : mapping of str, optional
+        The resolved set-up (see `lightflight.lab`); must be JSON-compatible.
+    seed : int, optional
+        The random seed, where one was used.
+
+    Returns
+    -------
+    dict of str
+        With the versions of Python, of this package and of `NUMERIC_PACKAGES`, and the date.
 
     Raises
     ------

@@ -1,32 +1,52 @@
 """The one way to compile a kernel: cached on disk where possible, quietly without elsewhere.
 
-Kernels are serial and release the interpreter lock; whoever calls them owns the threads.
+Kernels are serial and release the interpreter lock; whoever calls them owns the threads. What a
+newcomer's first command waits for is their compilation, each function 0.1 s and more. Hence:
+
+- few kernels, each of few lines; what is not done for every pixel is NumPy;
+- all pieces of a kernel stand in its own file: Numba compiles again where that has changed, and
+  looks at no other;
+- room to work in comes from the caller: `np.empty` alone compiles three functions;
+- who listens to the logger `lightflight` is told what is waited for.
 """
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import event
+from numba.extending import register_jitable
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-
-def _stamp_of_kernels() -> tuple[int, int]:
-    """Newest change and total size of all kernel files."""
-    files = [path.stat() for path in Path(__file__).parent.glob("*.py")]
-    return max(file.st_mtime_ns for file in files), sum(file.st_size for file in files)
-
-
-_STAMP = _stamp_of_kernels()
-
-
 _OPTIONS: dict[str, Any] = {
-    "nogil": True, "error_model": "numpy", "fastmath": {"contract"}, "_nrt": True,
+    "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
+    "fastmath": {"contract", "reassoc", "nsz"},
 }  # fmt: skip
-"""IEEE division; multiplications and additions may be fused (one rounding instead of two)."""
+"""IEEE division; sums in any order, and fused with multiplications: both make them vectors."""
+
+_KERNELS: set[Any] = set()
+
+
+class _Announcer(event.Listener):
+    """Say which kernel is compiled, while it is."""
+
+    def on_start(self, event: event.Event) -> None:
+        kernel = event.data["dispatcher"].py_func
+        if kernel in _KERNELS:
+            logging.getLogger("lightflight").info(
+                "compiling %s (some seconds; only the first time, the result is kept) ...",
+                kernel.__name__,
+            )
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+event.register("numba:compile", _Announcer())
 
 
 def jit(function: F) -> F:
@@ -35,39 +55,17 @@ def jit(function: F) -> F:
     Numba refuses to decorate a cached function where neither the package's folder nor the
     user's cache folder can be written (a read-only install, a locked-down cluster node): the
     kernel is then compiled once per process. Types are found at the first call, never here.
-
-    Numba recompiles where the function's own file has changed, but not where a kernel it calls
-    has: every kernel therefore gets the stamp of all kernel files.
     """
-    return _compiled(function, _OPTIONS)
-
-
-def jit_lent(function: F) -> F:
-    """Like `jit`, for kernels that make no array and return none: theirs are lent by the caller.
-
-    Numba counts the holders of an array each time it is sliced or passed on, by atomic
-    operations: two fifths of the time of a short fit. Here nothing is counted.
-    """
-    return _compiled(function, {**_OPTIONS, "_nrt": False})
-
-
-def jit_inlined(function: F) -> F:
-    """Like `jit_lent`, compiled into its callers: for short pieces with many arrays."""
-    return _compiled(function, {**_OPTIONS, "_nrt": False, "forceinline": True})
-
-
-def jit_reordered(function: F) -> F:
-    """Like `jit_lent`, for sums, least and largest of many floats, none NaN, in any order."""
-    in_any_order = {"contract", "reassoc", "nnan", "nsz"}
-    return _compiled(function, {**_OPTIONS, "_nrt": False, "fastmath": in_any_order})
-
-
-def _compiled(function: F, options: dict[str, Any]) -> F:
+    _KERNELS.add(function)
     try:
-        compiled = numba.njit(cache=True, **options)(function)
+        return cast(F, numba.njit(cache=True, **_OPTIONS)(function))
     except RuntimeError:
-        compiled = numba.njit(cache=False, **options)(function)
-    index: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
-    if hasattr(index, "_source_stamp"):
-        index._source_stamp = _STAMP
-    return cast(F, compiled)
+        return cast(F, numba.njit(cache=False, **_OPTIONS)(function))
+
+
+def piece(function: F) -> F:
+    """Part of the kernels of its own file, compiled with them; plain Python where Python calls it.
+
+    Cheaper than a kernel: it gets no wrapper of its own for Python, and no cache.
+    """
+    return register_jitable(**_OPTIONS)(function)

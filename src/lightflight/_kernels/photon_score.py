@@ -12,8 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight._kernels.jit import jit
-from lightflight._kernels.pulse import shape_at
+from lightflight._kernels.jit import jit, piece
 
 Floats = NDArray[np.float64]
 
@@ -23,7 +22,25 @@ _INV_SQRT_2 = 1.0 / math.sqrt(2.0)
 _INV_SQRT_2PI = 1.0 / math.sqrt(2.0 * math.pi)
 
 
-@jit
+@piece
+def shape_at(shape: Floats, z: float) -> tuple[float, float]:
+    """Share of a pulse that has come by z std after its centre, and its density there.
+
+    shape (3, m): z in even steps, cumulated shape, density; the density is straight in between.
+    """
+    step = shape[0, 1] - shape[0, 0]
+    place = (z - shape[0, 0]) / step
+    if not place > 0.0:
+        return 0.0, 0.0
+    if place >= shape.shape[1] - 1:
+        return 1.0, 0.0
+    i = int(place)
+    part = place - i
+    density = shape[2, i] + part * (shape[2, i + 1] - shape[2, i])
+    return shape[1, i] + 0.5 * part * step * (shape[2, i] + density), density
+
+
+@piece
 def _pulse_share(offset: float, width: float, std: float, shape: Floats, out: Floats) -> None:
     """Share of a pulse in a code `offset` from its time: value, d/d time, d/d ln std."""
     high = (offset + 0.5 * width) / std
@@ -40,7 +57,7 @@ def _pulse_share(offset: float, width: float, std: float, shape: Floats, out: Fl
     out[2] = -(high * density_high - low * density_low)
 
 
-@jit
+@piece
 def _add_code(
     observed: float,
     mean: float,
@@ -82,7 +99,7 @@ def photon_score(
     """Fill `score` (n, 3 L + 1) and Fisher `information` (n, 3 L + 1, 3 L + 1); log-likelihood.
 
     counts, lower, upper: (n, codes); open_share: (n, codes or 1), counts per photon that came (1
-    without pile-up); shape: of the pulse, see `pulse.shape_at`, (3, 0) for a Gaussian;
+    without pile-up); shape: of the pulse, see `shape_at`, (3, 0) for a Gaussian;
     log_photons, delays, stds: (n, L), NaN delay: leg absent.
     Codes outside every window are one term with the background alone, left out where
     `use_outside` is False (something else flashes there). Values compare between parameters even

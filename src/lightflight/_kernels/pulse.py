@@ -1,492 +1,770 @@
-"""Pulse kernels: fit one or several pulses on a constant background to the bins of one pixel.
+"""Pulse kernel: every pixel of a tile from codes to its strongest pulse. Plain arrays, no checks.
 
-Bins are those of `_kernels.bins`. Parameters of a fit with J pulses, `theta` (2 J + 2):
-centres c_0 ... c_{J-1}, photons A_0 ... A_{J-1}, one shared std s, background b per unit time.
-The expected counts of bin k are  sum_j A_j [Phi((e_{k+1} - c_j)/s) - Phi((e_k - c_j)/s)] + b w_k.
+A pixel is a row of *bins*: edges (n + 1), counts (n), exposure (n). A bin's exposure is its
+width, or 0 where no light can be recorded (gaps between code intervals). With a period the bins
+cover the whole ring and the last edge is the first edge + period.
+
+The expected counts of bin k are  A [Phi((e_{k+1} - c)/s) - Phi((e_k - c)/s)] + b w_k  with centre
+c, photons A, std s and background b per unit time. `timing.pulses.batch` is the same fit in NumPy,
+of any number of pulses of any shape; tests hold the two against each other.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lightflight._kernels.bins import load_window, put
-from lightflight._kernels.jit import jit, jit_lent
+from lightflight._kernels.jit import jit, piece
 
-INV_SQRT_2 = math.sqrt(0.5)
-INV_SQRT_2PI = 1.0 / math.sqrt(2.0 * math.pi)
-REACH = 7.5  # a pulse is nothing (1e-13 of its photons) beyond this many std
-MAX_STEPS = 60
-TOLERANCE = 1e-6  # stop where a step's squared length in standard errors is below this
-GOOD_ENOUGH = 1e-3  # and take it, out of steps, below this (a background that creeps to zero)
-MIN_EXPECTED = 0.01  # bins expected to hold fewer counts say nothing about goodness of fit
+Floats = NDArray[np.float64]
+
+N_COLUMNS = 12
+"""Columns of a table of fits (rows in the kernel, which keep each together in memory)."""
+
+(
+    COUNTS, EXPOSURE, PEAK, N_PULSES, CONVERGED, STEPS_TAKEN, CHI2, CHI2_BINS, CHI2_DEVIATE,
+    HELD_SHARE, STD_FREE, RESIDUAL,
+) = range(N_COLUMNS)  # fmt: skip
+
+MIN_EXPECTED = 0.01
+"""Bins expected to hold fewer counts say nothing about goodness of fit."""
+
+ALONE = 3.0
+"""Further than this many std from every pulse, light is another pulse or a tail."""
+
+WIDEST = 1024
+"""Bins that a window of the fit may have; a wider pulse is left to `timing._pulse_batch`."""
+
+# Rows of a window, one number per bin: constants, so that the compiler knows them apart and turns
+# loops into vector instructions. More than pages each, or they would compete in the cache.
+_ROW = WIDEST + 24
+(EDGE, COUNT, WIDTH, LIVE, DEAD, BELOW, DENSITY, STEEP, MEAN) = range(0, 9 * _ROW, _ROW)
+ROOM = 9 * _ROW
+
+_VECTOR = 8
+_MOST_STEPS = 60
+_WHOLE_STEPS = 8
+"""From then on half steps are taken: of few photons, whole ones may turn to and fro."""
+
+_SETTLED = 1e-6
+"""Squared distance from the maximum, in standard errors, at which a fit ends: steps shrink by
+about the same factor each, so two of them tell what is left."""
+
+_SHORT = 1e-3
+"""Squared length of the last step, at most; less is taken, out of steps (a background that creeps
+to zero)."""
+
+_SPARE_REACH = 1.0
+"""Std that a window has on either side beyond the pulse of the start."""
+
+_FURTHEST = 8.5
+"""Std beyond which a tail is nothing (1e-17)."""
+
+_INV_SQRT_2PI = 1.0 / math.sqrt(2.0 * math.pi)
+_EXP_SCALE = -0.5 / 128.0
+_E2, _E3, _E4, _E5, _E6 = (1.0 / math.factorial(i) for i in range(2, 7))
+
+# Mills' ratio (1 - Phi(z)) / phi(z) as a polynomial in t = 1 / (1 + _T z), after the form of
+# Abramowitz & Stegun 26.2.17; fitted here for 0 <= z <= 8.5, error of Phi below 1e-9.
+_T = 0.24
+_M0, _M1, _M2, _M3, _M4, _M5, _M6, _M7 = (
+    0.00318881163018813, 0.196444909262509, 0.494364871157439, -0.60213529734641,
+    1.83449097143721, -1.81558317495243, 1.46995196554003, -0.327408921012691,
+)  # fmt: skip
 
 
-@jit_lent
-def load_around(bins, n, period, theta, n_pulses, reach, window, outside):
-    """Load the window that holds every pulse out to `reach` std; sum what lies outside it.
+@piece
+def bins_from_codes(lower, upper, at, period, edges, exposure, codes):
+    """Bins of pixel `at` in ascending time; returns how many, 0 where no code has a width.
 
-    The window never exceeds one period, and is then centred on the pulses. outside: (counts,
-    exposure) beyond the window, on top of (counts, exposure) of a background recording in
-    outside[2:].
+    codes: the code of each bin, or -1 for time that no code covers, which becomes a bin without
+    exposure. Codes without width have no bin: what they count is dropped. `period` is inf where
+    nothing folds; a code more than one period from the start of code 0 (backward codes: from its
+    end) cannot be reached.
     """
-    low, high = math.inf, -math.inf
-    for j in range(n_pulses):
-        low, high = min(low, theta[j]), max(high, theta[j])
-    half = 0.5 * (high - low) + reach * theta[2 * n_pulses]
-    half = min(half, 0.5 * period)
-    middle = 0.5 * (low + high)
-    m = load_window(bins, n, period, middle - half, middle + half, window)
-    outside[0], outside[1] = outside[2], outside[3]
-    if m < n:
-        for k in range(n):
-            outside[0] += bins[0][k]
-            outside[1] += bins[2][k]
-        for k in range(m):
-            outside[0] -= window[0][k]
-            outside[1] -= window[2][k]
-    return m
-
-
-@jit_lent
-def shape_at(shape, z):
-    """Share of a pulse that has come by z std after its centre, and its density there.
-
-    shape (3, m): z in even steps, cumulated shape, density; the density is straight in between.
-    """
-    step = shape[0, 1] - shape[0, 0]
-    place = (z - shape[0, 0]) / step
-    if not place > 0.0:
-        return 0.0, 0.0
-    if place >= shape.shape[1] - 1:
-        return 1.0, 0.0
-    i = int(place)
-    part = place - i
-    density = shape[2, i] + part * (shape[2, i + 1] - shape[2, i])
-    return shape[1, i] + 0.5 * part * step * (shape[2, i] + density), density
-
-
-@jit_lent
-def bin_model(theta, n_pulses, low, high, width, model, slope):
-    """Expected counts of one bin and their derivatives by theta (into `slope`).
-
-    model: (Poisson likelihood?, sampled?, Poisson counts?, shape). Pulses are Gaussians or of the
-    tabulated shape (see `shape_at`), integrated over the bin, or Gaussians `sampled` at its middle
-    as the paper's least squares does. A bin whose width is less than what lies between its edges
-    was alive for that part only.
-    """
-    _, sampled, _, shape = model
-    std, live = theta[2 * n_pulses], width / (high - low)
-    expected = theta[2 * n_pulses + 1] * width
-    slope_std = 0.0
-    for j in range(n_pulses):
-        photons = theta[n_pulses + j]
-        if sampled:
-            z = (0.5 * (low + high) - theta[j]) / std
-            share = width * INV_SQRT_2PI * math.exp(-0.5 * z * z) / std
-            by_centre = share * z / std
-            by_std = share * (z * z - 1.0) / std
-        else:
-            z_low, z_high = (low - theta[j]) / std, (high - theta[j]) / std
-            if shape.shape[1] > 0:
-                before, pdf_low = shape_at(shape, z_low)
-                after, pdf_high = shape_at(shape, z_high)
-                share = live * (after - before)
-            else:
-                share = 0.5 * live * (math.erf(z_high * INV_SQRT_2) - math.erf(z_low * INV_SQRT_2))
-                pdf_low = INV_SQRT_2PI * math.exp(-0.5 * z_low * z_low)
-                pdf_high = INV_SQRT_2PI * math.exp(-0.5 * z_high * z_high)
-            by_centre = live * (pdf_low - pdf_high) / std
-            by_std = live * (z_low * pdf_low - z_high * pdf_high) / std
-        expected += photons * share
-        slope[j] = photons * by_centre
-        slope[n_pulses + j] = share
-        slope_std += photons * by_std
-    slope[2 * n_pulses] = slope_std
-    slope[2 * n_pulses + 1] = width
-    return expected
-
-
-@jit_lent
-def reach_of_pulse(model):
-    """Std on either side of its centre beyond which a pulse is nothing."""
-    shape = model[3]
-    if shape.shape[1] == 0:
-        return REACH
-    return max(-shape[0, 0], shape[0, shape.shape[1] - 1])
-
-
-@jit_lent
-def evaluate(theta, n_pulses, window, m, outside, model, slope, grad, info):
-    """Objective (larger is better), its gradient and expected information at theta.
-
-    Poisson log-likelihood (of densities: the same for every window), or minus half the sum of
-    squares. `outside` = (counts, exposure) beyond the window: there the model is b w, so two
-    sums are all they contribute.
-    """
-    counts, edges, exposure = window
-    poisson = model[0]
-    size = 2 * n_pulses + 2
-    for a in range(size):
-        grad[a] = 0.0
-        for b in range(size):
-            info[a, b] = 0.0
-    objective = 0.0
-    for k in range(m):
-        if exposure[k] <= 0.0:
+    n_codes = lower.shape[1]
+    backward = lower[at, 0] > lower[at, n_codes - 1]
+    earliest = upper[at, 0] - period if backward else -math.inf
+    latest = math.inf if backward else lower[at, 0] + period
+    n, here = 0, 0.0  # here: edges[n]
+    for i in range(n_codes):
+        k = n_codes - 1 - i if backward else i
+        start, end = lower[at, k], upper[at, k]
+        start = start if start > earliest else earliest
+        end = end if end < latest else latest
+        if n == 0:
+            edges[0] = here = start
+        if not (end > start and end > here):
             continue
-        expected = bin_model(theta, n_pulses, edges[k], edges[k + 1], exposure[k], model, slope)
-        if poisson:
-            weight = 1.0 / expected
-            pull = counts[k] * weight - 1.0
-            objective += counts[k] * math.log(expected / exposure[k]) - expected
-        else:
-            weight = 1.0
-            pull = counts[k] - expected
-            objective -= 0.5 * pull * pull
-        for a in range(size):
-            grad[a] += slope[a] * pull
-            weighted = slope[a] * weight
-            for b in range(a + 1):
-                info[a, b] += weighted * slope[b]
-    if outside[1] > 0.0:  # Poisson only: least squares always takes every bin
-        background = theta[size - 1]
-        objective += outside[0] * math.log(background) - background * outside[1]
-        grad[size - 1] += outside[0] / background - outside[1]
-        info[size - 1, size - 1] += outside[1] / background
-    for a in range(size):
-        for b in range(a):
-            info[b, a] = info[a, b]
-    return objective
+        if start > here + 1e-6 * (end - start):
+            exposure[n], codes[n] = 0.0, -1
+            n += 1
+            edges[n] = here = start
+        exposure[n], codes[n] = end - here, k
+        n += 1
+        edges[n] = here = end
+    if n > 0 and period < math.inf and edges[n] < edges[0] + period:
+        exposure[n], codes[n] = 0.0, -1
+        edges[n + 1] = edges[0] + period
+        n += 1
+    return n
 
 
-@jit_lent
-def factorise(info, free, size, damping, scale, factor):
-    """Cholesky factor of the scaled information of the free parameters; False if singular.
+@piece
+def take_counts(counts, at, codes, n, reach, levels):
+    """Counts of the bins of pixel `at`, and a tail, into levels[0]; their sum and largest."""
+    first, last, m = codes[0], codes[n - 1], n
+    if last < 0 and n > 1:  # the fold: the last bin is no code
+        m = n - 1
+        last = codes[m - 1]
+    total, largest = 0 * counts[at, 0], counts[at, first]
+    levels[0, n - 1] = 0
+    if last - first + 1 == m:  # no code is left out: loops that become vector instructions
+        for i in range(np.uint64(m)):
+            levels[0, i] = counts[at, np.uint64(first) + i]
+    elif first - last + 1 == m:
+        for i in range(np.uint64(m)):
+            levels[0, i] = counts[at, np.uint64(first) - i]
+    else:
+        for i in range(m):
+            levels[0, i] = counts[at, codes[i]] if codes[i] >= 0 else 0
+    for i in range(m):
+        total += levels[0, i]
+        largest = levels[0, i] if levels[0, i] > largest else largest
+    for i in range(np.uint64(reach - n)):
+        levels[0, np.uint64(n) + i] = levels[0, i]
+    return float(total), float(largest)
 
-    Fixed parameters get a unit row. `damping` is Marquardt's: it raises the diagonal.
+
+@piece
+def thin_exposure(counts, n, trials, exposure):
+    """Exposure of bins that an earlier photon of the same period may have closed.
+
+    A period ends with its first photon: of `trials` periods, those that saw none before bin k
+    reach it. Counts among them are binomial with chance 1 - exp(-rate); the exposure given, counts
+    over the rate that explains them, makes that a Poisson likelihood with the same maximum.
     """
-    for a in range(size):
-        scale[a] = 1.0
-        if free[a]:
-            if not info[a, a] > 0.0:
-                return False
-            scale[a] = 1.0 / math.sqrt(info[a, a])
-    for a in range(size):
-        for b in range(a + 1):
-            value = info[a, b] * scale[a] * scale[b] if free[a] and free[b] else 0.0
-            if a == b:
-                value = 1.0 + damping
-            for i in range(b):
-                value -= factor[a, i] * factor[b, i]
-            if a == b:
-                if not value > 1e-12:
-                    return False
-                factor[a, a] = math.sqrt(value)
-            else:
-                factor[a, b] = value / factor[b, b]
-    return True
-
-
-@jit_lent
-def solve(factor, scale, free, size, right, solution):
-    """Solve information @ solution = right with the factor from `factorise`."""
-    for a in range(size):
-        value = right[a] * scale[a] if free[a] else 0.0
-        for i in range(a):
-            value -= factor[a, i] * solution[i]
-        solution[a] = value / factor[a, a]
-    for back in range(size):
-        a = size - 1 - back
-        value = solution[a]
-        for i in range(a + 1, size):
-            value -= factor[i, a] * solution[i]
-        solution[a] = value / factor[a, a]
-    for a in range(size):
-        solution[a] = solution[a] * scale[a] if free[a] else 0.0
-
-
-@jit_lent
-def limited_step(theta, step, n_pulses, bounds, trial):
-    """Take a step: std at most doubles or halves, photons shrink to a third, centres move 2 std."""
-    min_std, max_std, min_background = bounds
-    std = theta[2 * n_pulses]
-    for j in range(n_pulses):
-        trial[j] = theta[j] + min(max(step[j], -2.0 * std), 2.0 * std)
-        photons = theta[n_pulses + j] + step[n_pulses + j]
-        trial[n_pulses + j] = max(photons, theta[n_pulses + j] / 3.0)
-    wanted = min(max(std + step[2 * n_pulses], 0.5 * std), 2.0 * std)
-    trial[2 * n_pulses] = min(max(wanted, min_std), max_std)
-    background = theta[2 * n_pulses + 1] + step[2 * n_pulses + 1]
-    trial[2 * n_pulses + 1] = max(background, min_background)
-
-
-@jit_lent
-def free_parameters(theta, grad, n_pulses, bounds, fit_std, free):
-    """Mark the free parameters: those at a bound and pushed against it are not."""
-    min_std, max_std, min_background = bounds
-    size = 2 * n_pulses + 2
-    for a in range(size):
-        free[a] = True
-    std, background = theta[size - 2], theta[size - 1]
-    at_low = std <= min_std and grad[size - 2] < 0.0
-    at_high = std >= max_std and grad[size - 2] > 0.0
-    if not fit_std or at_low or at_high:
-        free[size - 2] = False
-    if background <= min_background and grad[size - 1] < 0.0:
-        free[size - 1] = False
-
-
-@jit_lent
-def bounds_of(bins, n, period, model):
-    """(smallest std, largest std, smallest background) a fit of these bins may reach."""
-    all_exposure, n_live = 0.0, 0
+    alive = trials
     for k in range(n):
-        all_exposure += bins[2][k]
-        n_live += bins[2][k] > 0.0
-    return bounds_from_sums(all_exposure, n_live, min(period, bins[1][n] - bins[1][0]), model)
+        left = alive - counts[0, k]
+        left = left if left > 1e-3 else 1e-3
+        seen = alive
+        if counts[0, k] > 0 and left < alive:
+            seen = counts[0, k] / math.log(alive / left)
+        exposure[k] *= seen / trials
+        alive = left
 
 
-@jit_lent
-def bounds_from_sums(all_exposure, n_live, span, model):
-    """See `bounds_of`: from the exposure of all bins, the number of live ones, what they span.
+@piece
+def sum_exposure(exposure, n, reach, inverse, covered):
+    """Running sums and inverse of the exposure.
 
-    A tenth of a mean bin: below it position and width inside one bin cannot be told. A
-    thousandth of a count over the whole range: next to none, and the logarithm stays finite.
+    Returns the live bins, and the exposure of every bin where all but a few smaller ones have the
+    same, else 0.
     """
-    if n_live == 0:
-        return 0.0, 0.0, 0.0
-    floor = 1e-3 / all_exposure if model[0] else -math.inf
-    return 0.1 * all_exposure / n_live, 0.5 * span, floor
+    widest, live, smaller = 0.0, 0, 0
+    covered[0] = 0.0
+    for k in range(n):
+        lit = exposure[k] > 0.0
+        live += lit
+        inverse[k] = 1.0 / exposure[k] if lit else 0.0
+        widest = exposure[k] if exposure[k] > widest else widest
+        covered[k + 1] = covered[k] + exposure[k]
+    for k in range(reach - n):
+        covered[n + 1 + k] = covered[n] + covered[k + 1]
+    for k in range(n):
+        smaller += exposure[k] < 0.9999 * widest
+    return live, widest if smaller <= 3 else 0.0
 
 
-@jit_lent
-def fit_bins(bins, n, period, theta, n_pulses, model, fit_std, window, scratch, outcome):
-    """Damped Fisher scoring from the start in `theta`, which it replaces.
+@piece
+def edge_at(edges, n, period, i):
+    """Edge i, counted on beyond the fold and before the first."""
+    if i > n:
+        return edges[i - n] + period
+    if i < 0:
+        return edges[i + n] - period
+    return edges[i]
 
-    Never accepts a step that lowers the objective. A Poisson fit looks at a window that follows
-    and grows with the pulses; the rest enters through sums, so it is the full-range fit.
 
-    outcome: objective, converged (1 or 0), squared length of the last step, steps taken.
-    Leaves information (expected) and free parameters in the scratch; returns bins in the window.
+@piece
+def log_excess(inside, total, expected, least):
+    """Chernoff's bound: counts in a window this high by chance have probability <= exp(-value).
+
+    `inside` of `total` counts fell into a window where `expected` were due. 0 where the value is
+    below `least`: it is at most chi2, which needs no logarithm.
     """
-    vectors, matrices, free, outside = scratch
-    slope, grad, step, trial, new_grad, scale = vectors
-    info, new_info, factor = matrices
-    size = 2 * n_pulses + 2
-    bounds = bounds_of(bins, n, period, model)
-    reach = 1.25 * reach_of_pulse(model) if model[0] else math.inf
-    theta[size - 2] = min(max(theta[size - 2], bounds[0]), bounds[1])
-    theta[size - 1] = max(theta[size - 1], bounds[2])
-    put(theta, size, trial)
-    objective, damping, length2, unit, steps, m = 0.0, 0.0, math.inf, 1.0, 0, 0
-    fresh, converged = True, False  # fresh: a new window, to be evaluated where we stand
-    while True:
-        if fresh:
-            m = load_around(bins, n, period, theta, n_pulses, reach, window, outside)
-        new = evaluate(trial, n_pulses, window, m, outside, model, slope, new_grad, new_info)
-        if fresh or new >= objective - 1e-12 * abs(objective):
-            put(trial, size, theta)
-            put(new_grad, size, grad)
-            for a in range(size):
-                put(new_info[a], size, info[a])
-            objective = new
-            if not model[0]:
-                unit = max(-2.0 * objective / max(m - size, 1), 1e-300)
-            converged = length2 < TOLERANCE * unit and damping < 1.0
-            damping = 0.0 if damping < 1e-2 else 0.1 * damping
-            fresh = (
-                m < n and not window_holds(theta, n_pulses, model, window, m) and steps < MAX_STEPS
-            )
-            if fresh:
-                steps += 1
-                continue
-        else:
-            damping = max(10.0 * damping, 1e-2)
-        free_parameters(theta, grad, n_pulses, bounds, fit_std, free)
-        while not factorise(info, free, size, damping, scale, factor) and damping < 1e10:
-            damping = max(10.0 * damping, 1e-3)
-        if converged or steps >= MAX_STEPS or damping >= 1e10:
-            break
-        steps += 1
-        solve(factor, scale, free, size, grad, step)
-        length2 = 0.0
-        for a in range(size):
-            length2 += step[a] * grad[a]
-        limited_step(theta, step, n_pulses, bounds, trial)
-    converged = converged or length2 < GOOD_ENOUGH * unit
-    outcome[0], outcome[1], outcome[2], outcome[3] = objective, converged, length2, steps
-    return m
-
-
-@jit_lent
-def window_holds(theta, n_pulses, model, window, m):
-    """True where the loaded window holds all of every pulse."""
-    reach = reach_of_pulse(model) * theta[2 * n_pulses]
-    for j in range(n_pulses):
-        if theta[j] - reach < window[1][0] or theta[j] + reach > window[1][m]:
-            return False
-    return True
-
-
-@jit_lent
-def normal_from_chi2(chi2, expected, variance):
-    """Standard normal deviate as unlikely as a chi2 of given mean and variance.
-
-    Wilson & Hilferty (1931) on the scaled chi2 of the same two moments.
-    """
-    if expected <= 0.0:
+    above = inside - expected
+    if not (above > 0.0 and above * above * total > least * expected * (total - expected)):
         return 0.0
-    narrow = variance / (9.0 * expected * expected)
-    return (np.cbrt(chi2 / expected) - (1.0 - narrow)) / math.sqrt(narrow)
+    value = inside * math.log(inside / expected)
+    if total > inside:
+        value += (total - inside) * math.log((total - inside) / (total - expected))
+    return value
 
 
-@jit_lent
-def describe_fit(bins, n, theta, n_pulses, model, window, m, scratch, summary):
-    """Goodness of fit, and the share of the pulses the live bins could record.
+@piece
+def add_shifted(levels, level, shift, count):
+    """Sums over twice as many bins as those of the level below; returns the largest."""
+    fullest = levels[level - 1, 0]
+    for i in range(np.uint64(count)):
+        both = levels[level - 1, i] + levels[level - 1, np.uint64(shift) + i]
+        levels[level, i] = both
+        fullest = both if both > fullest else fullest
+    return float(fullest)
 
-    summary: Pearson chi2, its bins, how unlikely chi2 over the bins with >= 1 expected count is
-    (as a standard normal deviate), smallest share of a pulse inside live bins.
+
+@piece
+def any_exceeds(levels, level, covered, length, start, stop, due, total, least):
+    """True where the log excess of one of some windows may exceed a value (no branch: a vector)."""
+    exceeding = 0
+    for i in range(np.uint64(start), np.uint64(stop)):
+        expected = due * (covered[i + np.uint64(length)] - covered[i])
+        above = float(levels[level, i]) - expected
+        likely = above * above * total > least * expected * (total - expected)
+        exceeding += (above > 0.0) & likely
+    return exceeding > 0
+
+
+@piece
+def scan_for_pulse(levels, n, reach, covered, even, double_code, total, peak, floor):
+    """Find the window of bins whose counts chance explains least: log excess, first bin, length.
+
+    levels[0, :reach]: counts, with a tail behind the fold where they fold; further levels are
+    filled with sums over 2, 4, 8 ... bins, the lengths that are tried at every position. What is
+    due in a window follows its exposure (`covered`: running sums), raised by what an imperfect
+    clock may do: `double_code` bins' worth of light too much in a window, and 5 % of `double_code`
+    more. even: exposure of every bin, where the fullest window is the best, or 0. An excess up to
+    `floor` is not looked for. False alarms are fewer than exp(log_trials - excess), by trial
+    exp(log_trials - excess - 3). Stops early at an unmistakable pulse.
     """
-    counts, edges, exposure = window
-    slope, held = scratch[0][0], scratch[0][4]
-    size = 2 * n_pulses + 2
-    for j in range(n_pulses):
-        held[j] = 0.0
-    chi2, n_bins, rich_chi2, rich_bins, rich_variance = 0.0, 0, 0.0, 0, 0.0
+    best, best_first, best_length, where = floor, 0, 1, -1
+    fullest, wanted = peak, peak
+    level, length = 0, 1
+    while 2 * length <= n or length == 1:
+        count = reach - length + 1
+        if level > 0:
+            fullest = add_shifted(levels, level, length // 2, count)
+        if length > 1 or double_code < 0.5:
+            before = best
+            due = total * (1.0 + double_code * (1.0 / length + 0.05)) / covered[n]
+            last = count if count < n else n
+            if even > 0.0:
+                expected = due * (length * even if length * even < covered[n] else covered[n])
+                value = log_excess(fullest, total, expected, best)
+                if value > best:
+                    best, best_length, where, wanted = value, length, level, fullest
+                last = 0
+            for start in range(0, last, 32):  # whole pieces, so that loops become vectors
+                stop = start + 32 if start + 32 < last else last
+                if not any_exceeds(levels, level, covered, length, start, stop, due, total, best):
+                    continue
+                for i in range(start, stop):
+                    expected = due * (covered[i + length] - covered[i])
+                    value = log_excess(float(levels[level, i]), total, expected, best)
+                    if value > best:
+                        best, best_first, best_length, where = value, i, length, -1
+            if best > 50.0 and best == before:
+                break
+        level += 1
+        length *= 2
+    if where >= 0:
+        while levels[where, best_first] != wanted:
+            best_first += 1
+    return best, best_first, best_length
+
+
+@piece
+def start_from_window(levels, edges, n, period, total, covered, first, length, theta):
+    """Rough centre, std, photons, background (into theta) around the window a scan found.
+
+    The first row of levels and covered (running sums of the exposure) go on behind the fold.
+    Background from the rest of the range; moments in a window twice as long.
+    """
+    low, high = first - length // 2, first + length + (length + 1) // 2
+    origin = edge_at(edges, n, period, first)
+    lap = 0.0
+    if period == math.inf:
+        low, high = low if low > 0 else 0, high if high < n else n
+    elif low < 0:  # read on from the end of the tail
+        low, high, lap = low + n, high + n, period
+    inside = 0.0
+    for i in range(low, high):
+        inside += levels[0, i]
+    exposed = covered[high] - covered[low]
+    unlit, rest = covered[n] - exposed, total - inside
+    unlit = unlit if unlit > 1e-3 * covered[n] else 1e-3 * covered[n]
+    background = (rest if rest > 0.5 else 0.5) / unlit
+    most = 0.9 * inside / exposed
+    background = background if background < most else most
+    signal, moment, square = 0.0, 0.0, 0.0
+    left = edge_at(edges, n, period, low) - lap - origin
+    for i in range(low, high):
+        right = edge_at(edges, n, period, i + 1) - lap - origin
+        excess = levels[0, i] - background * (covered[i + 1] - covered[i])
+        time = 0.5 * (left + right)
+        signal += excess
+        moment += excess * time
+        square += excess * time * time
+        left = right
+    span = edge_at(edges, n, period, first + length) - origin
+    centre = clipped(moment / signal, 0.0, span)
+    variance = square / signal - centre * centre - (span / length) ** 2 / 12.0
+    if signal * signal < 30.0 * inside:  # moments would be those of the noise
+        variance = 0.09 * span * span
+    variance = clipped(variance, 0.0144 * span * span, 0.36 * span * span)
+    theta[0], theta[1], theta[2] = origin + centre, math.sqrt(variance), signal
+    theta[3] = background
+
+
+@piece
+def clipped(value, least, most):
+    """The value, or the bound it is beyond; `least` for NaN."""
+    value = value if value > least else least
+    return value if value < most else most
+
+
+@piece
+def load_window(levels, edges, exposure, n, period, centre, half, w):
+    """Copy the bins that overlap centre +- half, times from `centre`; returns (first bin, bins)."""
+    lap = 0.0
+    if period < math.inf:
+        lap = math.floor((centre - half - edges[0]) / period) * period
+    low, after = 0, n
+    while after - low > 1:
+        middle = (low + after) // 2
+        if edges[middle] + lap - centre <= -half:
+            low = middle
+        else:
+            after = middle
+    m, k = 0, low
+    w[EDGE] = edges[k] + lap - centre
+    while m < n and m < WIDEST and w[EDGE + m] < half:
+        end = edges[k + 1] + lap - centre
+        w[COUNT + m] = levels[0, k]
+        w[WIDTH + m] = exposure[k]
+        w[LIVE + m] = exposure[k] / (end - w[EDGE + m])
+        w[DEAD + m] = exposure[k] <= 0.0
+        m += 1
+        w[EDGE + m] = end
+        k += 1
+        if k == n:
+            if period == math.inf:
+                break
+            k = 0
+            lap += period
+    for k in range(m, padded(m)):
+        w[COUNT + k] = w[WIDTH + k] = w[LIVE + k] = 0.0
+        w[DEAD + k] = 1.0
+        w[EDGE + k + 1] = w[EDGE + m]
+    return low, m
+
+
+@piece
+def padded(m):
+    """Bins of a window with dead ones behind: more than m, as many as some vectors hold.
+
+    A loop over them has no remainder, which would be done one by one.
+    """
+    return (m // _VECTOR + 1) * _VECTOR
+
+
+@piece
+def normal_at_edges(w, m, centre, scale):
+    """Normal integral, density and z density at the edges of a window: no table, no branch.
+
+    scale: one over the std. exp(-x) is a Taylor polynomial of x / 128, squared seven times.
+    """
+    for k in range(padded(m)):
+        z = (w[EDGE + k] - centre) * scale
+        z = z if z > -_FURTHEST else -_FURTHEST
+        z = z if z < _FURTHEST else _FURTHEST
+        y = z * z * _EXP_SCALE
+        e = 1.0 + y * (1.0 + y * (_E2 + y * (_E3 + y * (_E4 + y * (_E5 + y * _E6)))))
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        density = _INV_SQRT_2PI * e
+        t = 1.0 / (1.0 + _T * abs(z))
+        mills = _M4 + t * (_M5 + t * (_M6 + t * _M7))
+        mills = _M0 + t * (_M1 + t * (_M2 + t * (_M3 + t * mills)))
+        tail = density * mills
+        w[BELOW + k] = tail if z <= 0.0 else 1.0 - tail
+        w[DENSITY + k] = density
+        w[STEEP + k] = z * density
+
+
+@piece
+def inverse_of(cc, cs, ca, cb, ss, sa, sb, aa, ab, bb):
+    """Inverse of a symmetric 4 x 4 matrix by blocks of 2 x 2, in the order it is given."""
+    scale = 1.0 / (cc * ss - cs * cs)
+    own_cc, own_cs, own_ss = ss * scale, -cs * scale, cc * scale
+    w_ca, w_cb = own_cc * ca + own_cs * sa, own_cc * cb + own_cs * sb
+    w_sa, w_sb = own_cs * ca + own_ss * sa, own_cs * cb + own_ss * sb
+    left_aa, left_bb = aa - ca * w_ca - sa * w_sa, bb - cb * w_cb - sb * w_sb
+    left_ab = ab - ca * w_cb - sa * w_sb
+    scale = 1.0 / (left_aa * left_bb - left_ab * left_ab)
+    v_aa, v_ab, v_bb = left_bb * scale, -left_ab * scale, left_aa * scale
+    v_ca, v_cb = -w_ca * v_aa - w_cb * v_ab, -w_ca * v_ab - w_cb * v_bb
+    v_sa, v_sb = -w_sa * v_aa - w_sb * v_ab, -w_sa * v_ab - w_sb * v_bb
+    v_cc, v_ss = own_cc - v_ca * w_ca - v_cb * w_cb, own_ss - v_sa * w_sa - v_sb * w_sb
+    v_cs = own_cs - v_ca * w_sa - v_cb * w_sb
+    return v_cc, v_cs, v_ca, v_cb, v_ss, v_sa, v_sb, v_aa, v_ab, v_bb
+
+
+@piece
+def fit_window(w, m, out_counts, out_exposure, floor, theta, v):
+    """Fisher scoring of one pulse from the start in theta, which it replaces; returns the steps.
+
+    Poisson likelihood of all bins: those outside the window enter through two sums. Centres count
+    from the start; the inverse of the information, without symmetric twins, goes into v (10).
+    """
+    centre, std, photons, background = 0.0, theta[1], theta[2], theta[3]
+    before, length2, steps, settled = 1.0, 1.0, 0, False
+    scale = 1.0 / std  # taken from step to step, or the compiler would divide in the loops
+    while not settled and steps < _MOST_STEPS:
+        steps += 1
+        before = length2 if length2 < 1.0 else 1.0
+        normal_at_edges(w, m, centre, scale)
+        slope = photons * scale
+        g_c = g_s = g_a = 0.0
+        f_cc = f_cs = f_ca = f_cb = f_ss = f_sa = f_sb = f_aa = f_ab = 0.0
+        g_b = out_counts / background - out_exposure
+        f_bb = out_exposure / background
+        for k in range(padded(m)):
+            live, width = w[LIVE + k], w[WIDTH + k]
+            share = (w[BELOW + k + 1] - w[BELOW + k]) * live
+            by_c = slope * (w[DENSITY + k] - w[DENSITY + k + 1]) * live
+            by_s = slope * (w[STEEP + k] - w[STEEP + k + 1]) * live
+            weight = 1.0 / (photons * share + background * width + w[DEAD + k])
+            pull = w[COUNT + k] * weight - 1.0
+            g_c += by_c * pull
+            g_s += by_s * pull
+            g_a += share * pull
+            g_b += width * pull
+            heavy_c, heavy_s, heavy_a = by_c * weight, by_s * weight, share * weight
+            f_cc += heavy_c * by_c
+            f_cs += heavy_c * by_s
+            f_ca += heavy_c * share
+            f_cb += heavy_c * width
+            f_ss += heavy_s * by_s
+            f_sa += heavy_s * share
+            f_sb += heavy_s * width
+            f_aa += heavy_a * share
+            f_ab += heavy_a * width
+            f_bb += width * weight * width
+        if background <= floor and g_b < 0.0:  # at its bound, and pushed against it
+            g_b = f_cb = f_sb = f_ab = 0.0
+            f_bb = 1.0
+        cc, cs, ca, cb, ss, sa, sb, aa, ab, bb = inverse_of(
+            f_cc, f_cs, f_ca, f_cb, f_ss, f_sa, f_sb, f_aa, f_ab, f_bb
+        )
+        to_c = cc * g_c + cs * g_s + ca * g_a + cb * g_b
+        to_s = cs * g_c + ss * g_s + sa * g_a + sb * g_b
+        to_a = ca * g_c + sa * g_s + aa * g_a + ab * g_b
+        to_b = cb * g_c + sb * g_s + ab * g_a + bb * g_b
+        length2 = to_c * g_c + to_s * g_s + to_a * g_a + to_b * g_b
+        if abs(to_c) > std or to_s < -0.3 * std or to_s > 0.4 * std or to_a < -0.6 * photons:
+            length2 = math.inf
+        shrinking = 1.0 - math.sqrt(length2 / before) if length2 < before else 0.0
+        settled = length2 < _SHORT and length2 * length2 < _SETTLED * before * shrinking**2
+        if steps > _WHOLE_STEPS:
+            to_c, to_s, to_a, to_b = 0.5 * to_c, 0.5 * to_s, 0.5 * to_a, 0.5 * to_b
+        centre += clipped(to_c, -std, std)
+        std += clipped(to_s, -0.3 * std, 0.4 * std)
+        photons += to_a if to_a > -0.6 * photons else -0.6 * photons
+        background = background + to_b if background + to_b > floor else floor
+        scale = 1.0 / std
+    theta[0], theta[1], theta[2], theta[3] = centre, std, photons, background
+    v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9] = (
+        cc, cs, ca, cb, ss, sa, sb, aa, ab, bb
+    )  # fmt: skip
+    certain = cc > 0.0 and ss > 0.0 and aa > 0.0 and bb > 0.0
+    return steps if certain and length2 < _SHORT else 0
+
+
+@piece
+def log_excess_over(inside, expected):
+    """Chernoff's bound where `expected` counts are due whatever the total: see `log_excess`."""
+    if inside <= expected:
+        return 0.0
+    return inside * math.log(inside / expected) - (inside - expected)
+
+
+@piece
+def excess_outside(levels, level, first, last, covered, even, background):
+    """Largest log excess over the background of the windows `first` ... `last`."""
+    length = 1 << level
+    best, fullest = 0.0, levels[level, first] if last > first else levels[0, 0]
+    if even > 0.0:
+        for i in range(np.uint64(first), np.uint64(last)):
+            fullest = levels[level, i] if levels[level, i] > fullest else fullest
+        return log_excess_over(float(fullest), background * even * length) if last > first else 0.0
+    for i in range(first, last):
+        due = background * (covered[i + length] - covered[i])
+        above = levels[level, i] - due
+        if above > 0.0 and above * above > best * due:  # the excess is at most chi2
+            value = log_excess_over(float(levels[level, i]), due)
+            best = value if value > best else best
+    return best
+
+
+@piece
+def residual_of(levels, n, low, m, covered, even, bin_width, theta, double_code, w):
+    """Largest log excess over the fit far from the pulse, in windows of a pulse's length.
+
+    Outside the window of the fit, of `m` bins from `low` on, it is over the background; windows
+    may reach half their length into it, where the pulse has all but ended.
+    """
+    level, length = 0, 1
+    while 1.414 * length < 2.5 * theta[1] / bin_width and 4 * length <= n:
+        level += 1
+        length *= 2
+    raised = theta[3] * double_code * (1.0 / length + 0.05)
+    count, half, best = n - length + 1, length // 2, 0.0
+    ring = low + m - n if low + m > n else 0  # bins of a window across the fold
+    first, last = (ring - half if ring > half else 0), low - half
+    for _ in range(1 if ring > 0 else 2):  # before the window of the fit, behind it
+        last = last if last < count else count
+        value = excess_outside(levels, level, first, last, covered, even, theta[3] + raised)
+        best = value if value > best else best
+        first, last = (low + m - half + 1 if low + m - half + 1 > 0 else 0), count
+    inside, due = 0.0, 0.0
     for k in range(m):
-        if exposure[k] <= 0.0:
-            continue
-        expected = bin_model(theta, n_pulses, edges[k], edges[k + 1], exposure[k], model, slope)
-        live = exposure[k] / (edges[k + 1] - edges[k])
-        for j in range(n_pulses):
-            held[j] += slope[n_pulses + j] / live
-        if expected < MIN_EXPECTED:
-            continue
-        term = (counts[k] - expected) ** 2 / expected
-        chi2 += term
-        n_bins += 1
-        if expected >= 1.0:
-            rich_chi2 += term
-            rich_bins += 1
-            rich_variance += 2.0 + 1.0 / expected
-    if model[0] and m < n:
-        background = theta[size - 1]
-        term, n_out, exposed, inverse = outside_chi2(bins, n, window, m, background)
-        if background * exposed >= MIN_EXPECTED * n_out:
-            chi2 += term
-            n_bins += n_out
-        if background * exposed >= n_out:
-            rich_chi2 += term
-            rich_bins += n_out
-            rich_variance += 2.0 * n_out + inverse / background
-    summary[0], summary[1] = chi2, n_bins
-    summary[2] = normal_from_chi2(rich_chi2, rich_bins, rich_variance)
-    summary[3] = held[0]
-    for j in range(n_pulses):
-        summary[3] = min(summary[3], held[j])
+        inside += w[COUNT + k]
+        due += w[MEAN + k] + raised * w[WIDTH + k]
+        if k >= length:
+            inside -= w[COUNT + k - length]
+            due -= w[MEAN + k - length] + raised * w[WIDTH + k - length]
+        if k >= length - 1 and inside > due + 1.0:
+            middle = 0.5 * (w[EDGE + k - length + 1] + w[EDGE + k + 1])
+            if abs(middle - theta[0]) > ALONE * theta[1]:
+                value = log_excess_over(inside, due if due > 1e-12 else 1e-12)
+                best = value if value > best else best
+    return best
 
 
-@jit_lent
-def outside_chi2(bins, n, window, m, background):
-    """Pearson chi2 of the bins beyond the window; their number, exposure, sum of 1 / exposure."""
-    squares, total, exposed, inverse, n_live = 0.0, 0.0, 0.0, 0.0, 0
-    for part in range(2):
-        counts, _, exposure = bins if part == 0 else window
-        sign = 1.0 if part == 0 else -1.0
-        for k in range(n if part == 0 else m):
-            if exposure[k] > 0.0:
-                squares += sign * counts[k] * counts[k] / exposure[k]
-                total += sign * counts[k]
-                exposed += sign * exposure[k]
-                inverse += sign / exposure[k]
-                n_live += 1 if part == 0 else -1
-    chi2 = squares / background - 2.0 * total + background * exposed
-    return chi2, n_live, exposed, inverse
+@piece
+def describe_fit(levels, inverse, covered, n, live, m, total, theta, w, table, at):
+    """Goodness of fit, and the share of the pulse that live bins could record, into the table.
 
-
-@jit_lent
-def sandwich(bread, meat, size, factor, spare):
-    """Bread becomes factor * bread @ meat @ bread, all symmetric."""
-    for a in range(size):
-        for b in range(size):
-            spare[a, b] = 0.0
-            for i in range(size):
-                spare[a, b] += bread[a, i] * meat[i, b]
-    for a in range(size):
-        for b in range(a + 1):
-            meat[a, b] = 0.0
-            for i in range(size):
-                meat[a, b] += spare[a, i] * bread[i, b]
-    for a in range(size):
-        for b in range(a + 1):
-            bread[a, b] = factor * meat[a, b]
-            bread[b, a] = bread[a, b]
-
-
-@jit_lent
-def covariance_of_fit(theta, n_pulses, model, whole_exposure, window, m, scratch, covariance):
-    """Covariance of theta (into `covariance`); False where the information is singular.
-
-    Poisson likelihood: inverse of the expected information. Least squares: sandwich, with the
-    model's variance for counts and the residuals' for scaled intensities (model[2]). A background
-    at zero gets the standard deviation of one count over the whole range; a std at its bound
-    gets its own size.
+    Pearson chi2, its bins, how unlikely chi2 over the bins with >= 1 expected count is (as a
+    standard normal deviate). Leaves the expected counts in the window.
     """
-    vectors, matrices, free, _ = scratch
-    slope, column, unit, scale = vectors[0], vectors[2], vectors[3], vectors[5]
-    info, meat, factor = matrices
-    counts, edges, exposure = window
-    size = 2 * n_pulses + 2
-    if not factorise(info, free, size, 0.0, scale, factor):
-        for a in range(size):
-            for b in range(size):
-                covariance[a, b] = math.nan
-        return False
-    for a in range(size):
-        for b in range(size):
-            unit[b] = 1.0 if a == b else 0.0
-            meat[a, b] = 0.0
-        solve(factor, scale, free, size, unit, column)
-        put(column, size, covariance[a])
-    if not model[0]:
-        n_live = 0
-        for k in range(m):
-            if exposure[k] <= 0.0:
-                continue
-            n_live += 1
-            expected = bin_model(theta, n_pulses, edges[k], edges[k + 1], exposure[k], model, slope)
-            variance = max(expected, 0.0) if model[2] else (counts[k] - expected) ** 2
-            for a in range(size):
-                for b in range(size):
-                    meat[a, b] += variance * slope[a] * slope[b]
-        spread = 1.0 if model[2] else n_live / max(n_live - size, 1)
-        sandwich(covariance, meat, size, spread, factor)
-    if not free[size - 1]:
-        covariance[size - 1, size - 1] = 1.0 / whole_exposure**2
-    if not free[size - 2]:
-        covariance[size - 2, size - 2] = theta[size - 2] ** 2
-    return True
+    centre, std, photons, background = theta[0], theta[1], theta[2], theta[3]
+    normal_at_edges(w, m, centre, 1.0 / std)
+    chi2 = n_bins = rich_chi2 = n_rich = rich_variance = held = 0.0
+    out_squares, out_inverse = 0.0, 0.0
+    for k in range(n):
+        out_squares += float(levels[0, k]) * float(levels[0, k]) * inverse[k]
+        out_inverse += inverse[k]
+    out_live, out_counts, out_exposure = float(live), total, covered[n]
+    for k in range(padded(m)):
+        share, width, count = w[BELOW + k + 1] - w[BELOW + k], w[WIDTH + k], w[COUNT + k]
+        alive = 1.0 - w[DEAD + k]
+        mean = photons * share * w[LIVE + k] + background * width
+        w[MEAN + k] = mean
+        weight = alive / (mean + w[DEAD + k])
+        inverted = alive / (width + w[DEAD + k])
+        term = (count - mean) * (count - mean) * weight
+        counted = alive if mean >= MIN_EXPECTED else 0.0
+        rich = alive if mean >= 1.0 else 0.0
+        held += share * alive
+        chi2 += term * counted
+        n_bins += counted
+        rich_chi2 += term * rich
+        n_rich += rich
+        rich_variance += (2.0 + weight) * rich
+        out_squares -= count * count * inverted
+        out_inverse -= inverted
+        out_live -= alive
+        out_counts -= count
+        out_exposure -= width
+    out = background * out_exposure
+    term = out_squares / background - 2.0 * out_counts + out
+    if out_live > 0.0 and out >= MIN_EXPECTED * out_live:
+        chi2 += term
+        n_bins += out_live
+    if out_live > 0.0 and out >= out_live:
+        rich_chi2 += term
+        n_rich += out_live
+        rich_variance += 2.0 * out_live + out_inverse / background
+    deviate = 0.0
+    if n_rich > 0.0:  # Wilson & Hilferty (1931) on the scaled chi2 of the same two moments
+        narrow = rich_variance / (9.0 * n_rich * n_rich)
+        root = math.exp(math.log(rich_chi2 / n_rich) / 3.0)
+        deviate = (root - 1.0 + narrow) / math.sqrt(narrow)
+    table[CHI2, at], table[CHI2_BINS, at] = chi2, n_bins
+    table[CHI2_DEVIATE, at], table[HELD_SHARE, at] = deviate, held
+
+
+@piece
+def leave_blank(values, covariances, table, at):
+    """NaN in a column of the results: nothing is known of the pixel."""
+    for a in range(4):
+        values[a, at] = math.nan
+        for b in range(4):
+            covariances[a, b, at] = math.nan
+    for a in range(N_COLUMNS):
+        table[a, at] = math.nan
+
+
+@piece
+def write_fit(theta, origin, v, values, covariances, at):
+    """A fit and its covariance into a column of the results."""
+    i = 0
+    for a in range(4):
+        values[a, at] = theta[a]
+        for b in range(a, 4):
+            covariances[a, b, at] = covariances[b, a, at] = v[i]
+            i += 1
+    values[0, at] += origin
+
+
+def room_for(counts: NDArray[Any]) -> tuple[NDArray[Any], Floats, NDArray[np.int64], Floats]:
+    """What `fit_tile` works in: levels of sums, rows of a pixel, codes of its bins, a window."""
+    size = 2 * counts.shape[1] + 2
+    levels = np.empty((int(math.log2(size)) + 2, 2 * size), counts.dtype)
+    return levels, np.empty((6, 2 * size + 10)), np.empty(size, np.int64), np.zeros(ROOM)
 
 
 @jit
-def new_scratch(n_bins, max_pulses):
-    """Work space for pixels of up to `n_bins` bins.
+def fit_tile(
+    counts: NDArray[Any],
+    lower: Floats,
+    upper: Floats,
+    period: float,
+    todo: NDArray[np.bool_],
+    double_code: Floats,
+    trials: Floats,
+    dark_counts: Floats,
+    dark_ratio: Floats,
+    log_alarms: float,
+    counted: bool,
+    fits: bool,
+    first: int,
+    starts: Floats,
+    left: NDArray[np.int64],
+    values: Floats,
+    covariances: Floats,
+    table: Floats,
+    levels: NDArray[Any],
+    row: Floats,
+    codes: NDArray[np.int64],
+    w: Floats,
+) -> int:
+    """Find the one strongest pulse of each pixel of a tile and, where `fits`, fit a Gaussian to it.
 
-    bins; window; running sums of counts, exposure, expected counts, and the latter themselves;
-    small arrays (vectors, matrices, free parameters, sums outside the window and of a
-    background recording).
+    Returns how many pixels with a pulse are left to fit; they are first in `left` (m,), with a
+    rough (centre, std, photons, background) in the rows `first` ... of `starts`. Returns -1 where
+    counts are too many for their integers: give them as floats.
+
+    counts (m, codes), uint32 or float64; lower, upper (m or 1, codes);
+    period inf where nothing folds; todo (m,); double_code (m,), see `scan_for_pulse`; trials (m,):
+    laser periods that could have ended with a photon, see `thin_exposure` (inf: no pile-up);
+    dark_counts (m,): counts of a background recording, dark_ratio (m,): its exposure over this
+    one's (0: none); log_alarms: a pulse must be less likely by chance than exp(-that - 3);
+    counted: False for scaled intensities; levels, row, codes, w: see `room_for`.
+
+    Of all pixels, the tile's in columns from `first` on: values (4, n) centre, std, photons,
+    background; covariances (4, 4, n) in that order; table (N_COLUMNS, n): counts, exposure,
+    largest bin, pulses found, converged, steps, chi2, its bins, its deviate, share of the pulse
+    in live bins, 1 where std is not at a bound, log excess of the residuals far from the pulse.
+    What has no meaning is NaN.
     """
-    size = 2 * max_pulses + 2
-    bins = (np.empty(n_bins), np.empty(n_bins + 1), np.empty(n_bins))
-    window = (np.empty(n_bins), np.empty(n_bins + 1), np.empty(n_bins))
-    twice = 2 * n_bins + 1
-    sums = (np.empty(twice), np.empty(twice), np.empty(twice), np.empty(n_bins))
-    vectors = (
-        np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size),
-        np.empty(size),
-    )  # fmt: skip
-    matrices = (np.empty((size, size)), np.empty((size, size)), np.empty((size, size)))
-    small = (vectors, matrices, np.ones(size, np.bool_), np.zeros(4))
-    return bins, window, sums, small
+    edges, exposure, inverse, covered, theta, v = row[0], row[1], row[2], row[3], row[4], row[5]
+    shared, fresh = lower.shape[0] == 1, False
+    n, reach, live, even, n_left, n_log, trials_log = 0, 0, 0, 0.0, 0, 0.0, 0.0
+    most = 4294967296.0 if levels.itemsize == 4 else math.inf
+    for i in range(counts.shape[0]):
+        column = first + i
+        leave_blank(values, covariances, table, column)
+        if not todo[i]:
+            continue
+        if not (shared and fresh):
+            n = bins_from_codes(lower, upper, 0 if shared else i, period, edges, exposure, codes)
+            reach = 2 * n if period < math.inf else n
+            live, even = sum_exposure(exposure, n, reach, inverse, covered)
+            fresh, n_log, trials_log = True, math.log(n) if n > 0 else 0.0, log_trials(n)
+        table[N_PULSES, column] = 0.0
+        if n == 0:  # no code of this pixel has a width
+            table[COUNTS, column] = 0.0
+            for k in range(counts.shape[1]):
+                table[COUNTS, column] += counts[i, k]
+            continue
+        total, peak = take_counts(counts, i, codes, n, reach, levels)
+        if total >= most:
+            return -1
+        table[COUNTS, column], table[EXPOSURE, column] = total, covered[n]
+        table[PEAK, column] = peak
+        dark_exposure = dark_ratio[i] * covered[n]
+        if trials[i] < math.inf:
+            thin_exposure(levels, n, trials[i], exposure)
+            live, even = sum_exposure(exposure, n, reach, inverse, covered)
+            fresh = False
+        whole = covered[n] + dark_exposure
+        floor = log_alarms + trials_log if counted else 0.0
+        excess, at, length = scan_for_pulse(
+            levels, n, reach, covered, even, double_code[i], total, peak, floor
+        )
+        if total <= 0.0 or (counted and excess <= floor):
+            values[3, column] = (total + dark_counts[i]) / whole
+            continue
+        table[N_PULSES, column] = 1.0
+        start_from_window(levels, edges, n, period, total, covered, at, length, theta)
+        for k in range(4):
+            starts[column, k] = theta[k]
+        left[n_left] = column
+        n_left += 1
+        if not fits:
+            continue
+        floor, origin = 1e-3 / covered[n], theta[0]
+        theta[3] = theta[3] if theta[3] > floor else floor
+        enough = math.sqrt(2.0 * math.log(1.0 + 100.0 * total))  # std that hold but 1e-3 photons
+        noise = math.sqrt(theta[2] + 6.0 * theta[3] * theta[1]) / theta[2]
+        half = (enough + _SPARE_REACH) * theta[1] * (1.0 + 2.5 * noise)
+        half = half if half < 0.5 * period else 0.5 * period
+        low, m = load_window(levels, edges, exposure, n, period, origin, half, w)
+        out_counts, out_exposure = total + dark_counts[i], whole
+        for k in range(m):
+            out_counts -= w[COUNT + k]
+            out_exposure -= w[WIDTH + k]
+        steps = fit_window(w, m, out_counts, out_exposure, floor, theta, v)
+        open_low = period < math.inf or low > 0
+        open_high = period < math.inf or low + m < n
+        if (
+            steps == 0
+            or not theta[1] > 0.2 * covered[n] / live
+            or not w[EDGE] < theta[0] < w[EDGE + m]
+            or (open_low and theta[0] - enough * theta[1] < w[EDGE])
+            or (open_high and theta[0] + enough * theta[1] > w[EDGE + m])
+        ):
+            continue
+        n_left -= 1
+        describe_fit(levels, inverse, covered, n, live, m, total, theta, w, table, column)
+        bin_width = (edges[n] - edges[0]) / n
+        residual = residual_of(
+            levels, n, low, m, covered, even, bin_width, theta, double_code[i], w
+        )
+        if theta[3] <= floor:
+            v[9] = 1.0 / (whole * whole)
+        write_fit(theta, origin, v, values, covariances, column)
+        table[CONVERGED, column], table[STEPS_TAKEN, column] = 1.0, steps
+        table[STD_FREE, column], table[RESIDUAL, column] = 1.0, residual - n_log
+    return n_left
+
+
+@piece
+def log_trials(n):
+    """Logarithm of the number of windows that `scan_for_pulse` tries over n bins."""
+    levels = 0
+    while (2 << levels) <= n:
+        levels += 1
+    return math.log(n * (levels if levels > 0 else 1)) if n > 0 else 0.0

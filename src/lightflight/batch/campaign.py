@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lightflight import config
-from lightflight.config import Key
 from lightflight.errors import ConfigError
-from lightflight.lab import SECTIONS, Lab, lab_from_table, toml_from_lab
+from lightflight.files import toml_tables as config
+from lightflight.files.toml_tables import Key
+from lightflight.lab import SECTIONS, Lab, lab_from_table, table_from_lab, toml_from_lab
 
 _PLACEHOLDER = "{set_point_deg}"
 _NUMBER = r"([-+]?\d+(?:\.\d+)?)"
@@ -38,6 +38,8 @@ def _is_text(value: Any) -> bool:
 
 
 def _at_least(least: float, check: config.Check) -> config.Check:
+    """Make a check that accepts what `check` accepts, from `least` on."""
+
     def checked(value: Any) -> Any:
         number = check(value)
         if number < least:
@@ -99,63 +101,73 @@ DEFAULTS = {
 
 @dataclass(frozen=True)
 class Shot:
-    """One recording of a campaign."""
+    """One recording of a campaign.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    label : str
+        Its name in tables: relative to the campaign file where it lies below it.
+    name : str
+        Name of what is made from it, without suffix; no two shots share one.
+    group : str
+        Repeats of one scene are of one group.
+    set_point_deg : float or None
+        Elevation that was set up, deg; None: not stated.
+    """
 
     path: Path
-    """The file."""
-
     label: str
-    """Its name in tables: relative to the campaign file where it lies below it."""
-
     name: str
-    """Name of what is made from it, without suffix; no two shots share one."""
-
     group: str
-    """Repeats of one scene are of one group."""
-
     set_point_deg: float | None
-    """Elevation that was set up, deg; None: not stated."""
 
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """A campaign as it was understood."""
+    """A campaign as it was understood.
+
+    Attributes
+    ----------
+    shots : tuple of Shot
+        Recordings, in the order of the table.
+    lab : Lab
+        What is known of the lab.
+    title : str
+        Heading of the summary.
+    timing : Path or None
+        Calibration of the clock.
+    background : Path or None
+        Recording without the pulse.
+    output : Path
+        Folder for the results.
+    leg : int
+        Leg whose elevation is held against the set-point, the first is 1.
+    codes : (int, int) or None
+        Codes that are kept, (start, end); None: all.
+    piece_megabytes : float
+        Recordings longer than this are counted in pieces.
+    tile_megabytes : float
+        Cubes larger than this are fitted in tiles.
+    file : Path
+        The campaign file.
+    settings : mapping of str
+        Everything that results depend on, as plain values.
+    """
 
     shots: tuple[Shot, ...]
-    """Recordings, in the order of the table."""
-
     lab: Lab
-    """What is known of the lab."""
-
     title: str
-    """Heading of the summary."""
-
     timing: Path | None
-    """Calibration of the clock."""
-
     background: Path | None
-    """Recording without the pulse."""
-
     output: Path
-    """Folder for the results."""
-
     leg: int
-    """Leg whose elevation is held against the set-point, the first is 1."""
-
     codes: tuple[int, int] | None
-    """Codes that are kept, (start, end); None: all."""
-
     piece_megabytes: float
-    """Recordings longer than this are counted in pieces."""
-
     tile_megabytes: float
-    """Cubes larger than this are fitted in tiles."""
-
     file: Path
-    """The campaign file."""
-
     settings: Mapping[str, Any]
-    """Everything that results depend on, as plain values."""
 
 
 def campaign_from_toml(
@@ -168,10 +180,17 @@ def campaign_from_toml(
 
     Parameters
     ----------
-    path : the campaign file.
-    assignments : as for `lightflight.config.override_table`.
-    output : folder for the results, in place of what the file says; relative to the working
-        folder.
+    path : path-like
+        The campaign file, TOML.
+    assignments : iterable of str, optional
+        As for `lightflight.files.toml_tables.override_table`.
+    output : path-like, optional
+        Folder for the results, in place of what the file says; relative to the working folder.
+
+    Returns
+    -------
+    Campaign
+        Every recording by name, and all that is known of the lab.
 
     Raises
     ------
@@ -194,6 +213,7 @@ def campaign_from_toml(
     codes = values["codes"]
     if codes is not None and not 0 <= codes[0] < codes[1]:
         raise ConfigError(f"{where}: [campaign] codes must be (start, end), start < end: {codes}")
+    # A pattern may well reach into the folder of results, or match what is no shot.
     others = [values[k] for k in ("timing", "background", "output") if values[k] is not None]
     return Campaign(
         shots=_shots_of(groups, base, others, where),
@@ -206,19 +226,19 @@ def campaign_from_toml(
 
 def _settings_of(lab: Lab, codes: Any, tile_megabytes: float) -> dict[str, Any]:
     """What results depend on. Pieces are not among it: counts are whole numbers."""
-    from lightflight.lab import table_from_lab
-
     window = {"codes": None if codes is None else list(codes), "tile_megabytes": tile_megabytes}
     return {**table_from_lab(lab), "campaign": window}
 
 
 def _checked_campaign(table: Any, where: str) -> dict[str, Any]:
+    """Keys of [campaign], each as it must be."""
     if not isinstance(table, Mapping):
         raise ConfigError(f"{where}: 'campaign' must be a section, [campaign], got {table!r}")
     return config.checked_table(table, CAMPAIGN_KEYS, section="campaign", where=where)
 
 
 def _checked_groups(tables: Any, where: str) -> list[dict[str, Any]]:
+    """Keys of every [[groups]]; there is one at least, and each names recordings."""
     if tables is None:
         raise ConfigError(f"{where}: names no recordings: write [[groups]] with recordings = [...]")
     if not isinstance(tables, list) or not all(isinstance(one, Mapping) for one in tables):
@@ -284,6 +304,7 @@ def _shots_of(
 
 
 def _group_name(given: str | None, set_point_deg: float | None) -> str:
+    """Name of a set of repeats: as stated, else by its set-point, else none."""
     if given is not None:
         return given
     return "" if set_point_deg is None else f"{set_point_deg:g} deg"
@@ -313,6 +334,7 @@ def _matches(
 
 
 def _may_hold_photons(path: Path) -> bool:
+    """Whether a match is worth reading: files, and the folders of Zarr."""
     return path.is_file() or path.suffix.lower() == ".zarr"
 
 
@@ -340,11 +362,13 @@ def _natural(text: str) -> list[tuple[int, int | str]]:
 
 
 def _label(path: Path, base: Path) -> str:
+    """Name of a recording in tables: relative to the campaign file where it lies below it."""
     path = Path(os.path.normpath(path))
     return path.relative_to(base).as_posix() if path.is_relative_to(base) else path.as_posix()
 
 
 def _stem(label: str) -> str:
+    """A label without its suffix."""
     return str(Path(label).with_suffix("")).strip("/")
 
 
@@ -352,6 +376,7 @@ def _names(labels: Sequence[str]) -> list[str]:
     """File names for what is made from each recording: its label, folders and all."""
     names = [re.sub(r"[^\w.+-]+", "_", _stem(label)) for label in labels]
     times = Counter(names)
+    # By digest, not by number: a name must not change when recordings are added to the campaign.
     return [
         name if times[name] == 1 else f"{name}-{hashlib.sha256(label.encode()).hexdigest()[:8]}"
         for name, label in zip(names, labels, strict=True)
@@ -362,7 +387,18 @@ def _names(labels: Sequence[str]) -> list[str]:
 
 
 def toml_from_campaign(campaign: Campaign) -> str:
-    """Text of a campaign file that gives the same campaign, every default and file spelled out."""
+    """Text of a campaign file that gives the same campaign, every default and file spelled out.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        As it was understood.
+
+    Returns
+    -------
+    str
+        TOML; paths are absolute, patterns are the files they matched.
+    """
     import tomli_w
 
     own = {

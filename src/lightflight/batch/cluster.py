@@ -26,15 +26,21 @@ _PRELOADED = (
     "lightflight.batch.pieces",
     "lightflight.batch.tiles",
     "lightflight.formats.lightflight_hdf5",
-    "lightflight.reconstruct.api",
+    "lightflight.reconstruct.chain",
     "lightflight.reconstruct.from_arrivals",
-    "lightflight.timing.arrivals",
+    "lightflight.timing.pulses.arrivals",
 )
 """What every worker needs: seconds to import, so it is done once for all of them."""
 
 
 def cores() -> int:
-    """Cores this process may use."""
+    """Cores this process may use.
+
+    Returns
+    -------
+    int
+        Fewer than the machine has where a queue or a container grants fewer.
+    """
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -52,10 +58,19 @@ def workers(
 
     Parameters
     ----------
-    scheduler : "tcp://host:port"; its workers need lightflight and the same folders.
-    n_workers : workers on this machine; None: one per core.
-    scratch : folder for Dask's own temporary files on this machine.
-    loud : let Dask say what it does.
+    scheduler : str, optional
+        "tcp://host:port"; its workers need lightflight and the same folders.
+    n_workers : int, optional
+        Workers on this machine; None: one per core.
+    scratch : Path
+        Folder for Dask's own temporary files on this machine.
+    loud : bool, optional
+        Let Dask say what it does.
+
+    Yields
+    ------
+    distributed.Client
+        For `submit`.
 
     Raises
     ------
@@ -84,6 +99,7 @@ def workers(
         dask_client: Any = distributed.Client
         try:
             client = stack.enter_context(
+                # The caller's program may have a client of its own: that stays its default.
                 dask_client(address, timeout=_CONNECT_S, set_as_default=False)
             )
         except (OSError, ValueError) as error:
@@ -95,12 +111,14 @@ def workers(
 
 
 def _set_log_level(level: int) -> None:
+    """Set the level of every logger of Dask's, those that exist already too."""
     for name in [*logging.root.manager.loggerDict, "distributed"]:
         if name.partition(".")[0] == "distributed":
             logging.getLogger(name).setLevel(level)
 
 
 def _dask_options(log_level: int, start_method: str) -> dict[str, Any]:
+    """Options of Dask, by name."""
     return {
         # Dask's own watching of itself would take a few per cent of every worker's time.
         "distributed.worker.profile.enabled": False,
@@ -123,6 +141,7 @@ def _local_cluster(n_workers: int, scratch: Path, *, log_level: int) -> Any:
     dask_utils: Any = distributed.utils
     dask_utils._forkserver_preload_set = True  # else Dask imports all it knows, pandas too
     dask_cluster: Any = distributed.LocalCluster
+    # Nobody but this machine is listened to, and no port is opened for a dashboard.
     try:
         return dask_cluster(
             n_workers=n_workers,
@@ -204,17 +223,56 @@ def _deaf_to_interrupts() -> Any:
 
 
 def submit(client: Any, function: Callable[..., Any], *arguments: Any, name: str) -> Any:
-    """Future of function(*arguments); arguments may be futures, alone or in lists."""
+    """Hand a call to a worker.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        From `workers`.
+    function : callable
+        What to call; it must be importable by name.
+    *arguments
+        Its arguments; they may be futures, alone or in lists.
+    name : str
+        Name of the task; a scheduler answers a name it knows from memory.
+
+    Returns
+    -------
+    distributed.Future
+        The answer to come.
+    """
     return client.submit(function, *arguments, key=name, pure=False)
 
 
 def is_lost(future: Any) -> bool:
-    """Whether the connection to the scheduler went, and the answer with it."""
+    """Whether the connection to the scheduler went, and the answer with it.
+
+    Parameters
+    ----------
+    future : distributed.Future
+        From `submit`.
+
+    Returns
+    -------
+    bool
+        False for a task that raised: that is an answer.
+    """
     return future.status in ("cancelled", "lost")
 
 
 def answers(client: Any) -> bool:
-    """Whether the scheduler is there."""
+    """Whether the scheduler is there.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        From `workers`.
+
+    Returns
+    -------
+    bool
+        False after some seconds of silence.
+    """
     try:
         client.sync(client.scheduler.identity, callback_timeout=_ANSWER_S)
     except Exception:  # noqa: BLE001  (whatever Dask raises over a broken connection)
@@ -223,7 +281,18 @@ def answers(client: Any) -> bool:
 
 
 def reason_of(error: BaseException | None) -> str | None:
-    """In words, why Dask gave up a task; None where the task itself raised."""
+    """In words, why Dask gave up a task.
+
+    Parameters
+    ----------
+    error : BaseException or None
+        What its future holds.
+
+    Returns
+    -------
+    str or None
+        None where the task itself raised: its own words are better.
+    """
     from distributed import KilledWorker
 
     if isinstance(error, KilledWorker):

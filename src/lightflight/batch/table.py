@@ -6,12 +6,10 @@ byte for byte, however many runs and workers it took to make them.
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,12 +18,12 @@ from numpy.typing import NDArray
 from lightflight import flags
 from lightflight.batch.campaign import Shot
 from lightflight.errors import GeometryError
-from lightflight.parquet import pyarrow_modules
-from lightflight.path_error import path_error
+from lightflight.files.tables import pyarrow, write_csv, write_parquet
+from lightflight.path.error import path_error
 from lightflight.provenance import NUMERIC_PACKAGES
 
 if TYPE_CHECKING:
-    from lightflight.path import LightPath
+    from lightflight.path.light_path import LightPath
 
 DONE, FAILED = "done", "failed"
 
@@ -46,22 +44,27 @@ _LAST = ("sha256", *_VERSIONS)
 
 @dataclass(frozen=True)
 class Repeats:
-    """Elevations of one leg in all recordings of one group that gave it."""
+    """Elevations of one leg in all recordings of one group that gave it.
+
+    Attributes
+    ----------
+    name : str
+        Name of the group.
+    set_point_deg : float or None
+        Elevation that was set up, deg.
+    angle_deg : array of float
+        (n,), elevation, deg.
+    std_deg : array of float
+        (n,), its total one-sigma error, deg.
+    photon_std_deg : array of float
+        (n,), the share of it that differs from repeat to repeat, deg.
+    """
 
     name: str
-    """Name of the group."""
-
     set_point_deg: float | None
-    """Elevation that was set up, deg."""
-
     angle_deg: NDArray[np.float64]
-    """(n,), elevation, deg."""
-
     std_deg: NDArray[np.float64]
-    """(n,), its total one-sigma error, deg."""
-
     photon_std_deg: NDArray[np.float64]
-    """(n,), the share of it that differs from repeat to repeat, deg."""
 
     @property
     def mean_deg(self) -> float:
@@ -90,6 +93,7 @@ class Repeats:
 
     @property
     def _weights(self) -> NDArray[np.float64]:
+        """Weights of the mean: photons' information, 1/deg^2; equal where one has none."""
         good = np.isfinite(self.photon_std_deg) & (self.photon_std_deg > 0)
         if not good.all():
             return np.ones_like(self.angle_deg)
@@ -113,10 +117,15 @@ class Repeats:
 
 @dataclass(frozen=True)
 class CampaignTable:
-    """One row per recording, in the order of the campaign."""
+    """One row per recording, in the order of the campaign.
+
+    Attributes
+    ----------
+    rows : tuple[mapping of str, ...]
+        Values by column; a column that a row does not know is absent from it.
+    """
 
     rows: tuple[Mapping[str, Any], ...]
-    """Values by column; a column that a row does not know is absent from it."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -136,7 +145,18 @@ class CampaignTable:
         return sum(row["status"] == FAILED for row in self.rows)
 
     def repeats(self, leg: int = 1) -> tuple[Repeats, ...]:
-        """Elevations of a leg (the first is 1), group by group, in the order of the table."""
+        """Elevations of a leg, group by group.
+
+        Parameters
+        ----------
+        leg : int, optional
+            Which leg, the first is 1.
+
+        Returns
+        -------
+        tuple of Repeats
+            In the order of the table; a group whose paths have no such leg is empty.
+        """
         groups: dict[tuple[str, float | None], list[Mapping[str, Any]]] = {}
         for row in self.rows:
             found = groups.setdefault((row["group"], row.get("set_point_deg")), [])
@@ -162,12 +182,38 @@ class CampaignTable:
 
 
 def row_from_failure(shot: Shot, reason: str) -> dict[str, Any]:
-    """Row of a recording that gave no path."""
+    """Row of a recording that gave no path.
+
+    Parameters
+    ----------
+    shot : Shot
+        The recording.
+    reason : str
+        Why, in one sentence.
+
+    Returns
+    -------
+    dict of str
+        Values by column.
+    """
     return {**_names_of(shot), "status": FAILED, "reason": reason}
 
 
 def row_from_path(shot: Shot, path: LightPath) -> dict[str, Any]:
-    """Row of a recording and its path."""
+    """Row of a recording and its path.
+
+    Parameters
+    ----------
+    shot : Shot
+        The recording.
+    path : LightPath
+        As it was kept: its provenance tells versions, warnings and digest.
+
+    Returns
+    -------
+    dict of str
+        Values by column; a column that is not known is absent.
+    """
     good, std = path.goodness, path.vertex_std
     made = path.provenance
     row = {
@@ -202,16 +248,20 @@ def row_from_path(shot: Shot, path: LightPath) -> dict[str, Any]:
 
 
 def _names_of(shot: Shot) -> dict[str, Any]:
+    """What a recording is called, and what was set up for it."""
     names: dict[str, Any] = {"recording": shot.label, "group": shot.group}
     return names if shot.set_point_deg is None else names | {"set_point_deg": shot.set_point_deg}
 
 
 def _flags_of(path: LightPath) -> str:
+    """How many pulses bear which flag, as "name=n"."""
     counted = flags.count_flags(path.residuals["flags"])
     return " ".join(f"{name}={n}" for name, n in counted.items())
 
 
 def _legs_of(path: LightPath) -> list[dict[str, float]]:
+    """Angles (deg) and lengths (mm) of each leg, with the photons' share of the error."""
+    # The same formula for the angles' errors, with the photons' covariance in place of all.
     photon = path.covariance_parts.get("photon", path.covariance)
     alone = replace(path, covariance=photon)
     return [
@@ -232,7 +282,7 @@ def _truth_of(path: LightPath) -> dict[str, float]:
         return {}
     try:
         error = path_error(path, path.truth, path.camera)
-    except (GeometryError, AttributeError):
+    except (GeometryError, AttributeError):  # another camera, or a truth without a path
         return {}
     return {
         "true_position_rms_mm": error.position_rms_mm,
@@ -245,13 +295,8 @@ def _truth_of(path: LightPath) -> dict[str, float]:
 
 def write_table_csv(table: CampaignTable, file: str | os.PathLike[str]) -> None:
     """Write the table as CSV: one header line, units in the names, UTF-8; whole or not at all."""
-    from lightflight.store import atomic_path
-
     columns = table.columns
-    with atomic_path(file) as fresh, fresh.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(columns)
-        writer.writerows([_cell(row.get(name)) for name in columns] for row in table.rows)
+    write_csv(columns, ([_cell(row.get(name)) for name in columns] for row in table.rows), file)
 
 
 def _cell(value: Any) -> str:
@@ -272,8 +317,7 @@ def write_table_parquet(table: CampaignTable, file: str | os.PathLike[str]) -> N
     MissingExtraError
         Without pyarrow.
     """
-    pa, pq = pyarrow_modules()
-    from lightflight.store import atomic_path
+    pa = pyarrow()
 
     def type_of(name: str) -> Any:
         if name == "converged":
@@ -286,8 +330,7 @@ def write_table_parquet(table: CampaignTable, file: str | os.PathLike[str]) -> N
         return [_without_nan(row.get(name)) for row in table.rows]
 
     columns = {name: pa.array(values(name), type_of(name)) for name in table.columns}
-    with atomic_path(Path(file)) as fresh:
-        pq.write_table(pa.table(columns), fresh)
+    write_parquet([columns], file)
 
 
 def _without_nan(value: Any) -> Any:

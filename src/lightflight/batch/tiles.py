@@ -16,27 +16,33 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.batch.pieces import PartOfArray, bytes_of
-from lightflight.batch.window import TimingWindow
-from lightflight.batch.work import (
+from lightflight.batch.job import (
     BYTES_PER_MB,
     Job,
-    caught_warnings,
     keep_path,
     make_folder,
     read_recording,
-    reconstruct_options,
+    recording_of,
     task,
     timing_from_file,
 )
+from lightflight.batch.kept import is_kept, kept_arrays
+from lightflight.batch.pieces import PartOfArray, bytes_of, share_of
+from lightflight.batch.warnings_said import caught_warnings
+from lightflight.batch.window import TimingWindow
 from lightflight.errors import ConfigError, FileFormatError, NothingFoundError
-from lightflight.histogram import Histograms
-from lightflight.recording import Recording, SlicedArray, clock_of, histogram
+from lightflight.formats.photons import photon_blocks
+from lightflight.lab import reconstruct_options
+from lightflight.recording.clock_fields import clock_fields_of
+from lightflight.recording.counting import histogram
+from lightflight.recording.histograms import Histograms
+from lightflight.recording.recording import Recording, SlicedArray
+from lightflight.timing.clock.calibration import TimingCalibration
 
 if TYPE_CHECKING:
-    from lightflight.timing.arrivals import Arrivals
+    from lightflight.timing.pulses.arrivals import Arrivals
 
-PIECE_KIND, TILE_KIND = "sorted piece", "fitted tile"
+SORTED_KIND, TILE_KIND = "sorted piece", "fitted tile"
 PIECE_BYTES = 100 * BYTES_PER_MB
 """Most bytes of a recording whose photons are sorted at once."""
 
@@ -49,7 +55,15 @@ _CHUNK = 1 << 22
 
 @dataclass(frozen=True)
 class Tiles:
-    """How the rows of a camera are shared out."""
+    """How the rows of a camera are shared out.
+
+    Attributes
+    ----------
+    rows, cols : int
+        Of the camera.
+    rows_per_tile : int
+        The last tile may have fewer.
+    """
 
     rows: int
     cols: int
@@ -67,7 +81,22 @@ class Tiles:
 
 
 def tiles_of(recording: Recording, codes: tuple[int, int] | None, tile_bytes: float) -> Tiles:
-    """Tiles of whole rows whose counts are no larger than `tile_bytes` (one row at least)."""
+    """Tiles of whole rows whose counts are no larger than `tile_bytes` (one row at least).
+
+    Parameters
+    ----------
+    recording : Recording
+        All of it.
+    codes : (int, int) or None
+        Codes that are kept, (start, end).
+    tile_bytes : float
+        Largest cube of counts, bytes.
+
+    Returns
+    -------
+    Tiles
+        Rows by tile.
+    """
     rows, cols = recording.shape
     n_codes = recording.n_codes if codes is None else codes[1] - codes[0]
     per_row = cols * n_codes * _BYTES_PER_COUNT
@@ -75,25 +104,61 @@ def tiles_of(recording: Recording, codes: tuple[int, int] | None, tile_bytes: fl
 
 
 def n_tiles_of(recording: Recording, codes: tuple[int, int] | None, tile_bytes: float) -> int:
-    """Tiles a recording is fitted in; 1: its counts are small enough for one task."""
+    """Tiles a recording is fitted in; 1: its counts are small enough for one task.
+
+    Parameters
+    ----------
+    recording, codes, tile_bytes
+        As for `tiles_of`.
+
+    Returns
+    -------
+    int
+        One or more.
+    """
     return tiles_of(recording, codes, tile_bytes).n
 
 
 def n_sorted_pieces_of(recording: Recording, piece_bytes: float) -> int:
-    """Pieces whose photons are sorted one by one."""
+    """Pieces whose photons are sorted one by one.
+
+    Parameters
+    ----------
+    recording : Recording
+        All of it.
+    piece_bytes : float
+        Longest piece, bytes; `PIECE_BYTES` at most.
+
+    Returns
+    -------
+    int
+        One or more.
+    """
     length = _photon_axis(recording).shape[0]
     wanted = math.ceil(bytes_of(recording) / min(piece_bytes, PIECE_BYTES))
     return max(1, min(wanted, length))
 
 
 def _photon_axis(recording: Recording) -> SlicedArray:
+    """The array along which a recording is cut."""
     array = recording.frames if recording.frames is not None else recording.pixel
     assert array is not None
     return array
 
 
 def check_tiles(job: Job) -> None:
-    """Raise ConfigError where the method needs all counts at once."""
+    """Refuse a method that needs all counts at once.
+
+    Parameters
+    ----------
+    job : Job
+        The recording.
+
+    Raises
+    ------
+    ConfigError
+        For any method but joint.
+    """
     method = job.lab.reconstruct.get("method", "joint")
     if method != "joint":
         raise ConfigError(
@@ -107,17 +172,30 @@ def check_tiles(job: Job) -> None:
 
 @task
 def sort_piece(job: Job, index: int, n_pieces: int) -> str:
-    """Keep the photons of one piece by tile, unless an earlier run did; gives the file."""
-    from lightflight.store import new_record
+    """Keep the photons of one piece by tile, unless an earlier run did.
+
+    Parameters
+    ----------
+    job : Job
+        The recording.
+    index, n_pieces : int
+        Which piece, of how many.
+
+    Returns
+    -------
+    str
+        The file.
+    """
+    from lightflight.files.store import new_record
 
     file = Path(job.parts) / f"sorted-{index:05d}-of-{n_pieces:05d}.h5"
-    if _is_kept(file, PIECE_KIND, job.key):
+    if is_kept(file, SORTED_KIND, job.key):
         return str(file)
-    recording = _recording_of(job)
+    recording = recording_of(job)
     tiles = tiles_of(recording, job.codes, job.tile_bytes)
     pixel, code, starts = _sorted_photons(_photons_of(recording, index, n_pieces), job, tiles)
     make_folder(file.parent)
-    with new_record(file, kind=PIECE_KIND, attributes={"key": job.key}) as out:
+    with new_record(file, kind=SORTED_KIND, attributes={"key": job.key}) as out:
         out.write("starts", starts)
         out.append("pixel", pixel)
         out.append("code", code)
@@ -127,7 +205,7 @@ def sort_piece(job: Job, index: int, n_pieces: int) -> str:
 def _photons_of(recording: Recording, index: int, n_pieces: int) -> Recording:
     """One piece: a run of frames, or of photons."""
     length = _photon_axis(recording).shape[0]
-    part = length * index // n_pieces, length * (index + 1) // n_pieces
+    part = share_of(length, index, n_pieces)
     if recording.frames is not None:
         return replace(recording, frames=PartOfArray(recording.frames, *part), n_frames=None)
     assert recording.pixel is not None
@@ -145,8 +223,6 @@ def _sorted_photons(
     piece: Recording, job: Job, tiles: Tiles
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint16], NDArray[np.int64]]:
     """Pixel within its tile and kept code of each photon, tile by tile, and where each starts."""
-    from lightflight.formats.photons import photon_blocks
-
     first, end = (0, piece.n_codes) if job.codes is None else job.codes
     pixels, codes = [], []
     for block in photon_blocks(piece):
@@ -160,6 +236,7 @@ def _sorted_photons(
     code = np.concatenate(codes) if codes else np.empty(0, np.uint16)
     per_tile = np.uint32(tiles.rows_per_tile * tiles.cols)
     tile = (pixel // per_tile).astype(np.uint16)
+    # 16 bits are sorted by radix: the time is linear in the photons.
     order = np.argsort(tile, kind="stable")
     starts = np.zeros(tiles.n + 1, np.int64)
     np.cumsum(np.bincount(tile, minlength=tiles.n), out=starts[1:])
@@ -167,6 +244,7 @@ def _sorted_photons(
 
 
 def _check_photons(pixel: NDArray[Any], code: NDArray[Any], recording: Recording, job: Job) -> None:
+    """Raise FileFormatError for a pixel or a code that the camera does not have."""
     n_pixels = recording.shape[0] * recording.shape[1]
     bad = (pixel >= n_pixels) | (code >= recording.n_codes)
     if bad.any():
@@ -179,26 +257,35 @@ def _check_photons(pixel: NDArray[Any], code: NDArray[Any], recording: Recording
 
 
 @task
-def fit_tile(job: Job, tile: int, *pieces: str) -> str:
-    """Fit the pulses of one tile into a file, unless an earlier run did; gives the file."""
-    from lightflight.store import save_record
+def fit_pulses_of_tile(job: Job, tile: int, *pieces: str) -> str:
+    """Fit the pulses of one tile into a file, unless an earlier run did.
 
-    recording = _recording_of(job)
+    Parameters
+    ----------
+    job : Job
+        The recording.
+    tile : int
+        Which tile.
+    *pieces : str
+        Files of `sort_piece`.
+
+    Returns
+    -------
+    str
+        The file.
+    """
+    from lightflight.files.store import save_record
+
+    recording = recording_of(job)
     tiles = tiles_of(recording, job.codes, job.tile_bytes)
     file = Path(job.parts) / f"tile-{tile:05d}-of-{tiles.n:05d}.h5"
-    if _is_kept(file, TILE_KIND, job.key):
+    if is_kept(file, TILE_KIND, job.key):
         return str(file)
     rows = tiles.rows_of(tile)
     hist = _tile_histograms(recording, job, rows, _joined(pieces, tile))
     arrays = _pulses_of_tile(job, hist, rows)
     save_record(file, kind=TILE_KIND, arrays=arrays, attributes={"key": job.key})
     return str(file)
-
-
-def _recording_of(job: Job) -> Recording:
-    recording = read_recording(job.recording, job.lab)
-    assert isinstance(recording, Recording)
-    return recording
 
 
 def _tile_histograms(
@@ -235,16 +322,15 @@ def _empty_window(recording: Recording, codes: tuple[int, int] | None) -> Histog
         pixel=nothing,
         code=nothing,
         settings=recording.settings,
-        **{**clock_of(recording), "n_frames": None},
+        **{**clock_fields_of(recording), "n_frames": None},
     )
     return histogram(bare, codes=codes)
 
 
 def _pulses_of_tile(job: Job, hist: Histograms, rows: tuple[int, int]) -> dict[str, NDArray[Any]]:
     """Columns of the pulses that were found, and pixels that tell nothing."""
-    from lightflight.reconstruct.observation import blind_pixels
-    from lightflight.timing.arrivals import find_arrivals
-    from lightflight.timing.calibration import TimingCalibration
+    from lightflight.reconstruct.model.sighting import blind_pixels
+    from lightflight.timing.pulses.arrivals import find_arrivals
 
     timing: Any
     if job.timing is None:
@@ -261,6 +347,7 @@ def _pulses_of_tile(job: Job, hist: Histograms, rows: tuple[int, int]) -> dict[s
         arrivals = find_arrivals(hist, timing=timing, background=background)
     except NothingFoundError:  # hot pixels alone
         return {"blind": np.ones(hist.shape, dtype=bool)}
+    # A pixel without a pulse is a row of NaN: most of a megapixel, and nothing to keep.
     found = np.isfinite(arrivals.arrival_ps)
     columns = {name: getattr(arrivals, name)[found] for name in _COLUMNS}
     columns["row"] = columns["row"] + np.int32(rows[0])
@@ -277,10 +364,20 @@ _COLUMNS = (
 
 @task
 def finish_tiles(job: Job, pieces: Sequence[str], tiles_files: Sequence[str]) -> None:
-    """Reconstruct the path from the pulses of all tiles."""
+    """Reconstruct the path from the pulses of all tiles.
+
+    Parameters
+    ----------
+    job : Job
+        The recording.
+    pieces : sequence of str
+        Files of `sort_piece`, for the counts near the pulses.
+    tiles_files : sequence of str
+        Files of `fit_pulses_of_tile`, in the order of the tiles.
+    """
     from lightflight.reconstruct.from_arrivals import path_from_arrivals
 
-    recording = _recording_of(job)
+    recording = recording_of(job)
     tiles = tiles_of(recording, job.codes, job.tile_bytes)
     arrivals, blind = _all_pulses(recording, tiles_files, job.key)
     near = pixels_near(arrivals.row[arrivals.usable], arrivals.col[arrivals.usable], blind.shape)
@@ -290,7 +387,8 @@ def finish_tiles(job: Job, pieces: Sequence[str], tiles_files: Sequence[str]) ->
         timing = TimingWindow.of(timing_from_file(job.timing), codes=job.codes)
     with caught_warnings() as said:
         options = reconstruct_options(job.lab)
-        options.pop("method", None)
+        options.pop("method", None)  # `check_tiles` has seen to it that it is joint
+        # Pixels that are not near hold no counts here, which must not be taken for darkness.
         path = path_from_arrivals(
             hist, arrivals, blind=blind | ~near, camera=job.lab.camera, source=job.lab.source,
             medium=job.lab.medium, timing=timing, **options,
@@ -302,9 +400,9 @@ def _all_pulses(
     recording: Recording, files: Sequence[str], key: str
 ) -> tuple[Arrivals, NDArray[np.bool_]]:
     """Pulses of all tiles as one table, and the pixels (rows, cols) that tell nothing."""
-    from lightflight.timing.arrivals import Arrivals
+    from lightflight.timing.pulses.arrivals import Arrivals
 
-    tables = [_kept(Path(file), TILE_KIND, key) for file in files]
+    tables = [kept_arrays(Path(file), TILE_KIND, key) for file in files]
     blind = np.concatenate([table["blind"] for table in tables])
     lit = [table for table in tables if "row" in table]
     if not lit:
@@ -323,13 +421,27 @@ def _all_pulses(
 
 
 def _text(value: Any) -> str:
+    """Text from an array that went through HDF5, as bytes or not."""
     return value.decode("utf-8") if isinstance(value, bytes) else str(value)
 
 
 def pixels_near(
     rows: NDArray[Any], cols: NDArray[Any], shape: tuple[int, int]
 ) -> NDArray[np.bool_]:
-    """(rows, cols), True within `REACH_PX` of any of the pixels."""
+    """Pixels within `REACH_PX` of any of some pixels, along either axis.
+
+    Parameters
+    ----------
+    rows, cols : array of int, shape (n,)
+        The pixels.
+    shape : (int, int)
+        Rows and columns of the camera.
+
+    Returns
+    -------
+    array of bool, shape (rows, cols)
+        True near one.
+    """
     from scipy.ndimage import maximum_filter
 
     mask = np.zeros(shape, dtype=np.uint8)
@@ -351,6 +463,7 @@ def _counts_near(
         wanted = near[first:end].ravel()
         if not wanted.any():
             continue
+        # A view on these rows, so that what is added stands in the cube.
         flat = counts[first:end].reshape(-1)
         pixel, code = _joined(pieces, tile)
         for start in range(0, pixel.shape[0], _CHUNK):
@@ -365,34 +478,6 @@ def _counts_near(
 
 
 # --- files between tasks ---------------------------------------------------------------------
-
-
-def _kept(file: Path, kind: str, key: str) -> dict[str, NDArray[Any]]:
-    """Arrays of a file that a task of the same job made.
-
-    Raises
-    ------
-    FileFormatError
-        Where there is none.
-    """
-    from lightflight.store import load_record
-
-    arrays, attributes = load_record(file, kind=kind)
-    if attributes.get("key") != key:
-        raise FileFormatError(
-            "is of another recording or set-up: run the campaign again", path=file
-        )
-    return arrays
-
-
-def _is_kept(file: Path, kind: str, key: str) -> bool:
-    from lightflight.store import open_record
-
-    try:
-        with open_record(file, kind=kind) as (_, attributes):
-            return bool(attributes.get("key") == key)
-    except FileFormatError:
-        return False
 
 
 @dataclass(frozen=True, eq=False)
@@ -422,13 +507,13 @@ class _Joined:
 
 def _joined(pieces: Sequence[str], tile: int) -> tuple[SlicedArray, SlicedArray]:
     """Pixel and code of all photons of one tile."""
+    from lightflight.files.store import open_record
     from lightflight.formats.stored import StoredArray
-    from lightflight.store import open_record
 
     pixels: list[SlicedArray] = []
     codes: list[SlicedArray] = []
     for piece in pieces:
-        with open_record(piece, kind=PIECE_KIND) as (file, _):
+        with open_record(piece, kind=SORTED_KIND) as (file, _):
             start, end = (int(edge) for edge in file["starts"][tile : tile + 2])
             pixels.append(PartOfArray(StoredArray.of(file["pixel"], path=piece), start, end))
             codes.append(PartOfArray(StoredArray.of(file["code"], path=piece), start, end))

@@ -3,25 +3,38 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.errors import CalibrationError
+from lightflight.timing.clock.code_clock import mismatch
 
 if TYPE_CHECKING:
-    from lightflight.histogram import Histograms
-    from lightflight.timing.calibration import TimingCalibration
+    from lightflight.recording.histograms import Histograms
+    from lightflight.timing.clock.calibration import TimingCalibration
+    from lightflight.timing.clock.response import Response
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class TimingWindow:
-    """Answers like a `TimingCalibration` of the pixels and codes in the window alone.
+    """The clock of some rows and codes of a camera: a `CodeClock`, as its calibration is.
 
-    Nothing is copied but pictures of the pixels; whatever is not cut is the calibration's own.
+    Nothing is copied: pictures of the pixels are views of the calibration's rows. A calibration
+    of the codes alone would not do, since its edges are counted from the end of the period, by
+    codes that may lie outside the window.
+
+    Attributes
+    ----------
+    timing : TimingCalibration
+        The clock of the whole camera.
+    rows : (int, int)
+        First row of the window, and the one after its last.
+    codes : (int, int)
+        First code of the window, and the one after its last.
     """
 
     timing: TimingCalibration
@@ -35,8 +48,20 @@ class TimingWindow:
         *,
         rows: tuple[int, int] | None = None,
         codes: tuple[int, int] | None = None,
-    ) -> Any:
+    ) -> TimingWindow:
         """Clock of rows start ... end - 1 and of the codes that are kept.
+
+        Parameters
+        ----------
+        timing : TimingCalibration
+            The clock of the whole camera.
+        rows, codes : (int, int), optional
+            First, and the one after the last; all unless given.
+
+        Returns
+        -------
+        TimingWindow
+            A view of `timing`.
 
         Raises
         ------
@@ -51,15 +76,6 @@ class TimingWindow:
                 f"{timing.shape[0]} rows and {timing.n_codes} codes"
             )
         return cls(timing, rows, codes)
-
-    def __getattr__(self, name: str) -> Any:
-        """Whatever the window does not change; pictures of the pixels are cut to its rows."""
-        if name.startswith("__") or name == "timing":
-            raise AttributeError(name)
-        value = getattr(self.timing, name)
-        if isinstance(value, np.ndarray) and value.shape[:2] == self.timing.shape:
-            return value[slice(*self.rows)]
-        return value
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -79,12 +95,43 @@ class TimingWindow:
         return absent - self.codes[0] if absent is not None and kept else None
 
     @property
-    def first_edge_ps(self) -> float:
-        """Start of the window's first code."""
-        return self.timing.first_edge_ps + self.codes[0] * self.timing.bin_width_ps
+    def laser_period_ps(self) -> float | None:
+        """Period of the laser, ps; None: one sweep."""
+        return self.timing.laser_period_ps
+
+    @property
+    def bin_width_ps(self) -> float:
+        """Mean width of a plateau code of the whole camera, ps."""
+        return self.timing.bin_width_ps
+
+    @property
+    def phases(self) -> Floats:
+        """(rows, cols, n_phases), relative widths of the camera's codes modulo n_phases."""
+        return self.timing.phases[slice(*self.rows)]
+
+    @property
+    def skew_ps(self) -> Floats:
+        """(rows, cols), delay of each pixel, ps."""
+        return self.timing.skew_ps[slice(*self.rows)]
+
+    @property
+    def flags(self) -> NDArray[np.uint32]:
+        """(rows, cols), see `lightflight.flags`."""
+        return self.timing.flags[slice(*self.rows)]
+
+    @property
+    def response(self) -> Response | None:
+        """Shape that pulses on this clock are fitted with; None: a Gaussian."""
+        return self.timing.response
 
     def check_matches(self, hist: Histograms) -> None:
-        """Raise CalibrationError where the recording is of another window or clock."""
+        """Check that a recording is of this window of this clock.
+
+        Raises
+        ------
+        CalibrationError
+            Where the recording is of another window or clock.
+        """
         start = hist.settings.get("window_start", [0, 0, 0])[2]
         ours = (self.shape, self.codes, self.timing.reversed_codes, self.no_photon_code)
         theirs = (
@@ -98,10 +145,7 @@ class TimingWindow:
         for name, tolerance in (("laser_period_ps", 1e-4), ("bin_width_ps", 0.05)):
             known, told = getattr(self.timing, name), getattr(hist, name)
             if None not in (known, told) and abs(known / told - 1.0) > tolerance:
-                raise CalibrationError(
-                    f"the calibration has {name} = {known}, the recording {told}: "
-                    "they are not of the same camera and clock setting"
-                )
+                raise CalibrationError(mismatch(name, known, told))
 
     def code_intervals_ps(self, rows: ArrayLike, cols: ArrayLike) -> tuple[Floats, Floats]:
         """See `TimingCalibration.code_intervals_ps`; (n, codes of the window) each."""
@@ -110,7 +154,7 @@ class TimingWindow:
         return np.ascontiguousarray(lower[:, kept]), np.ascontiguousarray(upper[:, kept])
 
     def arrival_errors_ps(
-        self, rows: NDArray[Any], cols: NDArray[Any], delay_ps: Floats
+        self, rows: ArrayLike, cols: ArrayLike, delay_ps: ArrayLike
     ) -> tuple[Floats, Floats, tuple[str, ...]]:
         """See `TimingCalibration.arrival_errors_ps`."""
-        return self.timing.arrival_errors_ps(rows + self.rows[0], cols, delay_ps)
+        return self.timing.arrival_errors_ps(np.asarray(rows) + self.rows[0], cols, delay_ps)

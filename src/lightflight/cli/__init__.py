@@ -9,7 +9,7 @@ from __future__ import annotations
 import click
 
 from lightflight._version import __version__
-from lightflight.cli import (
+from lightflight.cli.commands import (
     batch,
     calibrate,
     convert,
@@ -25,8 +25,8 @@ from lightflight.cli import (
     versions,
     view,
 )
-from lightflight.cli._errors import EXIT_CODES, SpeakingGroup
-from lightflight.cli._options import debug_option
+from lightflight.cli.errors import EXIT_CODES, SpeakingGroup
+from lightflight.cli.options import debug_option
 
 _EPILOG = """\b
 A first look, without a lab:

@@ -33,7 +33,23 @@ PF32_CODES = 1024
 
 
 def checked_clock(hints: Mapping[str, Any]) -> dict[str, Any]:
-    """Clock hints of the right type; raises ConfigError naming the one that is not."""
+    """Clock hints of the right type.
+
+    Parameters
+    ----------
+    hints : mapping of str
+        Some of `CLOCK_HINTS`, as the user gave them.
+
+    Returns
+    -------
+    dict of str
+        The same with whole numbers as int; a `first_edge_ps` of None is left to the default.
+
+    Raises
+    ------
+    ConfigError
+        Naming the hint that is of another type.
+    """
     clock = dict(hints)
     for name, value in clock.items():
         if name in _NUMBERS and not (_is_number(value) or value is None):
@@ -50,6 +66,7 @@ def checked_clock(hints: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _is_number(value: Any) -> bool:
+    """True for what is a finite number and neither text nor truth value."""
     try:
         return not isinstance(value, str | bool) and math.isfinite(value)
     except TypeError:
@@ -66,10 +83,17 @@ def pf32_clock(
 
     Parameters
     ----------
-    clock : mapping
+    clock : mapping of str
         What the user said; it goes before every default.
     laser_period_ps : float, optional
-        Period, where the file tells it.
+        Period, ps, where the file tells it.
+
+    Returns
+    -------
+    fields : dict of str
+        Fields of the record.
+    notes : list of str
+        A sentence for each thing that was assumed.
     """
     defaults: dict[str, Any] = {"no_photon_code": 0}
     notes = ["code 0 is taken as: no photon in this frame (PF32)"]

@@ -10,22 +10,29 @@ import itertools
 import math
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import ConfigError, FileFormatError
-from lightflight.filecheck import record_error_as_format_error
-from lightflight.histogram import Histograms
-from lightflight.recording import Recording
+from lightflight.files.filecheck import record_error_as_format_error
+from lightflight.recording.histograms import Histograms
+from lightflight.recording.recording import Recording
 
 _HISTOGRAM_AXES = ({"y", "x", "t"}, {"p", "t"}, {"t"})
 _FRAME_AXES = ({"f", "y", "x"}, {"f", "p"})
 
 
 def check_axes_hint(axes: Any) -> None:
-    """Raise ConfigError where `axes` is not one of the orders there can be."""
+    """Raise ConfigError where `axes` is not one of the orders there can be.
+
+    Parameters
+    ----------
+    axes : object
+        What the user gave; a str of the letters of this module is right.
+    """
     if stated_axes(axes) is None:
         raise ConfigError(
             f"hint axes must be an order of 'yxt' (rows, columns, codes), 'pt' (pixels, codes), "
@@ -40,15 +47,64 @@ def stated_axes(axes: Any) -> str | None:
     return axes if set(axes) in (*_HISTOGRAM_AXES, *_FRAME_AXES) else None
 
 
-def axes_needed(
-    found: Mapping[str, tuple[int, ...]], path: str | os.PathLike[str]
+def axes_of(
+    name: str, shape: tuple[int, ...], axes: str | None, *, path: str | os.PathLike[str]
+) -> str:
+    """Order of the axes of an array; FileFormatError that asks for it where it is not known."""
+    if axes is None:
+        raise FileFormatError(
+            f"does not tell the order of its axes ({shapes_text({name: shape})}): give axes=, a "
+            "letter per axis (y rows, x columns, t codes, f frames), like axes='yxt' or axes='tyx'",
+            path=path,
+        )
+    return axes
+
+
+def only_array(
+    shapes: Mapping[str, tuple[int, ...]], *, option: str, path: str | os.PathLike[str]
+) -> str:
+    """Name of the one array of three axes, or of the one there is; else FileFormatError."""
+    cubes = [name for name, shape in shapes.items() if len(shape) == 3] or list(shapes)
+    if not cubes:
+        raise FileFormatError("holds no array", path=path)
+    if len(cubes) > 1:
+        raise several_arrays(shapes, option=option, path=path)
+    return cubes[0]
+
+
+def several_arrays(
+    found: Mapping[str, tuple[int, ...]], *, option: str, path: str | os.PathLike[str]
 ) -> FileFormatError:
-    """Error that asks for the order of axes and shows what was found."""
+    """Error that asks for the name of one array.
+
+    Parameters
+    ----------
+    found : mapping of str to (int, ...)
+        Shapes by name.
+    option : str
+        The hint that takes the name.
+    path : path
+        The file.
+
+    Returns
+    -------
+    FileFormatError
+        To be raised.
+    """
     return FileFormatError(
-        f"does not tell the order of its axes ({shapes_text(found)}): give axes=, a letter per "
-        "axis (y rows, x columns, t codes, f frames), like axes='yxt' or axes='tyx'",
-        path=path,
+        f"holds several arrays ({shapes_text(found)}): name one with {option}=", path=path
     )
+
+
+def check_is_there(
+    wanted: str, shapes: Mapping[str, tuple[int, ...]], *, option: str, path: Path
+) -> None:
+    """Raise ConfigError where an array that the user named is not in the file."""
+    if wanted not in shapes:
+        raise ConfigError(
+            f"{option}={wanted!r} is no array of numbers in {path.name}: it holds "
+            f"{shapes_text(shapes)}"
+        )
 
 
 def shapes_text(found: Mapping[str, tuple[int, ...]]) -> str:
@@ -65,9 +121,8 @@ def record_from_array(
     path: str | os.PathLike[str],
     shape: tuple[int, int] | None = None,
     n_codes: int | None = None,
-    poisson: bool = True,
+    poisson: bool | None = None,
     settings: Mapping[str, Any] | None = None,
-    truth: Any = None,
 ) -> Recording | Histograms:
     """Histograms, or a recording of frames, from an array whose axes are known.
 
@@ -78,23 +133,32 @@ def record_from_array(
     axes : str
         Order of the axes; the letters are those of this module.
     clock : mapping
-        Fields of the record that say how codes become times.
+        Fields of the record that say how codes become times, and `poisson` where the file says it.
     path : path
         Where the array came from, for error texts.
     shape : (rows, cols), optional
         Needed for `p` (pixels row by row), which does not tell it.
     n_codes : int, optional
         Needed for frames, which do not tell how many codes the TDC has.
-    poisson : bool
-        False for scaled intensities.
-    settings, truth
+    poisson : bool, optional
+        False for scaled intensities; None: as `clock` says, else counts.
+    settings : mapping of str, optional
         Carried along.
+
+    Returns
+    -------
+    Recording or Histograms
+        A recording where `axes` has frames.
 
     Raises
     ------
     FileFormatError
         If the array cannot be what `axes` says.
+    ConfigError
+        If a hint is missing, or is none.
     """
+    if shape is not None:
+        shape = checked_shape(shape)
     check_axes_hint(axes)
     if values.dtype.kind not in "uifb":
         raise FileFormatError(f"holds {values.dtype}, not real numbers", path=path)
@@ -104,7 +168,8 @@ def record_from_array(
             "give one letter per axis",
             path=path,
         )
-    carried = {"settings": dict(settings or {}), "truth": truth}
+    told = {**clock, "settings": dict(settings or {})}
+    told_poisson = bool(told.pop("poisson", True))
     with record_error_as_format_error(path):
         if "f" in axes:
             if n_codes is None:
@@ -113,13 +178,14 @@ def record_from_array(
                 )
             frames = _ordered(values, axes, "fyx" if "y" in axes else "fp")
             frames = _with_pixels(frames, 1, shape, path)
-            return Recording.from_frames(frames, n_codes=n_codes, **clock, **carried)
+            return Recording.from_frames(frames, n_codes=n_codes, **told)
         cube = _ordered(values, axes, "yxt" if "y" in axes else "pt" if "p" in axes else "t")
         cube = _with_pixels(cube[None] if cube.ndim == 1 else cube, 0, shape, path)
-        return Histograms(cube, **clock, poisson=poisson, **carried)
+        return Histograms(cube, **told, poisson=told_poisson if poisson is None else poisson)
 
 
 def _ordered(values: Any, axes: str, wanted: str) -> NDArray[Any]:
+    """The array with its axes in the wanted order; not touched where they are."""
     order = [axes.index(letter) for letter in wanted]
     if order == sorted(order):
         return values  # type: ignore[no-any-return]
@@ -149,7 +215,23 @@ def _with_pixels(
 
 
 def checked_shape(shape: Any) -> tuple[int, int]:
-    """(rows, cols) from a hint; raises ConfigError where it is none."""
+    """(rows, cols) from a hint.
+
+    Parameters
+    ----------
+    shape : object
+        What the user gave; two positive whole numbers are right.
+
+    Returns
+    -------
+    (int, int)
+        Rows and columns.
+
+    Raises
+    ------
+    ConfigError
+        Where it is something else.
+    """
     try:
         rows, cols = (int(length) for length in shape)
     except (TypeError, ValueError):

@@ -15,21 +15,21 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.errors import ConfigError, FileFormatError
-from lightflight.filecheck import check_memory
+from lightflight.errors import FileFormatError
+from lightflight.files.filecheck import check_memory
+from lightflight.files.store import check_dataset
 from lightflight.formats.cubes import (
-    axes_needed,
-    checked_shape,
+    axes_of,
+    check_is_there,
     record_from_array,
-    shapes_text,
+    several_arrays,
     stated_axes,
 )
 from lightflight.formats.isolation import run_isolated
 from lightflight.formats.registry import Format
 from lightflight.formats.stored import StoredArray
-from lightflight.histogram import Histograms
-from lightflight.recording import Recording
-from lightflight.store import check_dataset
+from lightflight.recording.histograms import Histograms
+from lightflight.recording.recording import Recording
 
 _MOST_DATASETS = 10_000
 _NAMED_AXES = re.compile(r"_([yxtf])_([yxtf])_([yxtf])$")
@@ -45,7 +45,37 @@ def read(
     n_codes: int | None = None,
     poisson: bool = True,
 ) -> Recording | Histograms:
-    """Read one dataset; `dataset` is its path in the file ("LinearFiber/cube_t_y_x")."""
+    """Read one dataset, as a cube or as frames.
+
+    Parameters
+    ----------
+    path : Path
+        An HDF5 file.
+    clock : mapping of str
+        Hints about the clock (`clock.CLOCK_HINTS`).
+    dataset : str, optional
+        Path of the dataset in the file ("LinearFiber/cube_t_y_x"); None: the one of three axes.
+    axes : str, optional
+        Order of its axes; None: as the file states it.
+    shape : (int, int), optional
+        (rows, cols), where pixels are stored row by row.
+    n_codes : int, optional
+        TDC codes, for frames.
+    poisson : bool
+        False for scaled intensities.
+
+    Returns
+    -------
+    Recording or Histograms
+        Frames ("fyx") stay in the file; attributes of the dataset and its group are settings.
+
+    Raises
+    ------
+    FileFormatError
+        Where it is no HDF5 file, or which dataset or what order is not clear.
+    ConfigError
+        Where `dataset` is not there, or a hint is none.
+    """
     if not h5py.is_hdf5(path):
         raise FileFormatError("is not an HDF5 file: check the name, or copy it again", path=path)
     with h5py.File(path, "r", locking="best-effort") as file:
@@ -54,18 +84,18 @@ def read(
         node = nodes[name]
         found, labels = _attributes_of(node)
         stored = StoredArray.of(node, path=path, ours=False)
+        # Only attributes that are texts need a process of their own, which takes its time.
         if any(_has_texts(holder) for holder in (node, node.parent)):
             _, texts = run_isolated(f"{__name__}:load_attributes", path, {"name": name})
             found, labels = texts["attributes"], texts["labels"]
-    axes = axes or _stated_axes(name, len(stored.shape), found.get("axes"), labels)
-    if axes is None:
-        raise axes_needed({name: stored.shape}, path)
+    stated = _stated_axes(name, len(stored.shape), found.get("axes"), labels)
+    axes = axes_of(name, stored.shape, axes or stated, path=path)
     return record_from_array(
         stored if axes == "fyx" else cube_of(path, name),
         axes,
         clock,
         path=path,
-        shape=checked_shape(shape) if shape is not None else None,
+        shape=shape,
         n_codes=n_codes,
         poisson=poisson,
         settings={"dataset": name, **found},
@@ -99,20 +129,14 @@ def cube_of(path: Path, name: str) -> NDArray[Any]:
 def _chosen(shapes: Mapping[str, tuple[int, ...]], wanted: str | None, path: Path) -> str:
     if wanted is not None:
         wanted = wanted.strip("/")
-        if wanted not in shapes:
-            raise ConfigError(
-                f"dataset={wanted!r} is no array of numbers in {path.name}: it holds "
-                f"{shapes_text(shapes)}"
-            )
+        check_is_there(wanted, shapes, option="dataset", path=path)
         return wanted
     cubes = {name: found for name, found in shapes.items() if len(found) == 3}
     if len(cubes) == 1:
         return next(iter(cubes))
     if not shapes:
         raise FileFormatError("holds no array of numbers", path=path)
-    raise FileFormatError(
-        f"holds several arrays ({shapes_text(cubes or shapes)}): name one with dataset=", path=path
-    )
+    raise several_arrays(cubes or shapes, option="dataset", path=path)
 
 
 def _stated_axes(name: str, n_axes: int, stated: Any, labels: list[str]) -> str | None:
@@ -165,5 +189,6 @@ FORMATS = (
         suffixes=(".h5", ".hdf5", ".hdf"),
         matches=_matches,
         read=read,
+        turn=1,
     ),
 )

@@ -23,12 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError, MissingExtraError
-from lightflight.filecheck import DEFLATE_MOST, free_memory_bytes
+from lightflight.files.filecheck import DEFLATE_MOST, MEMORY_SHARE, free_memory_bytes
 
 TIME_LIMIT_S = 60.0
 """Seconds a reader may take for a small file; large ones get a second per megabyte more."""
 
-_MEMORY_SHARE = 0.8
 _LIBRARIES_BYTES = 1 << 30
 _EMPTY_CUBE_BYTES = 2 << 30
 """Room for the cube of an image with hardly a photon in it, whose file is small."""
@@ -59,6 +58,7 @@ def run_isolated(
         command = [sys.executable, "-m", __name__, function, str(path.resolve()), folder]
         environment = {
             **os.environ,
+            # The child must find what this process can import, however it came to it.
             "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
             "OPENBLAS_NUM_THREADS": "1",  # each thread takes memory, on a large machine too much
         }
@@ -78,6 +78,7 @@ def run_isolated(
             raise FileFormatError(
                 f"its reader did not finish in {limit:.0f} s: the file is damaged", path=path
             ) from None
+        # What a library prints stands before the sentence that `_main` writes last.
         last_line = (done.stderr.strip().splitlines() or [""])[-1]
         if done.returncode == _MISSING:
             raise MissingExtraError(last_line)
@@ -102,7 +103,9 @@ def _limit_memory(path: Path) -> None:
     except ImportError:  # not on Windows
         return
     unpacked = _EMPTY_CUBE_BYTES + DEFLATE_MOST * path.stat().st_size
-    limit = min(int(_MEMORY_SHARE * free_memory_bytes()), unpacked) + _LIBRARIES_BYTES
+    # A header can claim any size; what a file can hold is bounded by its own.
+    limit = min(int(MEMORY_SHARE * free_memory_bytes()), unpacked) + _LIBRARIES_BYTES
+    # The hard limit of an administrator may be lower, and cannot be raised.
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     if hard == resource.RLIM_INFINITY or limit < hard:
         resource.setrlimit(resource.RLIMIT_AS, (limit, hard))

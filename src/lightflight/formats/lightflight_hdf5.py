@@ -19,12 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import ConfigError, FileFormatError
-from lightflight.filecheck import record_error_as_format_error
+from lightflight.files.filecheck import record_error_as_format_error
+from lightflight.files.store import kind_of_record, load_record, new_record, open_record, read_array
 from lightflight.formats.photons import photon_blocks
 from lightflight.formats.registry import Format
 from lightflight.formats.schema import check_arrays
-from lightflight.histogram import Histograms
-from lightflight.recording import CLOCK_FIELDS, Recording
+from lightflight.formats.stored import StoredArray
+from lightflight.provenance import provenance_record
+from lightflight.recording.clock_fields import CLOCK_FIELDS, clock_fields_of
+from lightflight.recording.histograms import Histograms
+from lightflight.recording.recording import Recording
 
 _TRUTH = "truth/"
 _FRAMES_PER_APPEND = 4096
@@ -36,9 +40,29 @@ _FRAMES_PER_APPEND = 4096
 def read(
     path: Path, clock: Mapping[str, Any], *, poisson: bool | None = None
 ) -> Recording | Histograms:
-    """Read what `write` wrote; `poisson` and clock hints go before what the file says."""
-    from lightflight.store import kind_of_record
+    """Read what `write` wrote.
 
+    Parameters
+    ----------
+    path : Path
+        A file of ours, of kind "histograms" or "recording".
+    clock : mapping of str
+        Hints about the clock; they go before what the file says.
+    poisson : bool, optional
+        False for scaled intensities; None: as the file says. Of histograms alone.
+
+    Returns
+    -------
+    Recording or Histograms
+        The arrays of a recording stay in the file.
+
+    Raises
+    ------
+    FileFormatError
+        Where it is no file of ours, of another kind, or damaged.
+    ConfigError
+        For `poisson` of a recording.
+    """
     kind = kind_of_record(path)
     if kind == "histograms":
         return _read_histograms(path, clock, poisson)
@@ -52,8 +76,6 @@ def read(
 
 
 def _read_histograms(path: Path, clock: Mapping[str, Any], poisson: bool | None) -> Histograms:
-    from lightflight.store import load_record
-
     arrays, attributes = load_record(path, kind="histograms")
     fields = _fields_from(attributes, path) | dict(clock)
     own = {name: array for name, array in arrays.items() if not name.startswith(_TRUTH)}
@@ -61,6 +83,7 @@ def _read_histograms(path: Path, clock: Mapping[str, Any], poisson: bool | None)
     if poisson is None:
         poisson = bool(attributes.get("poisson", True))
     counts = arrays["counts"]
+    # Nobody else can write to it now, so the record takes it without a copy.
     counts.setflags(write=False)
     truth = _truth_from(arrays, attributes)
     with record_error_as_format_error(path):
@@ -68,10 +91,9 @@ def _read_histograms(path: Path, clock: Mapping[str, Any], poisson: bool | None)
 
 
 def _read_recording(path: Path, clock: Mapping[str, Any]) -> Recording:
-    from lightflight.formats.stored import StoredArray
-    from lightflight.store import open_record, read_array
-
+    """Recording whose arrays stay in the file; of frames, their starts are summed here."""
     with open_record(path, kind="recording") as (file, attributes):
+        # Arrays of a recording stay in the file; the truth is small and read whole.
         own = [name for name in file if name not in ("attributes", "truth")]
         stored: dict[str, Any] = {name: StoredArray.of(file[name], path=path) for name in own}
         check_arrays("recording", stored, path=path)
@@ -101,6 +123,7 @@ def _read_recording(path: Path, clock: Mapping[str, Any]) -> Recording:
 
 
 def _fields_from(attributes: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """The clock's fields and the settings, by name, from the attributes of a file."""
     settings = attributes.get("settings", {})
     if not isinstance(settings, dict):
         raise FileFormatError("its settings are not readable: the file is damaged", path=path)
@@ -109,6 +132,7 @@ def _fields_from(attributes: Mapping[str, Any], path: Path) -> dict[str, Any]:
 
 
 def _truth_from(arrays: Mapping[str, NDArray[Any]], attributes: Mapping[str, Any]) -> Any:
+    """Truth of a simulation as a plain namespace; None where the file has none."""
     values = dict(attributes.get("truth") or {})
     values |= {
         name.removeprefix(_TRUTH): array
@@ -129,15 +153,23 @@ def write(
 ) -> None:
     """Write histograms or a recording.
 
-    Dense frames become photon events, about 4 bytes per photon, unless they have no code for
-    "no photon". `provenance` is `lightflight.provenance.provenance_record(...)`; without it the
-    versions and the date are kept.
-    """
-    from lightflight.provenance import provenance_record
-    from lightflight.store import new_record
+    Parameters
+    ----------
+    record : Recording or Histograms
+        Dense frames become photon events, about 4 bytes per photon, unless they have no code for
+        "no photon".
+    path : Path
+        The file; it appears whole or not at all.
+    provenance : mapping of str, optional
+        `provenance.provenance_record(...)`; without it the versions and the date are kept.
 
+    Raises
+    ------
+    OSError
+        Where the file cannot be written.
+    """
     truth_arrays, truth_values = _arrays_and_values(record.truth)
-    attributes: dict[str, Any] = {name: getattr(record, name) for name in CLOCK_FIELDS}
+    attributes: dict[str, Any] = clock_fields_of(record)
     attributes |= {
         "settings": dict(record.settings),
         "truth": truth_values,
@@ -164,6 +196,7 @@ def write(
 
 def _write_photons(out: Any, recording: Recording) -> None:
     # Pixel numbers beyond 16 bits hold many zero bits; compressed they need two bytes as well.
+    """Write `pixel`, `code` and, where frames are known, `photons_per_frame`."""
     many_pixels = recording.shape[0] * recording.shape[1] > 1 << 16
     pixel_type = np.uint32 if many_pixels else np.uint16
     out.append("pixel", np.empty(0, pixel_type), compress=many_pixels)
@@ -180,6 +213,7 @@ def _write_photons(out: Any, recording: Recording) -> None:
 
 
 def _append_all(out: Any, name: str, source: Any) -> None:
+    """Copy frames or footers (n, ...) in blocks, so that memory does not grow with them."""
     out.append(name, np.empty((0, *source.shape[1:]), source.dtype), compress=True)
     for first in range(0, source.shape[0], _FRAMES_PER_APPEND):
         out.append(name, np.asarray(source[first : first + _FRAMES_PER_APPEND]))
@@ -216,8 +250,6 @@ def _plain(value: Any) -> Any:
 
 
 def _matches(path: Path, start: bytes) -> bool:
-    from lightflight.store import kind_of_record
-
     return bool(start) and kind_of_record(path) is not None
 
 
@@ -229,5 +261,6 @@ FORMATS = (
         matches=_matches,
         read=read,
         write=write,
+        turn=-2,
     ),
 )

@@ -13,18 +13,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.errors import ConfigError, FileFormatError
+from lightflight.errors import FileFormatError
+from lightflight.files.store import text_attribute
+from lightflight.files.whole_file import atomic_path
 from lightflight.formats.cubes import (
-    axes_needed,
-    checked_shape,
+    axes_of,
+    check_is_there,
     record_from_array,
-    shapes_text,
+    several_arrays,
     stated_axes,
 )
+from lightflight.formats.hdf5_dataset import cube_of, datasets_in
+from lightflight.formats.matlab5 import array_of, text_of, variables_in
 from lightflight.formats.metadata import fields_from_text, text_from_histograms
 from lightflight.formats.registry import Format
-from lightflight.histogram import Histograms
-from lightflight.recording import CLOCK_FIELDS, Recording
+from lightflight.recording.clock_fields import clock_fields_of
+from lightflight.recording.histograms import Histograms
+from lightflight.recording.recording import Recording
 
 USUAL_NAMES = ("counts", "series", "hist", "XYZimage", "data_cube")
 """What laboratories call their cube; decides where a file holds several."""
@@ -47,32 +52,74 @@ def read(
     n_codes: int | None = None,
     poisson: bool | None = None,
 ) -> Recording | Histograms:
-    """Read one variable; `variable` names it where there is more than one candidate."""
+    """Read one variable, as a cube or as frames.
+
+    Parameters
+    ----------
+    path : Path
+        A MATLAB file, v5 or v7.3.
+    clock : mapping of str
+        Hints about the clock (`clock.CLOCK_HINTS`).
+    variable : str, optional
+        Its name; None: the one array of three axes, or the one of `USUAL_NAMES`.
+    axes : str, optional
+        Order of its axes as MATLAB's size() shows them; None: as the file states it.
+    shape : (int, int), optional
+        (rows, cols), where pixels are stored row by row.
+    n_codes : int, optional
+        TDC codes, for frames.
+    poisson : bool, optional
+        False for scaled intensities; None: as the file says, else counts.
+
+    Returns
+    -------
+    Recording or Histograms
+        Numbers of the record, whatever the variable was called.
+
+    Raises
+    ------
+    FileFormatError
+        Where the file is cut, or which variable or what order is not clear.
+    ConfigError
+        Where `variable` is not there, or a hint is none.
+    """
     with path.open("rb") as file:
         opened = _opened_v73 if file.read(10) == b"MATLAB 7.3" else _opened_v5
     shapes, load, texts = opened(path)
     name = _chosen(variable, shapes, path)
     fields, settings = fields_from_text(texts.get("lightflight"), path)
-    told_poisson = bool(fields.pop("poisson", True))
-    axes = axes or stated_axes(texts.get("axes"))
-    if axes is None:
-        raise axes_needed({name: shapes[name]}, path)
+    axes = axes_of(name, shapes[name], axes or stated_axes(texts.get("axes")), path=path)
     return record_from_array(
         load(name),
         axes,
         fields | dict(clock),
         path=path,
-        shape=checked_shape(shape) if shape is not None else None,
+        shape=shape,
         n_codes=n_codes,
-        poisson=told_poisson if poisson is None else poisson,
+        poisson=poisson,
         settings={"variable": name, **settings},
     )
 
 
 def array_from_file(path: Path, variable: str | None) -> NDArray[Any]:
-    """One array of numbers; `variable` names it where there is more than one candidate.
+    """One array of numbers from a MATLAB file.
 
-    Raises FileFormatError for what is no MATLAB file, or has no such array.
+    Parameters
+    ----------
+    path : Path
+        A MATLAB file, v5 or v7.3.
+    variable : str or None
+        Its name, where there is more than one candidate.
+
+    Returns
+    -------
+    array
+        Axes in the order of MATLAB's size().
+
+    Raises
+    ------
+    FileFormatError
+        For what is no MATLAB file, or has no such array.
     """
     with path.open("rb") as file:
         opened = _opened_v73 if file.read(10) == b"MATLAB 7.3" else _opened_v5
@@ -81,8 +128,7 @@ def array_from_file(path: Path, variable: str | None) -> NDArray[Any]:
 
 
 def _opened_v5(path: Path) -> tuple[_Shapes, _Load, dict[str, str]]:
-    from lightflight.formats.matlab5 import array_of, text_of, variables_in
-
+    """Shapes by name, what loads an array by its name, and texts by name, of a v5 file."""
     variables = {variable.name: variable for variable in variables_in(path)}
     shapes = {name: v.shape for name, v in variables.items() if name and not v.is_text}
     texts = {name: text_of(v, path) for name, v in variables.items() if v.is_text and v.n_bytes}
@@ -90,10 +136,8 @@ def _opened_v5(path: Path) -> tuple[_Shapes, _Load, dict[str, str]]:
 
 
 def _opened_v73(path: Path) -> tuple[_Shapes, _Load, dict[str, str]]:
+    """The same of a v7.3 file, which is HDF5 with its axes backwards."""
     import h5py
-
-    from lightflight.formats.hdf5_dataset import cube_of, datasets_in
-    from lightflight.store import text_attribute
 
     with h5py.File(path, "r", locking="best-effort") as file:
         nodes = datasets_in(file)
@@ -110,12 +154,9 @@ def _opened_v73(path: Path) -> tuple[_Shapes, _Load, dict[str, str]]:
 
 
 def _chosen(wanted: str | None, shapes: _Shapes, path: Path) -> str:
+    """Name of the variable to read: three axes before two, a usual name before others."""
     if wanted is not None:
-        if wanted not in shapes:
-            raise ConfigError(
-                f"variable={wanted!r} is no array of numbers in {path.name}: it holds "
-                f"{shapes_text(shapes)}"
-            )
+        check_is_there(wanted, shapes, option="variable", path=path)
         return wanted
     for n_dimensions in (3, 2):
         found = {name: s for name, s in shapes.items() if len(s) == n_dimensions and min(s) > 0}
@@ -125,9 +166,7 @@ def _chosen(wanted: str | None, shapes: _Shapes, path: Path) -> str:
         if len(names) == 1:
             return names[0]
         if names:
-            raise FileFormatError(
-                f"holds several arrays ({shapes_text(found)}): name one with variable=", path=path
-            )
+            raise several_arrays(found, option="variable", path=path)
     raise FileFormatError(
         "holds no array of real numbers outside structures: save the cube as a variable", path=path
     )
@@ -137,10 +176,21 @@ def _chosen(wanted: str | None, shapes: _Shapes, path: Path) -> str:
 
 
 def write(record: Recording | Histograms, path: Path) -> None:
-    """Write histograms as v5: `counts`, `axes`, the clock as numbers, and all metadata as text."""
-    from scipy.io import savemat
+    """Write histograms as v5: `counts`, `axes`, the clock as numbers, and all metadata as text.
 
-    from lightflight.store import atomic_path
+    Parameters
+    ----------
+    record : Recording or Histograms
+        Only histograms can be written.
+    path : Path
+        The file; it appears whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        For a recording, and for a cube beyond the 2 GB of v5.
+    """
+    from scipy.io import savemat
 
     if not isinstance(record, Histograms):
         raise ValueError(
@@ -151,7 +201,7 @@ def write(record: Recording | Histograms, path: Path) -> None:
             f"a cube of {record.counts.nbytes / 1e9:.3g} GB is too large for MATLAB v5: write .h5, "
             "which MATLAB reads with h5read"
         )
-    known = {name: getattr(record, name) for name in CLOCK_FIELDS}
+    known = clock_fields_of(record)
     clock = {name: float(value) for name, value in known.items() if value is not None}
     texts = {"axes": "yxt", "lightflight": text_from_histograms(record)}
     with atomic_path(path) as fresh:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
-from lightflight.filecheck import check_claim, check_memory
+from lightflight.files.filecheck import check_claim, check_memory
 
 _HEADER_BYTES = 128
 _HEAD_BYTES = 4096
@@ -38,31 +38,43 @@ _DTYPE_FROM_TYPE = {
 
 @dataclass(frozen=True)
 class Variable:
-    """Where one array of numbers or one text lies, from its header."""
+    """Where one array of numbers or one text lies, from its header.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    shape : tuple of int
+        What MATLAB's size() shows.
+    is_text : bool
+        A text, not numbers.
+    dtype : np.dtype[np.generic]
+        Type the elements are stored as; MATLAB stores whole doubles as integers.
+    offset : int
+        Byte of the file where the element (compressed: its stream) starts.
+    n_packed : int or None
+        Bytes of the compressed stream; None where it is not compressed.
+    skip : int
+        Bytes from there (compressed: of what comes out) to the first number.
+    n_bytes : int
+        Bytes of the content; for numbers, those the shape needs.
+    """
 
     name: str
-    """Its name."""
 
     shape: tuple[int, ...]
-    """What MATLAB's size() shows."""
 
     is_text: bool
-    """A text, not numbers."""
 
     dtype: np.dtype[np.generic]
-    """Type the elements are stored as; MATLAB stores whole doubles as integers."""
 
     offset: int
-    """Byte of the file where the element (compressed: its stream) starts."""
 
     n_packed: int | None
-    """Bytes of the compressed stream; None where it is not compressed."""
 
     skip: int
-    """Bytes from there (compressed: of what comes out) to the first number."""
 
     n_bytes: int
-    """Bytes of the content; for numbers, those the shape needs."""
 
 
 def variables_in(path: Path) -> list[Variable]:
@@ -102,6 +114,7 @@ def _scan(file: BinaryIO, order: str, path: Path) -> Iterator[Variable]:
                 path=path,
                 offset=offset,
             )
+        # Headers stand at the start: the numbers are read once one array has been chosen.
         body = file.read(min(n_bytes, _HEAD_BYTES))
         if kind == _COMPRESSED:
             head = _unpacked_head(body, path, offset)
@@ -121,6 +134,7 @@ def _scan(file: BinaryIO, order: str, path: Path) -> Iterator[Variable]:
 
 def _unpacked_head(packed: bytes, path: Path, offset: int) -> bytes:
     try:
+        # The head of a stream unpacks although its end was cut off here.
         return zlib.decompressobj().decompress(packed, _HEAD_BYTES)
     except zlib.error as error:
         raise FileFormatError(
@@ -218,6 +232,7 @@ def _content_of(variable: Variable, path: Path) -> bytes:
             file.seek(variable.offset)
             packed = file.read(variable.n_packed)
             wanted = variable.skip + variable.n_bytes
+            # No more than was asked for: a small stream can unpack to gigabytes.
             content = zlib.decompressobj().decompress(packed, wanted)[variable.skip :]
     if len(content) < variable.n_bytes:
         raise FileFormatError(

@@ -7,16 +7,26 @@ import os
 from typing import Any
 
 from lightflight.errors import FileFormatError
-from lightflight.histogram import Histograms
-from lightflight.recording import CLOCK_FIELDS
+from lightflight.files.store import json_text
+from lightflight.recording.clock_fields import CLOCK_FIELDS
+from lightflight.recording.histograms import Histograms
 
 _NAMES = (*CLOCK_FIELDS, "poisson")
 
 
 def text_from_histograms(hist: Histograms) -> str:
-    """JSON of the clock, `poisson` and the settings."""
-    from lightflight.store import json_text
+    """JSON of the clock, `poisson` and the settings.
 
+    Parameters
+    ----------
+    hist : Histograms
+        Its counts are not looked at.
+
+    Returns
+    -------
+    str
+        For `fields_from_text`.
+    """
     known = {name: getattr(hist, name) for name in _NAMES}
     return json_text({**known, "settings": dict(hist.settings)})
 
@@ -24,7 +34,27 @@ def text_from_histograms(hist: Histograms) -> str:
 def fields_from_text(
     text: str | None, path: str | os.PathLike[str]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """(fields of the record, settings) from such a text; both empty where there is none."""
+    """What such a text says.
+
+    Parameters
+    ----------
+    text : str or None
+        None: the file carries none.
+    path : path
+        The file, for the message.
+
+    Returns
+    -------
+    fields : dict of str
+        Fields of the record, `poisson` included; empty without a text.
+    settings : dict of str
+        Its settings; empty without a text.
+
+    Raises
+    ------
+    FileFormatError
+        Where the text is damaged.
+    """
     if text is None:
         return {}, {}
     try:

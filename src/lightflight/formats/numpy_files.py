@@ -16,25 +16,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import ConfigError, FileFormatError
-from lightflight.filecheck import (
+from lightflight.files.filecheck import (
     check_claim,
     check_memory,
     damage_as_format_error,
     readable_file,
 )
+from lightflight.files.whole_file import atomic_path
 from lightflight.formats.clock import pf32_clock
 from lightflight.formats.cubes import (
-    axes_needed,
-    checked_shape,
+    axes_of,
+    only_array,
     record_from_array,
     shapes_text,
     stated_axes,
 )
 from lightflight.formats.metadata import fields_from_text, text_from_histograms
 from lightflight.formats.registry import Format
-from lightflight.histogram import Histograms
-from lightflight.recording import Recording
+from lightflight.recording.histograms import Histograms
+from lightflight.recording.recording import Recording
 
+# NumPy evaluates the header as Python text: a long one can exhaust the interpreter.
 _LARGEST_HEADER = 1 << 16
 _PF32_KEYS = {"hist", "sync_hz", "mode"}
 
@@ -51,26 +53,55 @@ def read_npy(
     n_codes: int | None = None,
     poisson: bool = True,
 ) -> Recording | Histograms:
-    """Read one array: a cube (axes "yxt", "tyx" ...) or frames (axes "fyx", with n_codes)."""
+    """Read one array: a cube (axes "yxt", "tyx" ...) or frames (axes "fyx", with n_codes).
+
+    Parameters
+    ----------
+    path : Path
+        A .npy file.
+    clock : mapping of str
+        Hints about the clock (`clock.CLOCK_HINTS`).
+    axes : str, optional
+        Order of the axes; such a file never states it.
+    shape : (int, int), optional
+        (rows, cols), where pixels are stored row by row.
+    n_codes : int, optional
+        TDC codes, for frames.
+    poisson : bool
+        False for scaled intensities.
+
+    Returns
+    -------
+    Recording or Histograms
+        Frames are mapped, not loaded.
+
+    Raises
+    ------
+    FileFormatError
+        Where the file is cut, holds Python objects, or `axes` is missing.
+    ConfigError
+        Where a hint is none.
+    """
     with path.open("rb") as file:
         found, fortran, dtype = _npy_header(file, path)
         offset = file.tell()
     _check_length(found, dtype, path, offset)
-    if axes is None:
-        raise axes_needed({"array": found}, path)
+    axes = axes_of("array", found, axes, path=path)
+    # Mapped, so that frames larger than memory can be counted.
     values = np.memmap(path, dtype, "r", offset, found, "F" if fortran else "C")
     return record_from_array(
         values if "f" in axes else np.asarray(values),
         axes,
         clock,
         path=path,
-        shape=checked_shape(shape) if shape is not None else None,
+        shape=shape,
         n_codes=n_codes,
         poisson=poisson,
     )
 
 
 def _check_length(found: tuple[int, ...], dtype: np.dtype[Any], path: Path, offset: int) -> None:
+    """Raise FileFormatError where the file ends before the array does."""
     needed, there = math.prod(found) * dtype.itemsize, path.stat().st_size - offset
     if there < needed:
         raise FileFormatError(
@@ -116,7 +147,37 @@ def read_npz(
     n_codes: int | None = None,
     poisson: bool | None = None,
 ) -> Recording | Histograms:
-    """Read one array of several; `key` names it where there is more than one candidate."""
+    """Read one array of several, as a cube or as frames.
+
+    Parameters
+    ----------
+    path : Path
+        A .npz file.
+    clock : mapping of str
+        Hints about the clock (`clock.CLOCK_HINTS`).
+    key : str, optional
+        Its name; None: the one array of three axes, or the one there is.
+    axes : str, optional
+        Order of its axes; None: as the file states it.
+    shape : (int, int), optional
+        (rows, cols), where pixels are stored row by row.
+    n_codes : int, optional
+        TDC codes, for frames.
+    poisson : bool, optional
+        False for scaled intensities; None: as the file says, else counts.
+
+    Returns
+    -------
+    Recording or Histograms
+        Single values beside the array are its settings.
+
+    Raises
+    ------
+    FileFormatError
+        Where the file is damaged, or which array or what order is not clear.
+    ConfigError
+        Where `key` is not there, or a hint is none.
+    """
     with zipfile.ZipFile(path) as archive:
         found = _npz_headers(archive, path)
         key = _chosen_key(key, found, path)
@@ -131,21 +192,18 @@ def read_npz(
     fields: dict[str, Any] = {}
     if "lightflight" in texts:
         fields, settings = fields_from_text(texts["lightflight"], path)
-        poisson = bool(fields.pop("poisson", True)) if poisson is None else poisson
     elif found.keys() >= _PF32_KEYS and key == "hist":
         clock, settings = _pf32_metadata(clock, settings)
         axes = axes or "yxt"
-    axes = axes or stated_axes(texts.get("axes"))
-    if axes is None:
-        raise axes_needed({key: values.shape}, path)
+    axes = axes_of(key, values.shape, axes or stated_axes(texts.get("axes")), path=path)
     return record_from_array(
         values,
         axes,
         fields | dict(clock),
         path=path,
-        shape=checked_shape(shape) if shape is not None else None,
+        shape=shape,
         n_codes=n_codes,
-        poisson=True if poisson is None else poisson,
+        poisson=poisson,
         settings=settings,
     )
 
@@ -153,7 +211,20 @@ def read_npz(
 def arrays_from_file(path: Path) -> dict[str, NDArray[Any]]:
     """All arrays of numbers or text in a .npz, or the one of a .npy under the name "".
 
-    Raises FileFormatError for a file that is missing, damaged, or holds none.
+    Parameters
+    ----------
+    path : Path
+        A .npz or .npy file.
+
+    Returns
+    -------
+    dict of str to array
+        By name; Python objects are left out and never loaded.
+
+    Raises
+    ------
+    FileFormatError
+        For a file that is missing, damaged, or holds none.
     """
     readable_file(path)
     with damage_as_format_error(path):
@@ -180,6 +251,7 @@ def _npz_headers(archive: zipfile.ZipFile, path: Path) -> _Headers:
             except FileFormatError:
                 continue  # not an array, or one of Python objects: not ours to read
         needed = math.prod(lengths) * dtype.itemsize
+        # Held against the directory of the archive before anything is unpacked.
         if needed > member.file_size:
             raise FileFormatError(
                 f"array {name!r} {lengths} needs {needed} bytes, the archive holds "
@@ -191,6 +263,7 @@ def _npz_headers(archive: zipfile.ZipFile, path: Path) -> _Headers:
 
 
 def _chosen_key(key: str | None, headers: _Headers, path: Path) -> str:
+    """Name of the array to read; texts and single values are not asked."""
     arrays = {
         name: lengths
         for name, (lengths, dtype) in headers.items()
@@ -200,19 +273,11 @@ def _chosen_key(key: str | None, headers: _Headers, path: Path) -> str:
         if key not in arrays:
             raise ConfigError(f"key={key!r} is not in {path.name}: it holds {shapes_text(arrays)}")
         return key
-    cubes = [name for name, found in arrays.items() if len(found) == 3]
-    if len(cubes) == 1:
-        return cubes[0]
-    if len(arrays) == 1:
-        return next(iter(arrays))
-    if not arrays:
-        raise FileFormatError("holds no array", path=path)
-    raise FileFormatError(
-        f"holds several arrays ({shapes_text(arrays)}): name one with key=", path=path
-    )
+    return only_array(arrays, option="key", path=path)
 
 
 def _npz_array(archive: zipfile.ZipFile, key: str, path: Path) -> NDArray[Any]:
+    """One array of an archive, after checking what it claims."""
     member = archive.getinfo(f"{key}.npy")
     check_claim(member.file_size, member.compress_size, path=path, what=f"array {key!r}")
     check_memory(member.file_size, path=path, what=f"array {key!r}")
@@ -243,9 +308,22 @@ def _pf32_metadata(
 
 
 def write_npz(record: Recording | Histograms, path: Path, *, compress: bool = True) -> None:
-    """Write histograms as `hist`, with `axes` and all metadata as texts."""
-    from lightflight.store import atomic_path
+    """Write histograms as `hist`, with `axes` and all metadata as texts.
 
+    Parameters
+    ----------
+    record : Recording or Histograms
+        Only histograms can be written.
+    path : Path
+        The file; it appears whole or not at all.
+    compress : bool
+        False: larger, and faster to write.
+
+    Raises
+    ------
+    ValueError
+        For a recording.
+    """
     if not isinstance(record, Histograms):
         raise ValueError(
             "npz holds histograms: use histogram() first, or write .h5 to keep photons"

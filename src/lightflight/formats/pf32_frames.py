@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import ConfigError, FileFormatError
-from lightflight.filecheck import record_error_as_format_error
+from lightflight.files.filecheck import record_error_as_format_error
+from lightflight.files.whole_file import atomic_path
 from lightflight.formats.clock import PF32_CODES, pf32_clock
 from lightflight.formats.cubes import checked_shape
 from lightflight.formats.registry import Format
-from lightflight.histogram import Histograms
-from lightflight.recording import Recording
+from lightflight.recording.histograms import Histograms
+from lightflight.recording.recording import Recording
 
 _FOOTER_BYTES = (0, 16)
 _FRAMES_LOOKED_AT = 256
@@ -34,16 +35,32 @@ def read(
     footer_bytes: int | None = None,
     n_codes: int = PF32_CODES,
 ) -> Recording:
-    """Read raw frames.
+    """Read raw frames; they are mapped, not loaded.
 
     Parameters
     ----------
-    shape : (rows, cols)
-        Pixels of one frame.
+    path : Path
+        A file of uint16 codes, frame by frame.
+    clock : mapping of str
+        Hints about the clock; a PF32 is assumed beyond them (`clock.pf32_clock`).
+    shape : (int, int)
+        (rows, cols) of one frame.
     footer_bytes : int, optional
-        Bytes after each frame; found from the size and the codes where not given.
+        Bytes after each frame; None: found from the size and the codes.
     n_codes : int
         Codes of the TDC.
+
+    Returns
+    -------
+    Recording
+        Of dense frames, with the footers beside them.
+
+    Raises
+    ------
+    FileFormatError
+        Where the size is no whole number of frames, or footers can neither be seen nor excluded.
+    ConfigError
+        Where a hint is none.
     """
     rows, cols = checked_shape(shape)
     frame_bytes = 2 * rows * cols
@@ -102,6 +119,7 @@ def _last_frames(path: Path, n_words: int) -> NDArray[np.uint16]:
 
 
 def _odd_size(path: Path, rows: int, cols: int, footers: tuple[int, ...]) -> FileFormatError:
+    """Error that says where the last whole frame ends."""
     size = path.stat().st_size
     strides = [2 * rows * cols + footer for footer in footers]
     whole = max(size // stride * stride for stride in strides)
@@ -115,9 +133,20 @@ def _odd_size(path: Path, rows: int, cols: int, footers: tuple[int, ...]) -> Fil
 
 
 def write(record: Recording | Histograms, path: Path) -> None:
-    """Write dense frames without footers, as the camera does; the clock is not kept."""
-    from lightflight.store import atomic_path
+    """Write dense frames without footers, as the camera does; the clock is not kept.
 
+    Parameters
+    ----------
+    record : Recording or Histograms
+        Only a recording of frames can be written.
+    path : Path
+        The file; it appears whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        For events and histograms.
+    """
     if not isinstance(record, Recording) or record.frames is None:
         raise ValueError("raw files hold dense frames: write .h5 to keep events or histograms")
     with atomic_path(path) as fresh, fresh.open("wb") as file:
@@ -126,16 +155,12 @@ def write(record: Recording | Histograms, path: Path) -> None:
             file.write(np.ascontiguousarray(block, dtype="<u2").data)
 
 
-def _matches(path: Path, start: bytes) -> bool:
-    return False  # nothing in the content tells
-
-
 FORMATS = (
     Format(
         name="pf32-frames",
         summary="raw uint16 frames of a PF32, with or without 16-byte footers",
         suffixes=(".bin", ".raw"),
-        matches=_matches,
+        matches=None,
         read=read,
         write=write,
     ),

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
-from lightflight.filecheck import check_memory
+from lightflight.files.filecheck import check_memory
 from lightflight.formats.clock import pf32_clock
 from lightflight.formats.cubes import checked_shape, record_from_array
 from lightflight.formats.registry import Format
-from lightflight.histogram import Histograms
-from lightflight.recording import Recording
+from lightflight.recording.histograms import Histograms
+from lightflight.recording.recording import Recording
 
 _PIXEL_LINE = re.compile(rb"^Pixel (\d+)\s*$", re.MULTILINE)
 _LONGEST_LINE = 1 << 20
@@ -32,7 +32,27 @@ _GZIP_MAGIC = b"\x1f\x8b"
 def read(
     path: Path, clock: Mapping[str, Any], *, shape: tuple[int, int] = (32, 32)
 ) -> Recording | Histograms:
-    """Read printed histograms; `shape` is (rows, cols) where the camera is no 32 x 32 one."""
+    """Read printed histograms, plain or gzipped.
+
+    Parameters
+    ----------
+    path : Path
+        What the vendor's sample program printed.
+    clock : mapping of str
+        Hints about the clock; a PF32 is assumed beyond them (`clock.pf32_clock`).
+    shape : (int, int)
+        (rows, cols), where the camera is no 32 x 32 one.
+
+    Returns
+    -------
+    Recording or Histograms
+        Histograms; n_frames where every pixel adds up to the same number.
+
+    Raises
+    ------
+    FileFormatError
+        Where a pixel is missing, out of turn, or has other codes than the one before.
+    """
     rows, cols = checked_shape(shape)
     with _opened(path) as file:
         counts, tail = _counts_and_tail(file, path, rows * cols)
@@ -43,6 +63,7 @@ def read(
     if sync:
         settings["sync_hz"] = sync[-1]
     notes = []
+    # The vendor counts frames without a photon in code 0: all pixels then have one sum.
     if (totals == totals[0]).all() and counts[:, 0].any():
         told["n_frames"] = int(totals[0])
         notes.append(f"n_frames = {totals[0]}: what every pixel adds up to, empty frames included")
@@ -56,6 +77,7 @@ def read(
 
 
 def _opened(path: Path) -> BufferedIOBase:
+    """The file, unpacked where it is gzipped."""
     with path.open("rb") as file:
         zipped = file.read(2) == _GZIP_MAGIC
     return gzip.open(path, "rb") if zipped else path.open("rb")
@@ -72,6 +94,7 @@ def _counts_and_tail(
     for line in lines:
         pixel = _PIXEL_LINE.match(line)
         if pixel is None:
+            # Sync frequency and number of frames are among the last lines.
             tail = [*tail[-8:], line.decode("ascii", "replace").strip()]
             continue
         if int(pixel[1]) != seen:
@@ -115,7 +138,9 @@ def _lines(file: BufferedIOBase, path: Path) -> Iterator[bytes]:
 
 
 def _counts_of_line(line: bytes, path: Path, pixel: int) -> NDArray[np.uint64]:
+    """(codes,), counts of one printed line."""
     words = line.split()
+    # 18 digits always fit into 64 bits.
     if not words or not all(word.isdigit() and len(word) < 19 for word in words):
         raise FileFormatError(
             f"the line after 'Pixel {pixel}' is no list of counts: the file is damaged or cut",

@@ -21,15 +21,16 @@ from numpy.typing import NDArray
 
 from lightflight._version import __version__
 from lightflight.errors import FileFormatError
-from lightflight.filecheck import check_memory, record_error_as_format_error
+from lightflight.files.filecheck import check_memory, record_error_as_format_error
+from lightflight.files.store import json_text, new_hdf5, read_array, text_attribute
 from lightflight.formats.cubes import checked_shape
 from lightflight.formats.photon_hdf5_titles import TITLES
 from lightflight.formats.photons import photon_blocks
 from lightflight.formats.registry import Format
 from lightflight.formats.stored import StoredArray
-from lightflight.histogram import Histograms
-from lightflight.recording import CLOCK_FIELDS, Recording
-from lightflight.store import read_array
+from lightflight.recording.clock_fields import CLOCK_FIELDS
+from lightflight.recording.histograms import Histograms
+from lightflight.recording.recording import Recording
 
 _FORMAT = "Photon-HDF5"
 _ROOT_TEXTS = {
@@ -47,7 +48,28 @@ _TIMESTAMPS_AT_ONCE = 1 << 20
 def read(
     path: Path, clock: Mapping[str, Any], *, shape: tuple[int, int] | None = None
 ) -> Recording:
-    """Read photon events; `shape` is (rows, cols) where detectors are the pixels of a camera."""
+    """Read photon events; they stay in the file.
+
+    Parameters
+    ----------
+    path : Path
+        A Photon-HDF5 file of one spot, recorded with TCSPC.
+    clock : mapping of str
+        Hints about the clock; they go before what the file says.
+    shape : (int, int), optional
+        (rows, cols), where detectors are the pixels of a camera; None: as the file says, else one
+        row of all detectors with photons.
+
+    Returns
+    -------
+    Recording
+        Of events; frames come back where we wrote the file.
+
+    Raises
+    ------
+    FileFormatError
+        Where it is no such file, holds no nanotimes, or is damaged.
+    """
     if not h5py.is_hdf5(path):
         raise FileFormatError("is not an HDF5 file: check the name, or copy it again", path=path)
     with h5py.File(path, "r", locking="best-effort") as file:
@@ -73,6 +95,7 @@ def read(
     shape = _stated_shape(attributes, pixel, path) if shape is None else checked_shape(shape)
     for name in CLOCK_FIELDS:
         if name in attributes:
+            # Ours is exact, where the fields of the format are in seconds and Hz.
             told[name] = attributes[name].item()
     with record_error_as_format_error(path):
         return Recording(
@@ -87,6 +110,7 @@ def read(
 
 
 def _settings_in(ours: Any, path: Path) -> dict[str, Any]:
+    """Settings of the recording, from the JSON text we put there."""
     settings = json.loads(str(read_array(ours.get("settings"), path=path)))
     if not isinstance(settings, dict):
         raise FileFormatError("its settings are not readable: it is damaged", path=path)
@@ -108,6 +132,7 @@ def _plain_attributes(node: Any) -> dict[str, Any]:
 
 
 def _number(node: Any, path: Path) -> float:
+    """One number that a dataset holds."""
     value = read_array(node, path=path)
     if value.size != 1 or value.dtype.kind not in "iuf":
         raise FileFormatError(f"{node.name} is no number", path=path)
@@ -119,6 +144,7 @@ def _unsigned(node: Any, path: Path) -> Any:
     stored = StoredArray.of(node, path=path, ours=False)
     if len(stored.shape) != 1 or stored.dtype.kind not in "ui":
         raise FileFormatError(f"{node.name} is no list of integers", path=path)
+    # Recordings hold unsigned numbers; other programs write signed ones.
     if stored.dtype.kind == "u":
         return stored
     values = np.asarray(stored)
@@ -128,12 +154,14 @@ def _unsigned(node: Any, path: Path) -> Any:
 
 
 def _detectors(photons: Any, code: Any, path: Path) -> Any:
+    """(n,), pixel of each photon; all are of pixel 0 where the file knows no detectors."""
     if "detectors" in photons:
         return _unsigned(photons["detectors"], path)
     return np.zeros(code.shape[0], np.uint16)
 
 
 def _clock_in(file: Any, path: Path) -> dict[str, Any]:
+    """Number and width of the codes, and the laser period where one laser is told."""
     specs = file["photon_data"].get("nanotimes_specs")
     if not isinstance(specs, h5py.Group) or "tcspc_num_bins" not in specs:
         raise FileFormatError("does not tell tcspc_num_bins: the file is damaged", path=path)
@@ -147,6 +175,7 @@ def _clock_in(file: Any, path: Path) -> dict[str, Any]:
 
 
 def _largest(pixel: Any) -> int:
+    """Largest pixel number, read in parts."""
     largest = 0
     for first in range(0, pixel.shape[0], _TIMESTAMPS_AT_ONCE):
         largest = max(largest, int(np.asarray(pixel[first : first + _TIMESTAMPS_AT_ONCE]).max()))
@@ -177,11 +206,21 @@ def write(
 ) -> None:
     """Write photon events, the frame as time stamp.
 
-    `frame_duration_ps` is needed where the recording does not know its laser period and how
-    many periods a frame has.
-    """
-    from lightflight.store import new_hdf5
+    Parameters
+    ----------
+    record : Recording or Histograms
+        Only a recording that knows the frame of each photon can be written.
+    path : Path
+        The file; it appears whole or not at all.
+    frame_duration_ps : float, optional
+        ps; needed where the recording does not know its laser period and how many periods a frame
+        has.
 
+    Raises
+    ------
+    ValueError
+        For histograms, for events without frames, and where the duration is not known.
+    """
     if not isinstance(record, Recording):
         raise ValueError("Photon-HDF5 holds photons: write histograms as .h5, .npz, .mat or .zarr")
     if record.n_frames is None or (record.kind == "events" and record.frame_starts is None):
@@ -210,8 +249,7 @@ def write(
 
 
 def _write_metadata(file: Any, record: Recording, frame_duration_ps: float) -> None:
-    from lightflight.store import json_text
-
+    """Everything that is no list of photons: what the format prescribes, and what is ours."""
     frame_s = frame_duration_ps * 1e-12
     for name, text in _ROOT_TEXTS.items():
         file.attrs[name] = np.bytes_(text)
@@ -250,8 +288,6 @@ def _write_metadata(file: Any, record: Recording, frame_duration_ps: float) -> N
 
 
 def _matches(path: Path, start: bytes) -> bool:
-    from lightflight.store import text_attribute
-
     if not start or not h5py.is_hdf5(path):
         return False
     with h5py.File(path, "r") as file:
@@ -266,5 +302,6 @@ FORMATS = (
         matches=_matches,
         read=read,
         write=write,
+        turn=-1,
     ),
 )

@@ -9,48 +9,67 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.counting import check_codes
-from lightflight.recording import Recording, pixel_dtype
+from lightflight.recording.counting import check_codes
+from lightflight.recording.recording import Recording, pixel_dtype
 
 _CHUNK_BYTES = 8 << 20
 
 
 @dataclass(frozen=True, eq=False)
 class PhotonBlock:
-    """Photons of a run of frames, or of a run of photons where frames are unknown."""
+    """Photons of a run of frames, or of a run of photons where frames are unknown.
+
+    Attributes
+    ----------
+    pixel : array, shape (n,)
+        Row * cols + col.
+    code : array, shape (n,)
+        TDC code.
+    photons_per_frame : array of uint32 or None
+        (frames of the block,); None where frames are unknown.
+    """
 
     pixel: NDArray[Any]
-    """(n,), row * cols + col."""
 
     code: NDArray[Any]
-    """(n,), TDC code."""
 
     photons_per_frame: NDArray[np.uint32] | None
-    """(frames of the block,); None where frames are unknown."""
 
 
-def photon_blocks(
-    recording: Recording, *, chunk_bytes: int = _CHUNK_BYTES
-) -> Iterator[PhotonBlock]:
+def photon_blocks(recording: Recording) -> Iterator[PhotonBlock]:
     """Photons in order, in blocks of bounded size; a block holds until the next is asked for.
 
-    Raises ValueError for dense frames without `no_photon_code` (every code would be a photon)
-    and for codes a recording cannot hold.
+    Parameters
+    ----------
+    recording : Recording
+        Of frames or of events.
+
+    Yields
+    ------
+    PhotonBlock
+        A run of frames, or of photons where frames are unknown.
+
+    Raises
+    ------
+    ValueError
+        For dense frames without `no_photon_code` (every code would be a photon) and for codes a
+        recording cannot hold.
     """
     if recording.kind == "frames":
-        yield from _blocks_of_frames(recording, chunk_bytes)
+        yield from _blocks_of_frames(recording)
     elif recording.frame_starts is not None:
-        yield from _blocks_of_framed_events(recording, chunk_bytes)
+        yield from _blocks_of_framed_events(recording)
     else:
         pixel, code = recording.pixel, recording.code
         assert pixel is not None
         assert code is not None
-        for first in range(0, code.shape[0], chunk_bytes // 4):
-            part = slice(first, first + chunk_bytes // 4)
+        for first in range(0, code.shape[0], _CHUNK_BYTES // 4):
+            part = slice(first, first + _CHUNK_BYTES // 4)
             yield PhotonBlock(np.asarray(pixel[part]), np.asarray(code[part]), None)
 
 
-def _blocks_of_frames(recording: Recording, chunk_bytes: int) -> Iterator[PhotonBlock]:
+def _blocks_of_frames(recording: Recording) -> Iterator[PhotonBlock]:
+    """Blocks of dense frames, listed by a compiled kernel into the same two arrays."""
     from lightflight._kernels.frames import SPARE, list_photons
 
     source, absent = recording.frames, recording.no_photon_code
@@ -58,7 +77,8 @@ def _blocks_of_frames(recording: Recording, chunk_bytes: int) -> Iterator[Photon
     if absent is None:
         raise ValueError("frames without a no_photon_code are not photons: give no_photon_code")
     n_pixels = recording.shape[0] * recording.shape[1]
-    step = max(1, chunk_bytes // (2 * n_pixels))
+    step = max(1, _CHUNK_BYTES // (2 * n_pixels))
+    # Used again for every block: a block holds until the next is asked for.
     pixels = np.empty(step * n_pixels + SPARE, pixel_dtype(recording.shape))
     codes = np.empty(step * n_pixels + SPARE, np.uint16)
     for first in range(0, source.shape[0], step):
@@ -71,14 +91,15 @@ def _blocks_of_frames(recording: Recording, chunk_bytes: int) -> Iterator[Photon
         yield PhotonBlock(pixels[:n], codes[:n], counts)
 
 
-def _blocks_of_framed_events(recording: Recording, chunk_bytes: int) -> Iterator[PhotonBlock]:
+def _blocks_of_framed_events(recording: Recording) -> Iterator[PhotonBlock]:
+    """Blocks of whole frames of events."""
     pixel, code, all_starts = recording.pixel, recording.code, recording.frame_starts
     assert pixel is not None
     assert code is not None
     assert all_starts is not None
     assert recording.n_frames is not None
     n_pixels = recording.shape[0] * recording.shape[1]
-    step = max(1, chunk_bytes // (4 * n_pixels))
+    step = max(1, _CHUNK_BYTES // (4 * n_pixels))
     for first in range(0, recording.n_frames, step):
         starts = np.asarray(all_starts[first : first + step + 1])
         part = slice(int(starts[0]), int(starts[-1]))

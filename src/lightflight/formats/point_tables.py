@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.errors import FileFormatError, MissingExtraError
+from lightflight.errors import FileFormatError, optional_package
 
 Floats = NDArray[np.float64]
 
@@ -21,11 +21,27 @@ _MOST_BYTES = 64 << 20
 def points_from_file(
     path: Path, *, variable: str | None = None
 ) -> tuple[Floats, Floats, tuple[int, int] | None]:
-    """Points (n, 3) in the file's unit, pixels (n, 2) as (row, col), and the array's shape.
+    """Points of known place and the pixels that saw them.
 
     - .csv with the columns x_mm, y_mm, z_mm, row, col (others are passed over); z_mm may lack
     - .npz with points_mm (n, 3) and pixels (n, 2)
     - .npz, .npy or .mat with one array (2 or 3, rows, cols): where each pixel looks; z = 0 for two
+
+    Parameters
+    ----------
+    path : Path
+        The table.
+    variable : str, optional
+        Name of the array, where the file holds several.
+
+    Returns
+    -------
+    points : array of float, shape (n, 3)
+        In the file's unit (mm).
+    pixels : array of float, shape (n, 2)
+        (row, col).
+    shape : (int, int) or None
+        (rows, cols) of the camera, where the file tells it.
 
     Raises
     ------
@@ -113,16 +129,29 @@ def _points_of_map(
 
 
 def picture_from_file(path: Path) -> Floats:
-    """Picture (rows, cols) in grey, needs OpenCV.
+    """Picture in grey, by OpenCV.
 
-    Raises MissingExtraError without the `camera` extra, FileFormatError for what is no picture.
+    Parameters
+    ----------
+    path : Path
+        Any picture that OpenCV can read.
+
+    Returns
+    -------
+    array of float, shape (rows, cols)
+        Grey values.
+
+    Raises
+    ------
+    MissingExtraError
+        Without the `camera` extra.
+    FileFormatError
+        For what is no picture.
     """
-    try:
-        import cv2
-    except ImportError as error:
-        raise MissingExtraError(
-            "reading pictures of boards needs OpenCV: pip install 'lightflight[camera]'"
-        ) from error
+    cv2 = optional_package(
+        "cv2",
+        otherwise="reading pictures of boards needs OpenCV: pip install 'lightflight[camera]'",
+    )
     if not path.is_file():
         raise FileFormatError("no such file: give pictures of a board", path=path)
     picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)

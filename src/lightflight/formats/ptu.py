@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.errors import FileFormatError, MissingExtraError
+from lightflight.errors import FileFormatError, optional_package
 from lightflight.formats.cubes import record_from_array
 from lightflight.formats.isolation import run_isolated
 from lightflight.formats.registry import Format
-from lightflight.histogram import Histograms
-from lightflight.recording import Recording
+from lightflight.recording.histograms import Histograms
+from lightflight.recording.recording import Recording
 
 _RECORD_BYTES = 4
 
@@ -26,7 +26,29 @@ _RECORD_BYTES = 4
 def read(
     path: Path, clock: Mapping[str, Any], *, channel: int | None = None
 ) -> Recording | Histograms:
-    """Read histograms; `channel` names the detector where there are several."""
+    """Read histograms; the frames of an image are added up.
+
+    Parameters
+    ----------
+    path : Path
+        A PicoQuant file in T3 mode.
+    clock : mapping of str
+        Hints about the clock; they go before what the header says.
+    channel : int, optional
+        Number of the detector, where there are several.
+
+    Returns
+    -------
+    Recording or Histograms
+        Histograms, one pixel for a point measurement.
+
+    Raises
+    ------
+    FileFormatError
+        For T2 recordings, files that are cut, and where the channel is not clear.
+    MissingExtraError
+        Without ptufile.
+    """
     arrays, values = run_isolated(f"{__name__}:load", path, {"channel": channel})
     told = {name: values.pop(name) for name in ("bin_width_ps", "laser_period_ps")}
     return record_from_array(
@@ -36,12 +58,9 @@ def read(
 
 def load(path: Path, *, channel: int | None) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """Counts (rows, cols, codes) and what the header says; runs in a child process."""
-    try:
-        import ptufile
-    except ImportError:
-        raise MissingExtraError(
-            "reading .ptu needs ptufile: pip install 'lightflight[readers]'"
-        ) from None
+    ptufile = optional_package(
+        "ptufile", otherwise="reading .ptu needs ptufile: pip install 'lightflight[readers]'"
+    )
     with ptufile.PtuFile(path) as ptu:
         _check_claims(ptu, path)
         if not ptu.is_t3:
@@ -51,6 +70,7 @@ def load(path: Path, *, channel: int | None) -> tuple[dict[str, NDArray[Any]], d
         channels = [int(number) for number in ptu.active_channels]
         index = _chosen_channel(channel, channels)
         if ptu.is_image:
+            # frame=-1 adds up all frames.
             image = ptu.decode_image(frame=-1, channel=index, dtype=np.uint32, keepdims=False)
             counts = image.reshape(-1, *image.shape[-2:])
         else:

@@ -14,7 +14,13 @@ from lightflight.errors import FileFormatError
 
 @cache
 def file_schema() -> dict[str, Any]:
-    """The contents of `schema.toml`."""
+    """The contents of `schema.toml`, read once.
+
+    Returns
+    -------
+    dict of str
+        By kind of record ("histograms", "recording"): what its arrays and attributes are.
+    """
     text = resources.files("lightflight.formats").joinpath("schema.toml").read_text("utf-8")
     return tomllib.loads(text)
 

@@ -13,18 +13,40 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.errors import FileFormatError, MissingExtraError
+from lightflight.errors import FileFormatError, optional_package
 from lightflight.formats.cubes import record_from_array
 from lightflight.formats.isolation import run_isolated
 from lightflight.formats.registry import Format
-from lightflight.histogram import Histograms
-from lightflight.recording import Recording
+from lightflight.recording.histograms import Histograms
+from lightflight.recording.recording import Recording
 
 
 def read(
     path: Path, clock: Mapping[str, Any], *, block: int | None = None
 ) -> Recording | Histograms:
-    """Read one data block; `block` (0, 1 ...) names it where there are several."""
+    """Read one data block.
+
+    Parameters
+    ----------
+    path : Path
+        A Becker & Hickl file.
+    clock : mapping of str
+        Hints about the clock; the laser period is not in the file.
+    block : int, optional
+        Number of the block (0, 1 ...), where there are several.
+
+    Returns
+    -------
+    Recording or Histograms
+        Histograms, one pixel for a single decay.
+
+    Raises
+    ------
+    FileFormatError
+        Where the file is damaged, or the block is not clear.
+    MissingExtraError
+        Without sdtfile.
+    """
     arrays, values = run_isolated(f"{__name__}:load", path, {"block": block})
     told = {"bin_width_ps": values.pop("bin_width_ps")}
     return record_from_array(
@@ -34,12 +56,9 @@ def read(
 
 def load(path: Path, *, block: int | None) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """Counts (rows, cols, codes) and what the headers say; runs in a child process."""
-    try:
-        import sdtfile
-    except ImportError:
-        raise MissingExtraError(
-            "reading .sdt needs sdtfile: pip install 'lightflight[readers]'"
-        ) from None
+    sdtfile = optional_package(
+        "sdtfile", otherwise="reading .sdt needs sdtfile: pip install 'lightflight[readers]'"
+    )
     with sdtfile.SdtFile(path) as sdt:
         shapes = [data.shape for data in sdt.data]
         index = _chosen_block(block, shapes)
@@ -47,6 +66,7 @@ def load(path: Path, *, block: int | None) -> tuple[dict[str, NDArray[Any]], dic
         measured = sdt.measure_info[int(sdt.block_headers[index].meas_desc_block_no)]
         if data.ndim not in (1, 2, 3) or data.size == 0 or len(times) < 2:
             raise FileFormatError(f"block {index} has the shape {data.shape}, which is no cube")
+        # A single decay is one pixel, a line of them one row.
         counts = data.reshape((1,) * (3 - data.ndim) + data.shape)
         values = {
             "bin_width_ps": float(times[1] - times[0]) * 1e12,
@@ -58,6 +78,7 @@ def load(path: Path, *, block: int | None) -> tuple[dict[str, NDArray[Any]], dic
 
 
 def _chosen_block(block: int | None, shapes: list[tuple[int, ...]]) -> int:
+    """Number of the block to read."""
     if not shapes:
         raise FileFormatError("holds no data block")
     if block is None and len(shapes) == 1:
@@ -69,6 +90,7 @@ def _chosen_block(block: int | None, shapes: list[tuple[int, ...]]) -> int:
 
 
 def _sync_rate(measured: Any) -> float | None:
+    """Counted rate of the sync, Hz; None where the header has none."""
     try:
         rate = float(measured.StopInfo.min_sync_rate)
     except AttributeError:

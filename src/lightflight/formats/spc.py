@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from lightflight.errors import FileFormatError
-from lightflight.filecheck import record_error_as_format_error
+from lightflight.files.filecheck import record_error_as_format_error
 from lightflight.formats.registry import Format
-from lightflight.recording import Recording
+from lightflight.recording.recording import Recording
 
 _CODES = 4096
 _INVALID, _OVERFLOW, _MARK = 1 << 31, 1 << 30, 1 << 28
@@ -30,7 +30,25 @@ _LARGEST_SET_FILE = 1 << 24
 
 
 def read(path: Path, clock: Mapping[str, Any]) -> Recording:
-    """Read photon events; hints are those about the clock."""
+    """Read photon events; the routing channel is the column.
+
+    Parameters
+    ----------
+    path : Path
+        A file of 4-byte records.
+    clock : mapping of str
+        Hints about the clock; the width of a code is taken from the `.set` file beside it.
+
+    Returns
+    -------
+    Recording
+        Of events, (1, channels) pixels; frames are not known.
+
+    Raises
+    ------
+    FileFormatError
+        Where it is cut, of another module, or holds no photon.
+    """
     size = path.stat().st_size
     if size % 4 or size < 8:
         raise FileFormatError(
@@ -50,7 +68,9 @@ def read(path: Path, clock: Mapping[str, Any]) -> Recording:
     codes, channels = [], []
     for first in range(1, records.size, _RECORDS_AT_ONCE):
         part = np.asarray(records[first : first + _RECORDS_AT_ONCE])
+        # Overflows of the macro time and marks are records too, and no photons.
         photons = part[part & (_INVALID | _MARK) == 0]
+        # The ADC runs backwards.
         codes.append(((_CODES - 1) - (photons >> 16 & 0xFFF)).astype(np.uint16))
         channels.append((photons >> 12 & 0xF).astype(np.uint16))
     code, channel = np.concatenate(codes), np.concatenate(channels)
@@ -82,16 +102,12 @@ def _code_width_ps(path: Path) -> tuple[float | None, list[str]]:
     return width, [f"a code is {width:.6g} ps wide: {beside.name} beside it"]
 
 
-def _matches(path: Path, start: bytes) -> bool:
-    return False  # nothing in the content tells
-
-
 FORMATS = (
     Format(
         name="spc",
         summary="Becker & Hickl .spc photon events, SPC-130 ... 830",
         suffixes=(".spc",),
-        matches=_matches,
+        matches=None,
         read=read,
     ),
 )

@@ -10,8 +10,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.filecheck import check_memory, damage_as_format_error
-from lightflight.store import check_dataset
+from lightflight.files.filecheck import check_memory, damage_as_format_error
+from lightflight.files.store import check_dataset
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,35 +19,60 @@ class StoredArray:
     """One dataset of an HDF5 file; slicing opens the file, reads that part and closes it.
 
     Holds no open file: it can be pickled and used by several threads or workers at once.
+
+    Attributes
+    ----------
+    path : str
+        The file.
+    name : str
+        Dataset in it.
+    shape : tuple of int
+        Length of each axis.
+    dtype : np.dtype[Any]
+        Type of the elements, native byte order.
     """
 
     path: str
-    """The file."""
 
     name: str
-    """Dataset in it."""
 
     shape: tuple[int, ...]
-    """Length of each axis."""
 
     dtype: np.dtype[Any]
-    """Type of the elements, native byte order."""
 
     @classmethod
     def of(cls, dataset: Any, *, path: str | os.PathLike[str], ours: bool = True) -> StoredArray:
-        """Array of an open dataset; raises FileFormatError where `store.check_dataset` does."""
+        """Array of an open dataset.
+
+        Parameters
+        ----------
+        dataset : h5py.Dataset
+            Of a file that may be closed afterwards.
+        path : path
+            The file.
+        ours : bool
+            Whether this package wrote it (`store.check_dataset`).
+
+        Raises
+        ------
+        FileFormatError
+            Where `store.check_dataset` does.
+        """
         check_dataset(dataset, path=path, ours=ours)
         dtype = dataset.dtype.newbyteorder("=")
         return cls(os.path.abspath(path), dataset.name, dataset.shape, dtype)  # noqa: PTH100
 
     def __len__(self) -> int:
+        """Length of the first axis."""
         return self.shape[0]
 
     def __getitem__(self, key: Any) -> NDArray[Any]:
+        """Part of it, read now."""
         with damage_as_format_error(self.path), h5py.File(self.path, "r") as file:
             return np.asarray(file[self.name][key], self.dtype)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """All of it, after checking that it fits into memory."""
         n_bytes = int(np.prod(self.shape)) * self.dtype.itemsize
         check_memory(n_bytes, path=self.path, what=f"array {self.name} {self.shape}")
         return np.asarray(self[()], dtype)

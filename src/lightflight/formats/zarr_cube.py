@@ -13,19 +13,20 @@ from typing import Any
 
 import numpy as np
 
-from lightflight.errors import ConfigError, FileFormatError, MissingExtraError
-from lightflight.filecheck import ANY_MOST, check_claim, check_memory
+from lightflight.errors import ConfigError, optional_package
+from lightflight.files.filecheck import ANY_MOST, check_claim, check_memory
+from lightflight.files.whole_file import atomic_path
 from lightflight.formats.cubes import (
-    axes_needed,
-    checked_shape,
+    axes_of,
+    only_array,
     record_from_array,
     shapes_text,
     stated_axes,
 )
 from lightflight.formats.metadata import fields_from_text, text_from_histograms
 from lightflight.formats.registry import Format
-from lightflight.histogram import Histograms
-from lightflight.recording import Recording
+from lightflight.recording.histograms import Histograms
+from lightflight.recording.recording import Recording
 
 _MARKS = ("zarr.json", ".zarray", ".zgroup")
 _METADATA = "lightflight"
@@ -42,14 +43,43 @@ def read(
     n_codes: int | None = None,
     poisson: bool | None = None,
 ) -> Recording | Histograms:
-    """Read one array; `array` is its path in the group, where the folder is a group."""
+    """Read one array, as a cube or as frames.
+
+    Parameters
+    ----------
+    path : Path
+        A Zarr folder, version 2 or 3.
+    clock : mapping of str
+        Hints about the clock (`clock.CLOCK_HINTS`).
+    array : str, optional
+        Its path in the group, where the folder is a group; None: the one of three axes.
+    axes : str, optional
+        Order of its axes; None: as the folder states it.
+    shape : (int, int), optional
+        (rows, cols), where pixels are stored row by row.
+    n_codes : int, optional
+        TDC codes, for frames.
+    poisson : bool, optional
+        False for scaled intensities; None: as the folder says, else counts.
+
+    Returns
+    -------
+    Recording or Histograms
+        Frames ("fyx") stay in the folder.
+
+    Raises
+    ------
+    FileFormatError
+        Where a size cannot be, or which array or what order is not clear.
+    ConfigError
+        Where `array` is not there, or a hint is none.
+    MissingExtraError
+        Without zarr.
+    """
     node = _array_in(_zarr().open(path, mode="r"), array, path)
     text = node.attrs.get(_METADATA)
     fields, settings = fields_from_text(text if isinstance(text, str) else None, path)
-    told_poisson = bool(fields.pop("poisson", True))
-    axes = axes or _stated_axes(node)
-    if axes is None:
-        raise axes_needed({node.name: node.shape}, path)
+    axes = axes_of(node.name, node.shape, axes or _stated_axes(node), path=path)
     stored = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
     what = f"array {node.name} {node.shape}"
     n_bytes = math.prod(node.shape) * node.dtype.itemsize
@@ -61,22 +91,19 @@ def read(
         axes,
         fields | dict(clock),
         path=path,
-        shape=checked_shape(shape) if shape is not None else None,
+        shape=shape,
         n_codes=n_codes,
-        poisson=told_poisson if poisson is None else poisson,
+        poisson=poisson,
         settings=settings,
     )
 
 
 def _zarr() -> Any:
-    try:
-        import zarr
-    except ImportError:
-        raise MissingExtraError("Zarr needs zarr: pip install 'lightflight[batch]'") from None
-    return zarr
+    return optional_package("zarr", otherwise="Zarr needs zarr: pip install 'lightflight[batch]'")
 
 
 def _array_in(opened: Any, wanted: str | None, path: Path) -> Any:
+    """The array to read, of what was opened: an array, or a group of them."""
     if not hasattr(opened, "members"):
         if wanted is not None:
             raise ConfigError(f"array={wanted!r}: {path.name} is one array, not a group")
@@ -87,17 +114,11 @@ def _array_in(opened: Any, wanted: str | None, path: Path) -> Any:
         if wanted not in arrays:
             raise ConfigError(f"array={wanted!r} is not in {path.name}: {shapes_text(shapes)}")
         return arrays[wanted]
-    cubes = [name for name, found in shapes.items() if len(found) == 3] or list(shapes)
-    if len(cubes) == 1:
-        return arrays[cubes[0]]
-    if not cubes:
-        raise FileFormatError("holds no array", path=path)
-    raise FileFormatError(
-        f"holds several arrays ({shapes_text(shapes)}): name one with array=", path=path
-    )
+    return arrays[only_array(shapes, option="array", path=path)]
 
 
 def _stated_axes(node: Any) -> str | None:
+    """Order of the axes as the folder states it; None where it does not."""
     named = getattr(node.metadata, "dimension_names", None) or node.attrs.get("_ARRAY_DIMENSIONS")
     for order in (named, node.attrs.get("axes")):
         named_so = isinstance(order, list | tuple | str)
@@ -108,9 +129,22 @@ def _stated_axes(node: Any) -> str | None:
 
 
 def write(record: Recording | Histograms, path: Path) -> None:
-    """Write histograms as one compressed Zarr 3 array in blocks of rows, metadata beside it."""
-    from lightflight.store import atomic_path
+    """Write histograms as one compressed Zarr 3 array in blocks of rows, metadata beside it.
 
+    Parameters
+    ----------
+    record : Recording or Histograms
+        Only histograms can be written.
+    path : Path
+        The folder; it appears whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        For a recording.
+    MissingExtraError
+        Without zarr.
+    """
     if not isinstance(record, Histograms):
         raise ValueError("zarr holds histograms: use histogram(), or write .h5 to keep photons")
     rows, cols, codes = record.counts.shape

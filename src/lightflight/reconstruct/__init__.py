@@ -1,35 +1,52 @@
 """Reconstruction: from arrival times and counts to the path (x, y, z, t).
 
-The way of the data: `legs` (straight pieces in the picture) -> `start` (a first path) -> `picture`
-and `lateral` (lines, spot and brightness from the counts) -> `joint` (one weighted fit over
-`geometry`, by `least_squares` within a `freedom`) -> `result` (a LightPath). Beside it stand
-`paper` (the literal baseline), `photon` over `forward` (the likelihood of all counts), and
-`cramer_rao` (what the photons allow, and what they leave open). `api` holds the public door.
+- `chain`: the way of a recording to a `LightPath` (`reconstruct`); `from_arrivals`: from pulses
+  that were found elsewhere; `laser`: the pulse's own length; `calls`: what is checked before;
+  `sightings`: recordings on the clock
+- `estimators`: what `method=` names, each with its file in `ways`
+- rooms, each above the one before: `model`, `legs`, `fit`, `limits`, `ways`
 """
 
-from __future__ import annotations
+from typing import TYPE_CHECKING
 
-from typing import TYPE_CHECKING, Any
+from lightflight._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from lightflight.reconstruct.api import reconstruct
-    from lightflight.reconstruct.cramer_rao import Bounds, bounds
-    from lightflight.reconstruct.legs import ImageLeg, find_legs
+    from lightflight.reconstruct.chain import reconstruct
+    from lightflight.reconstruct.laser import LaserPulse, laser_pulse
+    from lightflight.reconstruct.legs.find import ImageLeg, find_legs
+    from lightflight.reconstruct.limits.bounds import Bounds, bounds
+    from lightflight.reconstruct.limits.planning import Plan, plan
 
-__all__ = ["Bounds", "ImageLeg", "bounds", "find_legs", "reconstruct"]
+__all__ = [
+    "Bounds",
+    "ImageLeg",
+    "LaserPulse",
+    "Plan",
+    "bounds",
+    "find_legs",
+    "laser_pulse",
+    "plan",
+    "reconstruct",
+]
 
-_HOME_FROM_NAME = {
-    "Bounds": "cramer_rao",
-    "ImageLeg": "legs",
-    "bounds": "cramer_rao",
-    "find_legs": "legs",
-    "reconstruct": "api",
-}
+FREE_NAMES = (
+    "source", "emission_time", "pose", "focal_length", "distortion", "index", "clock_offset",
+    "clock_scale", "clock_drift",
+)  # fmt: skip
+"""What `reconstruct(free=)` takes; their plausible sizes are `model.shared.PLAUSIBLE`."""
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME_FROM_NAME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    import importlib
-
-    return getattr(importlib.import_module(f"{__name__}.{_HOME_FROM_NAME[name]}"), name)
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "Bounds": "lightflight.reconstruct.limits.bounds",
+        "ImageLeg": "lightflight.reconstruct.legs.find",
+        "LaserPulse": "lightflight.reconstruct.laser",
+        "Plan": "lightflight.reconstruct.limits.planning",
+        "bounds": "lightflight.reconstruct.limits.bounds",
+        "find_legs": "lightflight.reconstruct.legs.find",
+        "laser_pulse": "lightflight.reconstruct.laser",
+        "plan": "lightflight.reconstruct.limits.planning",
+        "reconstruct": "lightflight.reconstruct.chain",
+    },
+)

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.flight import Medium, Source
-from lightflight.reconstruct.api import (
-    checked_call,
-    clock_or_nominal,
-    path_from_observations,
-    unwrapped_observation,
-)
-from lightflight.reconstruct.freedom import Waypoint, checked_waypoints
-from lightflight.reconstruct.observation import Observation
-from lightflight.reconstruct.setting import Setting
+from lightflight.reconstruct.calls import checked_call
+from lightflight.reconstruct.chain import path_from_sightings
+from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.sightings import clock_or_nominal, unwrapped_sighting
 
 if TYPE_CHECKING:
-    from lightflight.camera import Camera
-    from lightflight.histogram import Histograms
-    from lightflight.path import LightPath
-    from lightflight.timing.arrivals import Arrivals
+    from lightflight.camera.model import Camera
+    from lightflight.path.light_path import LightPath
+    from lightflight.recording.histograms import Histograms
+    from lightflight.timing.clock.code_clock import CodeClock
+    from lightflight.timing.pulses.arrivals import Arrivals
 
 
 def path_from_arrivals(
@@ -34,7 +32,7 @@ def path_from_arrivals(
     camera: Camera | None = None,
     source: Source | None = None,
     medium: Medium | None = None,
-    timing: Any = None,
+    timing: CodeClock | None = None,
     n_legs: int | None = None,
     waypoints: Sequence[Waypoint] = (),
 ) -> LightPath:
@@ -42,16 +40,19 @@ def path_from_arrivals(
 
     Parameters
     ----------
-    hist : the recording; only pixels that are not `blind` need hold their counts.
-    arrivals : its pulses, on the clock `timing`; pixels without a pulse may be left out.
-    blind : (rows, cols), True where the counts are not to be used.
+    hist : Histograms
+        The recording; only pixels that are not `blind` need hold their counts.
+    arrivals : Arrivals
+        Its pulses, on the clock `timing`; pixels without a pulse may be left out.
+    blind : array of bool, shape (rows, cols)
+        True where the counts are not to be used.
     """
     source = Source() if source is None else source
     medium = Medium() if medium is None else medium
     camera = checked_call([hist], camera, source, "joint", n_legs, None)
     setting = Setting(camera, source, medium, checked_waypoints(waypoints, n_legs))
     clock = clock_or_nominal(hist, timing)
-    seen = Observation(hist, clock, arrivals, arrivals.arrival_ps, blind)
-    return path_from_observations(
-        [unwrapped_observation(seen, setting)], setting, timing=timing, n_legs=n_legs
+    seen = Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind)
+    return path_from_sightings(
+        [unwrapped_sighting(seen, setting)], setting, timing=timing, n_legs=n_legs
     )

@@ -13,35 +13,41 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.reconstruct.api import clock_or_nominal
-from lightflight.reconstruct.geometry import PathState, footprints
-from lightflight.reconstruct.observation import Observation, blind_pixels
-from lightflight.reconstruct.picture import measure_picture
-from lightflight.timing.arrivals import Arrivals, find_arrivals
+from lightflight.reconstruct.model.geometry import footprints, state_of_path
+from lightflight.reconstruct.model.picture import measure_picture
+from lightflight.reconstruct.model.sighting import Sighting, blind_pixels
+from lightflight.reconstruct.sightings import clock_or_nominal
 from lightflight.timing.laser_width import (
     LaserWidth,
     apparent_fwhm_ps,
     laser_width_from_pulses,
 )
+from lightflight.timing.pulses.arrivals import Arrivals, find_arrivals
 
 if TYPE_CHECKING:
-    from lightflight.histogram import Histograms
-    from lightflight.path import LightPath
-    from lightflight.timing.calibration import TimingCalibration
+    from lightflight.path.light_path import LightPath
+    from lightflight.recording.histograms import Histograms
+    from lightflight.timing.clock.code_clock import CodeClock
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class LaserPulse:
-    """Width of the laser pulse, and what a camera frame shows of its length."""
+    """Width of the laser pulse, and what a camera frame shows of its length.
+
+    Attributes
+    ----------
+    width : LaserWidth
+        By deconvolution of the recorded pulses.
+    apparent_fwhm_ps : array of float, shape (legs,)
+        Length of the pulse in one camera frame as flight time along the leg, at the middle of each
+        leg, ps: grows with the leg's angle towards the camera.
+    """
 
     width: LaserWidth
-    """By deconvolution of the recorded pulses."""
 
     apparent_fwhm_ps: Floats
-    """(legs,), length of the pulse in one camera frame as flight time along the leg, at the middle
-    of each leg, ps: grows with the leg's angle towards the camera."""
 
 
 def laser_pulse(
@@ -50,17 +56,20 @@ def laser_pulse(
     *,
     response_fwhm_ps: float,
     response_fwhm_std_ps: float = 0.0,
-    timing: TimingCalibration | None = None,
+    timing: CodeClock | None = None,
 ) -> LaserPulse:
     """Width of the laser pulse that drew a path: recorded^2 - response^2 - transit^2.
 
     Parameters
     ----------
-    path : reconstructed from `hist`.
-    hist : the recording.
-    response_fwhm_ps, response_fwhm_std_ps : width of the camera's response alone, and how well it
-        is known, ps.
-    timing : the clock; None: nominal codes, with a warning.
+    path : LightPath
+        Reconstructed from `hist`.
+    hist : Histograms
+        The recording.
+    response_fwhm_ps, response_fwhm_std_ps : float
+        Width of the camera's response alone, and how well it is known, ps.
+    timing : TimingCalibration, optional
+        The clock; None: nominal codes, with a warning.
 
     Raises
     ------
@@ -71,6 +80,7 @@ def laser_pulse(
     """
     clock = clock_or_nominal(hist, timing)
     arrivals = find_arrivals(hist, timing=clock)
+    # Variances of independent delays add: laser, response and flight through the footprint.
     width = laser_width_from_pulses(
         arrivals,
         response_fwhm_ps=response_fwhm_ps,
@@ -79,6 +89,7 @@ def laser_pulse(
     )
     middle = 0.5 * (path.vertices_mm[1:] + path.vertices_mm[:-1])
     towards = path.camera.center_mm - middle
+    # Only the component of the leg towards the camera stretches what a frame shows.
     towards /= np.linalg.norm(towards, axis=1)[:, np.newaxis]
     direction = np.array([leg.direction for leg in path.legs])
     apparent = apparent_fwhm_ps(width.fwhm_ps, direction, towards, medium=path.medium)
@@ -86,21 +97,22 @@ def laser_pulse(
 
 
 def _transit_std_ps(
-    path: LightPath, hist: Histograms, clock: TimingCalibration, arrivals: Arrivals
+    path: LightPath, hist: Histograms, clock: CodeClock, arrivals: Arrivals
 ) -> Floats:
     """(n,), spread of times over the footprint of each pulse; NaN for pulses not of the path."""
-    state = PathState(np.array(path.vertices_mm), float(path.vertex_times_ps[0]))
+    state = state_of_path(path)
     transit = np.full(len(arrivals.row), np.nan)
     pixel = arrivals.row.astype(np.int64) * arrivals.shape[1] + arrivals.col
     table = path.residuals[path.residuals["used"]]
     of_path = table["row"].astype(np.int64) * arrivals.shape[1] + table["col"]
+    # A pixel with two pulses has two widths that its fit cannot tell apart well.
     alone = np.bincount(pixel, minlength=arrivals.shape[0] * arrivals.shape[1])[pixel] == 1
     leg_of = dict(zip(of_path.tolist(), table["leg"].tolist(), strict=True))
     seen = np.array([i for i in np.flatnonzero(alone) if int(pixel[i]) in leg_of], dtype=np.int64)
     if not len(seen):
         return transit
     std_ps = float(np.nanmedian(arrivals.std_ps[seen]))
-    watched = Observation(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals))
+    watched = Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals))
     picture = measure_picture(state, watched, camera=path.camera, medium=path.medium, std_ps=std_ps)
     print_ = footprints(
         state,

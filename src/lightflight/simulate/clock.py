@@ -25,34 +25,47 @@ LOST = -1
 
 @dataclass(frozen=True, eq=False)
 class TrueClock:
-    """Code edges of every pixel; pixels are numbered row by row."""
+    """Code edges of every pixel; pixels are numbered row by row.
+
+    Attributes
+    ----------
+    n_codes : int
+        Number of TDC codes.
+    laser_period_ps : float or None
+        Period of the laser, ps; None: one sweep.
+    reversed_codes : bool
+        True where the photon starts the clock and the sync stops it.
+    first_edge_ps : float
+        Interval at which the first code starts, ps.
+    first_live_code : int
+        k1: codes below are dead.
+    width_ps : array of float, shape (pixels,)
+        w: width of a plateau code, ps.
+    phases : array of float, shape (pixels, n)
+        Relative widths of the codes modulo n; mean 1.
+    start_widths : array of float, shape (n_start,)
+        Extra factor on the widths of the first live codes.
+    dead_time_is_lost : bool
+        True: photons in the time of the dead codes get no code. False: the live ones share it.
+    """
 
     n_codes: int
-    """Number of TDC codes."""
 
     laser_period_ps: float | None
-    """Period of the laser, ps; None: one sweep."""
 
     reversed_codes: bool
-    """True where the photon starts the clock and the sync stops it."""
 
     first_edge_ps: float
-    """Interval at which the first code starts, ps."""
 
     first_live_code: int
-    """k1: codes below are dead."""
 
     width_ps: Floats
-    """(pixels,), w: width of a plateau code, ps."""
 
     phases: Floats
-    """(pixels, n), relative widths of the codes modulo n; mean 1."""
 
     start_widths: Floats
-    """(n_start,), extra factor on the widths of the first live codes."""
 
     dead_time_is_lost: bool
-    """True: photons in the time of the dead codes get no code. False: the live ones share it."""
 
     _phase_sums: Floats = field(init=False, repr=False)
     _start_excess: Floats = field(init=False, repr=False)
@@ -77,6 +90,7 @@ class TrueClock:
         """Interval s at which a code of a pixel starts; `code` >= k1; broadcast; ps."""
         n = self.phases.shape[1]
         rest = code % n
+        # Past the first few live codes, all of their excess has been added up.
         start = np.minimum(code - self.first_live_code, self._start_excess.shape[1] - 1)
         codes = (code - rest) + self._phase_sums[pixel, rest] + self._start_excess[pixel, start]
         edges: Floats = self._base[pixel] + self.width_ps[pixel] * codes
@@ -86,6 +100,16 @@ class TrueClock:
         """Edges of all codes on the axis of the measured interval s; (n, codes + 1), ps.
 
         Ascending. A dead code has zero width, and no code reaches beyond one period.
+
+        Parameters
+        ----------
+        pixels : array-like, shape (n,)
+            Pixels, numbered row by row.
+
+        Returns
+        -------
+        array of float, shape (n, codes + 1)
+            ps.
         """
         pixel = np.atleast_1d(np.asarray(pixels, dtype=np.int64))[:, np.newaxis]
         code = np.arange(self.n_codes + 1)[np.newaxis, :]
@@ -95,7 +119,18 @@ class TrueClock:
         return edges
 
     def intervals_ps(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
-        """True delay interval of each code: (lower, upper), each (n, codes), ps, not folded."""
+        """True delay interval of each code, not folded.
+
+        Parameters
+        ----------
+        pixels : array-like, shape (n,)
+            Pixels, numbered row by row.
+
+        Returns
+        -------
+        lower, upper : array of float, shape (n, codes)
+            Delay after the sync, ps.
+        """
         edges = self.edges_ps(pixels)
         if not self.reversed_codes:
             return edges[:, :-1].copy(), edges[:, 1:].copy()
@@ -104,7 +139,20 @@ class TrueClock:
         return delays[:, 1:].copy(), delays[:, :-1].copy()
 
     def intervals_of_codes(self, pixel: Ints, code: Ints) -> tuple[Floats, Floats]:
-        """True delay interval of one code of each pixel: (lower, upper), each (n,), ps."""
+        """True delay interval of one code of each pixel.
+
+        Parameters
+        ----------
+        pixel : array of int, shape (n,)
+            Pixels, numbered row by row.
+        code : array of int, shape (n,)
+            A code of each.
+
+        Returns
+        -------
+        lower, upper : array of float, shape (n,)
+            Delay after the sync, ps.
+        """
         lower, upper = self._lower_edges(pixel, code), self._lower_edges(pixel, code + 1)
         if self.laser_period_ps is None:
             return lower, upper
@@ -115,7 +163,18 @@ class TrueClock:
         return self.laser_period_ps - upper, self.laser_period_ps - lower
 
     def interval_from_delay(self, delay_ps: Floats) -> Floats:
-        """The interval s the TDC measures for photons at delays after the sync; ps."""
+        """The interval s the TDC measures for photons at delays after the sync.
+
+        Parameters
+        ----------
+        delay_ps : array of float, shape (n,)
+            Delay after the sync, ps.
+
+        Returns
+        -------
+        array of float, shape (n,)
+            From the first edge to one period later, ps; without a period, the delay.
+        """
         if self.laser_period_ps is None:
             return delay_ps
         period, first = self.laser_period_ps, self.first_edge_ps
@@ -124,7 +183,25 @@ class TrueClock:
         return interval
 
     def codes_from_delays(self, pixel: Ints, delay_ps: Floats) -> Ints:
-        """TDC codes of photons: (n,); `LOST` where a photon gets none."""
+        """TDC codes of photons.
+
+        Parameters
+        ----------
+        pixel : array of int, shape (n,)
+            Pixel of each photon, numbered row by row.
+        delay_ps : array of float, shape (n,)
+            Delay after the sync, the pixel's own delay in it, ps.
+
+        Returns
+        -------
+        array of int, shape (n,)
+            `LOST` where a photon gets none.
+
+        Raises
+        ------
+        RuntimeError
+            Where the code is farther from the guess than any clock of `Detector` allows.
+        """
         interval = self.interval_from_delay(delay_ps)
         n = self.phases.shape[1]
         # a guess from the mean width, then a step where the true edges say so
@@ -132,6 +209,7 @@ class TrueClock:
         guess -= self._start_excess[pixel, -1]
         code = np.clip(guess, self.first_live_code, self.n_codes).astype(np.int64)
         pending = np.arange(len(code))
+        # Bounded: where phases are far from even, a guess may be many codes off.
         for _ in range(4 * n + 2 * len(self.start_widths) + 8):
             step = self._step_towards(interval[pending], pixel[pending], code[pending])
             moved = step != 0

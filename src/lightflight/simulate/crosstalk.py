@@ -20,7 +20,24 @@ Photons = tuple[Ints, Ints, Ints]
 def neighbours_of(
     pixel: Ints, side: Ints, shape: tuple[int, int]
 ) -> tuple[Ints, NDArray[np.bool_]]:
-    """The neighbour of each pixel on a side (0 up, 1 down, 2 left, 3 right), and if it exists."""
+    """The neighbour of each pixel on one side.
+
+    Parameters
+    ----------
+    pixel : array of int, shape (n,)
+        Pixels, numbered row by row.
+    side : array of int, shape (n,)
+        0 up, 1 down, 2 left, 3 right.
+    shape : (int, int)
+        (rows, cols) of the array.
+
+    Returns
+    -------
+    neighbour : array of int, shape (n,)
+        Numbered row by row; meaningless where it does not exist.
+    inside : array of bool, shape (n,)
+        True where it exists.
+    """
     rows, cols = shape
     row = pixel // cols + np.array([-1, 1, 0, 0])[side]
     col = pixel % cols + np.array([0, 0, -1, 1])[side]
@@ -29,7 +46,20 @@ def neighbours_of(
 
 
 def with_crosstalk(rate: Floats, probability: float) -> Floats:
-    """Mean counts per pixel, (rows, cols), plus those its four neighbours cause in it."""
+    """Mean counts per pixel, plus those its four neighbours cause in it.
+
+    Parameters
+    ----------
+    rate : array of float, shape (rows, cols)
+        Mean counts without crosstalk.
+    probability : float
+        Chance that a count fires one of the four neighbours.
+
+    Returns
+    -------
+    array of float, shape (rows, cols)
+        Mean counts; at the rim of the array, crosstalk to the outside is lost.
+    """
     if probability == 0.0:
         return rate
     rows, cols = rate.shape
@@ -58,9 +88,26 @@ def with_echoes(
 
     Parameters
     ----------
-    skew_ps : (pixels,), the pixels' own delays, ps.
-    one_per_frame : of photons that meet in one pixel and frame the first is kept; which of them
-        that is was decided among the many laser periods of a frame, by chance.
+    photons : tuple of array of int
+        Pixel, code and frame of each recorded photon.
+    probability : float
+        Chance that a photon fires one of the four neighbours.
+    clock : TrueClock
+        Reads causes and echoes.
+    skew_ps : array of float, shape (pixels,)
+        The pixels' own delays, ps.
+    shape : (int, int)
+        (rows, cols) of the array.
+    one_per_frame : bool
+        Of photons that meet in one pixel and frame the first is kept; which of them that is was
+        decided among the many laser periods of a frame, by chance.
+    rng : Generator
+        Stream of the crosstalk.
+
+    Returns
+    -------
+    tuple of array of int
+        Pixel, code and frame of each photon.
     """
     pixel, code, frame = photons
     causes = np.flatnonzero(rng.random(len(pixel)) < probability)
@@ -74,6 +121,7 @@ def with_echoes(
     code = np.concatenate((code, read[seen]))
     frame = np.concatenate((frame, frame[causes][seen]))
     if one_per_frame:
+        # `np.unique` keeps the first of equals: in a random order, a random one.
         by_chance = rng.permutation(len(pixel))
         place = (frame * (shape[0] * shape[1]) + pixel)[by_chance]
         first = by_chance[np.unique(place, return_index=True)[1]]

@@ -40,25 +40,35 @@ _SHARES = (
 
 @dataclass(frozen=True, eq=False)
 class PixelDefects:
-    """What each pixel of one array is; every array (rows, cols)."""
+    """What each pixel of one array is; every array (rows, cols).
+
+    Attributes
+    ----------
+    gain : array of float
+        Width of the pixel's plateau code over that of the camera.
+    phases : array of float, shape (rows, cols, n_phases)
+        Relative widths of the codes modulo n_phases; mean 1.
+    skew_ps : array of float
+        The pixel's own delay: what it adds to every arrival time, ps.
+    efficiency : array of float
+        Relative sensitivity; the best pixel has 1, a dead one 0.
+    dark_rate_hz : array of float
+        Dark counts per second, before any is lost; ps-uniform.
+    screaming : array of bool
+        True for pixels that fire in most frames, light or no light.
+    """
 
     gain: Floats
-    """Width of the pixel's plateau code over that of the camera."""
 
     phases: Floats
-    """(rows, cols, n_phases), relative widths of the codes modulo n_phases; mean 1."""
 
     skew_ps: Floats
-    """The pixel's own delay: what it adds to every arrival time, ps."""
 
     efficiency: Floats
-    """Relative sensitivity; the best pixel has 1, a dead one 0."""
 
     dark_rate_hz: Floats
-    """Dark counts per second, before any is lost; ps-uniform."""
 
     screaming: NDArray[np.bool_]
-    """True for pixels that fire in most frames, light or no light."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,134 +76,175 @@ class Detector:
     """A SPAD array (or streak camera) with its lens blur and its clock.
 
     The defaults describe a clean clock of 55 ps codes; see `presets` for real cameras.
+
+    Attributes
+    ----------
+    seed : int
+        Which camera of its kind: decides all random defects of the pixels.
+    psf_std_px : float
+        Standard deviation of the lens blur (Gaussian), pixel.
+    active_width_px : float
+        Width of a pixel's square active area over the pitch (PF32: 6.1 of 50 um, 1.5 %).
+    efficiency_rms : float
+        Relative spread of the pixels' sensitivity. 0: all alike.
+    dead_pixel_fraction : float
+        Share of pixels that never see light.
+    n_codes : int
+        Number of TDC codes.
+    bin_width_ps : float
+        Nominal width of a code, as the data sheet says and recordings carry it; ps.
+    code_width_ps : float or None
+        True mean width of a plateau code, ps. None: nominal.
+    laser_period_ps : float or None
+        Period of the laser, ps. None: a single sweep (streak camera).
+    reversed_codes : bool
+        True: photon starts, sync stops; a larger code is an earlier photon.
+    first_edge_ps : float
+        Interval at which the clock's first code starts, ps (the gate of a gated camera).
+    no_photon_code : int or None
+        Code written for "no photon in this frame". None: only photons are written.
+    first_live_code : int
+        Codes below never occur.
+    start_code_widths : tuple of float
+        Relative widths of the first live codes (PF32: the first is 1.8 codes wide).
+    dead_time_is_lost : bool
+        True: photons in the time of the dead codes are lost. False: live codes absorb it.
+    gain_rms : float
+        Relative spread of the pixels' code width. 0: all alike.
+    phase_pattern : tuple of float
+        Differential non-linearity shared by all pixels: relative widths of the codes modulo the
+        length of this tuple; scaled to mean 1.
+    phase_rms : float
+        Relative spread of a pixel's own widths about the pattern. 0: the pattern alone. A pattern
+        of one width has no phases to spread.
+    skew_range_ps : float
+        Pixel delays are uniform in +- this, ps. 0: none.
+    drift_ps : float
+        Change of all delays from the start of a recording to its end (linear, mean 0), ps.
+    response_fwhm_ps : float
+        Full width at half maximum of the detector's jitter (Gaussian), ps.
+    response_tail_fraction : float
+        Share of photons that are late by an exponential time (diffusion tail).
+    response_tail_ps : float
+        Mean of that exponential, ps.
+    trigger_jitter_fwhm_ps : float
+        Jitter of the laser trigger against the light (Gaussian), ps.
+    periods_per_frame : int or None
+        Laser periods in one frame. None: the detector has no frames.
+    first_photon_only : bool
+        True: a pixel records only the first photon of each frame.
+    dark_rate_hz : float
+        Median dark count rate of a pixel, 1/s.
+    dark_rate_spread : float
+        Spread of ln(dark rate) between pixels (log-normal).
+    screaming_fraction : float
+        Share of pixels that scream; the number is rounded, the places random.
+    screaming_occupancy : (float, float)
+        Least and greatest share of frames in which a screaming pixel fires.
+    crosstalk_probability : float
+        Chance that a detected photon fires one of the four neighbours at the same moment.
+    afterpulse_probability : float
+        Chance that a detection is followed by another in the same pixel.
+    afterpulse_time_ps : float
+        Mean delay of an afterpulse (exponential), ps. With `first_photon_only` an afterpulse falls
+        into its parent's frame and is never recorded.
+    gain_map : ArrayLike or None
+        (rows, cols), takes the place of `gain_rms`.
+    phase_map : ArrayLike or None
+        (rows, cols, n_phases), takes the place of `phase_pattern` and `phase_rms`.
+    skew_map_ps : ArrayLike or None
+        (rows, cols), ps, takes the place of `skew_range_ps`.
+    screaming_map : ArrayLike or None
+        (rows, cols) of bool, takes the place of `screaming_fraction`.
+    efficiency_map : ArrayLike or None
+        (rows, cols), relative sensitivities, in place of `efficiency_rms` and dead pixels.
     """
 
     seed: int = 0
-    """Which camera of its kind: decides all random defects of the pixels."""
 
     # --- catching light ---
 
     psf_std_px: float = 0.35
-    """Standard deviation of the lens blur (Gaussian), pixel."""
 
     active_width_px: float = 6.1 / 50.0
-    """Width of a pixel's square active area over the pitch (PF32: 6.1 of 50 um, 1.5 %)."""
 
     efficiency_rms: float = 0.0
-    """Relative spread of the pixels' sensitivity. 0: all alike."""
 
     dead_pixel_fraction: float = 0.0
-    """Share of pixels that never see light."""
 
     # --- the clock ---
 
     n_codes: int = 909
-    """Number of TDC codes."""
 
     bin_width_ps: float = 55.0
-    """Nominal width of a code, as the data sheet says and recordings carry it; ps."""
 
     code_width_ps: float | None = None
-    """True mean width of a plateau code, ps. None: nominal."""
 
     laser_period_ps: float | None = 50_000.0
-    """Period of the laser, ps. None: a single sweep (streak camera)."""
 
     reversed_codes: bool = False
-    """True: photon starts, sync stops; a larger code is an earlier photon."""
 
     first_edge_ps: float = 0.0
-    """Interval at which the clock's first code starts, ps (the gate of a gated camera)."""
 
     no_photon_code: int | None = None
-    """Code written for "no photon in this frame". None: only photons are written."""
 
     first_live_code: int = 0
-    """Codes below never occur."""
 
     start_code_widths: tuple[float, ...] = ()
-    """Relative widths of the first live codes (PF32: the first is 1.8 codes wide)."""
 
     dead_time_is_lost: bool = False
-    """True: photons in the time of the dead codes are lost. False: live codes absorb it."""
 
     gain_rms: float = 0.0
-    """Relative spread of the pixels' code width. 0: all alike."""
 
     phase_pattern: tuple[float, ...] = (1.0,)
-    """Differential non-linearity shared by all pixels: relative widths of the codes modulo the
-    length of this tuple; scaled to mean 1."""
 
     phase_rms: float = 0.0
-    """Relative spread of a pixel's own widths about the pattern. 0: the pattern alone. A pattern
-    of one width has no phases to spread."""
 
     skew_range_ps: float = 0.0
-    """Pixel delays are uniform in +- this, ps. 0: none."""
 
     drift_ps: float = 0.0
-    """Change of all delays from the start of a recording to its end (linear, mean 0), ps."""
 
     # --- response ---
 
     response_fwhm_ps: float = 150.0
-    """Full width at half maximum of the detector's jitter (Gaussian), ps."""
 
     response_tail_fraction: float = 0.0
-    """Share of photons that are late by an exponential time (diffusion tail)."""
 
     response_tail_ps: float = 0.0
-    """Mean of that exponential, ps."""
 
     trigger_jitter_fwhm_ps: float = 0.0
-    """Jitter of the laser trigger against the light (Gaussian), ps."""
 
     # --- counts that are not signal, and lost counts ---
 
     periods_per_frame: int | None = None
-    """Laser periods in one frame. None: the detector has no frames."""
 
     first_photon_only: bool = False
-    """True: a pixel records only the first photon of each frame."""
 
     dark_rate_hz: float = 0.0
-    """Median dark count rate of a pixel, 1/s."""
 
     dark_rate_spread: float = 0.0
-    """Spread of ln(dark rate) between pixels (log-normal)."""
 
     screaming_fraction: float = 0.0
-    """Share of pixels that scream; the number is rounded, the places random."""
 
     screaming_occupancy: tuple[float, float] = (0.6, 1.0)
-    """Least and greatest share of frames in which a screaming pixel fires."""
 
     crosstalk_probability: float = 0.0
-    """Chance that a detected photon fires one of the four neighbours at the same moment."""
 
     afterpulse_probability: float = 0.0
-    """Chance that a detection is followed by another in the same pixel."""
 
     afterpulse_time_ps: float = 30_000.0
-    """Mean delay of an afterpulse (exponential), ps. With `first_photon_only` an afterpulse
-    falls into its parent's frame and is never recorded."""
 
     # --- measured maps in place of drawn ones ---
 
     gain_map: ArrayLike | None = field(default=None, repr=False)
-    """(rows, cols), takes the place of `gain_rms`."""
 
     phase_map: ArrayLike | None = field(default=None, repr=False)
-    """(rows, cols, n_phases), takes the place of `phase_pattern` and `phase_rms`."""
 
     skew_map_ps: ArrayLike | None = field(default=None, repr=False)
-    """(rows, cols), ps, takes the place of `skew_range_ps`."""
 
     screaming_map: ArrayLike | None = field(default=None, repr=False)
-    """(rows, cols) of bool, takes the place of `screaming_fraction`."""
 
     efficiency_map: ArrayLike | None = field(default=None, repr=False)
-    """(rows, cols), relative sensitivities, in place of `efficiency_rms` and dead pixels."""
 
     def __post_init__(self) -> None:
         Streams(self.seed)
@@ -231,7 +282,23 @@ class Detector:
         return self.response_tail_fraction * self.response_tail_ps
 
     def pixels(self, shape: tuple[int, int]) -> PixelDefects:
-        """The defects of every pixel of an array of this shape; the same at every call."""
+        """The defects of every pixel of an array of this shape; the same at every call.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            (rows, cols).
+
+        Returns
+        -------
+        PixelDefects
+            Drawn from `seed`, or as the maps say.
+
+        Raises
+        ------
+        ValueError
+            Where a map is of another shape, or holds what it must not.
+        """
         streams = Streams(self.seed)
         dark_rate_hz, screaming = _dark(self, shape, streams)
         return PixelDefects(
@@ -244,7 +311,18 @@ class Detector:
         )
 
     def clock(self, shape: tuple[int, int]) -> TrueClock:
-        """The true clock of every pixel of an array of this shape."""
+        """The true clock of every pixel of an array of this shape.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            (rows, cols).
+
+        Returns
+        -------
+        TrueClock
+            Its pixels are numbered row by row.
+        """
         defects = self.pixels(shape)
         n_pixels = shape[0] * shape[1]
         return TrueClock(
@@ -260,10 +338,18 @@ class Detector:
         )
 
     def true_code_intervals_ps(self, shape: tuple[int, int]) -> tuple[Floats, Floats]:
-        """True delay interval of every code: (lower, upper), each (rows, cols, codes), ps.
+        """True delay interval of every code.
 
-        Delays are after the laser sync and include the pixel's own delay; not folded. Dead codes
-        and codes beyond the end of the period have zero width.
+        Parameters
+        ----------
+        shape : (int, int)
+            (rows, cols).
+
+        Returns
+        -------
+        lower, upper : array of float, shape (rows, cols, codes)
+            Delay after the laser sync, the pixel's own delay in it, not folded, ps. Dead codes and
+            codes beyond the end of the period have zero width.
         """
         lower, upper = self.clock(shape).intervals_ps(np.arange(shape[0] * shape[1]))
         return lower.reshape(*shape, -1), upper.reshape(*shape, -1)
@@ -321,6 +407,7 @@ def _efficiency(detector: Detector, shape: tuple[int, int], streams: Streams) ->
             raise ValueError("efficiency_map must be >= 0, and above 0 somewhere")
         return np.asarray(efficiency / efficiency.max())
     spread = streams.generator("sensitivity").standard_normal(shape)
+    # Never blind by chance: dead pixels are a defect of their own.
     efficiency = np.maximum(1.0 + detector.efficiency_rms * spread, 0.05)
     n_dead = round(detector.dead_pixel_fraction * efficiency.size)
     dead = streams.generator("dead").permutation(efficiency.size)[:n_dead]
@@ -349,6 +436,7 @@ def _dark(
         low, high = detector.screaming_occupancy
         occupancy = np.minimum(high - (high - low) * quietness, _FULLEST_OCCUPANCY).reshape(shape)
         assert detector.frame_duration_s is not None
+        # The rate of which this share of frames holds at least one count.
         rate[screaming] = -np.log1p(-occupancy[screaming]) / detector.frame_duration_s
     return rate, screaming
 

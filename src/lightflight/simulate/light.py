@@ -41,28 +41,42 @@ _BEAM_REACH_STD = 6.0
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Short straight pieces of the path that the camera may see; every array (n,)."""
+    """Short straight pieces of the path that the camera may see; every array (n,).
+
+    Attributes
+    ----------
+    leg : array of int
+        Leg the segment belongs to.
+    length_mm : array of float
+        Path length at its middle, mm.
+    size_mm : array of float
+        Its length, mm.
+    strength : array of float
+        Light sent towards the camera, relative, before blur and pixels.
+    row : array of float
+        Image of its start, pixel.
+    row_step : array of float
+        Change of `row` to its end.
+    col : array of float
+        Image of its start, pixel.
+    col_step : array of float
+        Change of `col` to its end.
+    arrival_ps : array of float
+        Arrival time of light from its start, ps.
+    arrival_step_ps : array of float
+        Change of `arrival_ps` to its end.
+    """
 
     leg: Ints
-    """Leg the segment belongs to."""
     length_mm: Floats
-    """Path length at its middle, mm."""
     size_mm: Floats
-    """Its length, mm."""
     strength: Floats
-    """Light sent towards the camera, relative, before blur and pixels."""
     row: Floats
-    """Image of its start, pixel."""
     row_step: Floats
-    """Change of `row` to its end."""
     col: Floats
-    """Image of its start, pixel."""
     col_step: Floats
-    """Change of `col` to its end."""
     arrival_ps: Floats
-    """Arrival time of light from its start, ps."""
     arrival_step_ps: Floats
-    """Change of `arrival_ps` to its end."""
 
     def __len__(self) -> int:
         return len(self.leg)
@@ -70,17 +84,35 @@ class Segments:
 
 @dataclass(frozen=True, eq=False)
 class ExpectedLight:
-    """Mean of the light caught, per leg; relative until scaled."""
+    """Mean of the light caught, per leg; relative until scaled.
+
+    Attributes
+    ----------
+    counts : array of float, shape (legs, rows, cols)
+        Signal.
+    mean_arrival_ps : array of float, shape (legs, rows, cols)
+        Signal-weighted mean arrival time, without the pixel's own delay, ps; NaN where no light
+        falls.
+    """
 
     counts: Floats
-    """(legs, rows, cols), signal."""
     mean_arrival_ps: Floats
-    """(legs, rows, cols), signal-weighted mean arrival time, without the pixel's own delay, ps;
-    NaN where no light falls."""
 
 
 def beam_frame(direction: Floats) -> tuple[Floats, Floats]:
-    """Two unit vectors across a direction of flight."""
+    """Two unit vectors across a direction of flight.
+
+    Parameters
+    ----------
+    direction : array of float, shape (3,)
+        Unit vector d.
+
+    Returns
+    -------
+    first, second : array of float, shape (3,)
+        Normal to d and to each other.
+    """
+    # The axis farthest from the direction: the cross product is then never short.
     other = np.eye(3)[int(np.argmin(np.abs(direction)))]
     first = np.cross(direction, other)
     first /= np.linalg.norm(first)
@@ -88,7 +120,18 @@ def beam_frame(direction: Floats) -> tuple[Floats, Floats]:
 
 
 def beam_std_mm(scene: Scene) -> float:
-    """Standard deviation of the beam across its direction: a quarter of its 1/e^2 diameter, mm."""
+    """Standard deviation of the beam across its direction.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its `beam_diameter_mm` counts.
+
+    Returns
+    -------
+    float
+        A quarter of the 1/e^2 diameter: exp(-r^2 / 2 s^2) is 1/e^2 at r = 2 s; mm.
+    """
     return scene.beam_diameter_mm / 4.0
 
 
@@ -107,6 +150,7 @@ def _edges_of_leg(scene: Scene, start: Floats, end: Floats) -> Floats:
     near = near[1:] | near[:-1]
     # the longest image of one coarse step decides: segments stay even along a leg
     longest = float(np.nanmax(steps[near], initial=0.0)) * (len(coarse) - 1)
+    # A sharp spot falls off within a small part of a pixel: segments must be finer still.
     per_pixel = _SEGMENTS_PER_PIXEL * max(1.0, 0.2 / scene.detector.psf_std_px)
     wanted = max(longest * per_pixel, length / _LONGEST_SEGMENT_MM, 16.0)
     return np.linspace(0.0, length, int(min(np.ceil(wanted), _MOST_SEGMENTS_PER_LEG)) + 1)
@@ -156,6 +200,16 @@ def segments_from_scene(scene: Scene) -> Segments:
 
     Within a segment (at most 1/64 pixel and 0.5 mm) position in the picture and arrival time are
     linear, and strength and catch constant: 1e-5 ps and 1e-3 of the blur from the exact path.
+
+    Parameters
+    ----------
+    scene : Scene
+        Path, camera and air.
+
+    Returns
+    -------
+    Segments
+        In the order of the path; none where the camera sees nothing.
     """
     vertices, starts = np.asarray(scene.vertices_mm), scene.leg_starts_mm
     parts: list[tuple[Floats, ...]] = []
@@ -239,14 +293,40 @@ def _middles(scene: Scene, segments: Segments, first: float, second: float) -> t
 
 
 def leg_frames(scene: Scene) -> tuple[Floats, Floats]:
-    """Unit vectors across each leg: two arrays (legs, 3)."""
+    """Unit vectors across each leg.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its vertices count.
+
+    Returns
+    -------
+    first, second : array of float, shape (legs, 3)
+        See `beam_frame`.
+    """
     steps = np.diff(np.asarray(scene.vertices_mm), axis=0)
     frames = [beam_frame(step / np.linalg.norm(step)) for step in steps]
     return np.array([a for a, _ in frames]), np.array([b for _, b in frames])
 
 
 def points_on_path(scene: Scene, leg: Ints, length_mm: Floats) -> Floats:
-    """Positions at path lengths on given legs; (n, 3), mm."""
+    """Positions at path lengths on given legs.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its vertices count.
+    leg : array of int, shape (n,)
+        Leg of each point.
+    length_mm : array of float, shape (n,)
+        Path length from the first vertex, mm.
+
+    Returns
+    -------
+    array of float, shape (n, 3)
+        World, mm.
+    """
     vertices, starts = np.asarray(scene.vertices_mm), scene.leg_starts_mm
     steps = np.diff(vertices, axis=0)
     directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
@@ -259,7 +339,17 @@ def expected_light(scene: Scene, segments: Segments, efficiency: Floats) -> Expe
 
     Parameters
     ----------
-    efficiency : (rows, cols), relative sensitivity of each pixel.
+    scene : Scene
+        Camera, detector and beam.
+    segments : Segments
+        From `segments_from_scene`.
+    efficiency : array of float, shape (rows, cols)
+        Relative sensitivity of each pixel.
+
+    Returns
+    -------
+    ExpectedLight
+        Relative counts, and true mean arrival times.
 
     Raises
     ------
@@ -281,6 +371,7 @@ def expected_light(scene: Scene, segments: Segments, efficiency: Floats) -> Expe
         place = segments.leg[:, None, None] * n_pixels
         place = place + near_row[:, :, None] * cols + near_col[:, None, :]
         counts += np.bincount(place.ravel(), share.ravel(), minlength=size)
+        # Times about the emission: sums of products keep their digits.
         share *= (arrival - reference)[:, None, None]
         moment += np.bincount(place.ravel(), share.ravel(), minlength=size)
     lit = counts > 0
@@ -299,10 +390,21 @@ def expected_light(scene: Scene, segments: Segments, efficiency: Floats) -> Expe
 
 
 def caught_strength(scene: Scene, segments: Segments, catch: Catch) -> Floats:
-    """Light of each segment from which photons are drawn, relative; (n,).
+    """Light of each segment from which photons are drawn, relative.
 
-    For a line this is what the pixels catch; for a beam with a diameter an upper bound, since a
-    photon's place in the beam decides (`photons.py` then keeps the right share).
+    Parameters
+    ----------
+    scene : Scene
+        Camera and beam.
+    segments : Segments
+        From `segments_from_scene`.
+    catch : Catch
+        Blur and active area of the pixels.
+
+    Returns
+    -------
+    array of float, shape (n,)
+        In the unit of `Segments.strength` times mm.
     """
     light = segments.strength * segments.size_mm
     if beam_std_mm(scene) > 0.0:

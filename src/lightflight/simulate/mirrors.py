@@ -32,16 +32,23 @@ def _unit(name: str, vector: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Mirror:
-    """A plane mirror that reflects on both sides."""
+    """A plane mirror that reflects on both sides.
+
+    Attributes
+    ----------
+    point_mm : ArrayLike
+        (3,), its centre, world, mm.
+    normal : ArrayLike
+        (3,), direction across its surface; of any length, to either side.
+    diameter_mm : float or None
+        Size of its round face, mm. None: it has no rim.
+    """
 
     point_mm: ArrayLike
-    """(3,), its centre, world, mm."""
 
     normal: ArrayLike
-    """(3,), direction across its surface; of any length, to either side."""
 
     diameter_mm: float | None = None
-    """Size of its round face, mm. None: it has no rim."""
 
     def __post_init__(self) -> None:
         _unit("normal", self.normal)
@@ -52,10 +59,24 @@ class Mirror:
             raise ValueError(f"diameter_mm must be positive, got {self.diameter_mm}")
 
     def distance_mm(self, start_mm: Floats, direction: Floats) -> float:
-        """How far along a ray the mirror is hit, mm; inf where the ray misses it."""
+        """How far along a ray the mirror is hit.
+
+        Parameters
+        ----------
+        start_mm : array of float, shape (3,)
+            Where the ray starts, world, mm.
+        direction : array of float, shape (3,)
+            Unit vector along it.
+
+        Returns
+        -------
+        float
+            mm; inf where the ray misses the mirror, or starts on it.
+        """
         normal = _unit("normal", self.normal)
         center = np.asarray(self.point_mm, dtype=float)
         approach = float(direction @ normal)
+        # Along the surface: the ray never comes nearer.
         if abs(approach) < 1e-12:
             return math.inf
         distance = float((center - start_mm) @ normal) / approach
@@ -68,7 +89,25 @@ class Mirror:
 
 
 def reflected(direction: ArrayLike, normal: ArrayLike) -> Floats:
-    """Direction after a mirror: d - 2 (d.n) n; (3,)."""
+    """Direction after a mirror: d - 2 (d.n) n.
+
+    Parameters
+    ----------
+    direction : array-like, shape (3,)
+        d, before the mirror.
+    normal : array-like, shape (3,)
+        Along n, of any length, to either side.
+
+    Returns
+    -------
+    array of float, shape (3,)
+        As long as `direction`.
+
+    Examples
+    --------
+    >>> reflected((1.0, 2.0, 0.0), (1.0, 0.0, 0.0))
+    array([-1.,  2.,  0.])
+    """
     d, n = np.asarray(direction, dtype=float), _unit("normal", normal)
     return np.asarray(d - 2.0 * (d @ n) * n)
 
@@ -81,18 +120,25 @@ def vertices_from_mirrors(
     exit_length_mm: float,
     most_reflections: int = 100,
 ) -> Floats:
-    """Vertices of a pulse's path: source, a corner on every mirror it meets, end; (m, 3), mm.
-
-    At every corner the nearest mirror in the way is next, so a pulse may meet the same mirror
-    many times (a cavity).
+    """Vertices of a pulse's path: source, a corner on every mirror it meets, end.
 
     Parameters
     ----------
-    source_mm : (3,), where the pulse starts, world, mm.
-    direction : (3,), in which it starts; of any length.
-    mirrors : in any order.
-    exit_length_mm : length of the last leg, mm: after the last mirror, or after
-        `most_reflections`.
+    source_mm : array-like, shape (3,)
+        Where the pulse starts, world, mm.
+    direction : array-like, shape (3,)
+        In which it starts; of any length.
+    mirrors : sequence of Mirror
+        In any order.
+    exit_length_mm : float
+        Length of the last leg, mm: after the last mirror, or after `most_reflections`.
+    most_reflections : int, optional
+        Where a cavity lets the pulse go.
+
+    Returns
+    -------
+    array of float, shape (m, 3)
+        World, mm.
 
     Raises
     ------
@@ -130,10 +176,22 @@ def dust(
 
     Parameters
     ----------
-    seed : decides the pattern.
-    contrast : standard deviation of the logarithm.
-    correlation_mm : path length over which the brightness stays alike (one sigma of the
-        correlation), mm.
+    seed : int
+        Decides the pattern.
+    contrast : float, optional
+        Standard deviation of the logarithm.
+    correlation_mm : float, optional
+        Path length over which the brightness stays alike (one sigma of the correlation), mm.
+
+    Returns
+    -------
+    callable
+        Relative strength from path length (mm, array in and out), for `Scene.brightness`.
+
+    Raises
+    ------
+    ValueError
+        For a negative contrast, or a correlation that is not positive.
     """
     if not (contrast >= 0 and correlation_mm > 0):
         raise ValueError(

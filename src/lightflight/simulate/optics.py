@@ -30,13 +30,19 @@ _TABLE_STEPS = 4096
 
 @dataclass(frozen=True)
 class Catch:
-    """Blur and active area of one kind of pixel."""
+    """Blur and active area of one kind of pixel.
+
+    Attributes
+    ----------
+    psf_std_px : float
+        Standard deviation of the lens blur, pixel.
+    active_width_px : float
+        Width of the square active area, pixel (1: no gaps).
+    """
 
     psf_std_px: float
-    """Standard deviation of the lens blur, pixel."""
 
     active_width_px: float
-    """Width of the square active area, pixel (1: no gaps)."""
 
     @property
     def reach_px(self) -> int:
@@ -45,7 +51,23 @@ class Catch:
         return max(1, math.ceil(reach))
 
     def probability(self, distance_px: ArrayLike) -> Floats:
-        """P(d): share of the light of a point `d` pixels from a pixel's centre, along one axis."""
+        """P(d): share of the light of a point that a pixel catches, along one axis.
+
+        Parameters
+        ----------
+        distance_px : array-like, shape (...)
+            d, from the pixel's centre to the point, pixel.
+
+        Returns
+        -------
+        array of float, shape (...)
+            0 to 1.
+
+        Examples
+        --------
+        >>> Catch(psf_std_px=0.1, active_width_px=1.0).probability([0.0, 0.5, 1.0]).round(3)
+        array([1. , 0.5, 0. ])
+        """
         d = np.abs(np.asarray(distance_px, dtype=float))
         half = 0.5 * self.active_width_px
         # of the two equal forms, the one whose terms are small far out keeps its digits
@@ -53,9 +75,21 @@ class Catch:
         return share
 
     def neighbours(self, position_px: Floats, n_pixels: int) -> tuple[NDArray[np.int64], Floats]:
-        """The pixels near each position and what they catch; both (n, 2 reach + 1).
+        """The pixels near each position, and what they catch of its light.
 
-        Pixels outside the array are clipped to its rim and catch nothing.
+        Parameters
+        ----------
+        position_px : array of float, shape (n,)
+            Image of a point along one axis, pixel.
+        n_pixels : int
+            Pixels along the axis.
+
+        Returns
+        -------
+        pixel : array of int, shape (n, 2 reach + 1)
+            Clipped to the rim of the array.
+        share : array of float, shape (n, 2 reach + 1)
+            See `probability`; 0 for pixels outside the array.
         """
         nearest = np.rint(position_px).astype(np.int64)
         offsets = np.arange(-self.reach_px, self.reach_px + 1)
@@ -65,7 +99,20 @@ class Catch:
         return np.clip(pixel, 0, n_pixels - 1), share
 
     def caught_fraction(self, position_px: ArrayLike, n_pixels: int) -> Floats:
-        """Share of the light that any of `n_pixels` in a line catches; (n,); 0 where NaN."""
+        """Share of the light of a point that any pixel in a line catches.
+
+        Parameters
+        ----------
+        position_px : array-like, shape (n,)
+            Image of the point along one axis, pixel.
+        n_pixels : int
+            Pixels along the axis.
+
+        Returns
+        -------
+        array of float, shape (n,)
+            0 where the position is NaN.
+        """
         position = np.asarray(position_px, dtype=float)
         total = np.zeros(position.shape)
         margin = self.reach_px + 0.5
@@ -83,7 +130,13 @@ class Catch:
         return float(total.max()) * (1.0 + 1e-4)
 
     def choice_table(self) -> Floats:
-        """(steps, 2 reach + 2): running sums of P over the offsets, per position in a pixel."""
+        """What `draw_pixels` looks a photon's pixel up in.
+
+        Returns
+        -------
+        array of float, shape (4096, 2 reach + 2)
+            Running sums of P over the offsets, per position within a pixel.
+        """
         fraction = (np.arange(_TABLE_STEPS) + 0.5) / _TABLE_STEPS - 0.5
         offsets = np.arange(-self.reach_px, self.reach_px + 1)
         share = self.probability(fraction[:, np.newaxis] - offsets)
@@ -92,13 +145,23 @@ class Catch:
     def draw_pixels(
         self, position_px: Floats, n_pixels: int, *, table: Floats, uniform: Floats
     ) -> NDArray[np.int64]:
-        """The pixel that caught each photon, given that one of `n_pixels` did; (n,).
+        """The pixel that caught each photon, given that one of them did.
 
         Parameters
         ----------
-        position_px : (n,), image of the photon's origin along one axis, pixel.
-        table : from `choice_table`.
-        uniform : (n,), random numbers in [0, 1).
+        position_px : array of float, shape (n,)
+            Image of the photon's origin along one axis, pixel.
+        n_pixels : int
+            Pixels along the axis.
+        table : array of float
+            From `choice_table`.
+        uniform : array of float, shape (n,)
+            Random numbers in [0, 1).
+
+        Returns
+        -------
+        array of int, shape (n,)
+            Along the axis.
         """
         reach = self.reach_px
         nearest = np.floor(position_px + 0.5)

@@ -39,7 +39,29 @@ _MOST_THREADS = 8
 
 @dataclass(frozen=True, eq=False)
 class Shower:
-    """Everything that a chunk of photons is drawn from."""
+    """Everything that a chunk of photons is drawn from.
+
+    Attributes
+    ----------
+    scene : Scene
+        What is there, what looks on and what catches the light.
+    segments : Segments
+        The path in short pieces.
+    defects : PixelDefects
+        What each pixel of the scene's camera is.
+    clock : TrueClock
+        Reads photons; its pixels are numbered row by row.
+    streams : Streams
+        Random streams of the recording.
+    catch : Catch
+        Blur and active area of the pixels.
+    choice : array of float
+        From `Catch.choice_table`.
+    block : int
+        Number of the part of the recording.
+    span : (float, float)
+        The part of the recording, as shares of its length (for the drift).
+    """
 
     scene: Scene
     segments: Segments
@@ -48,20 +70,26 @@ class Shower:
     streams: Streams
     catch: Catch
     choice: Floats
-    """From `Catch.choice_table`."""
     block: int = 0
-    """Number of the part of the recording."""
     span: tuple[float, float] = (0.0, 1.0)
-    """The part of the recording, as shares of its length (for the drift)."""
 
 
 def signal_counts(shower: Shower, scale: float, *, threads: int | None = None) -> Ints:
-    """Signal per pixel and code; (pixels, codes + 1), the last column holds photons with no code.
+    """Signal per pixel and code.
 
     Parameters
     ----------
-    scale : expected counts per unit of relative light.
-    threads : how many; the result does not depend on it. None: as many as there are processors.
+    shower : Shower
+        What photons are drawn from.
+    scale : float
+        Expected counts per unit of relative light.
+    threads : int, optional
+        How many; the result does not depend on it. None: as many as there are processors.
+
+    Returns
+    -------
+    array of int, shape (pixels, codes + 1)
+        The last column holds photons with no code.
     """
     n_slots = shower.clock.n_codes + 1
     counts = np.zeros(shower.defects.skew_ps.size * n_slots, dtype=np.int64)
@@ -107,7 +135,7 @@ def _draw_chunk(shower: Shower, chunk: int, segment: Ints) -> Ints:
     arrival = arrival + delay_noise(
         shower.scene.detector, shower.scene.pulse_fwhm_ps, shower.streams, key, len(pixel)
     )
-    pixel, arrival = _with_echoes(shower, key, pixel, arrival)
+    pixel, arrival = _echoes_of_shower(shower, key, pixel, arrival)
     delay = arrival + shower.defects.skew_ps.ravel()[pixel]
     if shower.scene.detector.drift_ps:
         low, high = shower.span
@@ -149,6 +177,7 @@ def _emitted_from_beam(
     row, col = scene.camera.pixels_from_points(points)
     caught = shower.catch.caught_fraction(row, scene.shape[0])
     caught *= shower.catch.caught_fraction(col, scene.shape[1])
+    # Drawn from an upper bound: this share of them was caught indeed.
     kept = rng.random(len(segment)) * shower.catch.most_caught**2 < caught
     flight = scene.medium.path_group_index * length[kept] / SPEED_OF_LIGHT_MM_PER_PS
     arrival = arrival_time_from_event(
@@ -173,7 +202,26 @@ def _caught(shower: Shower, key: tuple[int, int], row: Floats, col: Floats) -> I
 def delay_noise(
     detector: Detector, pulse_fwhm_ps: float, streams: Streams, key: tuple[int, int], n: int
 ) -> Floats:
-    """What pulse, trigger and response add to each photon's arrival time; (n,), ps."""
+    """What pulse, trigger and response add to each photon's arrival time.
+
+    Parameters
+    ----------
+    detector : Detector
+        Trigger jitter, response and its tail.
+    pulse_fwhm_ps : float
+        Full width at half maximum of the laser pulse, ps.
+    streams : Streams
+        Random streams of the recording.
+    key : (int, int)
+        Number of the part of the recording, and of the chunk.
+    n : int
+        Photons.
+
+    Returns
+    -------
+    array of float, shape (n,)
+        ps; its mean is `detector.response_mean_ps`.
+    """
     noise = np.zeros(n)
     widths = {
         "pulse": pulse_fwhm_ps,
@@ -192,7 +240,7 @@ def delay_noise(
     return noise
 
 
-def _with_echoes(
+def _echoes_of_shower(
     shower: Shower, key: tuple[int, int], pixel: Ints, arrival: Floats
 ) -> tuple[Ints, Floats]:
     """The photons, followed by the crosstalk and the afterpulses they cause."""
@@ -200,11 +248,13 @@ def _with_echoes(
     if detector.crosstalk_probability > 0:
         rng = shower.streams.generator("crosstalk", *key)
         causes = np.flatnonzero(rng.random(len(pixel)) < detector.crosstalk_probability)
+        # The echo takes its cause's moment, and its own pixel's delay and clock.
         neighbour, inside = neighbours_of(
             pixel[causes], rng.integers(0, 4, len(causes)), shower.scene.shape
         )
         pixel = np.concatenate((pixel, neighbour[inside]))
         arrival = np.concatenate((arrival, arrival[causes][inside]))
+    # An afterpulse falls into its parent's frame, whose first photon is its parent.
     if detector.afterpulse_probability > 0 and not detector.first_photon_only:
         rng = shower.streams.generator("afterpulse", *key)
         causes = np.flatnonzero(rng.random(len(pixel)) < detector.afterpulse_probability)

@@ -29,20 +29,41 @@ _SPARSE = 0.05
 
 @dataclass(frozen=True)
 class Exposure:
-    """How long, and in how many frames, light was collected."""
+    """How long, and in how many frames, light was collected.
+
+    Attributes
+    ----------
+    n_frames : int or None
+        Frames; None: no frames.
+    first_photon_only : bool
+        True: at most one photon per pixel and frame.
+    """
 
     n_frames: int | None
-    """Frames; None: no frames."""
     first_photon_only: bool
-    """True: at most one photon per pixel and frame."""
 
 
 def occupied_frames(photons: Ints, n_frames: int, rng: np.random.Generator) -> Ints:
-    """Frames that hold at least one of `photons` thrown into `n_frames` at random; (pixels,).
+    """Frames that hold at least one of some photons thrown into them at random.
 
-    Few photons in few frames are thrown one by one. Otherwise the law is replaced by one of the
-    same mean: the number of photons lost is Poisson where it is small (its variance then is
-    right to 7 %), the number of frames Gaussian with the exact variance where it is not.
+    Parameters
+    ----------
+    photons : array of int, shape (pixels,)
+        m, photons that fall on each pixel.
+    n_frames : int
+        n, frames they fall into.
+    rng : Generator
+        Stream of the occupancy.
+
+    Returns
+    -------
+    array of int, shape (pixels,)
+        At most m and n.
+
+    Notes
+    -----
+    Its mean is n (1 - (1 - 1/n)^m), its variance, for large n, n e^-r (1 - (1 + r) e^-r) with r = m
+    / n (the occupancy problem).
     """
     m, n = photons.astype(float), float(n_frames)
     filled = n * -np.expm1(m * np.log1p(-1.0 / n)) if n > 1 else np.minimum(m, 1.0)
@@ -68,12 +89,25 @@ def _thrown_frames(photons: Ints, n_frames: int, rng: np.random.Generator) -> In
 def recorded_counts(
     signal: Ints, background: Floats, clock: TrueClock, exposure: Exposure, rng: np.random.Generator
 ) -> Ints:
-    """Counts per pixel and code that are written, (pixels, codes).
+    """Counts per pixel and code that are written.
 
     Parameters
     ----------
-    signal : (pixels, codes + 1), photons per code, the last column those without a code.
-    background : (pixels,), expected counts that come at any time alike.
+    signal : array of int, shape (pixels, codes + 1)
+        Photons per code, the last column those without a code.
+    background : array of float, shape (pixels,)
+        Expected counts that come at any time alike.
+    clock : TrueClock
+        Reads background photons.
+    exposure : Exposure
+        Frames, and what they lose.
+    rng : Generator
+        Stream of the occupancy.
+
+    Returns
+    -------
+    array of int, shape (pixels, codes)
+        Photons without a code are gone.
     """
     noise = rng.poisson(background).astype(np.int64)
     if exposure.first_photon_only:
@@ -81,7 +115,7 @@ def recorded_counts(
         light = signal.sum(axis=1)
         frames = occupied_frames(light + noise, exposure.n_frames, rng)
         kept = _first_ones(light, noise, frames, rng)
-        signal = _thinned(signal, kept, rng)
+        signal = _drawn_from_codes(signal, kept, rng)
         noise = frames - kept
     return signal[:, :-1] + _uniform_codes(noise, clock, rng)
 
@@ -92,12 +126,13 @@ def _first_ones(light: Ints, noise: Ints, frames: Ints, rng: np.random.Generator
     kept = np.zeros(len(light), dtype=np.int64)
     kept[small] = rng.hypergeometric(light[small], noise[small], frames[small])
     large = ~small
+    # NumPy's hypergeometric draw ends at 1e9; beyond, a binomial of the same mean stands in.
     share = light[large] / (light + noise)[large]
     kept[large] = np.minimum(rng.binomial(frames[large], share), light[large])
     return kept
 
 
-def _thinned(counts: Ints, kept: Ints, rng: np.random.Generator) -> Ints:
+def _drawn_from_codes(counts: Ints, kept: Ints, rng: np.random.Generator) -> Ints:
     """`kept` of each pixel's photons, drawn without replacement from its codes."""
     thinned = counts.copy()
     for pixel in np.flatnonzero(kept < counts.sum(axis=1)):
@@ -111,6 +146,7 @@ def _thinned(counts: Ints, kept: Ints, rng: np.random.Generator) -> Ints:
 def _uniform_codes(numbers: Ints, clock: TrueClock, rng: np.random.Generator) -> Ints:
     """Counts per code, (pixels, codes), of `numbers` photons per pixel that come at any time."""
     counts = np.zeros((len(numbers), clock.n_codes), dtype=np.int64)
+    # Where photons outnumber codes, one draw of all codes is cheaper than one of each photon.
     many = numbers >= 2 * clock.n_codes
     if many.any():
         pixels = np.flatnonzero(many)
@@ -128,7 +164,18 @@ def _uniform_codes(numbers: Ints, clock: TrueClock, rng: np.random.Generator) ->
 
 
 def clock_range_ps(clock: TrueClock) -> tuple[float, float]:
-    """(start, length) of the delays among which background falls: a period, or the sweep; ps."""
+    """The delays among which background falls: a period, or the sweep.
+
+    Parameters
+    ----------
+    clock : TrueClock
+        The true clock.
+
+    Returns
+    -------
+    start, length : float
+        ps.
+    """
     if clock.laser_period_ps is not None:
         return 0.0, clock.laser_period_ps
     edges = clock.edges_ps(np.arange(len(clock.width_ps)))
@@ -136,7 +183,20 @@ def clock_range_ps(clock: TrueClock) -> tuple[float, float]:
 
 
 def uniform_shares(clock: TrueClock, pixels: Ints) -> Floats:
-    """Share of uncorrelated light in each code, (n, codes + 1); the last column gets no code."""
+    """Share of uncorrelated light in each code.
+
+    Parameters
+    ----------
+    clock : TrueClock
+        The true clock.
+    pixels : array of int, shape (n,)
+        Pixels, numbered row by row.
+
+    Returns
+    -------
+    array of float, shape (n, codes + 1)
+        Rows sum to 1; the last column gets no code.
+    """
     edges = clock.edges_ps(pixels)
     shares = np.empty((len(pixels), clock.n_codes + 1))
     shares[:, :-1] = np.diff(edges, axis=1) / clock_range_ps(clock)[1]

@@ -24,17 +24,47 @@ def exponentially_modified_cdf(time_ps: ArrayLike, std_ps: float, tail_ps: float
 
     F(x) = Phi(x/s) - exp(s^2 / (2 T^2) - x/T) Phi(x/s - s/T), the second term written with the
     scaled complementary error function so that it never overflows.
+
+    Parameters
+    ----------
+    time_ps : array-like, shape (...)
+        x, ps.
+    std_ps : float
+        s of the Gaussian, ps.
+    tail_ps : float
+        T, mean of the exponential, ps.
+
+    Returns
+    -------
+    array of float, shape (...)
+        0 to 1.
     """
     x = np.asarray(time_ps, dtype=float)
     z = (std_ps / tail_ps - x / std_ps) / math.sqrt(2.0)
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
+        # Both are worked out everywhere, and each overflows only where the other is taken.
         near = 0.5 * np.exp(-0.5 * (x / std_ps) ** 2) * erfcx(z)
         far = np.exp(0.5 * (std_ps / tail_ps) ** 2 - x / tail_ps) * ndtr(-math.sqrt(2.0) * z)
     return np.asarray(ndtr(x / std_ps) - np.where(z > 0, near, far))
 
 
 def pulse_cdf(time_ps: Floats, pulse_fwhm_ps: float, detector: Detector) -> Floats:
-    """Distribution of a photon's lateness: pulse, trigger, response and its tail; (...)."""
+    """Distribution of a photon's lateness: pulse, trigger, response and its tail.
+
+    Parameters
+    ----------
+    time_ps : array of float, shape (...)
+        Lateness, ps.
+    pulse_fwhm_ps : float
+        Full width at half maximum of the laser pulse, ps.
+    detector : Detector
+        Trigger jitter, response and its tail.
+
+    Returns
+    -------
+    array of float, shape (...)
+        Chance of being no later, 0 to 1.
+    """
     widths = (pulse_fwhm_ps, detector.trigger_jitter_fwhm_ps, detector.response_fwhm_ps)
     std = max(std_from_fwhm(math.hypot(*widths)), _SMALLEST_STD_PS)
     share: Floats = np.asarray(ndtr(time_ps / std))
@@ -47,14 +77,27 @@ def pulse_cdf(time_ps: Floats, pulse_fwhm_ps: float, detector: Detector) -> Floa
 def flat_shares(
     clock: TrueClock, delay_ps: Floats, pulse_fwhm_ps: float, detector: Detector
 ) -> Floats:
-    """Share of a pulse in each code of each pixel, (pixels, codes + 1); the last gets no code.
+    """Share of a pulse in each code of each pixel.
 
     Parameters
     ----------
-    delay_ps : (pixels,), delay of the pulse's Gaussian part, ps; the drift runs about it.
+    clock : TrueClock
+        The true clock.
+    delay_ps : array of float, shape (pixels,)
+        Delay of the pulse's Gaussian part, ps; the drift runs about it.
+    pulse_fwhm_ps : float
+        Full width at half maximum of the laser pulse, ps.
+    detector : Detector
+        Trigger jitter, response, its tail, and the drift.
+
+    Returns
+    -------
+    array of float, shape (pixels, codes + 1)
+        Rows sum to 1; the last column gets no code.
     """
     lower, upper = clock.intervals_ps(np.arange(len(delay_ps)))
     shares = np.zeros((len(delay_ps), clock.n_codes + 1))
+    # Delays drift linearly: a recording is an even mean over moments in [-1, 1].
     moments, weights = np.polynomial.legendre.leggauss(_DRIFT_NODES if detector.drift_ps else 1)
     for moment, weight in zip(moments, weights / weights.sum(), strict=True):
         shift = delay_ps + 0.5 * detector.drift_ps * moment
@@ -82,6 +125,7 @@ def _folds(
     reach = _REACH_STD * std_from_fwhm(
         math.hypot(pulse_fwhm_ps, detector.trigger_jitter_fwhm_ps, detector.response_fwhm_ps)
     )
+    # exp(-40): no photon of any recording is later.
     tail = 40.0 * detector.response_tail_ps if detector.response_mean_ps > 0 else 0.0
     first = math.floor((lower.min() - delay_ps.max() - reach - tail) / period_ps)
     last = math.ceil((upper.max() - delay_ps.min() + reach) / period_ps)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
-    from lightflight.camera import Camera
+    from lightflight.camera.model import Camera
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,18 @@ Scattering = Literal["uniform", "rayleigh"]
 
 
 def inverse_square_from_distance(distance_mm: ArrayLike) -> Floats:
-    """Share of isotropically scattered light that a pupil takes up: 1 / r^2, 1/mm^2."""
+    """Share of isotropically scattered light that a pupil takes up: 1 / r^2.
+
+    Parameters
+    ----------
+    distance_mm : array-like, shape (...)
+        r, from the point to the pupil, mm.
+
+    Returns
+    -------
+    array of float, shape (...)
+        1/mm^2.
+    """
     return np.asarray(1.0 / np.asarray(distance_mm, dtype=float) ** 2)
 
 
@@ -35,9 +46,22 @@ def rayleigh_from_directions(
 
     Parameters
     ----------
-    direction : (..., 3), unit direction of flight d.
-    towards_camera : (..., 3), unit vector u from the point to the camera.
-    polarization : (..., 3), unit vector e, normal to d. None: unpolarised.
+    direction : array-like, shape (..., 3)
+        Unit direction of flight d.
+    towards_camera : array-like, shape (..., 3)
+        Unit vector u from the point to the camera.
+    polarization : array-like, shape (..., 3), optional
+        Unit vector e, normal to d. None: unpolarised.
+
+    Returns
+    -------
+    array of float, shape (...)
+        Relative to light that is scattered alike in all directions.
+
+    Examples
+    --------
+    >>> rayleigh_from_directions([1.0, 0.0, 0.0], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    array([1.5 , 0.75])
     """
     u = np.asarray(towards_camera, dtype=float)
     if polarization is None:
@@ -48,13 +72,37 @@ def rayleigh_from_directions(
 
 
 def cos4_from_directions(towards_camera: ArrayLike, backward_axis: ArrayLike) -> Floats:
-    """Natural fall-off of a lens towards the rim of its field: cos^4 of the field angle."""
+    """Natural fall-off of a lens towards the rim of its field: cos^4 of the field angle.
+
+    Parameters
+    ----------
+    towards_camera : array-like, shape (..., 3)
+        Unit vector u from the point to the camera.
+    backward_axis : array-like, shape (3,)
+        Unit vector n against the camera's view.
+
+    Returns
+    -------
+    array of float, shape (...)
+        (u.n)^4; 0 behind the camera.
+    """
     cosine = np.sum(np.asarray(towards_camera, float) * np.asarray(backward_axis, float), axis=-1)
     return np.asarray(np.clip(cosine, 0.0, 1.0) ** 4)
 
 
 def rim_of_camera(camera: Camera) -> float:
-    """Tangent of the field angle at the farthest corner of the picture."""
+    """Tangent of the field angle at the farthest corner of the picture.
+
+    Parameters
+    ----------
+    camera : Camera
+        Shape, field and axis.
+
+    Returns
+    -------
+    float
+        tan w there.
+    """
     rows, cols = camera.shape
     corners = camera.rays_from_pixels(
         np.array([-0.5, -0.5, rows - 0.5, rows - 0.5]), np.array([-0.5, cols - 0.5] * 2)
@@ -70,7 +118,19 @@ def vignetting_from_directions(
 
     Parameters
     ----------
-    rim : tangent of the field angle at which `loss` is lost, see `rim_of_camera`.
+    towards_camera : array-like, shape (..., 3)
+        Unit vector u from the point to the camera.
+    backward_axis : array-like, shape (3,)
+        Unit vector n against the camera's view; cos w = u.n.
+    rim : float
+        Tangent of the field angle at which `loss` is lost, see `rim_of_camera`.
+    loss : float
+        Share of light that is lost there.
+
+    Returns
+    -------
+    array of float, shape (...)
+        0 to 1.
     """
     cosine = np.sum(np.asarray(towards_camera, float) * np.asarray(backward_axis, float), axis=-1)
     with np.errstate(divide="ignore"):
@@ -79,12 +139,24 @@ def vignetting_from_directions(
 
 
 def polarizations_from_vertices(vertices_mm: ArrayLike, polarization: ArrayLike) -> Floats:
-    """Polarisation of each leg, (legs, 3), from that of the first, through ideal mirrors.
+    """Polarisation of each leg from that of the first, through ideal mirrors.
 
-    A mirror that turns d1 into d2 has its normal along d2 - d1 and reflects the field like a
-    vector. What of `polarization` lies along the first leg is taken off.
+    Parameters
+    ----------
+    vertices_mm : array-like, shape (m, 3)
+        Source, mirrors, end; world, mm.
+    polarization : array-like, shape (3,)
+        Direction of the field on the first leg, world, of any length.
 
-    Raises ValueError where `polarization` lies along the first leg.
+    Returns
+    -------
+    array of float, shape (legs, 3)
+        Unit vectors.
+
+    Raises
+    ------
+    ValueError
+        Where `polarization` lies along the first leg.
     """
     steps = np.diff(np.asarray(vertices_mm, dtype=float), axis=0)
     directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
@@ -100,5 +172,6 @@ def polarizations_from_vertices(vertices_mm: ArrayLike, polarization: ArrayLike)
         turn = after - before
         square = float(turn @ turn)
         e = legs[-1]
+        # Legs that go straight on meet no mirror.
         legs.append(e if square < 1e-24 else e - 2.0 * (e @ turn) / square * turn)
     return np.array(legs)

@@ -18,7 +18,7 @@ from lightflight.simulate.detector import Detector
 from lightflight.simulate.scattering import Scattering, polarizations_from_vertices
 
 if TYPE_CHECKING:
-    from lightflight.camera import Camera
+    from lightflight.camera.model import Camera
 
 Floats = NDArray[np.float64]
 Brightness = Callable[[Floats], ArrayLike] | Sequence[Any] | ArrayLike | None
@@ -37,6 +37,7 @@ def _checked_vertices(vertices_mm: ArrayLike) -> Floats:
     if (lengths < 1e-9).any():
         leg = int(np.argmin(lengths))
         raise ValueError(f"vertices {leg} and {leg + 1} are the same point: remove one")
+    # A frozen record must not change under the light that is drawn from it.
     vertices.setflags(write=False)
     return vertices
 
@@ -48,56 +49,74 @@ class Scene:
     `source` may say what an experimenter would know (position with an error, emission time
     unknown); what is true is in `vertices_mm` and in the fields named `true_...`, which stand in
     wherever `source` leaves a number open.
+
+    Attributes
+    ----------
+    vertices_mm : ArrayLike
+        (m, 3), source, mirrors, end; world, mm.
+    camera : Camera
+        The camera that looks on.
+    source : Source
+        What is known of the source. Its emission time and pulse width are true where given.
+    medium : Medium
+        The medium the light crosses.
+    detector : Detector
+        What catches the light and writes the recording.
+    brightness : Brightness
+        Scattering strength per mm of path, relative. None: the same everywhere. A function of the
+        path length from the source (mm, array in and out), or one number per leg, or a table
+        (lengths_mm, strengths), interpolated linearly.
+    background : float or ArrayLike
+        Background light: expected counts per pixel over the whole recording, at any time alike,
+        before any is lost to earlier photons; one number, or (rows, cols).
+    true_emission_time_ps : float
+        When the pulse leaves the first vertex, ps, where `source` does not say.
+    true_pulse_fwhm_ps : float
+        Full width at half maximum of the laser pulse, ps, where `source` does not say.
+    beam_diameter_mm : float
+        1/e^2 diameter of the (Gaussian) beam, mm. 0: a line.
+    scattering : Scattering
+        "uniform": alike in all directions. "rayleigh": by Rayleigh's phase function.
+    polarization : ArrayLike or None
+        (3,), direction of the field on the first leg, world; None: unpolarised.
+    inverse_square : bool
+        Light thins with the square of the distance to the camera.
+    cos4_falloff : bool
+        The lens darkens towards the rim of its field.
+    vignetting : float
+        Share of light that the lens's mount holds back in the farthest corner of the picture; it
+        grows with the fourth power of the distance from the optical axis. 0: none.
     """
 
     vertices_mm: ArrayLike
-    """(m, 3), source, mirrors, end; world, mm."""
 
     camera: Camera = field(kw_only=True)
-    """The camera that looks on."""
 
     source: Source = field(default_factory=Source, kw_only=True)
-    """What is known of the source. Its emission time and pulse width are true where given."""
 
     medium: Medium = field(default_factory=Medium, kw_only=True)
-    """The medium the light crosses."""
 
     detector: Detector = field(default_factory=Detector, kw_only=True)
-    """What catches the light and writes the recording."""
 
     brightness: Brightness = field(default=None, kw_only=True)
-    """Scattering strength per mm of path, relative. None: the same everywhere. A function of the
-    path length from the source (mm, array in and out), or one number per leg, or a table
-    (lengths_mm, strengths), interpolated linearly."""
 
     background: float | ArrayLike = field(default=0.0, kw_only=True)
-    """Background light: expected counts per pixel over the whole recording, at any time alike,
-    before any is lost to earlier photons; one number, or (rows, cols)."""
 
     true_emission_time_ps: float = field(default=2000.0, kw_only=True)
-    """When the pulse leaves the first vertex, ps, where `source` does not say."""
 
     true_pulse_fwhm_ps: float = field(default=68.0, kw_only=True)
-    """Full width at half maximum of the laser pulse, ps, where `source` does not say."""
 
     beam_diameter_mm: float = field(default=0.0, kw_only=True)
-    """1/e^2 diameter of the (Gaussian) beam, mm. 0: a line."""
 
     scattering: Scattering = field(default="uniform", kw_only=True)
-    """"uniform": alike in all directions. "rayleigh": by Rayleigh's phase function."""
 
     polarization: ArrayLike | None = field(default=None, kw_only=True)
-    """(3,), direction of the field on the first leg, world; None: unpolarised."""
 
     inverse_square: bool = field(default=True, kw_only=True)
-    """Light thins with the square of the distance to the camera."""
 
     cos4_falloff: bool = field(default=False, kw_only=True)
-    """The lens darkens towards the rim of its field."""
 
     vignetting: float = field(default=0.0, kw_only=True)
-    """Share of light that the lens's mount holds back in the farthest corner of the picture; it
-    grows with the fourth power of the distance from the optical axis. 0: none."""
 
     def __post_init__(self) -> None:
         vertices = _checked_vertices(self.vertices_mm)
@@ -166,7 +185,25 @@ class Scene:
         )
 
     def strength(self, length_mm: Floats, leg: int) -> Floats:
-        """Relative scattering strength per mm at path lengths on one leg; (n,)."""
+        """Relative scattering strength per mm at path lengths on one leg.
+
+        Parameters
+        ----------
+        length_mm : array of float, shape (n,)
+            Path length from the first vertex, mm.
+        leg : int
+            Which leg.
+
+        Returns
+        -------
+        array of float, shape (n,)
+            As `brightness` says.
+
+        Raises
+        ------
+        ValueError
+            Where `brightness` is negative or not finite.
+        """
         strength = self._strength(length_mm, leg)
         if not (np.isfinite(strength) & (strength >= 0)).all():
             raise ValueError(f"brightness must be finite and >= 0; it is not on leg {leg}")

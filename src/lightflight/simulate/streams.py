@@ -21,10 +21,15 @@ COMPONENTS = (
 
 @dataclass(frozen=True)
 class Streams:
-    """All random streams of one recording (or of one camera's defects)."""
+    """All random streams of one recording (or of one camera's defects).
+
+    Attributes
+    ----------
+    seed : int
+        Any integer >= 0.
+    """
 
     seed: int
-    """Any integer >= 0."""
 
     def __post_init__(self) -> None:
         seed: object = self.seed
@@ -34,7 +39,20 @@ class Streams:
             raise ValueError(f"seed must be >= 0, got {self.seed}")
 
     def generator(self, component: str, *key: int) -> np.random.Generator:
-        """The generator of one component; `key` numbers blocks and chunks."""
+        """The generator of one component; the same at every call.
+
+        Parameters
+        ----------
+        component : str
+            One of `COMPONENTS`.
+        *key : int
+            Numbers of the block and of the chunk, where there are such.
+
+        Returns
+        -------
+        Generator
+            Independent of those of all other components and keys.
+        """
         place = COMPONENTS.index(component)
         return np.random.default_rng(
             np.random.SeedSequence(int(self.seed), spawn_key=(place, *key))

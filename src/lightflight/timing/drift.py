@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags
 from lightflight.errors import CalibrationError, SuspectDataWarning
-from lightflight.histogram import Histograms
-from lightflight.timing.delays import checked_arrivals_ps, delays_from_flat, wrapped
+from lightflight.recording.histograms import Histograms
+from lightflight.timing.calibrate.delays import checked_arrivals_ps, delays_from_flat, wrapped_ps
 
 if TYPE_CHECKING:
-    from lightflight.timing.calibration import TimingCalibration
+    from lightflight.timing.clock.calibration import TimingCalibration
 
 Floats = NDArray[np.float64]
 
@@ -33,25 +33,34 @@ class Drift:
     """How pulses moved, for each recording or slice: later by `offset + scale * distance`.
 
     Distances are from the array's mean delay.
+
+    Attributes
+    ----------
+    offset_ps : array of float, shape (k,)
+        Common shift of all pixels, ps; positive: later than before.
+    offset_std_ps : array of float, shape (k,)
+        Its standard error, ps.
+    scale : array of float, shape (k,)
+        Relative change of times; NaN where all pulses sit at one delay.
+    scale_std : array of float, shape (k,)
+        Its standard error.
+    chi2 : array of float, shape (k,)
+        What shift and scale leave of the pixels' own movement, in standard errors squared.
+    dof : array of int, shape (k,)
+        Degrees of freedom of `chi2`.
     """
 
     offset_ps: Floats
-    """(k,), common shift of all pixels, ps; positive: later than before."""
 
     offset_std_ps: Floats
-    """(k,), its standard error, ps."""
 
     scale: Floats
-    """(k,), relative change of times; NaN where all pulses sit at one delay."""
 
     scale_std: Floats
-    """(k,), its standard error."""
 
     chi2: Floats
-    """(k,), what shift and scale leave of the pixels' own movement, in standard errors squared."""
 
     dof: NDArray[np.int64]
-    """(k,), degrees of freedom of `chi2`."""
 
     @property
     def moved(self) -> NDArray[np.bool_]:
@@ -60,7 +69,18 @@ class Drift:
         return (np.abs(self.offset_ps) > _MOVED * self.offset_std_ps) | scale
 
     def sentence(self, index: int = 0) -> str:
-        """The figures of one recording or slice, in words."""
+        """The figures of one recording or slice, in words.
+
+        Parameters
+        ----------
+        index : int, optional
+            Which recording or slice.
+
+        Returns
+        -------
+        str
+            Without capital and full stop: it goes into other sentences.
+        """
         text = f"delays moved by {self.offset_ps[index]:+.2f} +- {self.offset_std_ps[index]:.2f} ps"
         if np.isfinite(self.scale[index]):
             percent, std = 100.0 * self.scale[index], 100.0 * self.scale_std[index]
@@ -77,9 +97,17 @@ def drift_from_flat(
 
     Parameters
     ----------
-    timing : the old calibration; it must hold delays.
-    flat : the new recording.
-    flat_arrival_ps : as when the clock was calibrated, scalar or (rows, cols), ps.
+    timing : TimingCalibration
+        The old calibration; it must hold delays.
+    flat : Histograms
+        The new recording.
+    flat_arrival_ps : array-like, optional
+        As when the clock was calibrated, scalar or (rows, cols), ps.
+
+    Returns
+    -------
+    Drift
+        Of one recording (k = 1).
 
     Raises
     ------
@@ -92,10 +120,11 @@ def drift_from_flat(
     arrival = checked_arrivals_ps(flat_arrival_ps, flat.shape)
     moved = found.pulse_delay_ps - arrival - timing.skew_ps
     if timing.laser_period_ps is not None:
-        moved = wrapped(moved, timing.laser_period_ps)
+        moved = wrapped_ps(moved, timing.laser_period_ps)
     rows, cols = (grid.ravel() for grid in np.indices(timing.shape))
     own, _, _ = timing.arrival_errors_ps(rows, cols, found.pulse_delay_ps.ravel())
     std = np.hypot(found.skew_std_ps, own.reshape(timing.shape))
+    # A pixel without a flat holds the array's typical delay, which says nothing of movement.
     known = flags.is_usable(timing.flags) & np.isfinite(timing.anchor_delay_ps)
     std = np.where(known, std, np.nan)
     drift = _line_through(found.pulse_delay_ps[None], moved[None], std[None])
@@ -116,8 +145,15 @@ def drift_in_slices(slices: Sequence[Histograms], *, timing: TimingCalibration |
 
     Parameters
     ----------
-    slices : histograms of equal stretches of the recording, in the order of time.
-    timing : the clock; None: nominal codes.
+    slices : sequence of Histograms
+        Histograms of equal stretches of the recording, in the order of time.
+    timing : TimingCalibration or None
+        The clock; None: nominal codes.
+
+    Returns
+    -------
+    Drift
+        Of each slice against all the others.
 
     Raises
     ------
@@ -126,7 +162,7 @@ def drift_in_slices(slices: Sequence[Histograms], *, timing: TimingCalibration |
     CalibrationError
         If too few pixels show a pulse in two slices.
     """
-    from lightflight.timing.pulses import fit_pulses
+    from lightflight.timing.pulses.pulses import fit_pulses
 
     if len(slices) < 2:
         raise ValueError(f"drift needs at least two slices, got {len(slices)}")
@@ -135,11 +171,14 @@ def drift_in_slices(slices: Sequence[Histograms], *, timing: TimingCalibration |
     delay = np.where(usable, np.stack([part.delay_ps for part in pulses]), np.nan)
     std = np.sqrt(np.stack([part.covariance[:, 0, 0] for part in pulses]))
     period = pulses[0].laser_period_ps
+    # Any delay of the pixel will do to tell periods: the slices' own differ by far less than one.
     first = np.nanmax(np.where(np.isfinite(delay), delay, -np.inf), axis=0)
     if period is not None:
-        delay = first + wrapped(delay - first, period)
+        delay = first + wrapped_ps(delay - first, period)
     weight = np.where(np.isfinite(delay) & (std > 0), std, np.inf) ** -2.0
     filled = np.nan_to_num(delay)
+    # Against the mean of the others: a mean with the slice itself in it would hide part of
+    # its move.
     others = weight.sum(axis=0) - weight
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = ((weight * filled).sum(axis=0) - weight * filled) / others
@@ -171,9 +210,11 @@ def _line_through(delay_ps: Floats, moved_ps: Floats, std_ps: Floats) -> Drift:
         weight, place, value = std[use] ** -2.0, delay[use], moved[use]
         total = weight.sum()
         place = place - np.sum(weight * place) / total
+        # About the mean delay, offset and scale are independent of each other.
         offset = np.sum(weight * value) / total
         spread = np.sum(weight * place**2)
         scale, scale_std = np.nan, np.nan
+        # Delays within 1 ps of each other have no lever to tell a scale from.
         if spread > 0 and np.sqrt(spread / total) > 1.0:
             scale, scale_std = np.sum(weight * place * value) / spread, spread**-0.5
         left = value - offset - np.nan_to_num(scale) * place

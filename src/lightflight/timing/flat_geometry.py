@@ -17,7 +17,7 @@ from lightflight.flight import Medium, arrival_time_from_event
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
-    from lightflight.camera import Camera
+    from lightflight.camera.model import Camera
 
 Floats = NDArray[np.float64]
 
@@ -38,20 +38,28 @@ def flat_arrival_from_screen_ps(
 
     Parameters
     ----------
-    camera : where each pixel looks.
-    source_mm : (3,), B, where the light spreads from, world, mm.
-    screen_point_mm : (3,), any point of the screen, world, mm.
-    screen_normal : (3,), normal of the screen, world, any length and sign.
-    medium : group indices out and back; air unless given.
+    camera : Camera
+        Where each pixel looks.
+    source_mm : array-like, shape (3,)
+        B, where the light spreads from, world, mm.
+    screen_point_mm : array-like, shape (3,)
+        Any point of the screen, world, mm.
+    screen_normal : array-like, shape (3,)
+        Normal of the screen, world, any length and sign.
+    medium : Medium, optional
+        Group indices out and back; air unless given.
 
     Returns
     -------
-    (rows, cols), ps.
+    array of float, shape (rows, cols)
+        ps.
 
     Raises
     ------
     GeometryError
         Where a pixel's ray does not meet the screen in front of the camera.
+    ValueError
+        Where a vector is not finite, or the normal is zero.
     """
     medium = Medium() if medium is None else medium
     source = _vector("source_mm", source_mm)
@@ -63,6 +71,8 @@ def flat_arrival_from_screen_ps(
     towards = rays @ normal
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = ((point - camera.center_mm) @ normal) / towards
+    # A ray along the screen never meets it (inf or NaN), one away from it meets it behind the
+    # camera.
     misses = ~(np.isfinite(distance) & (distance > 0))
     if misses.any():
         raise GeometryError(
@@ -91,16 +101,23 @@ def _vector(name: str, value: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Tilt:
-    """Tilt of a beam over the sensor, by the pixels' delays and what was known before."""
+    """Tilt of a beam over the sensor, by the pixels' delays and what was known before.
+
+    Attributes
+    ----------
+    across_ps : (float, float)
+        Time from the first to the last row, and from the first to the last column, ps.
+    across_std_ps : (float, float)
+        Their standard errors, ps.
+    modes_ps : array of float, shape (rows, cols, 2)
+        One sigma of each on the pixels' delays, ps.
+    """
 
     across_ps: tuple[float, float]
-    """Time from the first to the last row, and from the first to the last column, ps."""
 
     across_std_ps: tuple[float, float]
-    """Their standard errors, ps."""
 
     modes_ps: Floats
-    """(rows, cols, 2), one sigma of each on the pixels' delays, ps."""
 
 
 def fit_tilt(skew_ps: Floats, prior_std_ps: float) -> Tilt:
@@ -111,14 +128,27 @@ def fit_tilt(skew_ps: Floats, prior_std_ps: float) -> Tilt:
 
     Parameters
     ----------
-    skew_ps : (rows, cols), ps; NaN where unknown.
-    prior_std_ps : expected tilt from edge to edge of the array, ps.
+    skew_ps : array of float, shape (rows, cols)
+        ps; NaN where unknown.
+    prior_std_ps : float
+        Expected tilt from edge to edge of the array, ps.
+
+    Returns
+    -------
+    Tilt
+        Across the rows and the columns, drawn to zero as far as the prior demands.
+
+    Notes
+    -----
+    Each gradient g with information I and prior width s keeps the part I / (I + s^-2) of itself;
+    its variance is 1 / (I + s^-2).
     """
     places = [_centered(n) for n in skew_ps.shape]
     row, col = np.meshgrid(*places, indexing="ij")
     seen = np.isfinite(skew_ps)
     design = np.stack([np.ones(seen.sum()), row[seen], col[seen]], axis=1)
     plane, *_ = np.linalg.lstsq(design, skew_ps[seen], rcond=None)
+    # The pixels' own delays scatter far more than photons do: they are the noise of a plane.
     scatter2 = float(np.var(skew_ps[seen] - design @ plane))
     across, std = [], []
     for place, found in ((row, plane[1]), (col, plane[2])):
@@ -131,7 +161,20 @@ def fit_tilt(skew_ps: Floats, prior_std_ps: float) -> Tilt:
 
 
 def tilt_ps(tilt: Tilt, shape: tuple[int, int]) -> Floats:
-    """(rows, cols), arrival time that a tilt adds, zero in the middle of the array, ps."""
+    """Arrival time that a tilt adds, zero in the middle of the array.
+
+    Parameters
+    ----------
+    tilt : Tilt
+        Of a flat's beam.
+    shape : (int, int)
+        (rows, cols) of the array.
+
+    Returns
+    -------
+    array of float, shape (rows, cols)
+        ps.
+    """
     row, col = np.meshgrid(*(_centered(n) for n in shape), indexing="ij")
     return np.asarray(row * tilt.across_ps[0] + col * tilt.across_ps[1])
 

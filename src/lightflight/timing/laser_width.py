@@ -18,27 +18,35 @@ from lightflight.flight import Medium, apparent_speed_from_direction
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS, fwhm_from_std, std_from_fwhm
 
 if TYPE_CHECKING:
-    from lightflight.timing.arrivals import Arrivals
-    from lightflight.timing.pulses import Pulses
+    from lightflight.timing.pulses.arrivals import Arrivals
+    from lightflight.timing.pulses.pulses import Pulses
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class LaserWidth:
-    """Width of the laser pulse by deconvolution."""
+    """Width of the laser pulse by deconvolution.
+
+    Attributes
+    ----------
+    fwhm_ps : float
+        Full width at half maximum, ps; 0 where the response alone is wider than what was seen.
+    fwhm_std_ps : float
+        Its standard error from the photons and from the response, ps.
+    n_pulses : int
+        Pulses that went in.
+    recorded_fwhm_ps : float
+        Weighted mean width of the pulses as recorded, ps.
+    """
 
     fwhm_ps: float
-    """Full width at half maximum, ps; 0 where the response alone is wider than what was seen."""
 
     fwhm_std_ps: float
-    """Its standard error from the photons and from the response, ps."""
 
     n_pulses: int
-    """Pulses that went in."""
 
     recorded_fwhm_ps: float
-    """Weighted mean width of the pulses as recorded, ps."""
 
 
 def laser_width_from_pulses(
@@ -52,12 +60,19 @@ def laser_width_from_pulses(
 
     Parameters
     ----------
-    pulses : fitted with code widths integrated over (`fit_pulses`, any method but the paper's).
-    response_fwhm_ps, response_fwhm_std_ps : of the camera alone, and how well that is known, ps.
-        A flat recorded with the same laser has the laser in it already: it is no response.
-    transit_std_ps : standard deviation of arrival times over a pixel's footprint, scalar or (n,),
-        ps; below 1 ps of width for legs within 10 deg of the reference plane. NaN leaves a pulse
-        out.
+    pulses : Pulses or Arrivals
+        Fitted with code widths integrated over (`fit_pulses`, any method but the paper's).
+    response_fwhm_ps, response_fwhm_std_ps : float
+        Of the camera alone, and how well that is known, ps. A flat recorded with the same laser has
+        the laser in it already: it is no response.
+    transit_std_ps : array-like, optional
+        Standard deviation of arrival times over a pixel's footprint, scalar or (n,), ps; below 1 ps
+        of width for legs within 10 deg of the reference plane. NaN leaves a pulse out.
+
+    Returns
+    -------
+    LaserWidth
+        0 wide where the response alone explains the widths.
 
     Raises
     ------
@@ -84,6 +99,8 @@ def laser_width_from_pulses(
     error2 /= float(weight.sum()) ** 2
     response = std_from_fwhm(response_fwhm_ps)
     error2 += (2.0 * response * std_from_fwhm(response_fwhm_std_ps)) ** 2
+    # Noise can make the difference of squares negative: the width is then unresolved, not
+    # imaginary.
     laser2 = max(mean - response**2, 0.0)
     # Near zero width the error of the square is what is known.
     std = np.sqrt(error2) / (2.0 * np.sqrt(laser2)) if laser2**2 > error2 else error2**0.25
@@ -97,7 +114,7 @@ def laser_width_from_pulses(
 
 def _std_errors(pulses: Pulses | Arrivals) -> Floats:
     """(n,), standard errors of the widths, ps."""
-    from lightflight.timing.pulses import Pulses
+    from lightflight.timing.pulses.pulses import Pulses
 
     if isinstance(pulses, Pulses):
         return np.asarray(np.sqrt(pulses.covariance[:, 1, 1]))
@@ -118,8 +135,19 @@ def apparent_fwhm_ps(
 
     Parameters
     ----------
-    direction : (..., 3), unit vector d along the leg.
-    towards_camera : (..., 3), unit vector u from the pulse to the camera.
+    pulse_fwhm_ps : float
+        tau, full width at half maximum of the pulse, ps.
+    direction : array-like, shape (..., 3)
+        Unit vector d along the leg.
+    towards_camera : array-like, shape (..., 3)
+        Unit vector u from the pulse to the camera.
+    medium : Medium, optional
+        Group indices n_p on the path and n_r on the way back; air unless given.
+
+    Returns
+    -------
+    array of float, shape (...)
+        ps.
     """
     medium = Medium() if medium is None else medium
     speed = apparent_speed_from_direction(direction, towards_camera, medium=medium)

@@ -6,21 +6,14 @@ Takes a LightPath, Histograms, TimingCalibration or a table (Arrivals, Pulses), 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lightflight.errors import MissingExtraError
+from lightflight.errors import optional_package
 
-
-def _xarray() -> Any:
-    try:
-        import xarray
-    except ImportError as error:
-        raise MissingExtraError(
-            "labelled arrays need xarray, which is not installed: pip install xarray"
-        ) from error
-    return xarray
+if TYPE_CHECKING:
+    from lightflight import Arrivals, Histograms, LightPath, Pulses, TimingCalibration
 
 
 _UNITS = (("_mm", "mm"), ("_ps", "ps"), ("_deg", "deg"), ("_px", "px"))
@@ -42,6 +35,13 @@ def to_xarray(record: Any, *, samples: int = 1000) -> Any:
     delay of the codes where it is known; a TimingCalibration its maps over (row, col); Arrivals
     and Pulses a table over `pulse`.
 
+    Parameters
+    ----------
+    record : object
+        LightPath, Histograms, TimingCalibration, Arrivals or Pulses.
+    samples : int, optional
+        Points along the path.
+
     Raises
     ------
     TypeError
@@ -49,7 +49,10 @@ def to_xarray(record: Any, *, samples: int = 1000) -> Any:
     MissingExtraError
         Without xarray.
     """
-    xr = _xarray()
+    xr = optional_package(
+        "xarray", "labelled arrays need xarray, which is not installed: pip install xarray"
+    )
+    # By their fields: none of the records' modules needs to be loaded.
     if hasattr(record, "vertices_mm") and hasattr(record, "sample"):
         return _path_dataset(xr, record, samples)
     if hasattr(record, "counts"):
@@ -64,12 +67,12 @@ def to_xarray(record: Any, *, samples: int = 1000) -> Any:
     )
 
 
-def _path_dataset(xr: Any, path: Any, samples: int) -> Any:
+def _path_dataset(xr: Any, path: LightPath, samples: int) -> Any:
     table = path.sample(samples)
     when = table["event_time_ps"]
     variables: dict[str, Any] = {
         name: ("event_time_ps", table[name], _unit_of(name))
-        for name in table.dtype.names
+        for name in table.dtype.names or ()
         if name != "event_time_ps"
     }
     axes = ["x", "y", "z"]
@@ -77,7 +80,7 @@ def _path_dataset(xr: Any, path: Any, samples: int) -> Any:
     variables["vertex_times_ps"] = ("vertex", path.vertex_times_ps, {"units": "ps"})
     variables["vertex_std_mm"] = (("vertex", "axis"), path.vertex_std[:, :3], {"units": "mm"})
     variables["vertex_time_std_ps"] = ("vertex", path.vertex_std[:, 3], {"units": "ps"})
-    for name in path.residuals.dtype.names:
+    for name in path.residuals.dtype.names or ():
         variables[f"pulse_{name}"] = ("pulse", path.residuals[name], _unit_of(name))
     return xr.Dataset(
         variables,
@@ -86,7 +89,7 @@ def _path_dataset(xr: Any, path: Any, samples: int) -> Any:
     )
 
 
-def _histogram_dataset(xr: Any, hist: Any) -> Any:
+def _histogram_dataset(xr: Any, hist: Histograms) -> Any:
     rows, cols = hist.shape
     coords: dict[str, Any] = {
         "row": np.arange(rows),
@@ -117,7 +120,7 @@ def _histogram_dataset(xr: Any, hist: Any) -> Any:
     )
 
 
-def _clock_dataset(xr: Any, timing: Any) -> Any:
+def _clock_dataset(xr: Any, timing: TimingCalibration) -> Any:
     variables: dict[str, Any] = {}
     for name in ("gain", "gain_std", "end_code", "skew_ps", "skew_std_ps", "response_std_ps"):
         values = getattr(timing, name, None)
@@ -133,7 +136,7 @@ def _clock_dataset(xr: Any, timing: Any) -> Any:
     )
 
 
-def _table_dataset(xr: Any, table: Any) -> Any:
+def _table_dataset(xr: Any, table: Arrivals | Pulses) -> Any:
     n = len(table.row)
     variables = {
         name: ("pulse", value, _unit_of(name))

@@ -14,14 +14,17 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.view.trace import Trace, places_from_path, trace_from_path
+from lightflight.path.trace import Trace, places_from_path, trace_from_path
+from lightflight.view.types import Floats
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from lightflight import Histograms, LightPath
+
 Layer = tuple[NDArray[Any], dict[str, Any], str]
 """(array, attributes, kind of layer)."""
 
@@ -33,18 +36,21 @@ _STEP_PS = 5.0
 _EVENT, _ARRIVAL = "#c8440a", "#0b63ce"
 
 
-def layers_from_path(path: Any, *, step_ps: float = _STEP_PS) -> list[Layer]:
+def layers_from_path(path: LightPath, *, step_ps: float = _STEP_PS) -> list[Layer]:
     """A path as layers: both clocks as tracks, then vertices and measured pulses as points.
 
     Parameters
     ----------
-    path : LightPath.
-    step_ps : time from one position of the slider to the next, ps.
+    path : LightPath
+        The path.
+    step_ps : float, optional
+        Time from one position of the slider to the next, ps.
 
     Returns
     -------
-    Layers, in the order in which they are drawn; those that would be empty are left out. Times
-    count from vertex 0, those of arrival from the arrival of its light.
+    list of (array, dict, str)
+        Layers, in the order in which they are drawn; those that would be empty are left out. Times
+        count from vertex 0, those of arrival from the arrival of its light.
 
     Raises
     ------
@@ -84,7 +90,7 @@ def _tracks(trace: Trace, times_ps: Floats, step_ps: float, attributes: dict[str
     return rows, {**attributes, **more}, "tracks"
 
 
-def _vertex_points(path: Any, step_ps: float, common: dict[str, Any]) -> Layer:
+def _vertex_points(path: LightPath, step_ps: float, common: dict[str, Any]) -> Layer:
     times = np.asarray(path.vertex_times_ps, dtype=float)
     vertices = np.asarray(path.vertices_mm, dtype=float)
     rows = np.column_stack(((times - times[0]) / step_ps, vertices[:, ::-1]))
@@ -105,7 +111,7 @@ def _vertex_points(path: Any, step_ps: float, common: dict[str, Any]) -> Layer:
 
 
 def _pulse_points(
-    path: Any, start_ps: float, step_ps: float, common: dict[str, Any]
+    path: LightPath, start_ps: float, step_ps: float, common: dict[str, Any]
 ) -> Layer | None:
     """Measured pulses at their place on the path, with residuals as features."""
     places = places_from_path(path)
@@ -131,16 +137,22 @@ def _marker_mm(vertices: Floats) -> float:
     return 0.02 * size if size > 0 else 1.0
 
 
-def layers_from_histograms(hist: Any) -> list[Layer]:
+def layers_from_histograms(hist: Histograms) -> list[Layer]:
     """Counts as an image (code, row, col), read-only as the record; time along the first axis.
 
     The first axis is in ps where the time per code is known, and runs forwards; codes that run
     backwards are turned.
+
+    Parameters
+    ----------
+    hist : Histograms
+        The recording.
     """
     width = hist.bin_width_ps
     counts = np.moveaxis(hist.counts, 2, 0)
     if hist.no_photon_code is not None:
         counts = counts.copy()
+        # Frames without a photon are counted there: they would outshine all light.
         counts[hist.no_photon_code] = 0
     if hist.reversed_codes:
         counts = counts[::-1]
@@ -167,9 +179,10 @@ def napari_get_reader(
 
 def _kind(file: str | os.PathLike[str]) -> str | None:
     """What of ours a file holds that can be drawn; None for anything else."""
-    from lightflight.store import kind_of_record
+    from lightflight.files.store import kind_of_record
 
     try:
+        # A foreign or damaged file is for another reader to judge: napari asks them all.
         kind = kind_of_record(file)
     except (ValueError, OSError):
         return None
@@ -177,8 +190,9 @@ def _kind(file: str | os.PathLike[str]) -> str | None:
 
 
 def _read_layers(path: Any) -> list[Layer]:
-    from lightflight.path import LightPath
-    from lightflight.recording import histogram, read
+    from lightflight.formats.registry import read
+    from lightflight.path.light_path import LightPath
+    from lightflight.recording.counting import histogram
 
     layers = []
     for file in [path] if isinstance(path, str | os.PathLike) else list(path):

@@ -8,66 +8,19 @@ own camera instead of a `Viewpoint`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from lightflight.view import style
+from lightflight.view.types import Floats
+from lightflight.view.viewpoint import Projector, Viewpoint
 
-Floats = NDArray[np.float64]
-
-
-class Projector(Protocol):
-    """Anything that puts world points on a page."""
-
-    def project(self, points_mm: ArrayLike) -> Floats:
-        """(..., 3) world, mm, to (..., 2) on the page."""
-        ...
-
-
-@dataclass(frozen=True)
-class Viewpoint:
-    """A viewer infinitely far away, looking at the scene from a direction."""
-
-    azimuth_deg: float = -24.0
-    """0: from the side of +z (where the paper's camera stands); positive: from the right."""
-
-    elevation_deg: float = 22.0
-    """Above the x-z plane."""
-
-    @property
-    def towards_viewer(self) -> Floats:
-        """(3,), unit, world."""
-        az, el = np.deg2rad(self.azimuth_deg), np.deg2rad(self.elevation_deg)
-        return np.array([np.sin(az) * np.cos(el), np.sin(el), np.cos(az) * np.cos(el)])
-
-    @property
-    def page_axes(self) -> Floats:
-        """(2, 3): world directions of the page's right and up, unit."""
-        az = np.deg2rad(self.azimuth_deg)
-        right = np.array([np.cos(az), 0.0, -np.sin(az)])
-        return np.array([right, np.cross(self.towards_viewer, right)])
-
-    def project(self, points_mm: ArrayLike) -> Floats:
-        """(..., 3) world, mm, to (..., 2) on the page, mm."""
-        return np.asarray(np.asarray(points_mm, dtype=float) @ self.page_axes.T)
-
-
-@dataclass(frozen=True)
-class PhotoView:
-    """The page is a photograph, and `camera` took it: x = column, y = row, px."""
-
-    camera: Any
-    """The camera of the photograph (`lightflight.Camera`)."""
-
-    def project(self, points_mm: ArrayLike) -> Floats:
-        """(..., 3) world, mm, to (..., 2) px; NaN behind the camera."""
-        row, col = self.camera.pixels_from_points(np.asarray(points_mm, dtype=float))
-        return np.stack((col, row), axis=-1)
+_MARGIN_PT = 26.0
+"""Room around a box for the labels of its edges, points of type."""
 
 
 def line(ax: Axes, view: Projector, points_mm: ArrayLike, **options: Any) -> None:
@@ -125,24 +78,22 @@ def ribbon_from_rings(rings: Floats, view: Projector) -> Floats | None:
     return np.concatenate((high, low[::-1]))
 
 
-def draw_box(
-    ax: Axes, view: Viewpoint, box_mm: Floats, *, margin_pt: float = 26.0, ticks: bool = True
-) -> None:
+def draw_box(ax: Axes, view: Viewpoint, box_mm: Floats) -> None:
     """Back walls with a grid and labelled edges of a box (2, 3), to scale; sets the limits."""
     ax.set_axis_off()
     ax.set_aspect("equal")
     viewer = view.towards_viewer
+    # Walls at the back, whatever side is looked from, and scales on the edges in front.
     far = np.where(viewer > 0, box_mm[0], box_mm[1])
     near = np.where(viewer > 0, box_mm[1], box_mm[0])
     values = _tick_values(box_mm)
     for axis in range(3):
         _draw_wall(ax, view, box_mm, axis, far[axis], values)
-    if ticks:
-        low = box_mm[0, 1]
-        _draw_edge(ax, view, 0, np.array([np.nan, low, near[2]]), box_mm, values[0])
-        _draw_edge(ax, view, 2, np.array([near[0], low, np.nan]), box_mm, values[2])
-        _draw_edge(ax, view, 1, np.array([far[0], np.nan, near[2]]), box_mm, values[1])
-    _fit_limits(ax, view, box_mm, margin_pt if ticks else 4.0)
+    low = box_mm[0, 1]
+    _draw_edge(ax, view, 0, np.array([np.nan, low, near[2]]), box_mm, values[0])
+    _draw_edge(ax, view, 2, np.array([near[0], low, np.nan]), box_mm, values[2])
+    _draw_edge(ax, view, 1, np.array([far[0], np.nan, near[2]]), box_mm, values[1])
+    _fit_limits(ax, view, box_mm)
 
 
 def _tick_values(box: Floats) -> list[Floats]:
@@ -150,6 +101,8 @@ def _tick_values(box: Floats) -> list[Floats]:
     common = style.nice_step(float(spans.max()), 5)
     values = []
     for axis in range(3):
+        # One spacing for all axes, to compare lengths; a short axis needs its own to have a tick at
+        # all.
         step = common if spans[axis] >= 1.4 * common else style.nice_step(float(spans[axis]), 2)
         first = np.ceil(box[0, axis] / step) * step
         values.append(np.arange(first, box[1, axis] + 1e-9 * step, step) + 0.0)
@@ -182,6 +135,7 @@ def _draw_edge(
     page = view.project(ends)
     along = (page[1] - page[0]) / max(np.linalg.norm(page[1] - page[0]), 1e-9)
     out = np.array([-along[1], along[0]])
+    # Labels stand outside the box.
     if out @ (page.mean(axis=0) - view.project(box.mean(axis=0))) < 0:
         out = -out
     ha = "center" if abs(out[0]) < 0.55 else "left" if out[0] > 0 else "right"
@@ -206,15 +160,16 @@ def _draw_edge(
     )  # fmt: skip
 
 
-def _fit_limits(ax: Axes, view: Viewpoint, box: Floats, margin_pt: float) -> None:
-    """Limits that hold the box and leave `margin_pt` points of type around it for labels."""
+def _fit_limits(ax: Axes, view: Viewpoint, box: Floats) -> None:
+    """Limits that hold the box and leave `_MARGIN_PT` around it."""
     corners = np.array(np.meshgrid(*box.T, indexing="ij")).reshape(3, -1).T
     page = view.project(corners)
     low, high = page.min(axis=0), page.max(axis=0)
     figure = ax.get_figure(root=True)
     assert figure is not None
     size_pt = 72.0 * np.array(figure.get_size_inches()) * ax.get_position().bounds[2:]
-    room = np.maximum(size_pt - 2.0 * margin_pt, 10.0)
+    # By points of type, not by data: labels keep their size when the figure does not.
+    room = np.maximum(size_pt - 2.0 * _MARGIN_PT, 10.0)
     per_pt = float(((high - low) / room).max())
     middle = (low + high) / 2.0
     half = per_pt * size_pt / 2.0

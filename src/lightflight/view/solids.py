@@ -6,15 +6,18 @@ NumPy only; glTF is made of these.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from lightflight.view.trace import Trace, across_axes, frame_across
+from lightflight.path.trace import Trace, across_axes, frame_across
+from lightflight.view.types import Floats, Whole
 
-Floats = NDArray[np.float64]
-Solid = tuple[Floats, NDArray[np.int64]]
+if TYPE_CHECKING:
+    from lightflight import Camera
+
+Solid = tuple[Floats, Whole]
 
 _TUBE_SHARE = 0.022
 """Radius of a magnified error tube as a share of the scene's longest side."""
@@ -80,7 +83,15 @@ def error_tube(trace: Trace, magnification: float, *, sides: int = 16) -> Solid 
 
 
 def magnification_of(trace: Trace, extent_mm: float) -> float:
-    """Factor of 1, 2, 5, 10 ... that makes the typical error of a trace visible in a scene."""
+    """Factor of 1, 2, 5, 10 ... that makes the typical error of a trace visible in a scene.
+
+    Parameters
+    ----------
+    trace : Trace
+        Dense points along the path.
+    extent_mm : float
+        The scene's longest side, mm.
+    """
     size = trace.std_mm[np.isfinite(trace.std_mm)]
     if size.size == 0 or not np.median(size) > 0:
         return 1.0
@@ -88,11 +99,18 @@ def magnification_of(trace: Trace, extent_mm: float) -> float:
 
 
 def nice_factor(ratio: float, *, largest: float = 1e4) -> float:
-    """Largest of 1, 2, 5, 10, 20 ... that is not above `ratio`; never below 1."""
+    """Largest of 1, 2, 5, 10, 20 ... that is not above `ratio`; never below 1.
+
+    Examples
+    --------
+    >>> nice_factor(730.0), nice_factor(0.3)
+    (500.0, 1.0)
+    """
     if not np.isfinite(ratio) or ratio <= 1.0:
         return 1.0
     ratio = min(ratio, largest)
     power = 10.0 ** np.floor(np.log10(ratio))
+    # The hair of room: 5.0 must give 5, whatever its last bit.
     return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= ratio * 1.0001))
 
 
@@ -105,9 +123,12 @@ def mirror_outline(
     outgoing = np.asarray(after_mm, dtype=float) - corner
     incoming = incoming / np.linalg.norm(incoming)
     outgoing = outgoing / np.linalg.norm(outgoing)
+    # The law of reflection: the normal halves the angle between the two legs.
     normal = outgoing - incoming
     size = np.linalg.norm(normal)
+    # Light that goes straight on has no mirror: any square across it will do.
     normal = outgoing if size < 1e-9 else normal / size
+    # Upright like a mirror on a table; one that lies flat gets another edge.
     up = np.array([0.0, 1.0, 0.0])
     up = up - (up @ normal) * normal
     if np.linalg.norm(up) < 0.1:
@@ -139,16 +160,24 @@ def sphere(center_mm: ArrayLike, radius_mm: float, *, rings: int = 9, sides: int
     return _rings(np.asarray(center_mm, dtype=float) + radius_mm * points)
 
 
-def field_of_view(camera: Any, depth_point_mm: ArrayLike) -> Floats:
+def field_of_view(camera: Camera, depth_point_mm: ArrayLike) -> Floats:
     """Outer edge of a camera's field on the plane through a point, facing the camera; (33, 3).
 
     Its corners are points 0, 8, 16, 24.
+
+    Parameters
+    ----------
+    camera : Camera
+        Who looks.
+    depth_point_mm : array
+        World point in whose depth the field is cut, mm; shape (3,).
     """
     rows, cols = camera.shape
     top, bottom, left, right = -0.5, rows - 0.5, -0.5, cols - 0.5
     edge = np.array(
         [(top, left), (top, right), (bottom, right), (bottom, left), (top, left)], dtype=float
     )
+    # Eight points on a side: a lens with distortion bends the edges of its picture.
     f = np.linspace(0, 1, 9)[:-1, np.newaxis]
     outline = np.concatenate([(1 - f) * edge[i] + f * edge[i + 1] for i in range(4)] + [edge[-1:]])
     rays = camera.rays_from_pixels(outline[:, 0], outline[:, 1])
@@ -157,7 +186,7 @@ def field_of_view(camera: Any, depth_point_mm: ArrayLike) -> Floats:
     return np.asarray(camera.center_mm + rays * (depth / (rays @ forward))[:, np.newaxis])
 
 
-def field_lines(camera: Any, depth_point_mm: ArrayLike) -> Floats:
+def field_lines(camera: Camera, depth_point_mm: ArrayLike) -> Floats:
     """The camera's field as line segments (n, 2, 3): four rays and the outline."""
     outline = field_of_view(camera, depth_point_mm)
     rays = [np.stack((camera.center_mm, outline[k])) for k in (0, 8, 16, 24)]

@@ -19,6 +19,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
@@ -48,6 +50,10 @@ OTHERS = ("#5f9ea0", "#8c6bb1", "#a6861a", "#7a7f87")
 """Other estimates laid beside the main one, in order."""
 OTHER_DASHES: tuple[Any, ...] = ((0, (5, 1.4, 1, 1.4)), (0, (1.2, 1.2)), (0, (7, 2)), "solid")
 
+TRUTH_LINE: dict[str, Any] = {"color": INK, "lw": 0.9, "ls": (0, (4, 3))}
+"""How truth is drawn: black and dashed."""
+
+# Matplotlib wants its settings' names as literals, which a dictionary of ours cannot promise.
 STYLE: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],  # ships with Matplotlib: the same picture everywhere
@@ -119,6 +125,7 @@ def styled(function: Callable[P, R]) -> Callable[P, R]:
 
 def new_figure(width_mm: float = 120.0, height_mm: float = 80.0, **options: Any) -> Figure:
     """An empty figure of this size on paper, outside pyplot (it needs no `close`)."""
+    # Not by pyplot: its list keeps every figure alive until it is closed.
     size = (width_mm / MM_PER_INCH, height_mm / MM_PER_INCH)
     figure = Figure(figsize=size, **options)
     FigureCanvasAgg(figure)  # can be drawn and measured at once
@@ -131,6 +138,20 @@ def axes_or_new(ax: Axes | None, width_mm: float = 120.0, height_mm: float = 80.
         figure = new_figure(width_mm, height_mm, layout="constrained")
         return figure.add_subplot()
     return dress(ax)
+
+
+def axes_in_mm(
+    figure: Figure, page_mm: tuple[float, float], left: float, top: float, wide: float, high: float
+) -> Axes:
+    """New axes at a place given in mm from the upper left corner of the page."""
+    width, height = page_mm
+    bounds = (left / width, 1.0 - (top + high) / height, wide / width, high / height)
+    return figure.add_axes(bounds)
+
+
+def line_of_other(k: int) -> dict[str, Any]:
+    """Colour and dashes of the k-th other estimate, as `plot` takes them; repeats after four."""
+    return {"color": OTHERS[k % len(OTHERS)], "ls": OTHER_DASHES[k % len(OTHER_DASHES)]}
 
 
 def dress(ax: Axes) -> Axes:
@@ -170,7 +191,20 @@ def count_colormap() -> Colormap:
 
 
 def nice_step(span: float, about: int = 5) -> float:
-    """A step of 1, 2, 2.5 or 5 times a power of ten that cuts `span` into about `about` pieces."""
+    """A step of 1, 2, 2.5 or 5 times a power of ten that cuts `span` into about `about` pieces.
+
+    Parameters
+    ----------
+    span : float
+        Length to be cut.
+    about : int, optional
+        Number of pieces, roughly.
+
+    Examples
+    --------
+    >>> nice_step(430.0), nice_step(0.07)
+    (100.0, 0.01)
+    """
     if not np.isfinite(span) or span <= 0:
         return 1.0
     raw = span / about
@@ -180,11 +214,27 @@ def nice_step(span: float, about: int = 5) -> float:
 
 
 def robust_limit(values: ArrayLike, *, percentile: float = 98.0, floor: float = 1e-12) -> float:
-    """Half-width of a symmetric colour scale that a few outliers cannot stretch."""
+    """Half-width of a symmetric colour scale that a few outliers cannot stretch.
+
+    Parameters
+    ----------
+    values : array
+        Numbers of any shape; those that are not finite are left out.
+    percentile : float, optional
+        Share of the values that stay inside, per cent.
+    floor : float, optional
+        Smallest half-width.
+
+    Examples
+    --------
+    >>> robust_limit([-1.0, 0.5, float("nan")], percentile=100.0)
+    1.0
+    """
     finite = np.abs(np.asarray(values, dtype=float))
     finite = finite[np.isfinite(finite)]
     if finite.size == 0:
         return 1.0
+    # A map of zeros still needs a scale with two ends.
     return max(float(np.percentile(finite, percentile)), floor)
 
 
@@ -222,7 +272,7 @@ def message(ax: Axes, text: str) -> Axes:
     return ax
 
 
-def colorbar(ax: Axes, mappable: Any, label: str, **options: Any) -> Any:
+def colorbar(ax: Axes, mappable: ScalarMappable, label: str, **options: Any) -> Colorbar:
     """A thin colour bar beside `ax`, labelled like an axis."""
     figure = ax.get_figure(root=True)
     assert figure is not None

@@ -9,18 +9,29 @@ from __future__ import annotations
 import base64
 import hashlib
 import html
-import os
 import re
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import TYPE_CHECKING
 
 from lightflight._version import __version__
-from lightflight.errors import MissingExtraError, NothingFoundError
-from lightflight.store import atomic_path
+from lightflight.errors import NothingFoundError, optional_package
+from lightflight.files.whole_file import atomic_path
 from lightflight.view.page import tables
 from lightflight.view.page.payload import json_for_html, payload_from_records
+from lightflight.view.types import FilePath
+
+if TYPE_CHECKING:
+    from lightflight import (
+        Arrivals,
+        Camera,
+        Histograms,
+        LightPath,
+        Pulses,
+        Recording,
+        TimingCalibration,
+    )
 
 SCRIPTS = ("data.js", "scene.js", "picture.js", "panels.js", "main.js")
 """In this order; each uses what stands before it."""
@@ -39,18 +50,17 @@ def plotly_script() -> str:
     MissingExtraError
         Where plotly is not installed.
     """
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError as error:
-        raise MissingExtraError(
-            'the page needs plotly, which is not installed: pip install "lightflight[view]"'
-        ) from error
-    return _inline(get_plotlyjs())
+    offline = optional_package(
+        "plotly.offline",
+        'the page needs plotly, which is not installed: pip install "lightflight[view]"',
+    )
+    return _inline(offline.get_plotlyjs())
 
 
 def _inline(script: str) -> str:
     """A script that an HTML parser passes on unchanged: no early end, no carriage returns."""
     text = script.replace("\r\n", "\n").replace("\r", "\n")
+    # An HTML parser ends a script at its closing tag, even inside a string.
     text = re.sub(r"</(?=script)", r"<\\/", text, flags=re.IGNORECASE)
     return text.replace("<!--", "<\\!--")
 
@@ -75,26 +85,34 @@ def _policy(*scripts: str) -> str:
 
 
 def page_html(
-    path: Any,
+    path: LightPath,
     *,
-    recording: Any = None,
-    timing: Any = None,
-    pulses: Any = None,
-    arrivals: Any = None,
+    recording: Histograms | Recording | None = None,
+    timing: TimingCalibration | None = None,
+    pulses: Pulses | None = None,
+    arrivals: Arrivals | None = None,
     title: str = "",
-    second_camera: Any = None,
+    second_camera: Camera | None = None,
 ) -> str:
     """The page about one reconstruction, as text.
 
     Parameters
     ----------
-    path : LightPath.
-    recording : Histograms (or a Recording) it was made from: gives the pixels' histograms and,
-        where `pulses` and `arrivals` are not given, the pulses found in it.
-    timing : TimingCalibration it was made with.
-    pulses, arrivals : fits of the recording, where they are at hand.
-    title : heading; empty: one is made from the number of legs.
-    second_camera : Camera anywhere: the page can show what it would see of the path.
+    path : LightPath
+        The path.
+    recording : Histograms or Recording, optional
+        Histograms (or a Recording) it was made from: gives the pixels' histograms and, where
+        `pulses` and `arrivals` are not given, the pulses found in it.
+    timing : TimingCalibration, optional
+        Calibration it was made with.
+    pulses : Pulses, optional
+        Pulses fitted to the recording, where they are at hand.
+    arrivals : Arrivals, optional
+        Their arrival times.
+    title : str, optional
+        Heading; empty: one is made from the number of legs.
+    second_camera : Camera, optional
+        Camera anywhere: the page can show what it would see of the path.
 
     Raises
     ------
@@ -117,7 +135,9 @@ def page_html(
     )
     library = plotly_script()
     body = "\n".join(_asset(name) for name in SCRIPTS)
+    # One closed function in strict mode: nothing of the page becomes a global name.
     script = _inline(f'(() => {{\n"use strict";\n{body}\n}})();')
+    # What comes from outside is escaped here or in `tables`; the payload in `json_for_html`.
     parts = {
         "POLICY": html.escape(_policy(library, script), quote=True),
         "GENERATOR": html.escape(f"lightflight {__version__}", quote=True),
@@ -139,24 +159,29 @@ def _filled(template: str, parts: Mapping[str, str]) -> str:
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda match: parts[match.group(1)], template)
 
 
-def _histograms(recording: Any) -> Any:
-    if recording is None or hasattr(recording, "counts"):
-        return recording
-    from lightflight.recording import histogram
+def _histograms(recording: Histograms | Recording | None) -> Histograms | None:
+    from lightflight.recording.counting import histogram
+    from lightflight.recording.recording import Recording
 
-    return histogram(recording)
+    return histogram(recording) if isinstance(recording, Recording) else recording
 
 
-def _fits(hist: Any, timing: Any, pulses: Any, arrivals: Any) -> tuple[Any, Any]:
+def _fits(
+    hist: Histograms | None,
+    timing: TimingCalibration | None,
+    pulses: Pulses | None,
+    arrivals: Arrivals | None,
+) -> tuple[Pulses | None, Arrivals | None]:
     """Pulses and arrivals of a recording; None where it holds none."""
     if hist is None:
         return pulses, arrivals
-    from lightflight.timing.arrivals import arrivals_from_pulses
-    from lightflight.timing.pulses import fit_pulses
+    from lightflight.timing.pulses.arrivals import arrivals_from_pulses
+    from lightflight.timing.pulses.pulses import fit_pulses
 
     try:
         pulses = fit_pulses(hist, timing=timing) if pulses is None else pulses
     except NothingFoundError:
+        # A recording without a pulse still makes a page, which says so among what is missing.
         return None, None
     if arrivals is None:
         arrivals = arrivals_from_pulses(pulses, timing=timing)
@@ -164,15 +189,15 @@ def _fits(hist: Any, timing: Any, pulses: Any, arrivals: Any) -> tuple[Any, Any]
 
 
 def write_page(
-    path: Any,
-    file: str | os.PathLike[str],
+    path: LightPath,
+    file: FilePath,
     *,
-    recording: Any = None,
-    timing: Any = None,
-    pulses: Any = None,
-    arrivals: Any = None,
+    recording: Histograms | Recording | None = None,
+    timing: TimingCalibration | None = None,
+    pulses: Pulses | None = None,
+    arrivals: Arrivals | None = None,
     title: str = "",
-    second_camera: Any = None,
+    second_camera: Camera | None = None,
 ) -> None:
     """Write the page about one reconstruction; parameters as in `page_html`.
 

@@ -10,25 +10,26 @@ import html
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from lightflight._version import __version__
 from lightflight.display import number, with_error
-from lightflight.path import LightPath
-from lightflight.store import atomic_path
+from lightflight.files.whole_file import atomic_path
+from lightflight.path.light_path import LightPath
+from lightflight.path.trace import trace_from_path
 from lightflight.view.page.build import page_html
 from lightflight.view.page.tables import heading
-from lightflight.view.trace import trace_from_path
+from lightflight.view.types import FilePath, Floats
+from lightflight.view.viewpoint import Viewpoint
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from lightflight import TimingCalibration
+
 
 _WIDTH, _HEIGHT, _PAD = 260.0, 150.0, 10.0
-
-# The direction the small pictures look along: the figures' own (lightflight.view.projection).
-_AZIMUTH, _ELEVATION = np.deg2rad(-24.0), np.deg2rad(22.0)
 
 _STYLE = """
 :root { --paper:#f4f5f7; --card:#fff; --ink:#1a2130; --quiet:#5b6575; --hair:#dde1e7;
@@ -54,10 +55,10 @@ dt { color:var(--quiet); } dd { margin:0; }
 
 
 def write_campaign(
-    path_files: Sequence[str | os.PathLike[str]],
-    file: str | os.PathLike[str],
+    path_files: Sequence[FilePath],
+    file: FilePath,
     *,
-    timing: Any = None,
+    timing: TimingCalibration | None = None,
     title: str = "",
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
@@ -67,11 +68,16 @@ def write_campaign(
 
     Parameters
     ----------
-    path_files : path files of `LightPath.save`.
-    file : index to write, .html.
-    timing : TimingCalibration they share, if any.
-    title : heading.
-    progress : called with (done, in all).
+    path_files : sequence of paths
+        Path files of `LightPath.save`.
+    file : path
+        Index to write, .html.
+    timing : TimingCalibration, optional
+        Calibration they share, if any.
+    title : str, optional
+        Heading.
+    progress : callable, optional
+        Called with (done, in all).
     """
     index = Path(file)
     folder = index.parent / f"{index.stem}_pages"
@@ -81,6 +87,7 @@ def write_campaign(
         name = os.fspath(source)
         try:
             path = LightPath.load(source)
+        # One damaged file of hundreds must not cost the others.
         except (ValueError, OSError) as error:
             entries.append((name, str(error), ""))
         else:
@@ -98,12 +105,15 @@ def write_campaign(
         fresh.write_text(campaign_html(entries, title=title), encoding="utf-8", newline="\n")
 
 
-def campaign_html(entries: Sequence[tuple[str, Any, str]], *, title: str = "") -> str:
+def campaign_html(entries: Sequence[tuple[str, LightPath | str, str]], *, title: str = "") -> str:
     """The index as text.
 
     Parameters
     ----------
-    entries : (name, LightPath or why there is none, link to its page) each.
+    entries : sequence of (str, LightPath or str, str)
+        (name, LightPath or why there is none, link to its page) each.
+    title : str, optional
+        Heading.
     """
     paths = [entry[1] for entry in entries if not isinstance(entry[1], str)]
     words = title or f"{len(entries)} reconstructions"
@@ -134,21 +144,13 @@ def _short_names(names: Sequence[str]) -> list[str]:
     ]
 
 
-def _on_page(points: Any) -> Floats:
+def _on_page(points: ArrayLike) -> Floats:
     """World points (n, 3), mm, in parallel projection; y grows downwards, as SVG counts."""
-    right = np.array([np.cos(_AZIMUTH), 0.0, -np.sin(_AZIMUTH)])
-    viewer = np.array(
-        [
-            np.sin(_AZIMUTH) * np.cos(_ELEVATION),
-            np.sin(_ELEVATION),
-            np.cos(_AZIMUTH) * np.cos(_ELEVATION),
-        ]
-    )
-    flat = np.asarray(points, dtype=float) @ np.stack((right, -np.cross(viewer, right))).T
-    return np.asarray(flat)
+    # y grows downwards in SVG.
+    return Viewpoint().project(points) * (1.0, -1.0)
 
 
-def _common_frame(paths: Sequence[Any]) -> tuple[Floats, float]:
+def _common_frame(paths: Sequence[LightPath]) -> tuple[Floats, float]:
     """Middle (2,) and scale (pixels per mm) that hold every path."""
     every = [_on_page(path.vertices_mm) for path in paths]
     points = np.concatenate(every) if every else np.zeros((1, 2))
@@ -158,10 +160,11 @@ def _common_frame(paths: Sequence[Any]) -> tuple[Floats, float]:
     low, high = points.min(axis=0), points.max(axis=0)
     room = np.array([_WIDTH, _HEIGHT]) - 2 * _PAD
     scale = float((room / np.maximum(high - low, 1e-6)).min())
+    # Without a path, or with one of no extent, any finite scale will do.
     return (low + high) / 2, min(scale, 1e3)
 
 
-def _item(name: str, path: Any, link: str, frame: tuple[Floats, float]) -> str:
+def _item(name: str, path: LightPath | str, link: str, frame: tuple[Floats, float]) -> str:
     if isinstance(path, str):
         return f'<li><h2>{html.escape(name)}</h2><p class="bad">{html.escape(path)}</p></li>'
     facts = "".join(
@@ -173,7 +176,7 @@ def _item(name: str, path: Any, link: str, frame: tuple[Floats, float]) -> str:
     )
 
 
-def _facts(path: Any) -> list[tuple[str, str]]:
+def _facts(path: LightPath) -> list[tuple[str, str]]:
     goodness = path.goodness
     angles = ", ".join(with_error(leg.angle_deg, leg.angle_std_deg) for leg in path.legs[:3])
     facts = [
@@ -187,14 +190,14 @@ def _facts(path: Any) -> list[tuple[str, str]]:
     return facts
 
 
-def _picture(path: Any, name: str, frame: tuple[Floats, float]) -> str:
+def _picture(path: LightPath, name: str, frame: tuple[Floats, float]) -> str:
     middle, scale = frame
 
-    def placed(points: Any) -> Floats:
+    def placed(points: ArrayLike) -> Floats:
         center = np.array([_WIDTH, _HEIGHT]) / 2
         return np.asarray((_on_page(points) - middle) * scale + center)
 
-    def line(points: Any, style: str) -> str:
+    def line(points: ArrayLike, style: str) -> str:
         flat = placed(points)
         flat = flat[np.isfinite(flat).all(axis=1)]
         text = " ".join(f"{x:.1f},{y:.1f}" for x, y in flat)

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import base64
 import gzip
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from lightflight.view.types import Floats, Json, Whole
+
+if TYPE_CHECKING:
+    from lightflight import Histograms, Pulses, TimingCalibration
+
 
 BUDGET_BYTES = 9_000_000
 """Raw bytes of histograms in one page; they shrink to a third or less."""
@@ -29,12 +32,23 @@ _CHUNK = 2048
 _BYTES_PER_BIN = 6
 
 
-def histogram_blob(hist: Any, *, pulses: Any = None, timing: Any = None) -> dict[str, Any]:
+def histogram_blob(
+    hist: Histograms, *, pulses: Pulses | None = None, timing: TimingCalibration | None = None
+) -> Json:
     """Index and compressed counts of the pixels' histograms.
 
     The block holds the widths of all bins, pixel after pixel in the order of the index (uint16,
     in units of `width_unit`), then the counts of all bins (uint32, or float32 for scaled
     intensities). Bins of a pixel touch; `start` is the lower edge of its first.
+
+    Parameters
+    ----------
+    hist : Histograms
+        The recording.
+    pulses : Pulses, optional
+        Pulses fitted to it.
+    timing : TimingCalibration, optional
+        The calibration of its clock.
 
     Returns
     -------
@@ -42,7 +56,7 @@ def histogram_blob(hist: Any, *, pulses: Any = None, timing: Any = None) -> dict
     NaN without a pulse), unit of time, and the block; pixels that found no room are counted in
     `left_out`.
     """
-    from lightflight.timing.pile_up import pile_up_of
+    from lightflight.timing.pulses.pile_up import pile_up_of
 
     rows, cols = hist.shape
     strongest = _strongest_pulses(pulses, rows, cols)
@@ -52,6 +66,7 @@ def histogram_blob(hist: Any, *, pulses: Any = None, timing: Any = None) -> dict
     entries: list[tuple[int, Floats]] = []
     spent = 0
     for start in range(0, len(order), _CHUNK):
+        # Chunk by chunk, so that a large camera's edges are never all in memory.
         if spent > BUDGET_BYTES:
             break
         for pixel, bins in _blocks(hist, timing, order[start : start + _CHUNK], strongest):
@@ -62,12 +77,13 @@ def histogram_blob(hist: Any, *, pulses: Any = None, timing: Any = None) -> dict
     return _finish(hist, timing, entries, strongest, len(order) - len(entries))
 
 
-def _strongest_pulses(pulses: Any, rows: int, cols: int) -> Floats:
+def _strongest_pulses(pulses: Pulses | None, rows: int, cols: int) -> Floats:
     """(pixels, 4): delay, std, photons, background of the strongest pulse; NaN without one."""
     best = np.full((rows * cols, 4), np.nan)
     if pulses is None:
         return best
     use = np.flatnonzero(np.isfinite(pulses.delay_ps) & np.isfinite(pulses.photons))
+    # Ascending: of several pulses in a pixel the strongest is written last.
     use = use[np.argsort(pulses.photons[use], kind="stable")]
     pixel = np.asarray(pulses.row, dtype=np.int64)[use] * cols + np.asarray(pulses.col)[use]
     columns = (pulses.delay_ps, pulses.std_ps, pulses.photons, pulses.background_per_ps)
@@ -75,18 +91,19 @@ def _strongest_pulses(pulses: Any, rows: int, cols: int) -> Floats:
     return best
 
 
-def _priority(hist: Any, strongest: Floats) -> NDArray[np.int64]:
+def _priority(hist: Histograms, strongest: Floats) -> Whole:
     """Pixels, brightest pulse first, then by counts."""
     photons = np.asarray(hist.photons, dtype=float).ravel()
     with_pulse = np.isfinite(strongest[:, 0])
+    # Negative for all without a pulse, so that they come after; the brighter the sooner.
     key = np.where(with_pulse, strongest[:, 2], -1.0 / (1.0 + photons))
     return np.argsort(-np.nan_to_num(key, nan=-1.0), kind="stable")
 
 
 def _blocks(
-    hist: Any, timing: Any, pixels: NDArray[np.int64], strongest: Floats
+    hist: Histograms, timing: TimingCalibration | None, pixels: Whole, strongest: Floats
 ) -> list[tuple[int, Floats]]:
-    from lightflight.timing._pulse_fits import clock_of
+    from lightflight.timing.pulses.fits import clock_of
 
     clock = clock_of(hist, timing)
     rows, cols = np.divmod(pixels, hist.shape[1])
@@ -131,14 +148,19 @@ def _coarse(lower: Floats, upper: Floats, counts: Floats) -> Floats:
 
 
 def _finish(
-    hist: Any, timing: Any, entries: list[tuple[int, Floats]], strongest: Floats, left_out: int
-) -> dict[str, Any]:
+    hist: Histograms,
+    timing: TimingCalibration | None,
+    entries: list[tuple[int, Floats]],
+    strongest: Floats,
+    left_out: int,
+) -> Json:
     from lightflight.view.page.packing import packed
 
     pixel = np.array([e[0] for e in entries], dtype=np.int64)
     row, col = np.divmod(pixel, hist.shape[1])
     every = np.concatenate([e[1] for e in entries], axis=1) if entries else np.zeros((3, 0))
     unit = max(float(every[1].max(initial=0.0)) / 65535.0, 1e-12)
+    # Scaled intensities are no whole numbers.
     kind = "u4" if hist.poisson else "f4"
     raw = np.rint(every[1] / unit).astype("<u2").tobytes() + every[2].astype(f"<{kind}").tobytes()
     known = timing is not None or hist.bin_width_ps is not None

@@ -5,14 +5,25 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lightflight.view.types import Json
 
-def packed(array: ArrayLike, kind: str) -> dict[str, Any]:
-    """An array as base64 of little-endian numbers: kind "f4", "f8", "u1", "u2", "u4" or "i4"."""
+if TYPE_CHECKING:
+    from lightflight import Camera, LightPath
+
+
+def packed(array: ArrayLike, kind: str) -> Json:
+    """An array as base64 of little-endian numbers: kind "f4", "f8", "u1", "u2", "u4" or "i4".
+
+    Examples
+    --------
+    >>> packed([1, 2], "u1")
+    {'kind': 'u1', 'shape': [2], 'base64': 'AQI='}
+    """
     values = np.ascontiguousarray(np.asarray(array), dtype=f"<{kind}")
     return {
         "kind": kind,
@@ -21,14 +32,21 @@ def packed(array: ArrayLike, kind: str) -> dict[str, Any]:
     }
 
 
-def plain(value: Any) -> Any:
-    """Any metadata as JSON can hold it: arrays as lists, NaN and inf as null, the rest as text."""
+def plain(value: object) -> Any:
+    """Any metadata as JSON can hold it: arrays as lists, NaN and inf as null, the rest as text.
+
+    Examples
+    --------
+    >>> plain({"angle_deg": float("nan"), "legs": (1, 2)})
+    {'angle_deg': None, 'legs': [1, 2]}
+    """
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
         return plain(value.tolist())
     if isinstance(value, list | tuple | set | frozenset):
         return [plain(item) for item in value]
+    # Before the plain types: a NumPy number is none of them to `json`.
     if isinstance(value, np.generic):
         return plain(value.item())
     if isinstance(value, float):
@@ -38,7 +56,7 @@ def plain(value: Any) -> Any:
     return str(value)
 
 
-def camera_part(camera: Any, path: Any) -> dict[str, Any] | None:
+def camera_part(camera: Camera | None, path: LightPath) -> Json | None:
     """A camera as the page draws it: place, axis, the field of view where the path is."""
     if camera is None:
         return None

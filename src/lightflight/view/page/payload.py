@@ -8,26 +8,32 @@ single precision is plenty for tables; vertices keep all their digits.
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags as fl
+from lightflight.errors import GeometryError
 from lightflight.flight import Medium
-from lightflight.view.page.histograms import histogram_blob
-from lightflight.view.page.packing import camera_part, packed, plain
-from lightflight.view.page.second import second_view
-from lightflight.view.speed import apparent_speed_along
-from lightflight.view.trace import (
+from lightflight.path.apparent_speed import apparent_speed_along
+from lightflight.path.error import path_error
+from lightflight.path.tables import Polyline
+from lightflight.path.trace import (
     Trace,
     across_axes,
     has_errors,
     places_from_path,
     trace_from_path,
 )
+from lightflight.view.page.histograms import histogram_blob
+from lightflight.view.page.packing import camera_part, packed, plain
+from lightflight.view.page.second import second_view
+from lightflight.view.types import Json
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from lightflight import Arrivals, Camera, Histograms, LightPath, Pulses, TimingCalibration
+
 
 SCHEMA = 1
 """Version of the page's data; page.js reads this one."""
@@ -36,36 +42,50 @@ TRACE_POINTS = 2000
 """Points along a path, all legs together, beyond the ends of the legs."""
 
 
-def json_for_html(payload: Any) -> str:
-    """JSON text that cannot end its script element, whatever strings it holds.
+def json_for_html(payload: Json) -> str:
+    r"""JSON text that cannot end its script element, whatever strings it holds.
 
     `<`, `>`, `&` and the two line separators of JavaScript are written as escapes, so neither
     `</script` nor `<!--` can appear.
+
+    Examples
+    --------
+    >>> json_for_html({"title": "</script>"})
+    '{"title":"\\u003c/script\\u003e"}'
     """
+    # A NaN is no JSON: better an error here than a page that does not start.
     text = json.dumps(payload, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def payload_from_records(
-    path: Any,
+    path: LightPath,
     *,
-    hist: Any = None,
-    timing: Any = None,
-    pulses: Any = None,
-    arrivals: Any = None,
+    hist: Histograms | None = None,
+    timing: TimingCalibration | None = None,
+    pulses: Pulses | None = None,
+    arrivals: Arrivals | None = None,
     title: str = "",
-    second_camera: Any = None,
-) -> dict[str, Any]:
+    second_camera: Camera | None = None,
+) -> Json:
     """Everything the page shows, from a path and, where they are at hand, its recording and clock.
 
     Parameters
     ----------
-    path : LightPath.
-    hist : Histograms it was made from, for the pixels' histograms.
-    timing : TimingCalibration used.
-    pulses, arrivals : fits of `hist`.
-    title : heading; empty: one is made.
-    second_camera : Camera anywhere, whose view of the path is computed beside the first's.
+    path : LightPath
+        The path.
+    hist : Histograms, optional
+        Recording it was made from, for the pixels' histograms.
+    timing : TimingCalibration, optional
+        Calibration used.
+    pulses : Pulses, optional
+        Pulses fitted to `hist`.
+    arrivals : Arrivals, optional
+        Their arrival times.
+    title : str, optional
+        Heading; empty: one is made.
+    second_camera : Camera, optional
+        Camera anywhere, whose view of the path is computed beside the first's.
 
     Raises
     ------
@@ -75,9 +95,10 @@ def payload_from_records(
     truth = getattr(path, "truth", None)
     camera = getattr(path, "camera", None)
     n_legs = max(len(np.atleast_1d(path.vertex_times_ps)) - 1, 0)
+    # A path of many legs gets fewer points on each: the page must stay light enough to turn.
     per_leg = max(5, min(65, TRACE_POINTS // max(n_legs, 1)))
     trace = trace_from_path(path, per_leg=per_leg)
-    out: dict[str, Any] = {
+    out: Json = {
         "schema": SCHEMA,
         "title": title,
         "path": _path_part(path, trace),
@@ -97,7 +118,7 @@ def payload_from_records(
     return out
 
 
-def _path_part(path: Any, trace: Trace) -> dict[str, Any]:
+def _path_part(path: LightPath, trace: Trace) -> Json:
     vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
     times = np.asarray(path.vertex_times_ps, dtype=float).reshape(-1)
     medium = getattr(path, "medium", None) or Medium()
@@ -111,7 +132,10 @@ def _path_part(path: Any, trace: Trace) -> dict[str, Any]:
         "vertices_mm": plain(vertices),
         "vertex_times_ps": plain(times),
         "vertex_std": plain(std),
-        "legs": [_leg_part(leg) for leg in getattr(path, "legs", ())],
+        "legs": [
+            _fields(leg, "length_mm", "angle_deg", "angle_std_deg", "paper_angle_deg")
+            for leg in getattr(path, "legs", ())
+        ],
         "path_index": medium.path_group_index,
         "return_index": medium.return_group_index,
         "first_arrival_ps": plain(float(trace.arrival_ps[0])) if len(trace.leg) else None,
@@ -121,16 +145,17 @@ def _path_part(path: Any, trace: Trace) -> dict[str, Any]:
     }
 
 
-def _leg_part(leg: Any) -> dict[str, Any]:
-    return {
-        "length_mm": plain(leg.length_mm),
-        "angle_deg": plain(leg.angle_deg),
-        "angle_std_deg": plain(leg.angle_std_deg),
-        "paper_angle_deg": plain(leg.paper_angle_deg),
-    }
+_GOODNESS = (
+    "chi2", "dof", "n_pulses", "n_rejected", "residual_rms_ps", "error_floor_ps", "converged",
+)  # fmt: skip
 
 
-def _trace_part(path: Any, trace: Trace) -> dict[str, Any]:
+def _fields(record: object, *names: str) -> Json:
+    """Fields of a record by name, as JSON can hold them."""
+    return {name: plain(getattr(record, name)) for name in names}
+
+
+def _trace_part(path: LightPath, trace: Trace) -> Json:
     camera = getattr(path, "camera", None)
     variances, axes = across_axes(trace)
     half_axes = np.sqrt(np.maximum(variances, 0.0))[:, :, np.newaxis] * axes
@@ -157,7 +182,24 @@ def _trace_part(path: Any, trace: Trace) -> dict[str, Any]:
     }
 
 
-def _truth_part(path: Any, truth: Any) -> dict[str, Any] | None:
+def errors_of(path: LightPath, truth: Polyline) -> tuple[float, float]:
+    """(position rms mm, time rms ps) in view; NaN where the camera sees nothing of the truth.
+
+    Parameters
+    ----------
+    path : LightPath
+        The estimate; its camera says what is in view.
+    truth : Polyline or None
+        What to compare with.
+    """
+    try:
+        error = path_error(path, truth, path.camera)
+    except GeometryError:
+        return float("nan"), float("nan")
+    return error.position_rms_mm, error.event_time_rms_ps
+
+
+def _truth_part(path: LightPath, truth: Polyline | None) -> Json | None:
     if truth is None:
         return None
     part = {
@@ -167,14 +209,12 @@ def _truth_part(path: Any, truth: Any) -> dict[str, Any] | None:
         "time_rms_ps": None,
     }
     if getattr(path, "camera", None) is not None:
-        from lightflight.view.figures_demo import errors_of
-
         position, time = errors_of(path, truth)
         part["position_rms_mm"], part["time_rms_ps"] = plain(position), plain(time)
     return part
 
 
-def _pulses_part(path: Any, arrivals: Any, trace: Trace) -> dict[str, Any] | None:
+def _pulses_part(path: LightPath, arrivals: Arrivals | None, trace: Trace) -> Json | None:
     """One row per pulse that lies on the path or was found in the recording."""
     places = places_from_path(path)
     n = len(places.row)
@@ -202,13 +242,14 @@ def _pulses_part(path: Any, arrivals: Any, trace: Trace) -> dict[str, Any] | Non
     return {name: packed(values, kinds.get(name, "f4")) for name, values in table.items()}
 
 
-def _column(path: Any, name: str, n: int, default: float) -> NDArray[Any]:
-    table: Any = getattr(path, "residuals", None)
-    names = getattr(getattr(table, "dtype", None), "names", None) or ()
-    return np.asarray(table[name]) if n and name in names else np.full(n, default)
+def _column(path: LightPath, name: str, n: int, default: float) -> NDArray[Any]:
+    table: NDArray[Any] | None = getattr(path, "residuals", None)
+    if table is None or n == 0 or name not in (table.dtype.names or ()):
+        return np.full(n, default)
+    return np.asarray(table[name])
 
 
-def _with_arrivals(table: dict[str, Any], arrivals: Any, first: float) -> dict[str, Any]:
+def _with_arrivals(table: Json, arrivals: Arrivals, first: float) -> Json:
     """Add to the pulses of the path what else was found, and the pulses' own widths."""
     shape = arrivals.shape
     key = np.asarray(arrivals.row, dtype=np.int64) * shape[1] + np.asarray(arrivals.col)
@@ -217,8 +258,9 @@ def _with_arrivals(table: dict[str, Any], arrivals: Any, first: float) -> dict[s
     period = getattr(arrivals, "laser_period_ps", None)
     when = np.asarray(arrivals.arrival_ps, dtype=float) - first
     if period is not None:
+        # Unfolded to the period that starts a quarter before the first light, as the path counts.
         when = when - period * np.floor((when + 0.25 * period) / period)
-    # A pulse of the path and of the recording are the same where pixel and time agree.
+    # A pulse of the path is found again by its pixel; of several there, the last one counts.
     width = dict(zip(key[found], np.asarray(arrivals.std_ps, float)[found], strict=True))
     table["width_ps"] = np.array([width.get(k, np.nan) for k in own], dtype=float)
     silent = np.uint32(fl.NO_PHOTONS | fl.NO_PULSE | fl.TOO_FEW)
@@ -239,38 +281,25 @@ def _with_arrivals(table: dict[str, Any], arrivals: Any, first: float) -> dict[s
     return {name: np.concatenate((values, more.get(name, nan))) for name, values in table.items()}
 
 
-def _words_part(path: Any) -> dict[str, Any]:
+def _words_part(path: LightPath) -> Json:
     goodness = getattr(path, "goodness", None)
     return {
         "method": plain(getattr(path, "method", "")),
         "prior": plain(getattr(path, "prior", "")),
         "statements": plain(getattr(path, "statements", ())),
         "provenance": plain(dict(getattr(path, "provenance", None) or {})),
-        "goodness": None
-        if goodness is None
-        else {
-            name: plain(getattr(goodness, name))
-            for name in (
-                "chi2",
-                "dof",
-                "n_pulses",
-                "n_rejected",
-                "residual_rms_ps",
-                "error_floor_ps",
-                "converged",
-            )
-        },
+        "goodness": None if goodness is None else _fields(goodness, *_GOODNESS),
     }
 
 
-def _clock_part(timing: Any) -> dict[str, Any] | None:
+def _clock_part(timing: TimingCalibration | None) -> Json | None:
     """Summary of the calibration: numbers, mean phases, notes."""
     if timing is None:
         return None
     response = np.asarray(timing.response_std_ps, dtype=float)
     good = np.asarray(fl.is_usable(timing.flags))
 
-    def spread(values: Any) -> float | None:
+    def spread(values: ArrayLike) -> float | None:
         kept = np.asarray(values, dtype=float)[good]
         kept = kept[np.isfinite(kept)]
         return plain(float(kept.std())) if kept.size else None
@@ -295,7 +324,13 @@ def _clock_part(timing: Any) -> dict[str, Any] | None:
     }
 
 
-def _missing(path: Any, hist: Any, arrivals: Any, timing: Any, truth: Any) -> list[str]:
+def _missing(
+    path: LightPath,
+    hist: Histograms | None,
+    arrivals: Arrivals | None,
+    timing: TimingCalibration | None,
+    truth: Polyline | None,
+) -> list[str]:
     """What is not there and what the page therefore cannot show, in sentences."""
     said = []
     if len(np.atleast_1d(path.vertex_times_ps)) < 2:

@@ -6,21 +6,31 @@ the trace on that camera's clock.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lightflight.view.observation import Observation, observe
+from lightflight.path.apparent_speed import apparent_speed_along
+from lightflight.path.second_view import Observation, observe
+from lightflight.path.trace import Trace, trace_from_path
 from lightflight.view.page.packing import camera_part, packed, plain
-from lightflight.view.speed import apparent_speed_along
-from lightflight.view.trace import Trace, trace_from_path
+from lightflight.view.types import Floats, Json
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from lightflight import Camera, LightPath
 
 
-def second_view(path: Any, camera: Any, trace: Trace) -> dict[str, Any]:
+def second_view(path: LightPath, camera: Camera, trace: Trace) -> Json:
     """Everything in the page that depends on who looks.
+
+    Parameters
+    ----------
+    path : LightPath
+        The path.
+    camera : Camera
+        Who looks.
+    trace : Trace
+        Dense points along the path.
 
     Raises
     ------
@@ -46,11 +56,12 @@ def second_view(path: Any, camera: Any, trace: Trace) -> dict[str, Any]:
     }
 
 
-def _lights(seen: Observation, first_ps: float, start_ps: float) -> dict[str, Any]:
+def _lights(seen: Observation, first_ps: float, start_ps: float) -> Json:
     """One row per pixel and leg: light, mean times, width of the pulse as that pixel sees it."""
     rows, cols = seen.camera.shape
     row = np.clip(np.floor(seen.row + 0.5), 0, rows - 1).astype(np.int64)
     col = np.clip(np.floor(seen.col + 0.5), 0, cols - 1).astype(np.int64)
+    # One number per leg and pixel: where legs cross, their light stays apart.
     key, where = np.unique((seen.leg * rows + row) * cols + col, return_inverse=True)
 
     def mean(values: Floats) -> Floats:

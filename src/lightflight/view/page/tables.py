@@ -8,22 +8,26 @@ from __future__ import annotations
 import html
 import json
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lightflight.display import number, with_error
+from lightflight.view.types import Json
+
+if TYPE_CHECKING:
+    from lightflight import LightPath
 
 _COUNT_WORDS = {1: "One leg", 2: "Two legs", 3: "Three legs", 4: "Four legs", 5: "Five legs"}
 
 
-def heading(path: Any) -> str:
+def heading(path: LightPath) -> str:
     """A title for a path that was given none."""
     n_legs = max(len(np.atleast_1d(path.vertex_times_ps)) - 1, 0)
     return f"{_COUNT_WORDS.get(n_legs, f'{n_legs} legs')} of light in space and time"
 
 
-def lead(payload: dict[str, Any]) -> str:
+def lead(payload: Json) -> str:
     """One line: size, how it was found, how well."""
     words, path = payload["words"], payload["path"]
     parts = []
@@ -59,7 +63,7 @@ def _table(caption: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -
     )
 
 
-def tables_html(payload: dict[str, Any]) -> str:
+def tables_html(payload: Json) -> str:
     """Vertices and legs with their errors, and the truth beside them where it is known."""
     path = payload["path"]
     if not path["legs"]:
@@ -94,7 +98,7 @@ def tables_html(payload: dict[str, Any]) -> str:
     return '<div class="tables">' + "\n".join(parts) + "</div>"
 
 
-def _vertex_table(path: dict[str, Any]) -> str:
+def _vertex_table(path: Json) -> str:
     n = len(path["vertices_mm"])
     first = "source" if path["source_known"] else "entry"
     rows = []
@@ -109,7 +113,7 @@ def _vertex_table(path: dict[str, Any]) -> str:
     return _table("Vertices, with one standard deviation", header, rows)
 
 
-def statements_html(payload: dict[str, Any]) -> str:
+def statements_html(payload: Json) -> str:
     """What the data fix, what the result rests on, and what is missing, in sentences."""
     words, clock = payload["words"], payload["clock"]
     said = list(words["statements"])
@@ -123,11 +127,11 @@ def statements_html(payload: dict[str, Any]) -> str:
     return "\n".join(parts)
 
 
-def _list(sentences: Sequence[Any]) -> str:
+def _list(sentences: Sequence[object]) -> str:
     return "<ul>" + "".join(f"<li>{html.escape(str(text))}</li>" for text in sentences) + "</ul>"
 
 
-def provenance_html(payload: dict[str, Any]) -> str:
+def provenance_html(payload: Json) -> str:
     """Inputs, settings, versions and seed that made the path."""
     provenance = payload["words"]["provenance"]
     if not provenance:

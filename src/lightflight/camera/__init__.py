@@ -1,0 +1,27 @@
+"""The camera: which ray each pixel looks along, how its place is found.
+
+- the record and its projection: `model` (`Camera`); its distortion: `lens`
+- a camera from points of known place: `calibration` (`calibrate_camera`), solved by `fit` from
+  the first answers of `pose`
+"""
+
+from typing import TYPE_CHECKING
+
+from lightflight._lazy import lazy_names
+
+if TYPE_CHECKING:
+    from lightflight.camera.calibration import calibrate_camera
+    from lightflight.camera.model import Camera
+
+__all__ = [
+    "Camera",
+    "calibrate_camera",
+]
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "Camera": "lightflight.camera.model",
+        "calibrate_camera": "lightflight.camera.calibration",
+    },
+)

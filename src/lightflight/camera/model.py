@@ -1,0 +1,697 @@
+"""The camera: which ray each pixel looks along, and which pixel sees a point.
+
+Takes world points (mm) or pixels (row, col), gives the other through a pinhole with OpenCV's
+distortion model (`lens`). OpenCV's signs (u = col, v = row, y down, z forward) live in these two
+modules and nowhere else: outside them the world is right-handed, y up, and pixels are (row, col)
+with the centre of the first pixel at (0, 0). Fitting a camera to measured points is `calibration`.
+
+The camera is a point: its centre A is the entrance pupil, where arrival times are taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight.camera.lens import Lens, checked_distortion
+from lightflight.display import html_from_record
+from lightflight.errors import GeometryError
+
+# Rigid to this much: poses arrive as text with six or seven digits.
+_RIGID_TOLERANCE = 1e-5
+LENS_ERRORS = ("focal_std_fraction", "distortion_std")
+"""Stated errors of a camera's lens."""
+
+
+def rotation_from_vector(rotation_vector: ArrayLike) -> NDArray[np.float64]:
+    """Rotation matrix from a rotation vector (Rodrigues' formula).
+
+    R = 1 + (sin a / a) W + ((1 - cos a) / a^2) W^2 with W = [w]_x and a = |w|.
+
+    Parameters
+    ----------
+    rotation_vector : array of float, shape (3,)
+        Axis times angle, rad; right-handed.
+
+    Returns
+    -------
+    array of float, shape (3, 3)
+        Turns column vectors: x' = R x.
+
+    Examples
+    --------
+    >>> (rotation_from_vector((0.0, 0.0, np.pi / 2)) @ (1.0, 0.0, 0.0)).round(12) + 0.0
+    array([0., 1., 0.])
+    """
+    w = np.asarray(rotation_vector, dtype=np.float64)
+    angle = float(np.linalg.norm(w))
+    cross = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    # sinc forms stay exact at angle -> 0 (numpy's sinc carries a pi).
+    sine = np.sinc(angle / np.pi)
+    versine = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+    return np.asarray(np.eye(3) + sine * cross + versine * (cross @ cross))
+
+
+def pose_towards(position_mm: ArrayLike, forward: ArrayLike, up: ArrayLike) -> NDArray[np.float64]:
+    """Pose at a place, looking along `forward`, the top of the picture towards `up`.
+
+    Parameters
+    ----------
+    position_mm : array of float, shape (3,)
+        World, mm: the entrance pupil.
+    forward : array of float, shape (3,)
+        Unit vector, world: where the optical axis points.
+    up : array of float, shape (3,)
+        World; need not be square to `forward`, but must not lie along it.
+
+    Returns
+    -------
+    array of float, shape (4, 4)
+        world_from_camera, mm; camera axes x right, y down, z forward.
+    """
+    ahead = np.asarray(forward, dtype=np.float64)
+    right = np.cross(ahead, np.asarray(up, dtype=np.float64))
+    right = right / np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack((right, np.cross(ahead, right), ahead))
+    pose[:3, 3] = position_mm
+    return pose
+
+
+def _read_only(values: ArrayLike) -> NDArray[np.float64]:
+    """Copy as float64 that cannot be written to."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def _checked_matrix(matrix: ArrayLike) -> NDArray[np.float64]:
+    """K (3, 3) of OpenCV, px; raises where it is none."""
+    k = _read_only(matrix)
+    if k.shape != (3, 3):
+        raise ValueError(f"matrix must have shape (3, 3), got {k.shape}: give OpenCV's K in px")
+    if not np.isfinite(k).all():
+        raise GeometryError("matrix holds NaN or inf: give finite focal lengths and centre in px")
+    if k[1, 0] != 0.0 or tuple(k[2]) != (0.0, 0.0, 1.0):
+        raise GeometryError(
+            f"matrix must be [[fx, s, cx], [0, fy, cy], [0, 0, 1]], got {k.tolist()}: "
+            "check that it is K and not its transpose or inverse"
+        )
+    if k[0, 0] <= 0.0 or k[1, 1] <= 0.0:
+        raise GeometryError(
+            f"focal lengths must be positive, got fx = {k[0, 0]:g}, fy = {k[1, 1]:g} px: "
+            "flip the picture's axes in the recording, not in the camera"
+        )
+    return k
+
+
+def _checked_pose(world_from_camera: ArrayLike) -> NDArray[np.float64]:
+    """Rigid world_from_camera (4, 4), mm; raises where it scales, shears or mirrors."""
+    pose = np.array(world_from_camera, dtype=np.float64)
+    if pose.shape != (4, 4):
+        raise ValueError(f"world_from_camera must have shape (4, 4), got {pose.shape}")
+    if not np.isfinite(pose).all():
+        raise GeometryError("world_from_camera holds NaN or inf: give a rigid 4 x 4 matrix in mm")
+    rotation = pose[:3, :3]
+    error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if error > _RIGID_TOLERANCE or tuple(pose[3]) != (0.0, 0.0, 0.0, 1.0):
+        raise GeometryError(
+            f"world_from_camera is not rigid (off by {error:.2g}): its upper left 3 x 3 must be "
+            "a rotation and its last row 0 0 0 1; scale and shear do not belong there"
+        )
+    if np.linalg.det(rotation) < 0.0:
+        raise GeometryError(
+            "world_from_camera mirrors the scene (determinant -1): camera axes are x right, "
+            "y down, z forward, a right-handed set"
+        )
+    if error > 1e-14:
+        # Nearest rotation, so that a rounded pose does not spoil round trips.
+        left, _, right = np.linalg.svd(rotation)
+        pose[:3, :3] = left @ right
+    pose.setflags(write=False)
+    return pose
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A calibrated camera: pinhole, OpenCV distortion, pose.
+
+    Raises ValueError for wrong shapes and GeometryError for a matrix that is not a camera
+    matrix, a pose that is not rigid, or one that mirrors.
+
+    Attributes
+    ----------
+    matrix : array of float, shape (3, 3)
+        px; OpenCV's K: u = fx x + s y + cx is the column, v = fy y + cy the row.
+    distortion : array of float, shape (0 | 4 | 5 | 8 | 12 | 14,)
+        OpenCV's k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tau_x tau_y.
+    world_from_camera : array of float, shape (4, 4)
+        mm, rigid; camera axes x right, y down, z forward; last column: the centre A.
+    shape : (int, int)
+        (rows, cols) of the pixel array.
+    pose_covariance : array of float, shape (6, 6), or None
+        rad and mm: small rotation vector (world axes, about the centre), then shift of the
+        centre (world axes). None: the pose is taken as exact.
+    intrinsics_per_pose : array of float, shape (4 + n_distortion, 6), or None
+        px and coefficients per rad and mm: how fx, fy, cx, cy and the
+        distortion go along with an error of the pose where one fit gave both (a camera that stands
+        farther away has the longer lens). None: they do not.
+    focal_std_fraction : float
+        One-sigma error of the focal length, both axes together, as a share of it. 0: exact.
+    distortion_std : float
+        One-sigma error of the radial distortion k1. 0: exact.
+    """
+
+    matrix: NDArray[np.float64]
+
+    distortion: NDArray[np.float64]
+
+    world_from_camera: NDArray[np.float64]
+
+    shape: tuple[int, int]
+
+    pose_covariance: NDArray[np.float64] | None = None
+
+    intrinsics_per_pose: NDArray[np.float64] | None = None
+
+    focal_std_fraction: float = field(default=0.0, kw_only=True)
+
+    distortion_std: float = field(default=0.0, kw_only=True)
+
+    def __post_init__(self) -> None:
+        shape = tuple(int(n) for n in self.shape)
+        if len(shape) != 2 or min(shape) < 1:
+            raise ValueError(f"shape must be (rows, cols), both at least 1, got {self.shape}")
+        object.__setattr__(self, "shape", shape)
+        object.__setattr__(self, "matrix", _checked_matrix(self.matrix))
+        object.__setattr__(self, "distortion", checked_distortion(self.distortion))
+        object.__setattr__(self, "world_from_camera", _checked_pose(self.world_from_camera))
+        if self.pose_covariance is not None:
+            object.__setattr__(self, "pose_covariance", _checked_covariance(self.pose_covariance))
+        if self.intrinsics_per_pose is not None:
+            slopes = _read_only(self.intrinsics_per_pose)
+            if slopes.shape != (4 + self.distortion.size, 6) or not np.isfinite(slopes).all():
+                raise ValueError(
+                    f"intrinsics_per_pose must be finite with shape ({4 + self.distortion.size}, "
+                    f"6), got {slopes.shape}: one row for fx, fy, cx, cy and each distortion term"
+                )
+            object.__setattr__(self, "intrinsics_per_pose", slopes)
+        for name in LENS_ERRORS:
+            std = float(getattr(self, name))
+            if not (np.isfinite(std) and std >= 0.0):
+                raise ValueError(f"{name} must be finite and >= 0, got {std}")
+            object.__setattr__(self, name, std)
+
+    @classmethod
+    def facing_plane(
+        cls,
+        shape: tuple[int, int] = (32, 32),
+        *,
+        distance_mm: float = 535.0,
+        field_of_view_mm: tuple[float, float] = (245.0, 245.0),
+        center_mm: tuple[float, float] = (0.0, 0.0),
+        position_std_mm: ArrayLike = 0.0,
+        rotation_std_deg: ArrayLike = 0.0,
+        field_of_view_std_mm: float = 0.0,
+        distortion_std: float = 0.0,
+    ) -> Camera:
+        """Camera that looks straight at the plane z = 0, as in the paper (Fig. 2).
+
+        Parameters
+        ----------
+        shape : (int, int)
+            (rows, cols) of the pixel array.
+        distance_mm : float
+            Entrance pupil to the plane, mm.
+        field_of_view_mm : (float, float)
+            (width, height) between the outer pixel edges on z = 0, mm.
+        center_mm : (float, float)
+            (x, y) below which the pupil stands, world, mm.
+        position_std_mm : float or array of float, shape (3,)
+            One-sigma error of the pupil's place, one or one per world axis, mm. 0: exact.
+        rotation_std_deg : float or array of float, shape (3,)
+            One-sigma error of the rotation about the world axes, one or three, deg. 0: exact.
+        field_of_view_std_mm : float
+            One-sigma error of the width that the picture covers at that distance, mm; the height
+            goes along. Told with the place kept: it is an error of the focal length. 0: exact.
+        distortion_std : float
+            One-sigma error of the radial distortion k1. 0: exact.
+
+        Returns
+        -------
+        Camera
+            Centre A = (cx, cy, distance); columns grow with +x, rows with -y.
+
+        Raises
+        ------
+        GeometryError
+            For a length that is not positive and finite.
+
+        Examples
+        --------
+        >>> camera = Camera.facing_plane((32, 32), distance_mm=535.0)
+        >>> camera.center_mm.tolist()
+        [0.0, 0.0, 535.0]
+        >>> row, col = camera.pixels_from_points((0.0, 0.0, 0.0))
+        >>> float(row), float(col)
+        (15.5, 15.5)
+        """
+        rows, cols = int(shape[0]), int(shape[1])
+        width, height = (float(v) for v in field_of_view_mm)
+        for name, value in (
+            ("distance_mm", float(distance_mm)),
+            ("field_of_view_mm", width),
+            ("field_of_view_mm", height),
+        ):
+            if not (np.isfinite(value) and value > 0.0):
+                raise GeometryError(f"{name} must be positive and finite, got {value}")
+        matrix = [
+            [cols * distance_mm / width, 0.0, (cols - 1) / 2.0],
+            [0.0, rows * distance_mm / height, (rows - 1) / 2.0],
+            [0.0, 0.0, 1.0],
+        ]
+        pose = np.diag([1.0, -1.0, -1.0, 1.0])
+        pose[:3, 3] = (*center_mm, distance_mm)
+        return cls(
+            np.array(matrix), np.empty(0), pose, (rows, cols),
+            pose_covariance_from_stds(position_std_mm, rotation_std_deg),
+            focal_std_fraction=float(field_of_view_std_mm) / width, distortion_std=distortion_std,
+        )  # fmt: skip
+
+    @classmethod
+    def looking_at(
+        cls,
+        target_mm: ArrayLike,
+        *,
+        position_mm: ArrayLike,
+        focal_length_px: float,
+        shape: tuple[int, int] = (32, 32),
+    ) -> Camera:
+        """Camera anywhere, turned towards a point and held upright (world y up), without lens.
+
+        Parameters
+        ----------
+        target_mm : array of float, shape (3,)
+            World, mm: what its middle looks at.
+        position_mm : array of float, shape (3,)
+            World, mm: its entrance pupil.
+        focal_length_px : float
+            Pixels per unit of tan(angle), both ways.
+        shape : (int, int)
+            (rows, cols) of the pixel array.
+
+        Returns
+        -------
+        Camera
+            Looking straight up or down, the top of its picture is -z.
+
+        Raises
+        ------
+        GeometryError
+            Where position and target are one point, or a number is not finite.
+        """
+        rows, cols = int(shape[0]), int(shape[1])
+        position, target = np.asarray(position_mm, float), np.asarray(target_mm, float)
+        forward = target - position
+        distance = float(np.linalg.norm(forward))
+        if position.shape != (3,) or not (np.isfinite(distance) and distance > 0):
+            raise GeometryError(
+                f"position_mm {position} and target_mm {target} must be two different points (3,)"
+            )
+        if not (np.isfinite(focal_length_px) and focal_length_px > 0):
+            raise GeometryError(
+                f"focal_length_px must be positive and finite, got {focal_length_px}"
+            )
+        forward = forward / distance
+        up = np.array([0.0, 1.0, 0.0])
+        if abs(forward[1]) > 1 - 1e-9:  # straight up or down: the top of the picture is -z
+            up = np.array([0.0, 0.0, -1.0])
+        pose = pose_towards(position, forward, up)
+        matrix = np.diag([focal_length_px, focal_length_px, 1.0])
+        matrix[:2, 2] = (cols - 1) / 2.0, (rows - 1) / 2.0
+        return cls(matrix, np.empty(0), pose, (rows, cols))
+
+    _repr_html_ = html_from_record
+
+    @property
+    def center_mm(self) -> NDArray[np.float64]:
+        """(3,), mm, world: the entrance pupil A."""
+        return np.asarray(self.world_from_camera[:3, 3])
+
+    @property
+    def backward_axis(self) -> NDArray[np.float64]:
+        """(3,), unit, world: n, from the scene towards the camera along the optical axis."""
+        return np.asarray(-self.world_from_camera[:3, 2])
+
+    # ---- world -> pixel -------------------------------------------------------------------
+
+    def normalized_from_points(
+        self, points_mm: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Undistorted image plane from world points.
+
+        Parameters
+        ----------
+        points_mm : array of float, shape (..., 3)
+            World, mm.
+
+        Returns
+        -------
+        x, y : array of float, shape (...)
+            Right and down, at unit depth; NaN for points on or behind the plane of the pupil.
+        """
+        x, y, z = np.moveaxis(self._camera_points(points_mm), -1, 0)
+        depth = np.where(z > 0.0, z, np.nan)
+        return x / depth, y / depth
+
+    def pixels_from_normalized(
+        self, x: ArrayLike, y: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Pixels from the undistorted image plane.
+
+        Parameters
+        ----------
+        x, y : array of float, shape (...)
+            Right and down, at unit depth.
+
+        Returns
+        -------
+        row, col : array of float, shape (...)
+            Fractional, px. NaN beyond the radius where the distortion polynomial folds back on
+            itself: a real lens does not send light from there into the picture.
+        """
+        xd, yd = self._lens.distorted(
+            np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        )
+        k = self.matrix
+        return k[1, 1] * yd + k[1, 2], k[0, 0] * xd + k[0, 1] * yd + k[0, 2]
+
+    def pixels_from_points(
+        self, points_mm: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Pixels that see world points.
+
+        Parameters
+        ----------
+        points_mm : array of float, shape (..., 3)
+            World, mm.
+
+        Returns
+        -------
+        row, col : array of float, shape (...)
+            Fractional, px; NaN behind the camera. They may lie outside the picture: ask `sees`.
+        """
+        return self.pixels_from_normalized(*self.normalized_from_points(points_mm))
+
+    def sees(self, points_mm: ArrayLike) -> NDArray[np.bool_]:
+        """Whether world points are in front of the camera and inside the outer pixel edges.
+
+        Parameters
+        ----------
+        points_mm : array of float, shape (..., 3)
+            World, mm.
+
+        Returns
+        -------
+        array of bool, shape (...)
+            False for NaN.
+        """
+        row, col = self.pixels_from_points(points_mm)
+        rows, cols = self.shape
+        return np.asarray((row >= -0.5) & (row <= rows - 0.5) & (col >= -0.5) & (col <= cols - 0.5))
+
+    def pixel_jacobian(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """Derivative of (row, col) by the world point, distortion included.
+
+        Parameters
+        ----------
+        points_mm : array of float, shape (..., 3)
+            World, mm.
+
+        Returns
+        -------
+        array of float, shape (..., 2, 3)
+            px/mm; NaN behind the camera.
+        """
+        points = self._camera_points(points_mm)
+        z = np.where(points[..., 2:] > 0.0, points[..., 2:], np.nan)
+        x, y = points[..., :1] / z, points[..., 1:2] / z
+        right, down, forward = self.world_from_camera[:3, :3].T
+        # How the place in the image plane moves, (..., 3), and how the lens bends that, (..., 2).
+        x_by_point, y_by_point = (right - x * forward) / z, (down - y * forward) / z
+        x_by_plane, y_by_plane = np.moveaxis(self._lens.jacobian(x[..., 0], y[..., 0]), -2, 0)
+        k = self.matrix
+        row_by_plane = k[1, 1] * y_by_plane
+        col_by_plane = k[0, 0] * x_by_plane + k[0, 1] * y_by_plane
+        return np.stack(
+            [
+                by_plane[..., :1] * x_by_point + by_plane[..., 1:] * y_by_point
+                for by_plane in (row_by_plane, col_by_plane)
+            ],
+            axis=-2,
+        )
+
+    # ---- pixel -> world -------------------------------------------------------------------
+
+    def normalized_from_pixels(
+        self, row: ArrayLike, col: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Undistorted image plane from pixels.
+
+        The distortion is inverted by Newton steps to machine precision.
+
+        Parameters
+        ----------
+        row, col : array of float, shape (...)
+            px, fractional or outside the picture allowed.
+
+        Returns
+        -------
+        x, y : array of float, shape (...)
+            Right and down, at unit depth; NaN pixels give NaN.
+
+        Raises
+        ------
+        GeometryError
+            Where no undistorted point exists (the distortion folds before it gets there);
+            `offenders` marks the pixels.
+        """
+        row_, col_ = np.broadcast_arrays(
+            np.asarray(row, dtype=np.float64), np.asarray(col, dtype=np.float64)
+        )
+        k = self.matrix
+        yd = (row_ - k[1, 2]) / k[1, 1]
+        xd = (col_ - k[0, 2] - k[0, 1] * yd) / k[0, 0]
+        x, y, lost = self._lens.undistorted(xd, yd)
+        if lost.any():
+            first = tuple(int(i) for i in np.argwhere(lost)[0])
+            raise GeometryError(
+                f"the distortion cannot be undone at {int(lost.sum())} pixels, the first at "
+                f"(row, col) = ({row_[first]:g}, {col_[first]:g}): its polynomial folds back "
+                "before it gets there; calibrate with points out to the corners",
+                offenders=lost,
+            )
+        return x, y
+
+    def rays_from_pixels(self, row: ArrayLike, col: ArrayLike) -> NDArray[np.float64]:
+        """Directions that pixels look along.
+
+        Parameters
+        ----------
+        row, col : array of float, shape (...)
+            px, fractional or outside the picture allowed.
+
+        Returns
+        -------
+        array of float, shape (..., 3)
+            Unit vectors, world, from the centre A outwards.
+
+        Raises
+        ------
+        GeometryError
+            As `normalized_from_pixels` does.
+        """
+        x, y = self.normalized_from_pixels(row, col)
+        ray = np.stack([x, y, np.where(np.isnan(x), np.nan, 1.0)], axis=-1)
+        ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+        return np.asarray(ray @ self.world_from_camera[:3, :3].T)
+
+    # ---- pose and storage -----------------------------------------------------------------
+
+    def perturbed(self, pose_delta: ArrayLike) -> Camera:
+        """Camera turned and shifted a little.
+
+        Parameters
+        ----------
+        pose_delta : array of float, shape (6,)
+            Rotation vector (rad, world axes, about the centre), then shift of the centre (mm, world
+            axes): the order of `pose_covariance`.
+
+        Returns
+        -------
+        Camera
+            Lens terms that were fitted together with the pose go along (`intrinsics_per_pose`).
+
+        Raises
+        ------
+        ValueError
+            For another shape.
+        """
+        delta = np.asarray(pose_delta, dtype=np.float64)
+        if delta.shape != (6,):
+            raise ValueError(f"pose_delta must have shape (6,), got {delta.shape}")
+        pose = self.world_from_camera.copy()
+        pose[:3, :3] = rotation_from_vector(delta[:3]) @ pose[:3, :3]
+        pose[:3, 3] += delta[3:]
+        if self.intrinsics_per_pose is None:
+            return replace(self, world_from_camera=pose)
+        change = self.intrinsics_per_pose @ delta
+        matrix = self.matrix.copy()
+        matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += change[:4]
+        return replace(
+            self,
+            matrix=matrix,
+            distortion=self.distortion + change[4:],
+            world_from_camera=pose,
+        )
+
+    def with_lens_moved(self, *, focal_share: float = 0.0, radial: float = 0.0) -> Camera:
+        """Camera whose focal length is longer by a share of itself, and k1 larger by `radial`.
+
+        Parameters
+        ----------
+        focal_share : float, optional
+            Both axes together.
+        radial : float, optional
+            Added to k1.
+
+        Returns
+        -------
+        Camera
+            The same pose and stated errors.
+        """
+        if focal_share == 0.0 and radial == 0.0:
+            return self
+        matrix = self.matrix.copy()
+        matrix[:2, :2] *= 1.0 + focal_share
+        if radial == 0.0:
+            return replace(self, matrix=matrix)
+        slopes = self.intrinsics_per_pose
+        missing = max(0, 4 - self.distortion.size)
+        distortion = np.append(self.distortion, np.zeros(missing))
+        distortion[0] += radial
+        if slopes is not None:
+            slopes = np.vstack((slopes, np.zeros((missing, 6))))
+        return replace(self, matrix=matrix, distortion=distortion, intrinsics_per_pose=slopes)
+
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """The camera as a flat dictionary of arrays, for a file."""
+        arrays: dict[str, NDArray[Any]] = {
+            "matrix": np.array(self.matrix),
+            "distortion": np.array(self.distortion),
+            "world_from_camera": np.array(self.world_from_camera),
+            "shape": np.array(self.shape, dtype=np.int64),
+        }
+        for name in ("pose_covariance", "intrinsics_per_pose"):
+            if getattr(self, name) is not None:
+                arrays[name] = np.array(getattr(self, name))
+        # What is exact is left out: files without it mean the same.
+        arrays |= {name: np.array(getattr(self, name)) for name in LENS_ERRORS
+                   if getattr(self, name) > 0.0}  # fmt: skip
+        return arrays
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> Camera:
+        """The camera from what `to_arrays` gave.
+
+        Parameters
+        ----------
+        arrays : mapping of str to array
+            Others than the camera's are passed over.
+
+        Returns
+        -------
+        Camera
+            Equal to the one that was kept.
+
+        Raises
+        ------
+        ValueError
+            Naming a missing array.
+        """
+        needed = ("matrix", "distortion", "world_from_camera", "shape")
+        missing = [name for name in needed if name not in arrays]
+        if missing:
+            raise ValueError(f"a stored camera lacks {', '.join(missing)}")
+        rows, cols = (int(n) for n in np.asarray(arrays["shape"]).ravel())
+        matrix, distortion, pose = (np.asarray(arrays[name], float) for name in needed[:3])
+        errors = {
+            name: np.asarray(arrays[name], dtype=np.float64)
+            for name in ("pose_covariance", "intrinsics_per_pose")
+            if name in arrays
+        }
+        lens = {name: float(np.asarray(arrays[name])) for name in LENS_ERRORS if name in arrays}
+        return cls(matrix, distortion, pose, (rows, cols), **errors, **lens)  # type: ignore[arg-type]
+
+    @cached_property
+    def _lens(self) -> Lens:
+        """The distortion, and its inverse."""
+        return Lens(self.distortion)
+
+    def _camera_points(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """World points (..., 3), mm, in the axes of the camera."""
+        points = np.asarray(points_mm, dtype=np.float64)
+        if points.ndim == 0 or points.shape[-1] != 3:
+            raise ValueError(f"points_mm must have shape (..., 3), got {points.shape}")
+        return np.asarray((points - self.center_mm) @ self.world_from_camera[:3, :3])
+
+
+def pose_covariance_from_stds(
+    position_std_mm: ArrayLike = 0.0, rotation_std_deg: ArrayLike = 0.0
+) -> NDArray[np.float64] | None:
+    """Covariance (6, 6) of a pose from errors of place and rotation; None: exact.
+
+    Parameters
+    ----------
+    position_std_mm : float or array of float, shape (3,)
+        Of the place, one or one per world axis, mm.
+    rotation_std_deg : float or array of float, shape (3,)
+        Of the rotation about the world axes, one or three, deg.
+
+    Returns
+    -------
+    array of float, shape (6, 6), or None
+        As `Camera.pose_covariance`.
+
+    Raises
+    ------
+    ValueError
+        For an error below zero.
+    """
+    # Rotation before place, as `Camera.pose_covariance` has them.
+    std = np.concatenate(
+        [np.broadcast_to(one, 3) for one in (np.deg2rad(rotation_std_deg), position_std_mm)]
+    )
+    if (std < 0).any():
+        raise ValueError("position_std_mm and rotation_std_deg must not be negative")
+    return np.diag(std**2) if std.any() else None
+
+
+def _checked_covariance(covariance: ArrayLike) -> NDArray[np.float64]:
+    """Covariance (6, 6) of a pose; raises where it is none."""
+    c = _read_only(covariance)
+    if c.shape != (6, 6):
+        raise ValueError(f"pose_covariance must have shape (6, 6), got {c.shape}")
+    if not np.isfinite(c).all():
+        raise GeometryError("pose_covariance holds NaN or inf: pass None for an exact pose")
+    scale = np.sqrt(np.abs(np.diag(c)))
+    if not np.allclose(c, c.T, rtol=0.0, atol=1e-9 * float(np.max(scale, initial=0.0)) ** 2):
+        raise GeometryError("pose_covariance is not symmetric: check its order of rows")
+    if np.linalg.eigvalsh(c).min() < -1e-9 * float(np.max(scale, initial=0.0)) ** 2:
+        raise GeometryError("pose_covariance has a negative variance: it is not a covariance")
+    return c

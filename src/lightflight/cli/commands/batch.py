@@ -1,0 +1,291 @@
+"""`lightflight batch`: a whole campaign of recordings on Dask."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from lightflight.cli.console import (
+    Fact,
+    json_from_facts,
+    print_facts,
+    print_json,
+    print_sentences,
+    print_table,
+    print_written,
+    step,
+    with_error,
+)
+from lightflight.cli.options import debug_option, json_option, output_option, set_option
+
+if TYPE_CHECKING:
+    from lightflight.batch.campaign import Campaign
+    from lightflight.batch.runner import Status
+    from lightflight.batch.table import CampaignTable, Repeats
+
+_MOST_LINES = 20
+_LINE_EVERY_S = 10.0
+
+
+class InterruptedCampaignError(Exception):
+    """Ctrl-C: what was finished is kept."""
+
+    exit_code = 130
+
+
+@click.command("batch", short_help="Reconstruct many recordings, on many cores or a cluster.")
+@click.argument("campaign_file", type=click.Path(path_type=Path))
+@click.option(
+    "--scheduler",
+    metavar="TCP://HOST:PORT",
+    help="Dask scheduler of a cluster whose workers see the same folders.  [default: this machine]",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Workers on this machine.  [default: one per core]",
+)
+@output_option("Folder for the results; stands over [campaign] output.", required=False)
+@click.option("--page", is_flag=True, help="Also write index.html, with a page for each path.")
+@set_option("campaign file")
+@click.option(
+    "--dry-run",
+    is_flag=True,
+    help="Print what was understood, every recording by name, as TOML, and stop.",
+)
+@json_option
+@debug_option
+def command(
+    *,
+    campaign_file: Path,
+    scheduler: str | None,
+    workers: int | None,
+    output: Path | None,
+    page: bool,
+    assignments: tuple[str, ...],
+    dry_run: bool,
+    as_json: bool,
+) -> None:
+    """Reconstruct all recordings that CAMPAIGN_FILE names: a set-up file with groups of repeats.
+
+    In the folder of results: table.csv and table.parquet (a row per recording), paths/ (a path
+    file each) and summary.png. Run the same command again after an interruption, a crash or a
+    full disk: what was finished is kept, and the table comes out the same.
+
+    \b
+    Examples:
+      lightflight batch campaign.toml --dry-run
+      lightflight batch campaign.toml -o results --workers 8
+      lightflight batch campaign.toml --scheduler tcp://head-node:8786
+    """
+    if scheduler is not None and workers is not None:
+        raise click.UsageError("--workers is for this machine: a --scheduler has its own")
+    from lightflight.batch.campaign import campaign_from_toml, toml_from_campaign
+
+    campaign = campaign_from_toml(campaign_file, assignments=assignments, output=output)
+    if dry_run:
+        click.echo(toml_from_campaign(campaign).rstrip())
+        return
+    _check_ready(campaign)
+    table = _run(campaign, scheduler, workers)
+    written = _write_results(campaign, table, page=page)
+    _report(campaign, table, written, as_json=as_json)
+    if table.n_failed == len(table.rows):
+        from lightflight.errors import NothingFoundError
+
+        raise NothingFoundError(
+            f"none of {len(table.rows)} recordings gave a path: table.csv says why"
+        )
+
+
+def _check_ready(campaign: Campaign) -> None:
+    """Refuse, before any work, what cannot come to a good end."""
+    from lightflight.errors import ConfigError
+
+    folder = campaign.output
+    if folder.exists() and not folder.is_dir():
+        raise click.UsageError(f"-o {folder}: is a file, name a folder")
+    # A folder of results is known by its paths: it is gone on with, any other is left alone.
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / "paths").is_dir():
+        raise click.UsageError(f"-o {folder}: holds other things, name a new folder")
+    if campaign.lab.camera is None:
+        raise ConfigError(
+            f"{campaign.file}: no path without a camera: [camera] lacks "
+            f"{' and '.join(campaign.lab.camera_needs)} (here, or in the file of lab = ...)"
+        )
+
+
+def _run(campaign: Campaign, scheduler: str | None, workers: int | None) -> CampaignTable:
+    """Table of the campaign; an interruption becomes a sentence that says how to go on."""
+    from lightflight.batch.runner import run_campaign
+
+    try:
+        with _progress() as progress:
+            return run_campaign(campaign, scheduler=scheduler, n_workers=workers, progress=progress)
+    except KeyboardInterrupt:  # the exit code is a shell's for Ctrl-C, the sentence is ours
+        raise InterruptedCampaignError(
+            "interrupted; what is finished is kept: run the same command again to go on"
+        ) from None
+
+
+# --- progress --------------------------------------------------------------------------------
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[Status], None]]:
+    """Say on stderr how far it is: a bar on a terminal, else a line now and then."""
+    if not sys.stderr.isatty():
+        yield _Lines()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
+
+    columns = (SpinnerColumn(), BarColumn(bar_width=32), TextColumn("{task.description}"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("starting", total=1.0)
+        yield lambda status: bar.update(task, completed=status.share, description=_words(status))
+
+
+class _Lines:
+    """A line when something has changed, every ten seconds at most, and one at the end."""
+
+    def __init__(self) -> None:
+        self._last, self._next = "", time.monotonic() + 2.0
+
+    def __call__(self, status: Status) -> None:
+        text, now = _words(status), time.monotonic()
+        is_end = status.n_done + status.n_failed == status.n_all
+        # The time that is left changes all the while: it alone is no news.
+        same = text.partition(", about")[0] == self._last
+        if not same and (now >= self._next or is_end):
+            click.echo(f"{text} ...", err=True)
+            self._last, self._next = text.partition(", about")[0], now + _LINE_EVERY_S
+
+
+def _words(status: Status) -> str:
+    """How far a campaign is, in words."""
+    text = f"{status.n_done} of {status.n_all} recordings"
+    if status.n_kept:
+        text += f" ({status.n_kept} from before)"
+    if status.n_failed:
+        text += f", {status.n_failed} failed"
+    return text if status.left_s is None else f"{text}, about {_duration(status.left_s)} left"
+
+
+def _duration(seconds: float) -> str:
+    """A time to wait, s, in the unit one would say it in."""
+    if seconds < 90:
+        return f"{max(1, round(seconds))} s"
+    if seconds < 5400:
+        return f"{round(seconds / 60)} min"
+    return f"{seconds / 3600:.1f} h"
+
+
+# --- results ---------------------------------------------------------------------------------
+
+
+def _write_results(campaign: Campaign, table: CampaignTable, *, page: bool) -> list[Path]:
+    """Write table, summary and pages; the files that were written."""
+    from lightflight.batch.table import write_table_csv, write_table_parquet
+    from lightflight.errors import MissingExtraError
+    from lightflight.view.export.files import write_figure
+    from lightflight.view.figures.campaign import campaign_figure
+
+    folder = campaign.output
+    written = [folder / "table.csv"]
+    with step("writing the table"):
+        write_table_csv(table, written[0])
+        try:
+            write_table_parquet(table, folder / "table.parquet")
+        except MissingExtraError as error:  # the same rows are in table.csv
+            click.echo(f"warning: no table.parquet: {error}", err=True)
+        else:
+            written.append(folder / "table.parquet")
+    with step("drawing the summary"):
+        figure = campaign_figure(table.repeats(campaign.leg), title=campaign.title)
+        write_figure(figure, folder / "summary.png")
+        written.append(folder / "summary.png")
+    if page:
+        from lightflight.view import write_campaign
+
+        done = [
+            folder / "paths" / f"{shot.name}.h5"
+            for shot, row in zip(campaign.shots, table.rows, strict=True)
+            if row["status"] == "done"
+        ]
+        with step("writing the pages") as report:
+            write_campaign(done, folder / "index.html", title=campaign.title, progress=report)
+        written.append(folder / "index.html")
+    return written
+
+
+def _report(
+    campaign: Campaign, table: CampaignTable, written: list[Path], *, as_json: bool
+) -> None:
+    """Say on stdout what became of the recordings, group by group."""
+    n = len(table.rows)
+    facts = [
+        Fact("recordings", "n_recordings", n),
+        Fact("with a path", "n_done", n - table.n_failed),
+        Fact("failed", "n_failed", table.n_failed),
+    ]
+    failed = [row for row in table.rows if row["status"] == "failed"]
+    groups = table.repeats(campaign.leg)
+    if as_json:
+        print_json(
+            json_from_facts(facts)
+            | {
+                "groups": [_json_from_group(group) for group in groups],
+                "failed": {row["recording"]: row["reason"] for row in failed},
+                "written": [str(path) for path in written],
+            }
+        )
+        return
+    if campaign.title:
+        print_sentences([campaign.title])
+    print_facts(facts)
+    _print_groups(groups, campaign.leg)
+    if failed:
+        rows = [(row["recording"], row["reason"]) for row in failed[:_MOST_LINES]]
+        print_table(("failed", "reason"), rows, n_text_columns=2)
+        if len(failed) > _MOST_LINES:
+            print_sentences([f"... and {len(failed) - _MOST_LINES} more: see table.csv."])
+    print_written(written)
+
+
+def _print_groups(groups: tuple[Repeats, ...], leg: int) -> None:
+    """Elevations by group as a table, as many as fit a screen."""
+    rows: list[tuple[Any, ...]] = [
+        (
+            group.name or "all",
+            group.angle_deg.size,
+            group.set_point_deg,
+            with_error(group.mean_deg, group.mean_std_deg),
+            group.scatter_deg,
+        )
+        for group in groups[:_MOST_LINES]
+    ]
+    print_table(
+        ("group", "paths", "set-point (deg)", f"elevation, leg {leg} (deg)", "scatter (deg)"), rows
+    )
+    if len(groups) > _MOST_LINES:
+        print_sentences([f"... and {len(groups) - _MOST_LINES} groups more: see table.csv."])
+
+
+def _json_from_group(group: Repeats) -> dict[str, Any]:
+    """One group for programs; angles in deg."""
+    return {
+        "name": group.name,
+        "n_paths": group.angle_deg.size,
+        "set_point_deg": group.set_point_deg,
+        "mean_deg": group.mean_deg,
+        "mean_std_deg": group.mean_std_deg,
+        "scatter_deg": group.scatter_deg,
+        "pulls": group.pulls,
+    }

@@ -1,0 +1,182 @@
+"""`lightflight movie`: the flight, or a recording, as a film."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from lightflight.cli.console import Progress, print_written, step
+from lightflight.cli.options import (
+    check_outputs,
+    check_viewpoint,
+    debug_option,
+    hint_option,
+    lab_options,
+    outputs_option,
+    viewpoint_options,
+)
+from lightflight.view.suffixes import MOVIE_SUFFIXES
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+    from lightflight.lab import Lab
+
+
+def _size_from_text(
+    _context: click.Context, _option: click.Parameter, text: str
+) -> tuple[int, int]:
+    """(width, height), px, from "1280x720"."""
+    width, cross, height = text.lower().partition("x")
+    if not (cross and width.isdigit() and height.isdigit()):
+        raise click.BadParameter(f"{text!r}: write WIDTHxHEIGHT in pixels, for example 1280x720")
+    return int(width), int(height)
+
+
+@click.command("movie", short_help="Make a film of a flight, or of a recording.")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--fps", type=click.FloatRange(1, 120), help="Frames per second.")
+@click.option(
+    "--size",
+    "size_px",
+    default="1280x720",
+    show_default=True,
+    callback=_size_from_text,
+    help="Width x height, px, both even.",
+)
+@click.option(
+    "--pace",
+    type=click.FloatRange(min=1e-3),
+    default=300.0,
+    show_default=True,
+    help="Of a flight: picoseconds shown in a second.",
+)
+@click.option(
+    "--orbit",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Of a flight: degrees the viewer goes around the scene.",
+)
+@viewpoint_options(
+    "Of a flight: show what the camera of --lab would see, instead of the path's own.",
+    "Of a flight: show what a camera at this place (mm), turned towards the path, would see.",
+)
+@click.option(
+    "--slice-codes",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Of a recording: TDC codes in one frame.",
+)
+@click.option("--title", default="", help="Of a recording: heading of the film.")
+@outputs_option("Film to write (.mp4 .gif).", required=True)
+@lab_options
+@hint_option
+@debug_option
+def command(
+    *,
+    file: Path,
+    fps: float | None,
+    size_px: tuple[int, int],
+    pace: float,
+    orbit: float,
+    from_lab_camera: bool,
+    viewpoint_mm: tuple[float, float, float] | None,
+    slice_codes: int,
+    title: str,
+    outputs: tuple[Path, ...],
+    lab_path: Path | None,
+    assignments: tuple[str, ...],
+    hints: dict[str, Any],
+    dry_run: bool,
+) -> None:
+    """Make a film of what FILE holds: a path (both clocks side by side) or a recording.
+
+    A film of a recording shows at once whether a measurement worked: nothing is fitted for it.
+
+    \b
+    Examples:
+      lightflight movie path.h5 -o flight.mp4
+      lightflight movie path.h5 --pace 100 --orbit 60 -o flight.gif --size 640x360
+      lightflight movie path.h5 --viewpoint 900 40 30 -o from-the-side.mp4
+      lightflight movie recording.h5 -o recording.mp4
+    """
+    from lightflight.cli.records import lab_from_options, print_lab
+    from lightflight.files.store import kind_of_record
+
+    lab = lab_from_options(lab_path, assignments)
+    if dry_run:
+        print_lab(lab)
+        return
+    inputs = [p for p in (file, lab_path) if p is not None]
+    check_outputs(outputs, inputs=inputs, suffixes=MOVIE_SUFFIXES, kinds=())
+    check_viewpoint(lab, from_lab_camera=from_lab_camera, viewpoint_mm=viewpoint_mm)
+    kind = kind_of_record(file)
+    if kind == "calibration":
+        raise click.UsageError(f"{file.name} holds a calibration: there is nothing that moves")
+    for output in outputs:
+        with step(f"filming {output.name}") as report:
+            if kind == "path":
+                camera = lab.camera if from_lab_camera else None
+                _film_path(
+                    file, output, camera, viewpoint_mm, size_px, fps or 25.0, pace, orbit, report
+                )
+            else:
+                _film_recording(
+                    file, output, lab, hints, size_px, fps or 12.0, slice_codes, title, report
+                )
+    print_written(outputs)
+
+
+def _film_path(
+    file: Path,
+    output: Path,
+    camera: Camera | None,
+    viewpoint_mm: tuple[float, float, float] | None,
+    size_px: tuple[int, int],
+    fps: float,
+    pace: float,
+    orbit: float,
+    report: Progress,
+) -> None:
+    """Film a flight, from the path's own camera, the lab's, or one at a place."""
+    from lightflight.path.light_path import LightPath
+    from lightflight.view.film.flight import MovieSettings, write_movie
+
+    settings = MovieSettings(
+        size_px=size_px, frames_per_second=fps, pace_ps_per_s=pace, orbit_deg=orbit
+    )
+    path = LightPath.load(file, try_newer=True)
+    if viewpoint_mm is not None:
+        from lightflight.path.second_view import camera_towards
+
+        camera = camera_towards(path, viewpoint_mm)
+    write_movie(path, output, camera=camera, settings=settings, progress=report)
+
+
+def _film_recording(
+    file: Path,
+    output: Path,
+    lab: Lab,
+    hints: dict[str, Any],
+    size_px: tuple[int, int],
+    fps: float,
+    slice_codes: int,
+    title: str,
+    report: Progress,
+) -> None:
+    """Film the counts of a recording, code by code."""
+    from lightflight.cli.records import read_histograms
+    from lightflight.view.film.recording import write_recording_movie
+
+    write_recording_movie(
+        read_histograms(file, lab, hints),
+        output,
+        slice_codes=slice_codes,
+        size_px=size_px,
+        frames_per_second=fps,
+        title=title or file.name,
+        progress=report,
+    )

@@ -1,0 +1,152 @@
+"""`lightflight view`: one offline page about a reconstruction."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from lightflight.cli.console import print_written, step
+from lightflight.cli.options import (
+    check_outputs,
+    check_viewpoint,
+    debug_option,
+    hint_option,
+    lab_options,
+    outputs_option,
+    path_option,
+    timing_option,
+    viewpoint_options,
+)
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+    from lightflight.lab import Lab
+
+PAGE_SUFFIXES = (".html", ".htm")
+
+
+@click.command("view", short_help="Make a page that shows a path, to open in any browser.")
+@click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path))
+@path_option(
+    "--recording",
+    "recording_path",
+    help="Recording the path was made from: adds the pixels' histograms.",
+)
+@timing_option("Calibration of the clock it was made with.")
+@viewpoint_options(
+    "Add what the camera of --lab would see of the path, as a second viewpoint.",
+    "Add what a camera at this place (mm), turned towards the path, would see of it.",
+)
+@click.option("--title", default="", help="Heading of the page.")
+@click.option("--open", "show", is_flag=True, help="Open the page in the browser.")
+@outputs_option("Page to write (.html).  [default: the path's name, ending in .html]")
+@lab_options
+@hint_option
+@debug_option
+def command(
+    *,
+    paths: tuple[Path, ...],
+    recording_path: Path | None,
+    timing_path: Path | None,
+    from_lab_camera: bool,
+    viewpoint_mm: tuple[float, float, float] | None,
+    title: str,
+    show: bool,
+    outputs: tuple[Path, ...],
+    lab_path: Path | None,
+    assignments: tuple[str, ...],
+    hints: dict[str, Any],
+    dry_run: bool,
+) -> None:
+    """Make one self-contained page about the path in PATHS (path files of `reconstruct`).
+
+    The page needs nothing but a browser, and no network: it can be sent by e-mail. With several
+    path files, an index with a small picture of each is written, and a page for each beside it.
+
+    \b
+    Examples:
+      lightflight view path.h5 --recording recording.h5 --timing calibration.h5
+      lightflight view path.h5 --viewpoint 900 40 30
+      lightflight view run-*/path.h5 -o campaign.html
+    """
+    from lightflight.cli.records import lab_from_options, print_lab
+
+    lab = lab_from_options(lab_path, assignments)
+    if dry_run:
+        print_lab(lab)
+        return
+    inputs = [p for p in (*paths, recording_path, timing_path, lab_path) if p is not None]
+    if len(outputs) > 1:
+        raise click.UsageError("-o may be given once: there is one page")
+    if len(paths) > 1:
+        output = outputs[0] if outputs else Path("campaign.html")
+    else:
+        output = outputs[0] if outputs else paths[0].with_suffix(".html")
+    check_outputs([output], inputs=inputs, suffixes=PAGE_SUFFIXES, kinds=())
+    check_viewpoint(lab, from_lab_camera=from_lab_camera, viewpoint_mm=viewpoint_mm)
+    # What goes with one path alone would have to be of all of them.
+    if len(paths) > 1:
+        for name, given in (
+            ("recording", recording_path is not None),
+            ("from-lab-camera", from_lab_camera),
+            ("viewpoint", viewpoint_mm is not None),
+        ):
+            if given:
+                raise click.UsageError(f"--{name} goes with one path file, got several")
+        _write_campaign(paths, timing_path, title, output)
+    else:
+        camera = lab.camera if from_lab_camera else None
+        _write_one(
+            paths[0], recording_path, timing_path, lab, hints, title, camera, viewpoint_mm, output
+        )
+    print_written([output])
+    if show:
+        click.launch(str(output))
+
+
+def _write_one(
+    path_file: Path,
+    recording_path: Path | None,
+    timing_path: Path | None,
+    lab: Lab,
+    hints: dict[str, Any],
+    title: str,
+    second_camera: Camera | None,
+    viewpoint_mm: tuple[float, float, float] | None,
+    output: Path,
+) -> None:
+    """Write the page of one path."""
+    from lightflight.cli.records import calibration_from_option, read_histograms
+    from lightflight.path.light_path import LightPath
+    from lightflight.view.page import write_page
+
+    path = LightPath.load(path_file, try_newer=True)
+    timing = calibration_from_option(timing_path)
+    recording = None if recording_path is None else read_histograms(recording_path, lab, hints)
+    if viewpoint_mm is not None:
+        from lightflight.path.second_view import camera_towards
+
+        second_camera = camera_towards(path, viewpoint_mm)
+    with step(f"writing {output.name}"):
+        write_page(
+            path,
+            output,
+            recording=recording,
+            timing=timing,
+            title=title,
+            second_camera=second_camera,
+        )
+
+
+def _write_campaign(
+    paths: tuple[Path, ...], timing_path: Path | None, title: str, output: Path
+) -> None:
+    """Write an index of several paths, and a page for each beside it."""
+    from lightflight.cli.records import calibration_from_option
+    from lightflight.view.page.campaign import write_campaign
+
+    timing = calibration_from_option(timing_path)
+    with step(f"writing {output.name} and {len(paths)} pages") as report:
+        write_campaign(paths, output, timing=timing, title=title, progress=report)

@@ -1,0 +1,343 @@
+"""How the commands speak: tables and JSON on stdout, progress on stderr."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+
+_QUIET_S = 2.0
+"""Work that ends sooner than this says nothing, s."""
+
+
+# --- numbers in words ----------------------------------------------------------------------
+
+
+def with_error(value: float, std: float) -> str:
+    """Value and one-sigma error, both to the error's second digit.
+
+    Parameters
+    ----------
+    value, std : float
+        In the same unit.
+
+    Returns
+    -------
+    str
+        A dash where the value is not known; the value alone where its error is not.
+
+    Examples
+    --------
+    >>> with_error(12.34567, 0.0123)
+    '12.346 ± 0.012'
+    """
+    if not math.isfinite(value):
+        return "–"
+    if not math.isfinite(std) or std <= 0:
+        return plain(value)
+    digits = max(0, 1 - math.floor(math.log10(std)))
+    return f"{value:.{digits}f} ± {std:.{digits}f}"
+
+
+def _without_numpy(value: Any) -> Any:
+    """Python numbers and lists for NumPy's, without importing NumPy."""
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def plain(value: Any) -> str:
+    """Compact text of one value in a table.
+
+    Parameters
+    ----------
+    value : object
+        A number, text, truth value or a sequence of such, of Python or NumPy.
+
+    Returns
+    -------
+    str
+        A dash for what is unknown (None and NaN).
+
+    Examples
+    --------
+    >>> plain(40000), plain(0.123456789), plain([1, None]), plain(True)
+    ('40,000', '0.12346', '(1, –)', 'yes')
+    """
+    value = _without_numpy(value)
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "–"
+    if isinstance(value, bool):  # before int, which it is too
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:,}"
+    if isinstance(value, float):
+        return f"{value:,.5g}" if abs(value) < 1e6 else f"{value:,.0f}"
+    if isinstance(value, list | tuple):
+        return "(" + ", ".join(plain(item) for item in value) + ")"
+    return str(value)
+
+
+def json_value(value: Any) -> Any:
+    """Strict JSON of nested mappings, sequences and NumPy values.
+
+    Parameters
+    ----------
+    value : object
+        What is to be written.
+
+    Returns
+    -------
+    object
+        The same in dict, list, str, int, float, bool and None; NaN and inf, for which JSON has no
+        word, become None.
+    """
+    value = _without_numpy(value)
+    if isinstance(value, Mapping):
+        return {str(key): json_value(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [json_value(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON document to stdout.
+
+    Parameters
+    ----------
+    value : object
+        As for `json_value`.
+    """
+    click.echo(json.dumps(json_value(value), indent=2, ensure_ascii=False, allow_nan=False))
+
+
+# --- tables --------------------------------------------------------------------------------
+
+
+def _console(*, stderr: bool = False) -> Any:
+    """Rich's console on one of the two streams."""
+    from rich.console import Console
+
+    stream = sys.stderr if stderr else sys.stdout
+    # A pipe has no width of its own; 80 columns would cut tables that nobody asked to cut.
+    return Console(file=stream, highlight=False, width=None if stream.isatty() else 132)
+
+
+def print_table(
+    columns: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    *,
+    title: str | None = None,
+    n_text_columns: int = 1,
+) -> None:
+    """Print a table to stdout.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Headings.
+    rows : iterable of sequences
+        Cells: texts as they are, other values by `plain`.
+    title : str, optional
+        Stands above.
+    n_text_columns : int, optional
+        Columns that are flush left; the others hold numbers and are flush right.
+    """
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="left" if i < n_text_columns else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(cell if isinstance(cell, str) else plain(cell)) for cell in row))
+    _console().print(table)
+
+
+class Fact(NamedTuple):
+    """One thing to say, for people and for programs.
+
+    Attributes
+    ----------
+    label : str
+        What people read.
+    key : str
+        What programs read: a name that ends in its unit.
+    value : object
+        The value itself.
+    text : str or None
+        How people read the value; None: as it is.
+    """
+
+    label: str
+    key: str
+    value: Any
+    text: str | None = None
+
+
+def json_from_facts(facts: Iterable[Fact]) -> dict[str, Any]:
+    """Keys and values of facts, for programs.
+
+    Parameters
+    ----------
+    facts : iterable of Fact
+        In any order; of two with one key the later counts.
+
+    Returns
+    -------
+    dict of str
+        Value by key.
+    """
+    return {fact.key: fact.value for fact in facts}
+
+
+def print_facts(facts: Iterable[Fact], *, title: str | None = None) -> None:
+    """Print facts to stdout, one per line, for people.
+
+    Parameters
+    ----------
+    facts : iterable of Fact
+        In the order of the lines.
+    title : str, optional
+        Stands above.
+    """
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(
+        title=title, title_justify="left", title_style="bold", box=box.SIMPLE, show_header=False
+    )
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    for fact in facts:
+        table.add_row(fact.label, Text(plain(fact.value) if fact.text is None else fact.text))
+    _console().print(table)
+
+
+def print_sentences(sentences: Iterable[str]) -> None:
+    """Print sentences to stdout, each a paragraph.
+
+    Parameters
+    ----------
+    sentences : iterable of str
+        Wrapped to a terminal; a pipe gets each in one line.
+    """
+    from rich.text import Text
+
+    console = _console()
+    for sentence in sentences:
+        console.print(Text(sentence), soft_wrap=not console.is_terminal)
+
+
+def print_written(files: Iterable[Path]) -> None:
+    """Name on stdout the files that were written."""
+    print_sentences([f"Written: {', '.join(map(str, files))}"])
+
+
+def report(
+    facts: Iterable[Fact],
+    sentences: Sequence[str] = (),
+    *,
+    as_json: bool,
+    title: str | None = None,
+    written: Sequence[Path] = (),
+    **more: Any,
+) -> None:
+    """Say on stdout what a command found, to people or to a program.
+
+    Parameters
+    ----------
+    facts : iterable of Fact
+        One per line.
+    sentences : sequence of str, optional
+        For people, below the facts.
+    as_json : bool
+        One JSON document instead.
+    title : str, optional
+        For people, above the facts.
+    written : sequence of Path, optional
+        Files that were written.
+    **more
+        For programs, beside the facts.
+    """
+    if as_json:
+        files = {"written": [str(file) for file in written]} if written else {}
+        print_json(json_from_facts(facts) | more | files)
+        return
+    print_facts(facts, title=title)
+    print_sentences(sentences)
+    if written:
+        print_written(written)
+
+
+# --- progress ------------------------------------------------------------------------------
+
+Progress = Callable[[int, int], None]
+"""Called with (done, in all) by work that knows how far it is."""
+
+
+@contextmanager
+def step(what: str, *, always: bool = False) -> Iterator[Progress]:
+    """Say on stderr what is being done, if it takes more than two seconds.
+
+    On a terminal a line with the time that has passed, and a bar once the work says how far it
+    is, gone when it is done; elsewhere one line of text.
+
+    Parameters
+    ----------
+    what : str
+        The work, as in "counting flat.h5".
+    always : bool, optional
+        A line with the time taken stays in either case.
+
+    Yields
+    ------
+    Progress
+        To be called with (done, in all) by work that knows how far it is.
+    """
+    started = time.perf_counter()
+    reporting = _live(what) if sys.stderr.isatty() else _quiet(what, always=always)
+    with reporting as report:
+        yield report
+    if always:
+        click.echo(f"  {what:<60} {time.perf_counter() - started:6.1f} s", err=True)
+
+
+@contextmanager
+def _live(what: str) -> Iterator[Progress]:
+    """A line on a terminal that moves while the work goes on."""
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=_console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+@contextmanager
+def _quiet(what: str, *, always: bool) -> Iterator[Progress]:
+    """One line of text, and only where the work takes long."""
+    stream = sys.stderr
+    timer = threading.Timer(_QUIET_S, lambda: click.echo(f"{what} ...", file=stream))
+    timer.daemon = True  # a command that fails must not wait for it
+    if not always:
+        timer.start()
+    try:
+        yield lambda _done, _total: None
+    finally:
+        timer.cancel()

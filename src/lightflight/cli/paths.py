@@ -1,0 +1,181 @@
+"""A LightPath as tables, as facts and as JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lightflight.cli.console import Fact, print_facts, print_sentences, print_table, with_error
+from lightflight.cli.options import RECORD_SUFFIXES
+
+if TYPE_CHECKING:
+    from lightflight.path.light_path import LightPath
+
+
+def path_facts(path: LightPath) -> list[Fact]:
+    """How a path was found and how well it explains the recording.
+
+    Parameters
+    ----------
+    path : LightPath
+        The path.
+
+    Returns
+    -------
+    list of Fact
+        Estimator, prior, residuals, and the distance from the truth where it is known.
+    """
+    good = path.goodness
+    facts = [
+        Fact("estimator", "method", path.method),
+        Fact("prior", "prior", path.prior),
+        Fact("legs", "n_legs", path.n_legs),
+        Fact("emission time", "emission_time_ps", path.emission_time_ps,
+             f"{with_error(path.emission_time_ps, float(path.vertex_std[0, 3]))} ps"),
+        Fact("pulses used", "n_pulses", good.n_pulses,
+             f"{good.n_pulses:,} ({good.n_rejected:,} left out as outliers)"),
+        Fact("residuals (rms)", "residual_rms_ps", good.residual_rms_ps,
+             f"{good.residual_rms_ps:.2f} ps"),
+        Fact("chi2 / degrees of freedom", "reduced_chi2", good.reduced_chi2,
+             f"{good.chi2:,.1f} / {good.dof:,}"),
+    ]  # fmt: skip
+    if not good.converged:
+        facts.append(Fact("converged", "converged", False, "NO: do not trust the errors"))
+    return [*facts, *truth_facts(path)]
+
+
+def truth_facts(path: LightPath) -> list[Fact]:
+    """How far a path is from the truth, where a simulation knows it.
+
+    Parameters
+    ----------
+    path : LightPath
+        The path, with the `truth` of its recording.
+
+    Returns
+    -------
+    list of Fact
+        Rms of position (mm) and event time (ps) in view; none for a real recording, and none where
+        the camera of the set-up is not the one that was simulated.
+    """
+    if path.truth is None or not hasattr(path.truth, "vertices_mm"):
+        return []
+    from lightflight.errors import GeometryError
+    from lightflight.path.error import path_error
+
+    try:
+        error = path_error(path, path.truth, path.camera)
+    except GeometryError:  # the camera of the set-up is not the one that was simulated
+        return []
+    return [
+        Fact("position error in view (rms)", "position_rms_mm", error.position_rms_mm,
+             f"{error.position_rms_mm:.3f} mm from the simulated truth"),
+        Fact("time error in view (rms)", "event_time_rms_ps", error.event_time_rms_ps,
+             f"{error.event_time_rms_ps:.3f} ps from the simulated truth"),
+    ]  # fmt: skip
+
+
+def print_path(path: LightPath) -> None:
+    """Print facts, vertices, legs and statements to stdout.
+
+    Parameters
+    ----------
+    path : LightPath
+        The path.
+    """
+    print_facts(path_facts(path))
+    print_table(
+        ("vertex", "x (mm)", "y (mm)", "z (mm)", "event time (ps)"),
+        [
+            (
+                _vertex_name(i, path.n_legs, source_known=path.source.position_mm is not None),
+                *(with_error(v, s) for v, s in zip(position, std[:3], strict=True)),
+                with_error(time, std[3]),
+            )
+            for i, (position, time, std) in enumerate(
+                zip(path.vertices_mm, path.vertex_times_ps, path.vertex_std, strict=True)
+            )
+        ],
+    )
+    print_table(
+        ("leg", "elevation (deg)", "paper's angle (deg)", "length (mm)"),
+        [
+            (
+                str(i + 1),
+                with_error(leg.angle_deg, leg.angle_std_deg),
+                f"{leg.paper_angle_deg:.3f}",
+                f"{leg.length_mm:.2f}",
+            )
+            for i, leg in enumerate(path.legs)
+        ],
+    )
+    print_sentences(path.statements)
+
+
+def _vertex_name(i: int, n_legs: int, *, source_known: bool) -> str:
+    """Number of a vertex and what lies there."""
+    if i == 0:
+        return "0  source" if source_known else "0  entry into view"
+    return f"{i}  exit from view" if i == n_legs else f"{i}  corner"
+
+
+def json_from_path(path: LightPath) -> dict[str, Any]:
+    """Everything a program wants to know of a path.
+
+    Parameters
+    ----------
+    path : LightPath
+        The path.
+
+    Returns
+    -------
+    dict of str
+        Names end in their units; lists follow the order of flight.
+    """
+    facts = {fact.key: fact.value for fact in path_facts(path)}
+    return facts | {
+        "chi2": path.goodness.chi2,
+        "dof": path.goodness.dof,
+        "n_rejected": path.goodness.n_rejected,
+        "error_floor_ps": path.goodness.error_floor_ps,
+        "converged": path.goodness.converged,
+        "vertices_mm": path.vertices_mm,
+        "vertex_times_ps": path.vertex_times_ps,
+        "vertex_std_mm": path.vertex_std[:, :3],
+        "vertex_time_std_ps": path.vertex_std[:, 3],
+        "legs": [
+            {
+                "angle_deg": leg.angle_deg,
+                "angle_std_deg": leg.angle_std_deg,
+                "paper_angle_deg": leg.paper_angle_deg,
+                "direction": leg.direction,
+                "length_mm": leg.length_mm,
+            }
+            for leg in path.legs
+        ],
+        "statements": path.statements,
+    }
+
+
+def write_path(path: LightPath, output: Path) -> None:
+    """Write a path as what the suffix of a file says; whole or not at all.
+
+    Parameters
+    ----------
+    path : LightPath
+        The path.
+    output : Path
+        A path file (.h5 .hdf5), points along it (.csv), else a figure.
+    """
+    suffix = output.suffix.lower()
+    if suffix in RECORD_SUFFIXES:
+        path.save(output)
+    elif suffix == ".csv":
+        from lightflight.view.export.tables import write_csv
+
+        write_csv(path, output)
+    else:
+        from lightflight.view.export.files import write_figure
+        from lightflight.view.figures.demo import demo_figure
+
+        write_figure(demo_figure(path), output)

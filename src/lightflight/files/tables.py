@@ -1,0 +1,80 @@
+"""Tables for other programs, CSV and Parquet; each file appears whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from typing import Any
+
+from lightflight.errors import optional_package
+from lightflight.files.whole_file import atomic_path
+
+_WITHOUT_PYARROW = (
+    'Parquet needs pyarrow, which is not installed: pip install "lightflight[batch]", '
+    "or write a .csv"
+)
+
+
+def pyarrow() -> Any:
+    """The package `pyarrow`.
+
+    Raises
+    ------
+    MissingExtraError
+        Where it is not installed.
+    """
+    return optional_package("pyarrow", _WITHOUT_PYARROW)
+
+
+def write_csv(
+    names: Sequence[str], rows: Iterable[Iterable[str]], file: str | os.PathLike[str]
+) -> None:
+    r"""Write text cells as CSV: one header line, lines end in \r\n (RFC 4180), UTF-8.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the columns.
+    rows : iterable of iterables of str
+        Cells, in the order of `names`.
+    file : path
+        Where to.
+    """
+    with atomic_path(file) as fresh, fresh.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(names)
+        writer.writerows(rows)
+
+
+def write_parquet(
+    blocks: Iterable[Mapping[str, Any]], file: str | os.PathLike[str], *, about: str = ""
+) -> None:
+    """Write a table as Parquet, part after part.
+
+    Parameters
+    ----------
+    blocks : iterable of mappings
+        Columns by name, arrays of one length in a block; at least one block, and the same names
+        and types in each.
+    file : path
+        Where to.
+    about : str, optional
+        JSON that goes into the file's metadata under the key "lightflight".
+
+    Raises
+    ------
+    MissingExtraError
+        Without pyarrow.
+    """
+    pa, pq = pyarrow(), optional_package("pyarrow.parquet", _WITHOUT_PYARROW)
+    with atomic_path(file) as fresh, ExitStack() as stack:
+        writer = None
+        for columns in blocks:
+            table = pa.table(dict(columns))
+            if about:
+                table = table.replace_schema_metadata({"lightflight": about})
+            # The columns' types are known with the first block only.
+            writer = writer or stack.enter_context(pq.ParquetWriter(fresh, table.schema))
+            writer.write_table(table)

@@ -1,0 +1,48 @@
+"""Apparent speed along a path, for pictures and exports."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.flight import Medium, apparent_speed_from_direction
+from lightflight.path.trace import Trace
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+
+
+def apparent_speed_along(
+    trace: Trace, *, camera: Camera | None, medium: Medium | None
+) -> NDArray[np.float64]:
+    """Length of path seen per unit of arrival time: c / (n_p - n_r d.u).
+
+    Parameters
+    ----------
+    trace : Trace
+        Points along a path.
+    camera : Camera or None
+        Who looks.
+    medium : Medium or None
+        None: air.
+
+    Returns
+    -------
+    array of float, shape (n,)
+        In units of c; NaN without a camera.
+    """
+    if camera is None or len(trace.leg) == 0:
+        return np.full(len(trace.leg), np.nan)
+    direction = np.empty_like(trace.points_mm)
+    for leg in np.unique(trace.leg):
+        of_leg = trace.leg == leg
+        step = trace.points_mm[of_leg][-1] - trace.points_mm[of_leg][0]
+        with np.errstate(invalid="ignore"):
+            direction[of_leg] = step / np.linalg.norm(step)
+    towards = camera.center_mm - trace.points_mm
+    towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
+    speed = apparent_speed_from_direction(direction, towards, medium=medium)
+    return np.asarray(speed / SPEED_OF_LIGHT_MM_PER_PS)

@@ -1,0 +1,173 @@
+"""A LightPath as a file: our versioned HDF5. (As a table for other programs: view.export.)"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lightflight.camera.model import Camera
+from lightflight.errors import FileFormatError
+from lightflight.files.filecheck import damage_as_format_error
+from lightflight.files.store import load_record, save_record
+from lightflight.flight import Medium, Source
+from lightflight.path.tables import RESIDUAL_DTYPE, Goodness
+from lightflight.path.verdict import NOT_EXAMINED, Verdict
+from lightflight.provenance import provenance_record
+
+if TYPE_CHECKING:
+    from lightflight.path.light_path import LightPath
+
+PATH_KIND = "path"
+"""Kind of record in our HDF5 files."""
+_INDICES = ("path_group_index", "return_group_index")
+
+
+def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
+    """Write a path with everything that belongs to it, whole or not at all.
+
+    Parameters
+    ----------
+    path : LightPath
+        What to keep; of its truth, vertices and times.
+    file : path
+        HDF5 file; an existing one is replaced only at the end.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    arrays: dict[str, Any] = {
+        "vertices_mm": path.vertices_mm,
+        "vertex_times_ps": path.vertex_times_ps,
+        "covariance": path.covariance,
+    }
+    arrays |= {f"covariance_{name}": part for name, part in path.covariance_parts.items()}
+    arrays |= {f"camera_{name}": array for name, array in path.camera.to_arrays().items()}
+    arrays |= {f"residuals_{name}": path.residuals[name] for name in RESIDUAL_DTYPE.names or ()}
+    if path.truth is not None:
+        arrays["truth_vertices_mm"] = np.asarray(path.truth.vertices_mm, dtype=float)
+        arrays["truth_vertex_times_ps"] = np.asarray(path.truth.vertex_times_ps, dtype=float)
+    attributes = {
+        "method": path.method,
+        "prior": path.prior,
+        "statements": list(path.statements),
+        "goodness": asdict(path.goodness),
+        "source": asdict(path.source),
+        "medium": {name: getattr(path.medium, name) for name in _INDICES},
+        "provenance": dict(path.provenance) or provenance_record(),
+        "verdict": path.verdict.to_json(),
+    }
+    # Apart, and only where they say something: versions that do not know them pass them over.
+    errors = {k: v for k, v in asdict(path.medium).items() if k not in _INDICES}
+    if path.medium != Medium(path.medium.path_group_index, path.medium.return_group_index):
+        attributes["medium_errors"] = errors
+    if path.prices:
+        attributes["prices"] = list(path.prices)
+    save_record(file, kind=PATH_KIND, arrays=arrays, attributes=attributes)
+
+
+class TruePath:
+    """Truth as a path file carries it: where the pulse really was.
+
+    Attributes
+    ----------
+    vertices_mm : array of float, shape (m, 3)
+        World, mm.
+    vertex_times_ps : array of float, shape (m,)
+        Event times, ps.
+    """
+
+    def __init__(self, vertices_mm: ArrayLike, vertex_times_ps: ArrayLike) -> None:
+        self.vertices_mm = np.asarray(vertices_mm, dtype=float)
+        self.vertex_times_ps = np.asarray(vertex_times_ps, dtype=float)
+
+
+def load_path(
+    file: str | os.PathLike[str], *, make: Callable[..., LightPath], try_newer: bool = False
+) -> LightPath:
+    """Read a path written by `save_path`.
+
+    Parameters
+    ----------
+    file : path
+        HDF5 file.
+    make : callable
+        Makes the path of its fields, by keyword (the class; it stands above this module).
+    try_newer : bool
+        Of a file by a newer version, read what this one knows; a statement says so.
+
+    Returns
+    -------
+    LightPath
+        Its truth is a `TruePath`.
+
+    Raises
+    ------
+    FileFormatError
+        For any other file.
+    """
+    try:
+        arrays, attributes = load_record(file, kind=PATH_KIND)
+    except FileFormatError as refused:
+        if not try_newer:
+            raise
+        arrays, attributes = load_record(file, kind=PATH_KIND, try_newer=True)
+        statements = attributes.get("statements", [])
+        reason = str(refused).removeprefix(f"{os.fspath(file)}: ")
+        attributes["statements"] = [f"This file {reason}; what is new in it is not shown."]
+        attributes["statements"] += statements if isinstance(statements, list) else []
+    with damage_as_format_error(file):
+        try:
+            return make(**_fields_from_record(arrays, attributes))
+        except KeyError as missing:
+            raise FileFormatError(f"lacks {missing}: the file is damaged", path=file) from missing
+
+
+def _fields_from_record(arrays: Mapping[str, Any], attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a `LightPath` from the arrays and attributes of its file."""
+    table = np.zeros(len(arrays["residuals_row"]), RESIDUAL_DTYPE)
+    for name in RESIDUAL_DTYPE.names or ():
+        table[name] = arrays[f"residuals_{name}"]
+    camera = {k.removeprefix("camera_"): v for k, v in arrays.items() if k.startswith("camera_")}
+    parts = {
+        k.removeprefix("covariance_"): v for k, v in arrays.items() if k.startswith("covariance_")
+    }
+    truth = None
+    if "truth_vertices_mm" in arrays:
+        truth = TruePath(arrays["truth_vertices_mm"], arrays["truth_vertex_times_ps"])
+    source = dict(attributes["source"])
+    # JSON knows no tuples.
+    if isinstance(source.get("position_std_mm"), list):
+        source["position_std_mm"] = tuple(source["position_std_mm"])
+    if not isinstance(attributes["method"], str):
+        raise TypeError(f"method is {attributes['method']!r}")
+    return {
+        "vertices_mm": arrays["vertices_mm"],
+        "vertex_times_ps": arrays["vertex_times_ps"],
+        "covariance": arrays["covariance"],
+        "camera": Camera.from_arrays(camera),
+        "source": Source(**source),
+        "medium": Medium(**attributes["medium"], **attributes.get("medium_errors", {})),
+        "method": attributes["method"],
+        "goodness": Goodness(**attributes["goodness"]),
+        "covariance_parts": parts,
+        "residuals": table,
+        "prior": attributes["prior"],
+        "statements": tuple(attributes["statements"]),
+        "prices": tuple(attributes.get("prices", ())),
+        "truth": truth,
+        "provenance": attributes["provenance"],
+        "verdict": _verdict_from_record(attributes),
+    }
+
+
+def _verdict_from_record(attributes: Mapping[str, Any]) -> Verdict:
+    """The verdict that a file carries; older ones carry none."""
+    plain = attributes.get("verdict")
+    return NOT_EXAMINED if plain is None else Verdict.from_json(plain)

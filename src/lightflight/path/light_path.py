@@ -1,0 +1,441 @@
+"""LightPath: where the pulse was and when, with error bars, and how that was found out.
+
+Takes what `reconstruct` fits, gives positions, times, angles and tables with their errors.
+`path_error` compares a path with the truth by the metrics every table of ours uses.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight.display import html_from_record
+from lightflight.flight import (
+    Medium,
+    Source,
+    arrival_time_from_event,
+    elevation_from_direction,
+)
+from lightflight.path.tables import RESIDUAL_DTYPE, SAMPLE_DTYPE, Goodness
+from lightflight.path.verdict import NOT_EXAMINED, Verdict
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """One straight piece of a path.
+
+    Attributes
+    ----------
+    start_mm : array of float, shape (3,)
+        World, mm.
+    end_mm : array of float, shape (3,)
+        World, mm.
+    start_time_ps : float
+        Event time at the start, ps.
+    end_time_ps : float
+        Event time at the end, ps.
+    angle_deg : float
+        Elevation towards the camera: asin(d.n), n the backward optical axis; deg.
+    angle_std_deg : float
+        One-sigma error of `angle_deg`, deg.
+    paper_angle_deg : float
+        The paper's alpha, measured in the plane through camera and leg; deg.
+    """
+
+    start_mm: Floats
+    end_mm: Floats
+    start_time_ps: float
+    end_time_ps: float
+    angle_deg: float
+    angle_std_deg: float
+    paper_angle_deg: float
+
+    @property
+    def direction(self) -> Floats:
+        """(3,), unit, world, in the direction of flight."""
+        step = self.end_mm - self.start_mm
+        unit: Floats = step / np.linalg.norm(step)
+        return unit
+
+    @property
+    def length_mm(self) -> float:
+        """Length of the leg, mm."""
+        return float(np.linalg.norm(self.end_mm - self.start_mm))
+
+
+def paper_angle_from_leg(
+    start_mm: ArrayLike, end_mm: ArrayLike, *, camera_center_mm: ArrayLike, normal: ArrayLike
+) -> float:
+    """The paper's alpha of a leg: its angle out of the reference plane, in the viewing plane.
+
+    The reference plane is normal to `normal` and holds the start of the leg; the viewing plane
+    holds camera and leg (Zheng et al. 2020, Fig. 3).
+
+    Parameters
+    ----------
+    start_mm, end_mm : array of float, shape (3,)
+        Ends of the leg, world, mm.
+    camera_center_mm : array of float, shape (3,)
+        World, mm.
+    normal : array of float, shape (3,)
+        Unit vector towards the camera, world.
+
+    Returns
+    -------
+    float
+        rad; NaN for a leg that points at the camera, where there is no viewing plane.
+    """
+    start = np.asarray(start_mm, dtype=float)
+    step = np.asarray(end_mm, dtype=float) - start
+    n = np.asarray(normal, dtype=float)
+    plane_normal = np.cross(np.asarray(camera_center_mm, dtype=float) - start, step)
+    trace = np.cross(plane_normal, n)
+    size = np.linalg.norm(trace)
+    if size < 1e-12 * max(1.0, float(np.linalg.norm(plane_normal))):
+        return float("nan")
+    trace = trace / size
+    upright = n - (n @ plane_normal) * plane_normal / (plane_normal @ plane_normal)
+    upright /= np.linalg.norm(upright)
+    along = float(step @ trace)
+    return float(np.arctan2(step @ upright, abs(along)))
+
+
+@dataclass(frozen=True, eq=False)
+class LightPath:
+    """The path of a pulse in space and time: straight legs between vertices.
+
+    Vertex 0 is the source (unknown source: entry into view), the last vertex the exit from view,
+    those between are the corners, in or outside the picture.
+
+    Attributes
+    ----------
+    vertices_mm : array of float, shape (m, 3)
+        M = n_legs + 1; world, mm.
+    vertex_times_ps : array of float, shape (m,)
+        Event times on the calibrated clock, ps.
+    covariance : array of float, shape (4m, 4m)
+        Total: x, y, z (mm), t (ps) of vertex 0, then of vertex 1 ...
+    camera : Camera
+        The camera that saw it.
+    source : Source
+        What was known of the source.
+    medium : Medium
+        The medium assumed.
+    method : str
+        "paper", "joint" or "photon".
+    goodness : Goodness
+        How well the path explains the recording.
+    covariance_parts : Mapping[str, array of float]
+        Shares of `covariance`, each (4m, 4m): "photon" (independent), "pixel" (calibration of the
+        pixels: does not average over repeats), "shared" (scale, emission time, pose, source).
+    residuals : array, shape (n,)
+        dtype `RESIDUAL_DTYPE`: one row per pulse.
+    prior : str
+        What was taken as known, in words: every figure names its prior.
+    statements : tuple of str
+        What these data fix and do not fix, and what the result rests on; one sentence each.
+    prices : tuple of str
+        What was taken as exact, and by how much the path would be off where it is not; one
+        sentence each.
+    truth : object
+        What made the recording, where a simulator knows it.
+    provenance : mapping of str
+        Inputs, settings, versions and seed that made it.
+    verdict : Verdict
+        Whether it may be trusted, and what contradicts it.
+    """
+
+    vertices_mm: Floats
+    vertex_times_ps: Floats
+    covariance: Floats
+    camera: Camera = field(kw_only=True)
+    source: Source = field(kw_only=True)
+    medium: Medium = field(default_factory=Medium, kw_only=True)
+    method: str = field(default="joint", kw_only=True)
+    goodness: Goodness = field(kw_only=True)
+    covariance_parts: Mapping[str, Floats] = field(default_factory=dict, kw_only=True, repr=False)
+    residuals: NDArray[Any] = field(
+        default_factory=lambda: np.empty(0, RESIDUAL_DTYPE), kw_only=True, repr=False
+    )
+    prior: str = field(default="", kw_only=True)
+    statements: tuple[str, ...] = field(default=(), kw_only=True)
+    prices: tuple[str, ...] = field(default=(), kw_only=True)
+    truth: Any = field(default=None, kw_only=True, repr=False)
+    provenance: Mapping[str, Any] = field(default_factory=dict, kw_only=True, repr=False)
+    verdict: Verdict = field(default=NOT_EXAMINED, kw_only=True)
+
+    def __post_init__(self) -> None:
+        vertices = np.array(self.vertices_mm, dtype=float)
+        times = np.array(self.vertex_times_ps, dtype=float)
+        m = len(times)
+        if times.ndim != 1 or vertices.shape != (m, 3) or m < 2:
+            raise ValueError(
+                "a path needs vertices_mm of shape (m, 3) and vertex_times_ps of shape (m,) with "
+                f"m >= 2, got {vertices.shape} and {times.shape}"
+            )
+        covariance = np.array(self.covariance, dtype=float)
+        if covariance.shape != (4 * m, 4 * m):
+            raise ValueError(f"covariance must be ({4 * m}, {4 * m}), got {covariance.shape}")
+        if not np.isfinite(vertices).all():
+            bad = int(np.argmin(np.isfinite(vertices).all(axis=1)))
+            raise ValueError(f"vertices_mm must be finite: vertex {bad} is {vertices[bad]}")
+        if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+            raise ValueError(f"vertex_times_ps must be finite and ascend, got {times}")
+        for array in (vertices, times, covariance):
+            array.setflags(write=False)
+        object.__setattr__(self, "vertices_mm", vertices)
+        object.__setattr__(self, "vertex_times_ps", times)
+        object.__setattr__(self, "covariance", covariance)
+
+    _repr_html_ = html_from_record
+
+    @property
+    def n_legs(self) -> int:
+        """Number of straight legs."""
+        return len(self.vertex_times_ps) - 1
+
+    @property
+    def emission_time_ps(self) -> float:
+        """Event time at vertex 0: when the pulse left the source (or entered the view), ps."""
+        return float(self.vertex_times_ps[0])
+
+    @property
+    def vertex_std(self) -> Floats:
+        """(m, 4), one-sigma errors of x, y, z (mm) and t (ps) of each vertex."""
+        std: Floats = np.sqrt(np.maximum(np.diag(self.covariance), 0.0)).reshape(-1, 4)
+        return std
+
+    @property
+    def legs(self) -> tuple[Leg, ...]:
+        """The legs, in the order of flight."""
+        return tuple(self._leg(i) for i in range(self.n_legs))
+
+    def _leg(self, i: int) -> Leg:
+        """One leg, with the error of its angle from the covariance of its two ends."""
+        start, end = self.vertices_mm[i], self.vertices_mm[i + 1]
+        normal = self.camera.backward_axis
+        step = end - start
+        length = float(np.linalg.norm(step))
+        d = step / length
+        along = float(d @ normal)
+        # d(asin(d.n)) = n.(1 - d d^T) d(step) / (|step| cos(alpha))
+        # Along the axis the angle is at its maximum and its first derivative has no limit.
+        across = max(np.sqrt(max(0.0, 1.0 - along**2)), 1e-9)
+        gradient = (normal - along * d) / (length * across)
+        block = np.r_[4 * i : 4 * i + 3, 4 * i + 4 : 4 * i + 7]
+        weights = np.concatenate((-gradient, gradient))
+        variance = weights @ self.covariance[np.ix_(block, block)] @ weights
+        paper = paper_angle_from_leg(
+            start, end, camera_center_mm=self.camera.center_mm, normal=normal
+        )
+        return Leg(
+            start_mm=start,
+            end_mm=end,
+            start_time_ps=float(self.vertex_times_ps[i]),
+            end_time_ps=float(self.vertex_times_ps[i + 1]),
+            angle_deg=float(np.rad2deg(elevation_from_direction(d, normal))),
+            angle_std_deg=float(np.rad2deg(np.sqrt(np.maximum(variance, 0.0)))),
+            paper_angle_deg=float(np.rad2deg(paper)),
+        )
+
+    def leg_at(self, event_times_ps: ArrayLike) -> NDArray[np.int64]:
+        """Index of the leg on which the pulse is at each event time.
+
+        Parameters
+        ----------
+        event_times_ps : array of float, shape (n,)
+            ps.
+
+        Returns
+        -------
+        array of int, shape (n,)
+            0-based, clipped to the ends.
+        """
+        times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
+        index = np.searchsorted(self.vertex_times_ps, times, side="right") - 1
+        return np.clip(index, 0, self.n_legs - 1)
+
+    def position_at(self, event_times_ps: ArrayLike) -> Floats:
+        """Position of the pulse at event times.
+
+        Parameters
+        ----------
+        event_times_ps : array of float, shape (n,)
+            ps.
+
+        Returns
+        -------
+        array of float, shape (n, 3)
+            World, mm; NaN off the path's two ends.
+        """
+        times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
+        position = extrapolated_position(self.vertices_mm, self.vertex_times_ps, times)
+        span = self.vertex_times_ps[-1] - self.vertex_times_ps[0]
+        # Both ends are on the path, whatever rounding says.
+        slack = 1e-12 * max(abs(self.vertex_times_ps[-1]), span, 1.0)
+        outside = (times < self.vertex_times_ps[0] - slack) | (
+            times > self.vertex_times_ps[-1] + slack
+        )
+        position[outside] = np.nan
+        return position
+
+    def position_covariance_at(self, event_times_ps: ArrayLike) -> Floats:
+        """Covariance of `position_at` at fixed event times.
+
+        Parameters
+        ----------
+        event_times_ps : array of float, shape (n,)
+            ps.
+
+        Returns
+        -------
+        array of float, shape (n, 3, 3)
+            mm^2, world axes: J C J^T with J by the two vertices of the leg.
+        """
+        times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
+        out = np.empty((len(times), 3, 3))
+        for k, (time, leg) in enumerate(zip(times, self.leg_at(times), strict=True)):
+            jacobian, block = self._position_jacobian(time, int(leg))
+            out[k] = jacobian @ self.covariance[np.ix_(block, block)] @ jacobian.T
+        return out
+
+    def _position_jacobian(self, time_ps: float, leg: int) -> tuple[Floats, NDArray[np.int64]]:
+        """d(position at a fixed event time) / d(x, y, z, t of the leg's two vertices)."""
+        t0, t1 = self.vertex_times_ps[leg : leg + 2]
+        step = self.vertices_mm[leg + 1] - self.vertices_mm[leg]
+        fraction = (time_ps - t0) / (t1 - t0)
+        jacobian = np.zeros((3, 8))
+        jacobian[:, 0:3] = (1 - fraction) * np.eye(3)
+        jacobian[:, 4:7] = fraction * np.eye(3)
+        jacobian[:, 3] = -(1 - fraction) * step / (t1 - t0)
+        jacobian[:, 7] = -fraction * step / (t1 - t0)
+        return jacobian, np.arange(4 * leg, 4 * leg + 8)
+
+    def sample(self, n: int = 1000) -> NDArray[Any]:
+        """Points at equal event times from first to last vertex.
+
+        Parameters
+        ----------
+        n : int
+            How many, at least 2.
+
+        Returns
+        -------
+        array, shape (n,)
+            dtype `SAMPLE_DTYPE`. `x_std_mm` ... are errors of the position at that event time;
+            `event_time_std_ps` is the error of the time at which the pulse passes that fraction
+            of its leg.
+
+        Raises
+        ------
+        ValueError
+            For n < 2.
+        """
+        if n < 2:
+            raise ValueError(f"n must be at least 2, got {n}")
+        times = np.linspace(self.vertex_times_ps[0], self.vertex_times_ps[-1], n)
+        position = extrapolated_position(self.vertices_mm, self.vertex_times_ps, times)
+        out = np.zeros(n, SAMPLE_DTYPE)
+        leg = self.leg_at(times)
+        out["leg"], out["event_time_ps"] = leg, times
+        out["x_mm"], out["y_mm"], out["z_mm"] = position.T
+        out["arrival_time_ps"] = arrival_time_from_event(
+            position,
+            times,
+            camera_center_mm=self.camera.center_mm,
+            return_group_index=self.medium.return_group_index,
+        )
+        # Where a position is exact (a leg's start moves in time as along the leg), rounding leaves
+        # variances a hair below zero.
+        variance = np.diagonal(self.position_covariance_at(times), axis1=1, axis2=2)
+        out["x_std_mm"], out["y_std_mm"], out["z_std_mm"] = np.sqrt(np.maximum(variance, 0.0)).T
+        out["event_time_std_ps"] = np.sqrt(np.maximum(self._time_variance(times, leg), 0.0))
+        out["in_view"] = self.camera.sees(position)
+        return out
+
+    def _time_variance(self, times: Floats, leg: NDArray[np.int64]) -> Floats:
+        """(n,), ps^2: variance of the event time at these fractions of a leg."""
+        t0, t1 = self.vertex_times_ps[leg], self.vertex_times_ps[leg + 1]
+        f = (times - t0) / (t1 - t0)
+        i, j = 4 * leg + 3, 4 * leg + 7
+        c = self.covariance
+        variance: Floats = (1 - f) ** 2 * c[i, i] + f**2 * c[j, j] + 2 * f * (1 - f) * c[i, j]
+        return variance
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the path to one HDF5 file, whole or not at all.
+
+        Parameters
+        ----------
+        path : path
+            The file; an existing one is replaced only at the end.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        from lightflight.path.file import save_path
+
+        save_path(self, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], *, try_newer: bool = False) -> LightPath:
+        """Read a path written by `save`.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+        try_newer : bool
+            Of a file by a newer version, read what this one knows; `statements` say so.
+
+        Returns
+        -------
+        LightPath
+            Equal to the one that was kept.
+
+        Raises
+        ------
+        FileFormatError
+            For any other file.
+        """
+        from lightflight.path.file import load_path
+
+        return load_path(path, make=cls, try_newer=try_newer)
+
+
+def extrapolated_position(vertices_mm: Floats, vertex_times_ps: Floats, times_ps: Floats) -> Floats:
+    """Position on a polyline at event times, first and last leg prolonged.
+
+    Parameters
+    ----------
+    vertices_mm : array of float, shape (m, 3)
+        World, mm.
+    vertex_times_ps : array of float, shape (m,)
+        Ascending, ps.
+    times_ps : array of float, shape (n,)
+        Event times, ps.
+
+    Returns
+    -------
+    array of float, shape (n, 3)
+        World, mm.
+    """
+    leg = np.clip(
+        np.searchsorted(vertex_times_ps, times_ps, side="right") - 1, 0, len(vertex_times_ps) - 2
+    )
+    t0, t1 = vertex_times_ps[leg], vertex_times_ps[leg + 1]
+    fraction = ((times_ps - t0) / (t1 - t0))[:, np.newaxis]
+    position: Floats = (1 - fraction) * vertices_mm[leg] + fraction * vertices_mm[leg + 1]
+    return position

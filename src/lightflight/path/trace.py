@@ -1,0 +1,481 @@
+"""What a picture needs to know about a path: points along it, with both times and their errors.
+
+Takes a LightPath (or anything with `vertices_mm` and `vertex_times_ps`, such as a truth), gives a
+`Trace` (dense points) and `PulsePlaces` (where on the path each measured pulse belongs). NumPy
+only: figures, page and movie draw from the same numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight.flight import Medium, return_time_from_points
+from lightflight.path.tables import Polyline
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Points along a path, leg by leg, both ends of every leg included.
+
+    Attributes
+    ----------
+    points_mm : array of float, shape (n, 3)
+        World, mm.
+    event_time_ps : array of float, shape (n,)
+        ps.
+    arrival_ps : array of float, shape (n,)
+        ps; when light scattered there reaches the camera. NaN without a camera.
+    length_mm : array of float, shape (n,)
+        mm along the path from vertex 0.
+    leg : array of int, shape (n,)
+        0-based.
+    covariance : array of float, shape (n, 4, 4)
+        X, y, z (mm) and t (ps) at this fraction of the leg; NaN where unknown.
+    in_view : array of bool, shape (n,)
+        True where the camera sees the point.
+    """
+
+    points_mm: Floats
+
+    event_time_ps: Floats
+
+    arrival_ps: Floats
+
+    length_mm: Floats
+
+    leg: NDArray[np.int64]
+
+    covariance: Floats
+
+    in_view: NDArray[np.bool_]
+
+    @property
+    def std_mm(self) -> Floats:
+        """(n,), mm: the longest semi-axis of the error ellipsoid across the leg."""
+        return np.sqrt(np.maximum(across_axes(self)[0][:, 0], 0.0))
+
+    @property
+    def event_time_std_ps(self) -> Floats:
+        """(n,), ps."""
+        return np.sqrt(self.covariance[:, 3, 3])
+
+
+def has_errors(path: Polyline) -> bool:
+    """Whether a path carries a finite covariance of the right size.
+
+    Parameters
+    ----------
+    path : LightPath or truth
+        A truth has none.
+    """
+    covariance = getattr(path, "covariance", None)
+    if covariance is None:
+        return False
+    covariance = np.asarray(covariance, dtype=float)
+    size = 4 * len(np.asarray(path.vertices_mm))
+    return covariance.shape == (size, size) and bool(np.isfinite(np.diag(covariance)).all())
+
+
+def _covariance_at(path: Polyline, leg: NDArray[np.int64], fraction: Floats) -> Floats:
+    """(n, 4, 4): both ends of a leg propagated to a point at a fixed fraction of it."""
+    if not has_errors(path):
+        return np.full((len(leg), 4, 4), np.nan)
+    blocks = np.asarray(getattr(path, "covariance", None), dtype=float)
+    m = len(np.asarray(path.vertices_mm))
+    blocks = blocks.reshape(m, 4, m, 4).transpose(0, 2, 1, 3)
+    f = fraction[:, np.newaxis, np.newaxis]
+    start, end = blocks[leg, leg], blocks[leg + 1, leg + 1]
+    cross = blocks[leg, leg + 1]
+    both: Floats = (1 - f) ** 2 * start + f**2 * end
+    return np.asarray(both + f * (1 - f) * (cross + np.swapaxes(cross, 1, 2)))
+
+
+def trace_from_path(
+    path: Polyline, *, camera: Camera | None = None, medium: Medium | None = None, per_leg: int = 65
+) -> Trace:
+    """Dense points along a path, with both times and the covariance.
+
+    Parameters
+    ----------
+    path : LightPath or truth
+        Needs `vertices_mm` (m, 3), mm, and `vertex_times_ps` (m,), ps.
+    camera : Camera, optional
+        Taken from the path where not given.
+    medium : Medium, optional
+        Taken from the path where not given.
+    per_leg : int
+        Points on each leg, its two ends included.
+
+    Returns
+    -------
+    Trace
+        Without a camera, arrival times are NaN and all is in view.
+    """
+    camera = getattr(path, "camera", None) if camera is None else camera
+    medium = getattr(path, "medium", None) if medium is None else medium
+    vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
+    times = np.asarray(path.vertex_times_ps, dtype=float)
+    n_legs = max(len(vertices) - 1, 0)
+    leg = np.repeat(np.arange(n_legs), per_leg)
+    fraction = np.tile(np.linspace(0.0, 1.0, per_leg), n_legs)
+    points = vertices[leg] + fraction[:, np.newaxis] * (vertices[leg + 1] - vertices[leg])
+    event = times[leg] + fraction * (times[leg + 1] - times[leg])
+    lengths = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
+    start = np.concatenate(([0.0], np.cumsum(lengths)))
+    return Trace(
+        points_mm=points,
+        event_time_ps=event,
+        arrival_ps=arrival_from_points(points, event, camera=camera, medium=medium),
+        length_mm=start[leg] + fraction * lengths[leg],
+        leg=leg,
+        covariance=_covariance_at(path, leg, fraction),
+        in_view=_in_view(points, camera),
+    )
+
+
+def _in_view(points: Floats, camera: Camera | None) -> NDArray[np.bool_]:
+    """(n,), True where the camera sees the point; everywhere without a camera."""
+    if camera is None or len(points) == 0:
+        return np.ones(len(points), dtype=bool)
+    return np.asarray(camera.sees(points), dtype=bool)
+
+
+def arrival_from_points(
+    points_mm: ArrayLike,
+    event_time_ps: ArrayLike,
+    *,
+    camera: Camera | None,
+    medium: Medium | None = None,
+) -> Floats:
+    """Arrival time at the camera of light scattered at points: t_a = t + n_r |A - X| / c.
+
+    Parameters
+    ----------
+    points_mm : array of float, shape (..., 3)
+        World, mm.
+    event_time_ps : array of float, shape (...)
+        When the pulse was there, ps.
+    camera : Camera or None
+        None: nobody looks.
+    medium : Medium or None
+        None: air.
+
+    Returns
+    -------
+    array of float, shape (...)
+        ps, on the clock of `event_time_ps`; NaN without a camera.
+    """
+    event = np.asarray(event_time_ps, dtype=float)
+    if camera is None:
+        return np.full(event.shape, np.nan)
+    medium = Medium() if medium is None else medium
+    delay = return_time_from_points(
+        points_mm,
+        camera_center_mm=camera.center_mm,
+        return_group_index=medium.return_group_index,
+    )
+    return np.asarray(event + delay)
+
+
+def across_axes(trace: Trace) -> tuple[Floats, Floats]:
+    """Error ellipse across the leg at every point.
+
+    Parameters
+    ----------
+    trace : Trace
+        Points with their covariance.
+
+    Returns
+    -------
+    variances : array of float, shape (n, 2)
+        mm^2, largest first; NaN where the covariance is not known.
+    axes : array of float, shape (n, 2, 3)
+        Unit vectors they belong to, world.
+    """
+    n = len(trace.points_mm)
+    variances, axes = np.full((n, 2), np.nan), np.zeros((n, 2, 3))
+    for leg in np.unique(trace.leg):
+        of_leg = trace.leg == leg
+        points = trace.points_mm[of_leg]
+        frame = frame_across(points[-1] - points[0])
+        in_plane = frame @ trace.covariance[of_leg][:, :3, :3] @ frame.T
+        if np.isfinite(in_plane).all():
+            values, vectors = np.linalg.eigh(in_plane)
+            # eigh ascends; the largest goes first here.
+            variances[of_leg] = values[:, ::-1]
+            axes[of_leg] = np.swapaxes(vectors, 1, 2)[:, ::-1] @ frame
+        else:
+            axes[of_leg] = frame
+    return variances, axes
+
+
+def frame_across(direction: ArrayLike) -> Floats:
+    """Two unit vectors across a direction and across each other.
+
+    Parameters
+    ----------
+    direction : array of float, shape (3,)
+        Of any length; zero stands for x.
+
+    Returns
+    -------
+    array of float, shape (2, 3)
+        With the direction a right-handed set.
+
+    Examples
+    --------
+    >>> frame_across((0.0, 0.0, 2.0))
+    array([[ 0.,  1.,  0.],
+           [-1.,  0.,  0.]])
+    """
+    d = np.asarray(direction, dtype=float)
+    size = np.linalg.norm(d)
+    d = np.array([1.0, 0.0, 0.0]) if size == 0 else d / size
+    # The axis furthest from the direction: their cross product cannot vanish.
+    helper = np.eye(3)[np.argmin(np.abs(d))]
+    first = np.cross(d, helper)
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(d, first)])
+
+
+def position_at(path: Polyline, event_times_ps: ArrayLike) -> Floats:
+    """Where the pulse is at event times.
+
+    Parameters
+    ----------
+    path : LightPath or truth
+        Anything with `vertices_mm` (m, 3), mm, and `vertex_times_ps` (m,), ps.
+    event_times_ps : array of float, shape (n,)
+        ps.
+
+    Returns
+    -------
+    array of float, shape (n, 3)
+        World, mm; NaN before and after the path.
+    """
+    own = getattr(path, "position_at", None)
+    if own is not None:
+        return np.asarray(own(event_times_ps), dtype=float)
+    when = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
+    times = np.asarray(path.vertex_times_ps, dtype=float)
+    vertices = np.asarray(path.vertices_mm, dtype=float)
+    place = np.stack([np.interp(when, times, vertices[:, k]) for k in range(3)], axis=-1)
+    place[(when < times[0]) | (when > times[-1])] = np.nan
+    return place
+
+
+def event_time_from_arrival_on(trace: Trace, arrival_ps: ArrayLike) -> Floats:
+    """Event time of the point whose light arrives at these times.
+
+    Unique, since along a path t_a grows whenever t does (n_p >= n_r).
+
+    Parameters
+    ----------
+    trace : Trace
+        With arrival times.
+    arrival_ps : array of float, shape (...)
+        ps.
+
+    Returns
+    -------
+    array of float, shape (...)
+        ps; NaN outside.
+    """
+    arrival = np.asarray(arrival_ps, dtype=float)
+    if len(trace.arrival_ps) == 0:
+        return np.full(arrival.shape, np.nan)
+    event = np.interp(arrival, trace.arrival_ps, trace.event_time_ps, left=np.nan, right=np.nan)
+    return np.asarray(event)
+
+
+@dataclass(frozen=True, eq=False)
+class PulsePlaces:
+    """Where on the path each measured pulse of `path.residuals` belongs.
+
+    Attributes
+    ----------
+    row : array of int
+        (n,).
+    col : array of int
+        (n,).
+    leg : array of int, shape (n,)
+        0-based; -1 where the pulse belongs to no leg.
+    points_mm : array of float, shape (n, 3)
+        World: the point of the leg nearest to the pixel's ray; NaN without leg.
+    length_mm : array of float, shape (n,)
+        mm along the path.
+    event_time_ps : array of float, shape (n,)
+        Of that point by the path.
+    measured_event_time_ps : array of float, shape (n,)
+        ps: `event_time_ps` plus the residual. (Arrival minus the way to the camera would
+        forget that a pixel's time belongs to its whole footprint, not to the ray of its centre.)
+    arrival_ps : array of float, shape (n,)
+        Measured.
+    residual_ps : array of float, shape (n,)
+        Measured minus model.
+    std_ps : array of float
+        (n,).
+    used : array of bool, shape (n,)
+        True where the fit used the pulse.
+    """
+
+    row: NDArray[np.int64]
+
+    col: NDArray[np.int64]
+
+    leg: NDArray[np.int64]
+
+    points_mm: Floats
+
+    length_mm: Floats
+
+    event_time_ps: Floats
+
+    measured_event_time_ps: Floats
+
+    arrival_ps: Floats
+
+    residual_ps: Floats
+
+    std_ps: Floats
+
+    used: NDArray[np.bool_]
+
+    @property
+    def pull(self) -> Floats:
+        """(n,), residual / std."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(self.residual_ps / self.std_ps)
+
+
+def nearest_on_leg(
+    rays: ArrayLike, camera_center_mm: ArrayLike, start_mm: ArrayLike, end_mm: ArrayLike
+) -> Floats:
+    """Fraction along the line start -> end where it comes nearest to each ray.
+
+    Parameters
+    ----------
+    rays : array of float, shape (..., 3)
+        Unit vectors, world, from the camera outwards.
+    camera_center_mm, start_mm, end_mm : array of float, shape (..., 3)
+        World, mm.
+
+    Returns
+    -------
+    array of float, shape (...)
+        0 at the start, 1 at the end, not clipped; NaN for parallel lines.
+    """
+    r = np.asarray(rays, dtype=float)
+    start = np.asarray(start_mm, dtype=float)
+    along = np.asarray(end_mm, dtype=float) - start
+    offset = start - np.asarray(camera_center_mm, dtype=float)
+    along_r = np.sum(along * r, axis=-1)
+    offset_r = np.sum(offset * r, axis=-1)
+    denominator = np.sum(along * along, axis=-1) - along_r**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        fraction = (along_r * offset_r - np.sum(along * offset, axis=-1)) / denominator
+    return np.asarray(np.where(denominator > 0, fraction, np.nan))
+
+
+def places_from_path(path: Polyline) -> PulsePlaces:
+    """Place every measured pulse of `path.residuals` on its leg.
+
+    Parameters
+    ----------
+    path : LightPath or truth
+        Without residuals, or without a camera, the table is empty.
+
+    Returns
+    -------
+    PulsePlaces
+        In the order of `residuals`.
+    """
+    table = getattr(path, "residuals", None)
+    camera = getattr(path, "camera", None)
+    if table is None or camera is None or len(table) == 0:
+        table = np.zeros(0, dtype=[(n, float) for n in _RESIDUAL_FIELDS])
+    row, col = table["row"].astype(np.int64), table["col"].astype(np.int64)
+    leg = table["leg"].astype(np.int64)
+    vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
+    times = np.asarray(path.vertex_times_ps, dtype=float)
+    known = (leg >= 0) & (leg < len(vertices) - 1)
+    points = np.full((len(leg), 3), np.nan)
+    length, event = np.full(len(leg), np.nan), np.full(len(leg), np.nan)
+    if camera is not None and known.any():
+        on = leg[known]
+        rays = camera.rays_from_pixels(row[known].astype(float), col[known].astype(float))
+        f = nearest_on_leg(rays, camera.center_mm, vertices[on], vertices[on + 1])
+        spans = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
+        start = np.concatenate(([0.0], np.cumsum(spans)))
+        points[known] = vertices[on] + f[:, np.newaxis] * (vertices[on + 1] - vertices[on])
+        length[known] = start[on] + f * spans[on]
+        event[known] = times[on] + f * (times[on + 1] - times[on])
+    return PulsePlaces(
+        row=row,
+        col=col,
+        leg=np.where(known, leg, -1),
+        points_mm=points,
+        length_mm=length,
+        event_time_ps=event,
+        measured_event_time_ps=event + table["residual_ps"].astype(float),
+        arrival_ps=table["arrival_ps"].astype(float),
+        residual_ps=table["residual_ps"].astype(float),
+        std_ps=table["std_ps"].astype(float),
+        used=table["used"].astype(bool),
+    )
+
+
+_RESIDUAL_FIELDS = (
+    "row",
+    "col",
+    "leg",
+    "arrival_ps",
+    "model_ps",
+    "residual_ps",
+    "std_ps",
+    "used",
+)
+
+
+def true_event_time_along(trace: Trace, truth: Polyline, *, camera: Camera | None) -> Floats:
+    """True event time on the camera's ray through every point of a trace.
+
+    Leg k of the trace is held against leg k of the truth (counted from the last leg where the
+    truth has more of them).
+
+    Parameters
+    ----------
+    trace : Trace
+        Points along the path that was found.
+    truth : LightPath or truth
+        Needs `vertices_mm` (m, 3), mm, and `vertex_times_ps` (m,), ps.
+    camera : Camera or None
+        Whose rays.
+
+    Returns
+    -------
+    array of float, shape (n,)
+        ps; NaN where the truth has no such leg or no camera is known.
+    """
+    vertices = np.asarray(truth.vertices_mm, dtype=float)
+    times = np.asarray(truth.vertex_times_ps, dtype=float)
+    if camera is None or len(trace.leg) == 0:
+        return np.full(len(trace.leg), np.nan)
+    rays = trace.points_mm - camera.center_mm
+    rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    n_legs = len(vertices) - 1
+    leg = trace.leg + max(0, n_legs - int(trace.leg.max()) - 1)
+    known = leg < n_legs
+    leg = np.minimum(leg, n_legs - 1)
+    fraction = nearest_on_leg(rays, camera.center_mm, vertices[leg], vertices[leg + 1])
+    when = times[leg] + fraction * (times[leg + 1] - times[leg])
+    return np.asarray(np.where(known, when, np.nan))

@@ -1,0 +1,138 @@
+"""Calls of the reconstruction: all that can be wrong with one is said before any work."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lightflight.errors import CalibrationError, GeometryError
+from lightflight.flight import Source
+from lightflight.reconstruct.estimators import ESTIMATORS, estimator_named
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+    from lightflight.recording.histograms import Histograms
+    from lightflight.timing.clock.code_clock import CodeClock
+
+_FOR_SEVERAL_CAMERAS = {one.name for one in ESTIMATORS if one.several_cameras}
+
+
+def cameras_and_clocks(
+    camera: Camera | Sequence[Camera] | None,
+    timing: CodeClock | Sequence[CodeClock] | None,
+    recordings: list[Histograms],
+    method: str,
+) -> tuple[list[Camera | None], list[CodeClock | None]]:
+    """Cameras (one for all, or one for each recording), and a clock for each recording."""
+    if not recordings:
+        raise ValueError("hist is an empty list: give at least one recording")
+    clocks: list[CodeClock | None] = (
+        list(timing) if isinstance(timing, Sequence) else [timing] * len(recordings)
+    )
+    cameras: list[Camera | None] = list(camera) if isinstance(camera, Sequence) else [camera]
+    if len(clocks) != len(recordings):
+        raise ValueError(
+            f"{len(clocks)} calibrations for {len(recordings)} recordings: give one for each"
+        )
+    if isinstance(camera, Sequence) and len(cameras) != len(recordings):
+        raise ValueError(
+            f"{len(cameras)} cameras for {len(recordings)} recordings: give one for all, or one "
+            "for each"
+        )
+    if len(cameras) > 1 and method not in _FOR_SEVERAL_CAMERAS:
+        raise ValueError(
+            f"method={method!r} takes one camera: fit several at once with method='joint'"
+        )
+    return cameras, clocks
+
+
+def checked_call(
+    repeats: list[Histograms],
+    camera: Camera | None,
+    source: Source,
+    method: str,
+    n_legs: int | None,
+    exclude_mask: ArrayLike | None,
+) -> Camera:
+    """Everything that can be wrong with a call, before any work.
+
+    Parameters
+    ----------
+    repeats : list of Histograms
+        Recordings of one scene by one camera.
+    camera : Camera or None
+        The camera that recorded them.
+    source : Source
+        What is known of where and when the pulse starts.
+    method : str
+        The estimator asked for.
+    n_legs : int or None
+        How many legs there are, where the user knows it; None: as many as the data show.
+    exclude_mask : array_like, shape (rows, cols) or None
+        True for pixels that take no part.
+
+    Returns
+    -------
+    Camera
+        The camera, which then is not None.
+
+    Raises
+    ------
+    ValueError
+        For an unknown method, a number of legs that is none, a mask of another shape, or scaled
+        intensities for an estimator that needs counts.
+    TypeError
+        Where `hist` holds no counts.
+    CalibrationError
+        Where the time per bin is unknown.
+    GeometryError
+        Where the camera is missing, has other pixels, or sits on the source.
+    """
+    estimator = estimator_named(method)
+    if n_legs is not None and (n_legs != int(n_legs) or n_legs < 1):
+        raise ValueError(f"n_legs must be a whole number of at least 1, got {n_legs}")
+    for one in repeats:
+        if not hasattr(one, "counts"):
+            raise TypeError(
+                f"hist must be Histograms or a list of them, got {type(one).__name__}: "
+                "histogram a recording first (lightflight.recording.histograms)"
+            )
+        # Without a scale of time there are legs in the picture, but no path in space.
+        if one.bin_width_ps is None:
+            raise CalibrationError(
+                "the time per bin of this recording is unknown, so positions have no scale: give "
+                "bin_width_ps (the legs in the picture need neither: lightflight.find_legs)"
+            )
+    if camera is None:
+        raise GeometryError(
+            "the camera's place is unknown, so arrival times have no geometry: give camera= (for "
+            "instance Camera.facing_plane with its distance and field of view)"
+        )
+    for one in repeats:
+        if tuple(one.shape) != tuple(camera.shape):
+            raise GeometryError(
+                f"the recording has {one.shape[0]} x {one.shape[1]} pixels and the camera "
+                f"{camera.shape[0]} x {camera.shape[1]}: give the camera that recorded it"
+            )
+    if estimator.needs_counts and not all(one.poisson for one in repeats):
+        raise ValueError(
+            f"method={method!r} needs photon counts, and this recording holds scaled intensities "
+            "(poisson=False): use method='joint'"
+        )
+    if exclude_mask is not None and np.shape(exclude_mask) != tuple(camera.shape):
+        raise ValueError(
+            f"exclude_mask must have the camera's shape {camera.shape}, got "
+            f"{np.shape(exclude_mask)}"
+        )
+    if source.position_mm is not None:
+        gap = np.linalg.norm(np.asarray(source.position_mm, dtype=float) - camera.center_mm)
+        # s = 0 in the closed form: every ray then meets the source at once.
+        if gap < 1e-6:
+            raise GeometryError(
+                "the source sits on the camera: every direction then gives the same times; check "
+                "position_mm and the camera's pose"
+            )
+    return camera

@@ -1,0 +1,164 @@
+"""`reconstruct`: recordings in, a `LightPath` out, by the estimator the user names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
+
+from lightflight.flight import Medium, Source
+from lightflight.path.light_path import LightPath
+from lightflight.reconstruct.calls import cameras_and_clocks, checked_call
+from lightflight.reconstruct.estimators import estimator_named
+from lightflight.reconstruct.fit.result import on_first_lap
+from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.shared import freed
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.sightings import sighting_from_histograms
+from lightflight.reconstruct.verdict.examine import examined
+from lightflight.reconstruct.ways.request import Request
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+    from lightflight.recording.histograms import Histograms
+    from lightflight.timing.clock.code_clock import CodeClock
+
+
+def reconstruct(
+    hist: Histograms | Sequence[Histograms],
+    *,
+    camera: Camera | Sequence[Camera] | None = None,
+    source: Source | None = None,
+    medium: Medium | None = None,
+    timing: CodeClock | Sequence[CodeClock] | None = None,
+    background: Histograms | None = None,
+    method: str = "joint",
+    n_legs: int | None = None,
+    waypoints: Sequence[Waypoint] = (),
+    exclude_mask: ArrayLike | None = None,
+    start: LightPath | ArrayLike | None = None,
+    free: Iterable[str] = (),
+) -> LightPath:
+    """Path of the pulse in space and time from what the camera recorded.
+
+    Parameters
+    ----------
+    hist : Histograms or sequence of Histograms
+        One recording, or repeats of the same scene.
+    camera : Camera or sequence of Camera, optional
+        Where every pixel looks; needed for anything beyond (u, v, t_a). One for all recordings, or
+        a list of one for each: the same flight seen from several places, fitted at once (`joint`
+        only). Legs are looked for in the first camera's picture, and where that one's view ends the
+        path ends.
+    source : Source, optional
+        Where and when the pulse starts, as far as known; None: nothing is known.
+    medium : Medium, optional
+        Group indices out and back; None: air.
+    timing : TimingCalibration or sequence of TimingCalibration, optional
+        Calibrated clock; None: nominal codes, with a warning. With several cameras, a list of one
+        for each: all clocks count from the same zero (the trigger, or one flat).
+    background : Histograms, optional
+        Recording without the pulse, same clock; enters the likelihood, is not subtracted.
+    method : str, optional
+        An estimator's name (`reconstruct.estimators.ESTIMATORS`): "paper" (literal baseline),
+        "joint" (default), "photon" ...
+    n_legs : int, optional
+        Number of straight legs where the user knows it.
+    waypoints : sequence of (int, array_like, float), optional
+        (vertex index, position_mm, std_mm) of corners measured otherwise.
+    exclude_mask : array_like, shape (rows, cols), optional
+        True for pixels that take no part.
+    start : LightPath or array_like, optional
+        A LightPath or vertices_mm (m, 3) to start from, instead of the search for legs.
+    free : iterable of str, optional
+        What to fit within its plausible size although it was told as exact, or nearly so: "source",
+        "emission_time", "pose", "focal_length", "distortion", "index", "clock_offset",
+        "clock_scale", "clock_drift".
+
+    Raises
+    ------
+    ValueError
+        For an unknown method or arguments of the wrong shape.
+    CalibrationError
+        Where the time per bin is unknown, the calibration belongs to another camera, or the codes
+        run the other way than stated.
+    GeometryError
+        Where the camera is missing, or camera, source and path are in a degenerate position.
+    NothingFoundError
+        Where no path stands out, with the reason.
+    """
+    repeats = [hist] if not isinstance(hist, Sequence) else list(hist)
+    source = Source() if source is None else source
+    medium = Medium() if medium is None else medium
+    several = isinstance(camera, Sequence)
+    cameras, clocks = cameras_and_clocks(camera, timing, repeats, method)
+    of_camera = [[one] for one in repeats] if several else [repeats]
+    # Everything is checked before any pulse is fitted: a wrong call must not cost minutes.
+    views = [
+        checked_call(own, view, source, method, n_legs, exclude_mask)
+        for own, view in zip(of_camera, cameras, strict=True)
+    ]
+    setting = Setting(
+        views[0], source, medium, checked_waypoints(waypoints, n_legs), tuple(views[1:])
+    )
+    told = clocks[0]
+    setting, clocks = freed(setting, clocks, repeats, free)
+    sightings = [
+        sighting_from_histograms(
+            h,
+            setting.at(k if several else 0),
+            timing=clock,
+            background=background,
+            exclude_mask=exclude_mask,
+            least_squares=estimator_named(method).least_squares,
+            view=k if several else 0,
+        )
+        for k, (h, clock) in enumerate(zip(repeats, clocks, strict=True))
+    ]
+    return path_from_sightings(
+        sightings, setting, timing=told, method=method, n_legs=n_legs, start=start
+    )
+
+
+def path_from_sightings(
+    sightings: list[Sighting],
+    setting: Setting,
+    *,
+    timing: CodeClock | None,
+    method: str = "joint",
+    n_legs: int | None = None,
+    start: LightPath | ArrayLike | None = None,
+) -> LightPath:
+    """Path from recordings whose pulses are found; parameters and errors as in `reconstruct`.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    timing : TimingCalibration or None
+        Its calibrated clock; None: nominal codes.
+    method : str, optional
+        An estimator's name.
+    n_legs : int, optional
+        How many legs there are, where the user knows it; None: as many as the data show.
+    start : LightPath or array_like, optional
+        A path or its vertices in mm to start from, instead of the search for legs.
+
+    Returns
+    -------
+    LightPath
+        Told in the first lap of the clock, unless the start or the source says which.
+
+    Notes
+    -----
+    As `reconstruct`, whose errors it raises; for pulses that were found elsewhere.
+    """
+    request = Request(sightings, setting, timing, n_legs, start)
+    path, fit = estimator_named(method).fit(request)
+    # A start given by the user says the lap too: the path stays where it was put.
+    path = path if start is not None else on_first_lap(path, sightings[0])
+    return examined(path, fit, sightings, setting, nominal_clock=timing is None, n_legs=n_legs)

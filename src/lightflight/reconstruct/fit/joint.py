@@ -1,0 +1,381 @@
+"""`joint`: every pulse, every line, every prior in one fit of the whole path.
+
+Legs found in the picture give a start; then picture and path are refined in turn: the counts say
+where each leg's line runs and how its light is weighted within a pixel, the arrival times say
+how deep it lies. Wrong pulses are left out, and errors that the stated ones do not cover are
+measured from the residuals and stated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight import flags
+from lightflight.errors import NothingFoundError
+from lightflight.reconstruct.fit.ends import cut_tips, freedom_at, known_tips, with_ends
+from lightflight.reconstruct.fit.least_squares import (
+    OUTLIER,
+    Solution,
+    TimeData,
+    fit_path,
+    reweighted,
+)
+from lightflight.reconstruct.fit.membership import (
+    Tips,
+    assigned,
+    mode_columns,
+    stacked,
+    stacked_lines,
+    time_data,
+)
+from lightflight.reconstruct.legs.find import ImageLeg
+from lightflight.reconstruct.model.freedom import Freedom
+from lightflight.reconstruct.model.geometry import Indices, PathState
+from lightflight.reconstruct.model.picture import (
+    LineDataInPicture,
+    Picture,
+    lines_from_picture,
+    measure_picture,
+)
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.shared import undistorted_as_moved
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.units import MEDIAN_CHI2, std_from_mad
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+
+Floats = NDArray[np.float64]
+
+_PASSES = 4
+"""Most rounds of picture and path; the second often agrees with the last to a tenth of an error."""
+_STILL = 0.03
+"""A round that moves nothing by more than this, in its own errors, was the last."""
+_ROUGH_OUTLIER = 8.0
+"""The same while the path is rough."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """Everything the joint fit found.
+
+    Attributes
+    ----------
+    solution : Solution
+        Path, covariance and gains.
+    freedom_basis : array of float, shape (3m + 1, p)
+        What the covariance's first p rows move.
+    labels : tuple of str
+        (p,), in words.
+    times : TimeData
+        Pulses that took part, and outliers with weight 0.
+    sighting_of : array of int, shape (n,)
+        Which recording each pulse came from.
+    lines : LineDataInPicture
+        The lines the legs were held to.
+    pictures : tuple of Picture
+        Lines and brightness, one per recording.
+    floor_ps : float
+        Extra error per pulse that the residuals ask for, ps.
+    tips : Tips
+        Where the light begins and stops within the picture; pulses about these took no part.
+    freedom : Freedom
+        What the last fit could move, and the priors on it.
+    """
+
+    solution: Solution
+    freedom_basis: Floats
+    labels: tuple[str, ...]
+    times: TimeData
+    sighting_of: Indices
+    lines: LineDataInPicture
+    pictures: tuple[Picture, ...]
+    floor_ps: float
+    tips: Tips
+    freedom: Freedom
+
+
+def pulse_std_ps(sightings: list[Sighting]) -> float:
+    """Typical standard deviation of the usable pulses, ps.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+
+    Returns
+    -------
+    float
+        Median over all usable pulses, ps.
+    """
+    stds = [o.arrivals.std_ps[flags.is_usable(o.arrivals.flags)] for o in sightings]
+    return float(np.median(np.concatenate(stds)))
+
+
+def fit_joint(
+    sightings: list[Sighting],
+    state: PathState,
+    setting: Setting,
+    *,
+    legs: tuple[ImageLeg, ...] | None,
+) -> JointFit:
+    """Refine a path that is roughly right.
+
+    Parameters
+    ----------
+    state : PathState
+        Start, from `start.state_from_legs` or the user.
+    legs : tuple of ImageLeg or None
+        Legs of the first recording as found in the picture; they say which pulses belong to which
+        leg while the start is still rough. None: the start itself says so.
+
+    Raises
+    ------
+    NothingFoundError
+        Where fewer pulses lie on the path than it has unknowns.
+    """
+    std = pulse_std_ps(sightings)
+    members = None
+    # Shared errors found so far: pulses are told apart on the clock and by the camera as they are.
+    seen, clock = setting, sightings
+    if legs is not None:
+        rough = _rough_fit(sightings, state, setting, legs)
+        state = rough.state
+        seen, clock = _as_found(rough, setting, sightings)
+        members = _members_of_legs(legs, len(sightings[0].arrivals.row))
+    floor, result = 0.0, None
+    cut: Tips = (None, None)
+    for passed in range(_PASSES):
+        state, ends = with_ends(state, clock, seen, std)
+        tips = known_tips(cut, ends.tips)
+        pictures = tuple(
+            measure_picture(state, o, camera=seen.cameras[o.view], medium=seen.medium, std_ps=std)
+            for o in sightings
+        )
+        parts = _pulses_of_legs(sightings, clock, state, seen, pictures, std, floor, members, tips)
+        times = stacked(parts, mode_columns(sightings))
+        lines = stacked_lines(
+            [
+                _as_told(lines_from_picture(p), setting.cameras[o.view], seen.cameras[o.view])
+                for p, o in zip(pictures, sightings, strict=True)
+            ],
+            sightings,
+        )
+        freedom = freedom_at(state, setting, ends)
+        _check_enough(times, freedom.basis.shape[1])
+        before = state
+        solution, times, floor = _solve_robustly(state, times, lines, freedom, setting)
+        state = solution.state
+        seen, clock = _as_found(solution, setting, sightings)
+        result = JointFit(
+            solution=solution,
+            freedom_basis=freedom.basis,
+            labels=freedom.labels,
+            times=times,
+            sighting_of=np.repeat(np.arange(len(parts)), [len(p.leg) for p in parts]),
+            lines=lines,
+            pictures=pictures,
+            floor_ps=floor,
+            tips=tips,
+            freedom=freedom,
+        )
+        told = sum(tip is not None for tip in cut)
+        cut = known_tips(cut, cut_tips(solution, times, floor, setting))
+        more = sum(tip is not None for tip in cut) > told
+        # The first pass sorted the pulses by a rough path: it never is the last.
+        if passed > 0 and not more and _settled(before, solution, freedom):
+            break
+    assert result is not None
+    return result
+
+
+def _members_of_legs(legs: tuple[ImageLeg, ...], n_pulses: int) -> Indices:
+    """(n_pulses,), leg of the picture that each row of the arrivals belongs to; -1: none."""
+    members = np.full(n_pulses, -1)
+    for k, leg in enumerate(legs):
+        members[leg.members] = k
+    return members
+
+
+def _pulses_of_legs(
+    sightings: list[Sighting],
+    clock: list[Sighting],
+    state: PathState,
+    seen: Setting,
+    pictures: tuple[Picture, ...],
+    std: float,
+    floor: float,
+    members: Indices | None,
+    tips: Tips,
+) -> list[TimeData]:
+    """Pulses that belong to the path, one table per recording, on the clock as recorded.
+
+    `seen` and `clock` are setting and recordings with the shared errors found so far taken off.
+    """
+    parts = [
+        assigned(
+            o,
+            state,
+            seen.at(o.view),
+            picture,
+            std,
+            floor,
+            # Only the first recording's picture was searched, only the first camera sees the ends.
+            members if not number else None,
+            tips if o.view == 0 else (None, None),
+        )
+        for number, (o, picture) in enumerate(zip(clock, pictures, strict=True))
+    ]
+    # Told apart on the corrected clock, fitted on the recorded one: the fit finds the errors anew.
+    return [
+        replace(part, arrival_ps=o.arrival_ps[part.index])
+        for part, o in zip(parts, sightings, strict=True)
+    ]
+
+
+def _settled(before: PathState, solution: Solution, freedom: Freedom) -> bool:
+    """True where a pass moved the path by a small part of its errors: the next would not."""
+    moved = np.append(
+        (solution.state.vertices_mm - before.vertices_mm).ravel(),
+        solution.state.start_time_ps - before.start_time_ps,
+    )
+    # What moved outside the freedom (an end put back to the edge) is not counted.
+    step = np.linalg.lstsq(freedom.basis, moved, rcond=None)[0]
+    own = solution.covariance[: len(step), : len(step)]
+    std = np.sqrt(np.maximum(np.diag(own), 1e-300))
+    return bool(np.all(np.abs(step) < _STILL * std))
+
+
+def _as_found(
+    solution: Solution, setting: Setting, sightings: list[Sighting]
+) -> tuple[Setting, list[Sighting]]:
+    """Setting and recordings with the shared errors that a fit found taken off."""
+    columns = mode_columns(sightings)
+    corrected = [
+        replace(
+            o,
+            arrival_ps=o.arrival_ps - o.arrivals.shared_modes_ps @ solution.modes[columns[o.view]],
+        )
+        for o in sightings
+    ]
+    found = replace(
+        setting, camera=solution.camera, others=solution.cameras[1:], medium=solution.medium
+    )
+    return found, corrected
+
+
+def _as_told(lines: LineDataInPicture, told: Camera, seen: Camera) -> LineDataInPicture:
+    """Lines measured with the lens as found, in the picture of the lens as told."""
+    return replace(lines, anchors=undistorted_as_moved(lines.anchors, seen, told))
+
+
+def _rough_fit(
+    sightings: list[Sighting],
+    state: PathState,
+    setting: Setting,
+    legs: tuple[ImageLeg, ...],
+) -> Solution:
+    """One fit with the legs' own pulses and their lines as found, errors kept generous."""
+    first = sightings[0]
+    index = np.concatenate([leg.members for leg in legs])
+    leg_of = np.repeat(np.arange(len(legs)), [len(leg.members) for leg in legs])
+    times = time_data(first, index, leg_of, np.zeros(len(index)))
+    times = stacked([times], mode_columns(sightings))
+    anchors = np.concatenate([leg.points_px(np.array(leg.extent_px)) for leg in legs])
+    lines = LineDataInPicture(
+        # Lines as found in the picture hold to about a third of a pixel.
+        np.repeat(np.arange(len(legs)), 2),
+        anchors,
+        np.eye(2 * len(legs)) / 0.3,
+    )
+    # 3 ps: the start's own errors exceed those of bright pulses by far.
+    floor_var = 3.0**2
+    for _ in range(3):
+        solution = fit_path(
+            state,
+            times,
+            lines,
+            freedom_at(state, setting),
+            cameras=setting.cameras,
+            medium=setting.medium,
+            floor_var=floor_var,
+        )
+        state = solution.state
+        spread = std_from_mad(float(np.median(np.abs(solution.residual_ps))))
+        before, floor_before = times, floor_var
+        floor_var = max(floor_var, spread**2)
+        times = reweighted(times, solution, floor_var=floor_var, cut=_ROUGH_OUTLIER)
+        if floor_var == floor_before and np.array_equal(times.weight, before.weight):
+            break
+    return solution
+
+
+def _solve_robustly(
+    state: PathState,
+    times: TimeData,
+    lines: LineDataInPicture,
+    freedom: Freedom,
+    setting: Setting,
+) -> tuple[Solution, TimeData, float]:
+    """Solve, drop outliers, and raise the floor until the residuals are explained."""
+    floor_var = 0.0
+    for _ in range(6):
+        solution = fit_path(
+            state,
+            times,
+            lines,
+            freedom,
+            cameras=setting.cameras,
+            medium=setting.medium,
+            floor_var=floor_var,
+        )
+        state = solution.state
+        updated_floor = _floor_variance(times, solution)
+        cut_times = reweighted(times, solution, floor_var=updated_floor, cut=OUTLIER)
+        same = np.array_equal(cut_times.weight, times.weight)
+        # Two percent of a floor are nothing beside the error of the floor itself.
+        settled = abs(updated_floor - floor_var) < 0.02 * (updated_floor + 1e-6)
+        times, floor_var = cut_times, updated_floor
+        if same and settled:
+            break
+    return solution, times, float(np.sqrt(floor_var))
+
+
+def _floor_variance(times: TimeData, solution: Solution) -> float:
+    """Extra variance per pulse that makes the residuals as large as stated; 0 where they are.
+
+    Judged by the median, which outliers do not reach, and only where chance is no excuse.
+    """
+    stated = times.photon_var + times.pixel_var
+    squared = solution.residual_ps**2
+    n = len(squared)
+    # Fitted numbers take their share of the residuals: the median falls by the same part.
+    loss = max(0.2, 1.0 - (n - solution.dof) / max(n, 1))
+
+    def excess(extra: float) -> float:
+        return float(np.median(squared / (stated + extra))) / (MEDIAN_CHI2 * loss) - 1.0
+
+    # The median of n chi-squares of one degree scatters by about 2.3 / sqrt(n).
+    if excess(0.0) < 3.5 * 2.3 / np.sqrt(n):
+        return 0.0
+    low, high = 0.0, float(np.max(squared)) + 1.0
+    # Bisection: excess falls steadily as the extra variance grows.
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(middle) > 0 else (low, middle)
+    return high
+
+
+def _check_enough(times: TimeData, n_unknowns: int) -> None:
+    view = 0 if times.view is None else times.view
+    # Pixels, not pulses: repeats of one pixel do not tell another direction.
+    pixels = len(np.unique(times.row * 1e6 + times.col + 1e12 * view))
+    if pixels < n_unknowns - 1 or pixels < 3:
+        raise NothingFoundError(
+            f"{pixels} usable pixels lie on the path, fewer than its {n_unknowns} unknowns: record "
+            "longer, give the source's place and time, or give a smaller n_legs"
+        )

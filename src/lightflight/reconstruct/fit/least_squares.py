@@ -1,0 +1,516 @@
+"""The weighted fit under `joint`: times, lines and priors on one path, damped Gauss-Newton.
+
+Shared errors (of clock, pose, lens and medium) are parameters of their own with unit priors, so
+that they are solved for where the data know better and otherwise go into the error bars whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.flight import Medium, Source
+from lightflight.reconstruct.fit.information import covariance_from_information, damped_step
+from lightflight.reconstruct.model.freedom import Freedom, state_vector
+from lightflight.reconstruct.model.geometry import (
+    Indices,
+    PathState,
+    arrival_jacobian,
+    footprints,
+    line_offsets,
+    overshoots,
+)
+from lightflight.reconstruct.model.image_plane import mean_focal_px
+from lightflight.reconstruct.model.picture import LineDataInPicture
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.shared import (
+    MEDIUM,
+    NUDGE,
+    SharedErrors,
+    moved,
+    shared_errors,
+    undistorted_as_moved,
+)
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+
+Floats = NDArray[np.float64]
+
+_MOST_PATH_STEPS = 80
+"""A fit that took more steps than this is said not to have converged."""
+_OVERSHOOT_PX = 0.7
+"""A leg's pulses may lie this far beyond its corner (the spot's width) before they pull it, px."""
+_TOLERANCE = 5e-3
+"""A step below this fraction of a standard error in every direction ends the fit."""
+_TINY = 1e-3
+"""So does one this short that leads lower, however much it was damped."""
+_LEVEL = 1e-4
+"""So does one that changes chi-square by less than this."""
+_FREE_DAMPING = 1e-2
+"""A step that leads nowhere lower tells of the end only where damping did not shorten it."""
+
+_GAUGE = 1e-14
+"""Share of the largest scaled information below which a direction is a gauge, fixed by nothing."""
+
+OUTLIER = 5.0
+"""A pulse this many standard errors from the path takes no part."""
+
+
+@dataclass(frozen=True, eq=False)
+class TimeData:
+    """Arrival times of the pulses that take part.
+
+    Attributes
+    ----------
+    leg : array of int, shape (n,)
+        Leg each pulse belongs to.
+    row : array of float, shape (n,)
+        Pixel row.
+    col : array of float, shape (n,)
+        Pixel column.
+    arrival_ps : array of float, shape (n,)
+        Measured, unwrapped, ps.
+    footprint_ps : array of float, shape (n,)
+        Model correction: mean time over the pixel's footprint minus that at its foot, ps.
+    photon_var : array of float, shape (n,)
+        Independent error, ps^2.
+    pixel_var : array of float, shape (n,)
+        Calibration error of the pixel, ps^2.
+    modes_ps : array of float, shape (n, k)
+        One-sigma columns of the shared errors, ps.
+    weight : array of float, shape (n,)
+        1: takes part; 0: outlier.
+    index : array of int, shape (n,)
+        Row of the arrivals table.
+    view : array of int, shape (n,) or None
+        Which camera saw each; None: the only one.
+    """
+
+    leg: Indices
+    row: Floats
+    col: Floats
+    arrival_ps: Floats
+    footprint_ps: Floats
+    photon_var: Floats
+    pixel_var: Floats
+    modes_ps: Floats
+    weight: Floats
+    index: Indices
+    view: Indices | None = None
+
+    def weights(self, floor_var: float) -> Floats:
+        """(n,), inverse variance of each time, 1/ps^2."""
+        return self.weight / (self.photon_var + self.pixel_var + floor_var)
+
+
+def rows_of_view(view: Indices | None, wanted: int, n: int) -> Indices:
+    """Rows (k,) of n that the camera `wanted` saw.
+
+    Parameters
+    ----------
+    view : array of int, shape (n,) or None
+        Which camera saw each row; None: the only one.
+    wanted : int
+        The camera asked for.
+    n : int
+        Number of rows.
+
+    Returns
+    -------
+    array of int, shape (k,)
+    """
+    return np.arange(n) if view is None else np.flatnonzero(view == wanted)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Result of one fit.
+
+    Attributes
+    ----------
+    state : PathState
+        The path.
+    cameras : tuple of Camera
+        The cameras, moved within their errors of pose and lens.
+    medium : Medium
+        The medium, moved within its errors.
+    modes : array of float, shape (k,)
+        Shared clock errors found, in standard deviations.
+    shared : array of float, shape (j,)
+        Shared errors of cameras and medium found, in standard deviations.
+    errors : SharedErrors
+        What those are.
+    covariance : array of float, shape (p, p)
+        Of (freedom columns, modes, shared).
+    photon_gain : array of float, shape (p, n)
+        d(parameters) / d(arrival time of each pulse).
+    line_gain : array of float, shape (p, 2 L)
+        d(parameters) / d(whitened line offsets).
+    prior_covariance : array of float, shape (p, p)
+        Share of the priors in `covariance`.
+    chi2 : float
+        Of the times.
+    line_chi2 : float
+        Of the lines.
+    dof : int
+        Degrees of freedom of `chi2`.
+    converged : bool
+        Whether the last step was below tolerance.
+    residual_ps : array of float
+        (n,), measured minus model, ps, of all pulses, outliers too.
+    rows : array of float
+        (N,), whitened residuals of times, lines, priors, and of pulses beyond their corners.
+    columns : array of float
+        (N, p), derivatives of the whitened model.
+    """
+
+    state: PathState
+    cameras: tuple[Camera, ...]
+    medium: Medium
+    modes: Floats
+    shared: Floats
+    errors: SharedErrors
+    covariance: Floats
+    photon_gain: Floats
+    line_gain: Floats
+    prior_covariance: Floats
+    chi2: float
+    line_chi2: float
+    dof: int
+    converged: bool
+    residual_ps: Floats
+    rows: Floats
+    columns: Floats
+
+    @property
+    def camera(self) -> Camera:
+        """The first camera, whose picture the path's ends belong to."""
+        return self.cameras[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    residual: Floats
+    jacobian: Floats
+    sqrt_weight: Floats
+    n_times: int
+    n_lines: int
+    n_priors: int
+
+
+def fit_path(
+    state: PathState,
+    times: TimeData,
+    lines: LineDataInPicture,
+    freedom: Freedom,
+    *,
+    cameras: tuple[Camera, ...],
+    medium: Medium,
+    floor_var: float = 0.0,
+) -> Solution:
+    """Best path for the data, by Levenberg-Marquardt on the freedom given.
+
+    `cameras` are those that `times.view` and `lines.view` count.
+
+    Parameters
+    ----------
+    state : PathState
+        The path as it is now.
+    times : TimeData
+        Arrival times with their errors.
+    lines : LineDataInPicture
+        Lines in the picture that the legs are held to.
+    freedom : Freedom
+        What may move, and the priors on it.
+    cameras : tuple of Camera
+        Those that `times.view` and `lines.view` count.
+    medium : Medium
+        Group indices out and back.
+    floor_var : float, optional
+        Variance per pulse beyond the stated errors, ps^2.
+
+    Returns
+    -------
+    Solution
+        Path, covariance, gains and residuals.
+
+    Notes
+    -----
+    Minimised is the chi-square of times, whitened line offsets, priors, and a pull on pulses that
+    lie beyond their own leg's corner (method.md, The weighted fit).
+    """
+    told = Setting(cameras[0], Source(), medium, others=cameras[1:])
+    errors = shared_errors(told)
+    n_modes = times.modes_ps.shape[1]
+    modes, shared = np.zeros(n_modes), np.zeros(len(errors))
+
+    def linear(at: PathState, eta: Floats, delta: Floats) -> _Linear:
+        model = modelled(at, times, lines, told, errors, delta)
+        return _linearised(at, eta, delta, times, lines, freedom, model, floor_var)
+
+    system = linear(state, modes, shared)
+    cost = _cost(system)
+    damping, converged = 1e-4, False
+    n_free = freedom.basis.shape[1]
+    for _ in range(_MOST_PATH_STEPS):
+        weighted = system.jacobian * system.sqrt_weight[:, np.newaxis]
+        normal = weighted.T @ weighted
+        score = weighted.T @ (system.sqrt_weight * system.residual)
+        step = damped_step(normal, score, damping + _GAUGE)
+        trial_state = state.moved(freedom.basis @ step[:n_free])
+        trial = modes + step[n_free : n_free + n_modes], shared + step[n_free + n_modes :]
+        trial_system = linear(trial_state, *trial)
+        trial_cost = _cost(trial_system)
+        # Length of the step in standard errors, whatever the units of its parts.
+        size = float(step @ normal @ step)
+        small = size < _TOLERANCE**2 * len(step)
+        gained = cost - trial_cost
+        lower = bool(np.isfinite(trial_cost) and gained >= -1e-12 * (1.0 + cost))
+        if lower:
+            state, (modes, shared), system, cost = trial_state, trial, trial_system, trial_cost
+        level = damping <= _FREE_DAMPING and (small or abs(gained) < _LEVEL)
+        # Along a gauge only short steps go down: a lower cost by a tiny step is an end too.
+        if level or (lower and size < _TINY**2 * len(step)):
+            converged = True
+            break
+        # Ten up, ten down: near the end the step is Gauss-Newton's, whose curvature is the
+        # covariance.
+        damping = max(damping / 10, 1e-12) if lower else damping * 10
+        if damping > 1e12:
+            break
+    seen = moved(told, errors, shared)
+    return _solution(state, seen, modes, shared, errors, system, times, converged)
+
+
+@dataclass(frozen=True, eq=False)
+class Modelled:
+    """Expected data and their derivatives, as all cameras see them; n pulses, 2 L anchors.
+
+    Attributes
+    ----------
+    arrival_ps : array of float, shape (n,)
+        Arrival times of the pulses' feet, ps.
+    arrival_by_state : array of float, shape (n, 3m + 1)
+        ps per mm and ps per ps.
+    offset_px : array of float, shape (2 L,)
+        Of the anchors from the images of their legs, px.
+    offset_by_state : array of float, shape (2 L, 3m + 1)
+        px per mm.
+    by_shared : array of float, shape (n + 2 L, k)
+        Times (ps) and whitened offsets per standard deviation of each shared error.
+    over_px : array of float, shape (n,)
+        How far pulses lie beyond the corners of their leg, px.
+    over_by_state : array of float, shape (n, 3m + 1)
+        px per mm.
+    """
+
+    arrival_ps: Floats
+    arrival_by_state: Floats
+    offset_px: Floats
+    offset_by_state: Floats
+    by_shared: Floats
+    over_px: Floats
+    over_by_state: Floats
+
+
+def modelled(
+    state: PathState,
+    times: TimeData,
+    lines: LineDataInPicture,
+    told: Setting,
+    errors: SharedErrors,
+    delta: Floats,
+) -> Modelled:
+    """Arrival times and line offsets, camera by camera, and how they follow the shared errors.
+
+    Parameters
+    ----------
+    state : PathState
+        The path.
+    times : TimeData
+        Arrival times with their errors.
+    lines : LineDataInPicture
+        Anchors in the pictures of the cameras as told.
+    told : Setting
+        Cameras and medium.
+    errors : SharedErrors
+        k of them.
+    delta : array of float, shape (k,)
+        Where they stand, in standard deviations.
+
+    Returns
+    -------
+    Modelled
+        With all derivatives.
+    """
+    n, n_lines, n_state = len(times.leg), len(lines.leg), state.vertices_mm.size + 1
+    model = Modelled(
+        np.zeros(n), np.zeros((n, n_state)), np.zeros(n_lines), np.zeros((n_lines, n_state)),
+        np.zeros((n + n_lines, len(errors))), np.zeros(n), np.zeros((n, n_state)),
+    )  # fmt: skip
+    seen = moved(told, errors, delta)
+    for view, camera in enumerate(seen.cameras):
+        here, drawn = rows_of_view(times.view, view, n), rows_of_view(lines.view, view, n_lines)
+        print_, by_state = arrival_jacobian(
+            state, camera=camera, medium=seen.medium, legs=times.leg[here], rows=times.row[here],
+            cols=times.col[here],
+        )  # fmt: skip
+        model.arrival_ps[here], model.arrival_by_state[here] = print_.arrival_ps, by_state
+        offset, by_state = _offsets(state, lines, drawn, told.cameras[view], camera)
+        model.offset_px[drawn], model.offset_by_state[drawn] = offset, by_state
+        model.over_px[here], model.over_by_state[here] = overshoots(state, print_, camera=camera)
+    for k, there in errors.nudged(told, delta):
+        for view in range(len(seen.cameras)):
+            # The medium is every camera's, a pose and a lens one camera's alone.
+            if errors.view[k] not in (view, MEDIUM):
+                continue
+            here, drawn = rows_of_view(times.view, view, n), rows_of_view(lines.view, view, n_lines)
+            arrival = footprints(
+                state, camera=there.cameras[view], medium=there.medium, legs=times.leg[here],
+                rows=times.row[here], cols=times.col[here],
+            ).arrival_ps  # fmt: skip
+            line = _offsets(state, lines, drawn, told.cameras[view], there.cameras[view])[0]
+            model.by_shared[here, k] = (arrival - model.arrival_ps[here]) / NUDGE
+            model.by_shared[n + drawn, k] = (line - model.offset_px[drawn]) / NUDGE
+    # Whitened like the offsets themselves: one weight for both.
+    model.by_shared[n:] = lines.whitening @ model.by_shared[n:]
+    return model
+
+
+def _offsets(
+    state: PathState, lines: LineDataInPicture, rows: Indices, told: Camera, seen: Camera
+) -> tuple[Floats, Floats]:
+    """Line offsets of some anchors, which a moved lens puts elsewhere in the undistorted plane."""
+    return line_offsets(
+        state,
+        camera=seen,
+        legs=lines.leg[rows],
+        anchors=undistorted_as_moved(lines.anchors[rows], told, seen),
+        focal_px=mean_focal_px(seen),
+    )
+
+
+def _linearised(
+    state: PathState,
+    modes: Floats,
+    shared: Floats,
+    times: TimeData,
+    lines: LineDataInPicture,
+    freedom: Freedom,
+    model: Modelled,
+    floor_var: float,
+) -> _Linear:
+    modelled = model.arrival_ps + times.footprint_ps + times.modes_ps @ modes
+    n_free, n_modes = freedom.basis.shape[1], len(modes)
+    by_time = np.column_stack((model.arrival_by_state @ freedom.basis, times.modes_ps))
+    by_line = np.column_stack(
+        (
+            lines.whitening @ model.offset_by_state @ freedom.basis,
+            np.zeros((len(lines.leg), n_modes)),
+        )
+    )
+    data = np.column_stack((np.vstack((by_time, by_line)), model.by_shared))
+    # Only pulses well past the corner pull: those within the spot's width are no surprise.
+    past = np.flatnonzero((np.abs(model.over_px) > _OVERSHOOT_PX) & (times.weight > 0))
+    contained = np.zeros((len(past), data.shape[1]))
+    contained[:, :n_free] = model.over_by_state[past] @ freedom.basis / _OVERSHOOT_PX
+    # Shared errors are counted in their own standard deviations: unit priors about zero.
+    n_other = n_modes + len(shared)
+    prior = np.zeros((len(freedom.prior_values) + n_other, data.shape[1]))
+    prior[: len(freedom.prior_values), :n_free] = freedom.prior_rows @ freedom.basis
+    prior[len(freedom.prior_values) :, n_free:] = np.eye(n_other)
+    residual = np.concatenate(
+        (
+            times.arrival_ps - modelled,
+            -lines.whitening @ model.offset_px,
+            freedom.prior_values - freedom.prior_rows @ state_vector(state),
+            -modes,
+            -shared,
+            -model.over_px[past] / _OVERSHOOT_PX,
+        )
+    )
+    sqrt_weight = np.ones(len(residual))
+    sqrt_weight[: len(times.leg)] = np.sqrt(times.weights(floor_var))
+    return _Linear(
+        residual,
+        np.vstack((data, prior, contained)),
+        sqrt_weight,
+        len(times.leg),
+        len(lines.leg),
+        len(prior),
+    )
+
+
+def _cost(system: _Linear) -> float:
+    weighted = system.residual * system.sqrt_weight
+    return float(weighted @ weighted)
+
+
+def _solution(
+    state: PathState,
+    seen: Setting,
+    modes: Floats,
+    shared: Floats,
+    errors: SharedErrors,
+    system: _Linear,
+    times: TimeData,
+    converged: bool,
+) -> Solution:
+    weighted = system.jacobian * system.sqrt_weight[:, np.newaxis]
+    normal = weighted.T @ weighted
+    covariance = covariance_from_information(normal, rcond=_GAUGE)
+    n, k = system.n_times, system.n_lines
+    gain = covariance @ (weighted * system.sqrt_weight[:, np.newaxis]).T
+    # The priors' share of the covariance: what they would move the path if they erred.
+    prior_gain = gain[:, n + k : n + k + system.n_priors]
+    residual = system.residual[:n]
+    used = times.weight > 0
+    chi2 = float(np.sum((residual * system.sqrt_weight[:n])[used] ** 2))
+    return Solution(
+        state=state,
+        cameras=seen.cameras,
+        medium=seen.medium,
+        modes=modes,
+        shared=shared,
+        errors=errors,
+        covariance=covariance,
+        photon_gain=gain[:, :n],
+        line_gain=gain[:, n : n + k],
+        prior_covariance=prior_gain @ prior_gain.T,
+        chi2=chi2,
+        line_chi2=float(np.sum(system.residual[n : n + k] ** 2)),
+        # Modes are held by priors of their own and take no degree of freedom.
+        dof=max(0, int(used.sum()) - system.jacobian.shape[1] + len(modes)),
+        converged=converged,
+        residual_ps=residual,
+        rows=system.residual * system.sqrt_weight,
+        columns=weighted,
+    )
+
+
+def reweighted(times: TimeData, solution: Solution, *, floor_var: float, cut: float) -> TimeData:
+    """The same data with pulses farther than `cut` standard errors from the path left out.
+
+    Parameters
+    ----------
+    times : TimeData
+        The data it was fitted to.
+    solution : Solution
+        The fit.
+    floor_var : float
+        Variance per pulse beyond the stated errors, ps^2.
+    cut : float
+        Standard errors beyond which a pulse takes no part.
+
+    Returns
+    -------
+    TimeData
+        The data with weights of 0 and 1.
+    """
+    std = np.sqrt(times.photon_var + times.pixel_var + floor_var)
+    inside = np.abs(solution.residual_ps) < cut * std
+    return replace(times, weight=inside.astype(float))

@@ -1,0 +1,402 @@
+"""Which pulse belongs to which leg, and the tables of times and lines that a fit is given.
+
+Takes the pulses of recordings and a path that is roughly right; gives `TimeData` and
+`LineDataInPicture`, of all recordings and cameras in one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight import flags
+from lightflight.reconstruct.fit.least_squares import TimeData
+from lightflight.reconstruct.model.geometry import Footprint, Indices, PathState, footprints
+from lightflight.reconstruct.model.picture import (
+    CLEAR_OF_CORNER_PX,
+    LineDataInPicture,
+    Picture,
+    footprint_corrections,
+)
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+
+if TYPE_CHECKING:
+    from lightflight.timing.pulses.arrivals import Arrivals
+
+Floats = NDArray[np.float64]
+
+Tips = tuple[Floats | None, Floats | None]
+"""(row, col) where the light of a path begins and stops within the picture; None: it does not.
+
+In the picture, not in space: how deep a path lies may still move a lot when its ends are known."""
+
+CLAIM_REACH_PX = 2.2
+"""Pulses this near to a leg's line may be claimed by it, px: five stds of a usual
+spot; a wider spot widens the gate."""
+_TIP_PX = 1.2
+"""Pixels this near to where the light begins or stops see a cut footprint, px."""
+
+
+def mode_columns(sightings: list[Sighting]) -> dict[int, slice]:
+    """Columns of the shared clock errors of each view: repeats share them, cameras do not.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+
+    Returns
+    -------
+    dict of int to slice
+        By view; together as many columns as there are shared errors.
+    """
+    columns: dict[int, slice] = {}
+    first = 0
+    for o in sightings:
+        if o.view not in columns:
+            size = o.arrivals.shared_modes_ps.shape[1]
+            columns[o.view] = slice(first, first + size)
+            first += size
+    return columns
+
+
+def time_data(sighting: Sighting, index: Indices, leg: Indices, footprint_ps: Floats) -> TimeData:
+    """Rows `index` (n,) of a recording's arrivals, said to belong to the legs `leg` (n,).
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    index : array of int, shape (n,)
+        Rows of its arrivals.
+    leg : array of int, shape (n,)
+        The leg each belongs to.
+    footprint_ps : array of float, shape (n,)
+        Mean time over the footprint minus that at its foot, ps.
+
+    Returns
+    -------
+    TimeData
+        (n,) each, all with weight 1.
+    """
+    arrivals = sighting.arrivals
+    return TimeData(
+        leg=leg,
+        row=arrivals.row[index].astype(float),
+        col=arrivals.col[index].astype(float),
+        arrival_ps=sighting.arrival_ps[index],
+        footprint_ps=footprint_ps,
+        photon_var=arrivals.photon_std_ps[index] ** 2,
+        pixel_var=arrivals.pixel_std_ps[index] ** 2,
+        modes_ps=arrivals.shared_modes_ps[index],
+        weight=np.ones(len(index)),
+        index=index,
+        view=np.full(len(index), sighting.view),
+    )
+
+
+def prints_of_leg(
+    sighting: Sighting, state: PathState, setting: Setting, rows: Indices, leg: int
+) -> Footprint:
+    """Footprints on one leg of the pulses in `rows` (n,) of a recording's arrivals.
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    state : PathState
+        The path as it is now.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    rows : array of int, shape (n,)
+        Rows of its arrivals.
+    leg : int
+        Index of the leg.
+
+    Returns
+    -------
+    Footprint
+        (n,) each.
+    """
+    return footprints(
+        state,
+        camera=setting.camera,
+        medium=setting.medium,
+        legs=leg,
+        rows=sighting.arrivals.row[rows],
+        cols=sighting.arrivals.col[rows],
+    )
+
+
+def assigned(
+    sighting: Sighting,
+    state: PathState,
+    setting: Setting,
+    picture: Picture,
+    std: float,
+    floor_ps: float,
+    members: Indices | None,
+    tips: Tips = (None, None),
+) -> TimeData:
+    """Pulses that belong to a leg, with their footprint corrections.
+
+    `members` (n,) says which leg the picture gave each pulse to (-1: none): such a pulse stays
+    with its leg even where the corner of the moment would cut it off, so that a misplaced
+    corner is pulled back instead of eating its leg.
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    state : PathState
+        The path as it is now.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    picture : Picture
+        Lines, brightness and spot of the legs, as the counts showed them.
+    std : float
+        Typical standard deviation of a pulse, ps.
+    floor_ps : float
+        Error per pulse beyond the stated ones, ps.
+    members : array of int, shape (n,) or None
+        The leg that the picture gave each pulse to (-1: none); such a pulse stays with its leg even
+        where the corner of the moment would cut it off, so that a misplaced corner is pulled back
+        instead of eating its leg. None: the path alone says.
+    tips : Tips, optional
+        (row, col) where the light begins and stops in the picture; None: it does not.
+
+    Returns
+    -------
+    TimeData
+        Those that no second leg's light may have shifted, with their footprint corrections.
+    """
+    arrivals = sighting.arrivals
+    usable = sighting.usable_pulses
+    n, n_legs = len(usable), state.n_legs
+    gap = np.full((n, n_legs), np.inf)
+    expected = np.zeros((n, n_legs))
+    modelled = np.full((n, n_legs), np.nan)
+    for k in range(n_legs):
+        print_ = prints_of_leg(sighting, state, setting, usable, k)
+        near = np.abs(print_.lateral_px) < max(CLAIM_REACH_PX, 3.0 * picture.spot_std_px)
+        # Where two legs light a pixel its one time is neither's.
+        near &= _clear_of_corners(print_, k, state, None if members is None else members[usable])
+        near &= clear_of_tips(print_, k, state, tips, setting)
+        correction = footprint_corrections(
+            picture,
+            print_,
+            rows=arrivals.row[usable].astype(float),
+            cols=arrivals.col[usable].astype(float),
+            camera=setting.camera,
+            state=state,
+            medium=setting.medium,
+        )
+        modelled[near, k] = (print_.arrival_ps + correction)[near]
+        gap[near, k] = np.abs(sighting.arrival_ps[usable] - modelled[:, k])[near]
+        strength = np.exp(-0.5 * (print_.lateral_px / picture.spot_std_px) ** 2)
+        expected[:, k] = strength * on_leg(print_, k, state, margin_px=1.5)
+    best = np.argmin(gap, axis=1)
+    total = np.hypot(arrivals.independent_std_ps[usable], floor_ps)
+    # Six errors, or half a pulse while the path is rough.
+    mine = gap[np.arange(n), best] < np.maximum(6.0 * total, 0.5 * std)
+    mine &= ~_blended_pulses(modelled, expected, best, arrivals, usable, std)
+    chosen = np.flatnonzero(mine)
+    index, leg_of = usable[chosen], best[chosen]
+    print_ = footprints(
+        state,
+        camera=setting.camera,
+        medium=setting.medium,
+        legs=leg_of,
+        rows=arrivals.row[index],
+        cols=arrivals.col[index],
+    )
+    footprint_ps = modelled[chosen, leg_of] - print_.arrival_ps
+    return time_data(sighting, index, leg_of, footprint_ps)
+
+
+def on_leg(print_: Footprint, leg: int, state: PathState, *, margin_px: float) -> NDArray[np.bool_]:
+    """True where a pixel's foot lies on the leg, or at most `margin_px` beyond its corners.
+
+    A negative margin keeps clear of the corners. The ends of the path are not corners.
+
+    Parameters
+    ----------
+    print_ : Footprint
+        Where each pixel looks along its leg.
+    leg : int
+        Index of the leg.
+    state : PathState
+        The path as it is now.
+    margin_px : float
+        How far beyond a corner still counts, px; negative: how clear of it.
+
+    Returns
+    -------
+    array of bool, shape (n,)
+    """
+    margin = margin_px / print_.px_per_leg
+    low = -margin if leg > 0 else np.full_like(margin, -np.inf)
+    high = 1 + margin if leg < state.n_legs - 1 else np.full_like(margin, np.inf)
+    inside: NDArray[np.bool_] = (print_.fraction > low) & (print_.fraction < high)
+    return inside
+
+
+def roughly_on_leg(print_: Footprint, leg: int, state: PathState) -> NDArray[np.bool_]:
+    """True where a pixel's foot lies on the leg or a fiftieth of it beyond its corners."""
+    low = -0.02 if leg > 0 else -np.inf
+    high = 1.02 if leg < state.n_legs - 1 else np.inf
+    inside: NDArray[np.bool_] = (print_.fraction > low) & (print_.fraction < high)
+    return inside
+
+
+def _clear_of_corners(
+    print_: Footprint, leg: int, state: PathState, members: Indices | None
+) -> NDArray[np.bool_]:
+    """True where a pixel's foot is on the leg and no corner is within the spot."""
+    clear = on_leg(print_, leg, state, margin_px=-CLEAR_OF_CORNER_PX)
+    if members is None:
+        return clear
+    beyond = ~on_leg(print_, leg, state, margin_px=CLEAR_OF_CORNER_PX)
+    clear |= beyond & (members == leg)
+    return clear
+
+
+def clear_of_tips(
+    print_: Footprint, leg: int, state: PathState, tips: Tips, setting: Setting
+) -> NDArray[np.bool_]:
+    """True where a pixel's whole footprint on a leg is lit: not where the light begins or stops.
+
+    A footprint that is cut has another mean time, by as much as the leg is steep.
+
+    Parameters
+    ----------
+    print_ : Footprint
+        Where each pixel looks along its leg.
+    leg : int
+        Index of the leg.
+    state : PathState
+        The path as it is now.
+    tips : Tips
+        (row, col) where the light begins and stops in the picture; None: it does not.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    array of bool, shape (n,)
+    """
+    # The gate is in px, the foot in fractions of the leg.
+    margin = _TIP_PX / print_.px_per_leg
+    clear = np.ones(len(print_.fraction), dtype=bool)
+    if leg == 0 and tips[0] is not None:
+        clear &= print_.fraction > fraction_at(tips[0], leg, state, setting) + margin
+    if leg == state.n_legs - 1 and tips[1] is not None:
+        clear &= print_.fraction < fraction_at(tips[1], leg, state, setting) - margin
+    return clear
+
+
+def print_at(pixel: Floats, leg: int, state: PathState, setting: Setting) -> Footprint:
+    """Footprint on a leg of one place (row, col) of the picture."""
+    return footprints(
+        state,
+        camera=setting.camera,
+        medium=setting.medium,
+        legs=leg,
+        rows=pixel[:1],
+        cols=pixel[1:],
+    )
+
+
+def fraction_at(pixel: Floats, leg: int, state: PathState, setting: Setting) -> float:
+    """Fraction of a leg that a place (row, col) of the picture sees."""
+    return float(print_at(pixel, leg, state, setting).fraction[0])
+
+
+def _blended_pulses(
+    modelled: Floats,
+    expected: Floats,
+    best: Indices,
+    arrivals: Arrivals,
+    usable: Indices,
+    std: float,
+) -> NDArray[np.bool_]:
+    """True where a second leg's light may sit unresolved under a pulse."""
+    n, n_legs = modelled.shape
+    rows = np.arange(n)
+    # Two pulses that were fitted apart must only be far enough for both to be true.
+    single = (arrivals.flags[usable] & np.uint32(flags.MULTIPLE_PULSES)) == 0
+    blended = np.zeros(n, dtype=bool)
+    own = np.maximum(expected[rows, best], 1e-12)
+    for k in range(n_legs):
+        with np.errstate(invalid="ignore"):
+            separation = np.abs(modelled[:, k] - modelled[rows, best])
+            close = separation < np.where(single, 4.5, 1.5) * std
+        # Times shift by about (share of the other's light) x (separation): keep below 1e-4 std.
+        blended |= close & (best != k) & (expected[:, k] / own > 1e-4)
+    return blended
+
+
+def stacked(parts: list[TimeData], columns: dict[int, slice]) -> TimeData:
+    """Pulses of all recordings in one table, shared errors in the columns of their camera.
+
+    Parameters
+    ----------
+    parts : list of TimeData
+        One table per recording.
+    columns : dict of int to slice
+        By `mode_columns`.
+
+    Returns
+    -------
+    TimeData
+        One table, parts in their order.
+    """
+    n_modes = max((own.stop for own in columns.values()), default=0)
+    spread = []
+    for part in parts:
+        modes = np.zeros((len(part.leg), n_modes))
+        view = 0 if part.view is None or not len(part.view) else int(part.view[0])
+        modes[:, columns[view]] = part.modes_ps
+        spread.append(replace(part, modes_ps=modes))
+    if len(spread) == 1:
+        return spread[0]
+    return TimeData(
+        **{
+            name: np.concatenate([getattr(part, name) for part in spread])
+            for name in TimeData.__dataclass_fields__
+        }
+    )
+
+
+def stacked_lines(parts: list[LineDataInPicture], sightings: list[Sighting]) -> LineDataInPicture:
+    """Lines of all recordings in one table, each in its camera's picture.
+
+    Parameters
+    ----------
+    parts : list of LineDataInPicture
+        Lines of each recording.
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+
+    Returns
+    -------
+    LineDataInPicture
+        Lines of all; errors of different recordings are independent.
+    """
+    size = sum(len(p.leg) for p in parts)
+    whitening = np.zeros((size, size))
+    at = 0
+    for part in parts:
+        k = len(part.leg)
+        whitening[at : at + k, at : at + k] = part.whitening
+        at += k
+    return LineDataInPicture(
+        leg=np.concatenate([p.leg for p in parts]),
+        anchors=np.concatenate([p.anchors for p in parts]),
+        whitening=whitening,
+        view=np.repeat([o.view for o in sightings], [len(p.leg) for p in parts]),
+    )

@@ -1,0 +1,215 @@
+"""From a fit to a `LightPath`: covariance in three error classes, residuals, and what it means."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight import flags
+from lightflight.flight import Source
+from lightflight.path.light_path import LightPath
+from lightflight.path.tables import RESIDUAL_DTYPE, Goodness
+from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.model.geometry import footprints
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.shared import vertices_by_parameters
+from lightflight.reconstruct.model.sighting import Sighting
+
+Floats = NDArray[np.float64]
+
+_BEFORE_ZERO_PS = 1000.0
+"""A path may start this long before the clock's zero and still be told there, ps."""
+
+
+def prior_in_words(source: Source) -> str:
+    """What was taken as known of source and emission time, for tables and titles."""
+    if source.position_mm is None:
+        return "source unknown"
+    std = np.asarray(source.position_std_mm)
+    place = "source known" if not std.any() else f"source ± {float(std.max()):g} mm"
+    if source.emission_time_ps is None:
+        return f"{place}, emission time fitted"
+    if source.emission_time_std_ps > 0:
+        return f"{place}, emission time ± {source.emission_time_std_ps:g} ps"
+    return f"{place}, emission time known"
+
+
+def covariance_parts(fit: JointFit) -> dict[str, Floats]:
+    """Covariance of (x, y, z, t) of every vertex by error class; each (4m, 4m).
+
+    "photon" is independent from recording to recording; "pixel" (calibration of each pixel, and
+    the floor the residuals ask for) averages over pixels but not over repeats; "shared" comes
+    from clock scale, emission time, pose and source.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The joint fit.
+
+    Returns
+    -------
+    dict of str to array of float
+        "photon", "pixel" and "shared"; together the whole.
+    """
+    solution, times = fit.solution, fit.times
+    rows, to_vertices = vertices_by_parameters(
+        solution.state,
+        solution.medium,
+        fit.freedom_basis,
+        solution.errors,
+        first=len(solution.covariance) - len(solution.shared),
+    )
+    gain = to_vertices @ solution.photon_gain[rows]
+    line_gain = to_vertices @ solution.line_gain[rows]
+    photon = (gain * times.photon_var) @ gain.T + line_gain @ line_gain.T
+    view = 0.0 if times.view is None else 2.0**32 * times.view
+    # A pixel of each camera its own: pulses of one pixel share its calibration error.
+    pixel_id = np.unique(view + times.row * 65536.0 + times.col, return_inverse=True)[1]
+    per_pixel = np.zeros((len(gain), pixel_id.max() + 1))
+    # Summed before squaring: the same error moves all pulses of a pixel alike.
+    np.add.at(per_pixel.T, pixel_id, (gain * np.sqrt(times.pixel_var)).T)
+    floor = (gain * fit.floor_ps**2) @ gain.T
+    shared = to_vertices @ solution.prior_covariance[np.ix_(rows, rows)] @ to_vertices.T
+    return {"photon": photon, "pixel": per_pixel @ per_pixel.T + floor, "shared": shared}
+
+
+def residual_table(fit: JointFit, sightings: list[Sighting], setting: Setting) -> NDArray[np.void]:
+    """One row per pulse on the path that the first camera saw; dtype `path.RESIDUAL_DTYPE`.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The joint fit.
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    object
+        (n,), dtype `path.RESIDUAL_DTYPE`; outliers are flagged.
+    """
+    times, solution = fit.times, fit.solution
+    state = solution.state
+    table = np.zeros(len(times.leg), RESIDUAL_DTYPE)
+    print_ = footprints(
+        state,
+        camera=solution.camera,
+        medium=solution.medium,
+        legs=times.leg,
+        rows=times.row,
+        cols=times.col,
+    )
+    at_vertex = state.vertex_times_ps(solution.medium)
+    table["row"], table["col"], table["leg"] = times.row, times.col, times.leg
+    table["arrival_ps"] = times.arrival_ps
+    table["residual_ps"] = fit.solution.residual_ps
+    table["model_ps"] = times.arrival_ps - fit.solution.residual_ps
+    table["std_ps"] = np.sqrt(times.photon_var + times.pixel_var + fit.floor_ps**2)
+    table["event_time_ps"] = at_vertex[times.leg] + print_.fraction * np.diff(at_vertex)[times.leg]
+    table["used"] = times.weight > 0
+    for number, sighting in enumerate(sightings):
+        here = fit.sighting_of == number
+        index = times.index[here]
+        table["photons"][here] = sighting.arrivals.photons[index]
+        table["flags"][here] = sighting.arrivals.flags[index]
+    table["flags"][~table["used"]] |= np.uint32(flags.OUTLIER)
+    return table if times.view is None else table[times.view == 0]
+
+
+def path_from_fit(
+    fit: JointFit,
+    sightings: list[Sighting],
+    setting: Setting,
+    *,
+    method: str,
+    statements: tuple[str, ...] = (),
+    truth: Any = None,
+) -> LightPath:
+    """The fit as the record users get.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The joint fit.
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    method : str
+        What the path calls its estimator.
+    statements : tuple of str, optional
+        What it rests on and leaves open, one sentence each.
+    truth : object, optional
+        What made the recording, where a simulator knows it.
+
+    Returns
+    -------
+    LightPath
+        Covariance in three classes, residuals, goodness and prior.
+    """
+    solution = fit.solution
+    parts = covariance_parts(fit)
+    used = fit.times.weight > 0
+    residual = solution.residual_ps[used]
+    variance = (fit.times.photon_var + fit.times.pixel_var)[used] + fit.floor_ps**2
+    goodness = Goodness(
+        chi2=float(np.sum(residual**2 / variance)),
+        dof=solution.dof,
+        n_pulses=int(used.sum()),
+        n_rejected=int((~used).sum()),
+        residual_rms_ps=float(np.sqrt(np.mean(residual**2))),
+        error_floor_ps=fit.floor_ps,
+        converged=solution.converged,
+    )
+    return LightPath(
+        solution.state.vertices_mm,
+        solution.state.vertex_times_ps(solution.medium),
+        parts["photon"] + parts["pixel"] + parts["shared"],
+        camera=solution.camera,
+        source=setting.source,
+        medium=solution.medium,
+        method=method,
+        goodness=goodness,
+        covariance_parts=parts,
+        residuals=residual_table(fit, sightings, setting),
+        prior=prior_in_words(setting.source),
+        statements=statements,
+        truth=truth,
+    )
+
+
+def on_first_lap(path: LightPath, sighting: Sighting) -> LightPath:
+    """The path told in the lap of the clock in which it starts between zero and one period.
+
+    A clock that starts anew with every laser pulse leaves whole periods open, unless the user
+    says when the pulse left. A start just before zero stays there: zero is a likely choice.
+
+    Parameters
+    ----------
+    path : LightPath
+        A path in any lap.
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+
+    Returns
+    -------
+    LightPath
+        The same path, all its times shifted by whole periods.
+    """
+    period_ps = sighting.arrivals.laser_period_ps
+    if period_ps is None or path.source.emission_time_ps is not None:
+        return path
+    slack_ps = min(_BEFORE_ZERO_PS, 0.05 * period_ps)
+    shift_ps = -period_ps * np.floor((path.vertex_times_ps[0] + slack_ps) / period_ps)
+    if shift_ps == 0.0:
+        return path
+    # The path that was given stays as it is.
+    residuals = path.residuals.copy()
+    for name in ("arrival_ps", "model_ps", "event_time_ps"):
+        residuals[name] += shift_ps
+    return replace(path, vertex_times_ps=path.vertex_times_ps + shift_ps, residuals=residuals)

@@ -1,0 +1,345 @@
+"""Second thoughts on the number of legs, once the whole path has been fitted.
+
+The search in the picture sees legs one by one; a fitted path shows more sharply where one leg
+is really two (times and lines bend at one place) and where two are really one (a corner that
+turns nothing). Both are decided by likelihood, with thresholds far beyond chance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.reconstruct.fit.ends import freedom_at
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
+from lightflight.reconstruct.fit.least_squares import Solution, fit_path
+from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.fit.start import state_from_legs
+from lightflight.reconstruct.legs.find import ImageLeg
+from lightflight.reconstruct.model.geometry import PathState, footprints
+from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+
+Floats = NDArray[np.float64]
+
+_MOST_ROUNDS = 6
+"""Most changes of the number of legs, one at a time: merge and split must not go in circles."""
+_BEND_CHI2 = 50.0
+"""A bend this significant (chi-square of one number) makes a second leg worth trying."""
+_GAIN_CHI2 = 40.0
+"""A further leg must lower chi-square by this much beyond its parameters' worth."""
+_LARGE_FLOOR = 0.2
+"""Scatter of the times beyond their errors that asks for a reason, in stds of a pulse."""
+_THINNED_UP_TO_PULSES = 5
+"""A leg that no more pulses than this speak for must earn its place."""
+_LEAST_TURN_DEG = 2.5
+"""Corners that turn less are model error or curvature, not mirrors."""
+
+
+def turn_deg(state: PathState, corner: int) -> float:
+    """Angle by which the flight turns at a corner, deg."""
+    before = state.vertices_mm[corner] - state.vertices_mm[corner - 1]
+    after = state.vertices_mm[corner + 1] - state.vertices_mm[corner]
+    # atan2 of both keeps small angles exact, where acos would not.
+    cross = np.linalg.norm(np.cross(before, after))
+    return float(np.rad2deg(np.arctan2(cross, before @ after)))
+
+
+def fit_from_legs(
+    sightings: list[Sighting],
+    legs: tuple[ImageLeg, ...],
+    setting: Setting,
+    *,
+    drop: bool,
+) -> JointFit:
+    """Joint fit from legs in the picture; with `drop`, without those that fit in no chain.
+
+    The weakest leg goes first: a ghost or the mixed light about a corner is seen by few pixels.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+    legs : tuple of ImageLeg
+        Legs as found in the picture, in the order of flight.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    drop : bool
+        Try again without the weakest leg where a chain makes no path.
+
+    Returns
+    -------
+    JointFit
+        Of the longest chain that makes one.
+
+    Raises
+    ------
+    GeometryError, NothingFoundError
+        As the first attempt did, where no subset of the legs makes a path.
+    """
+    first_problem: Exception | None = None
+    while legs:
+        try:
+            state = state_from_legs(
+                legs, camera=setting.camera, source=setting.source, medium=setting.medium
+            )
+            return fit_joint(sightings, state, setting, legs=legs)
+        except (GeometryError, NothingFoundError, np.linalg.LinAlgError) as problem:
+            # The first attempt had all legs: its reason is the one worth telling.
+            first_problem = first_problem or problem
+            if not drop or len(legs) == 1:
+                break
+            weakest = min(range(len(legs)), key=lambda k: legs[k].n_pixels)
+            # A leg of so many pixels is no ghost: that it fits in no chain must be told.
+            if legs[weakest].n_pixels > 8:
+                break
+            legs = legs[:weakest] + legs[weakest + 1 :]
+    assert first_problem is not None
+    if isinstance(first_problem, np.linalg.LinAlgError):
+        raise GeometryError(
+            "the legs found make no path that can be computed: give n_legs, a starting path, or "
+            "mask the pixels that do not belong to the flight"
+        ) from first_problem
+    raise first_problem
+
+
+def revised(sightings: list[Sighting], fit: JointFit, setting: Setting) -> JointFit:
+    """The fit with as many legs as the data ask for: merged and split until nothing changes.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+    fit : JointFit
+        The joint fit.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    JointFit
+        The fit itself where nothing is to change.
+    """
+    for _ in range(_MOST_ROUNDS):
+        changed = (
+            _merged_once(sightings, fit, setting)
+            or _thinned_once(sightings, fit, setting)
+            or _split_once(sightings, fit, setting)
+        )
+        if changed is None:
+            return fit
+        fit = changed
+    return fit
+
+
+def with_n_legs(
+    sightings: list[Sighting], fit: JointFit, setting: Setting, n_legs: int
+) -> JointFit:
+    """The fit with as many legs as the user says, cut where times and light bend most.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+    fit : JointFit
+        The joint fit.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    n_legs : int
+        As many as there must be.
+
+    Returns
+    -------
+    JointFit
+        With at least so many.
+
+    Raises
+    ------
+    NothingFoundError
+        Where no further corner can be placed.
+    """
+    while fit.solution.state.n_legs < n_legs:
+        state = fit.solution.state
+        bends = [_sharpest_bend(sightings, fit, k, setting) for k in range(state.n_legs)]
+        trials = (
+            _opened(sightings, state, int(k), bends[int(k)][1], setting)
+            for k in np.argsort([-chi2 for chi2, _ in bends])
+            if bends[int(k)][0] > 0.0
+        )
+        longer = next((trial for trial in trials if not isinstance(trial, NoFit)), None)
+        if longer is None:
+            raise NothingFoundError(
+                f"n_legs={n_legs} was given but only {state.n_legs} show: leave n_legs out, or "
+                "give a starting path (start=)"
+            )
+        fit = longer
+    return fit
+
+
+def _opened(
+    sightings: list[Sighting], state: PathState, leg: int, fraction: float, setting: Setting
+) -> JointFit | NoFit:
+    """Refit with a corner more, at a fraction of a leg, or why there is no such path."""
+    vertices = state.vertices_mm
+    corner = vertices[leg] + fraction * (vertices[leg + 1] - vertices[leg])
+    longer = PathState(np.insert(vertices, leg + 1, corner, axis=0), state.start_time_ps)
+    # Waypoints name vertices by number: those after the new corner count one more.
+    moved = tuple((i + (i > leg), p, s) for i, p, s in setting.waypoints)
+    return _refitted(sightings, longer, replace(setting, waypoints=moved))
+
+
+def _refitted(sightings: list[Sighting], state: PathState, setting: Setting) -> JointFit | NoFit:
+    """The joint fit from a path with other corners, or why there is none."""
+    return fit_or_reason(lambda: fit_joint(sightings, state, setting, legs=None))
+
+
+def _merged_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> JointFit | None:
+    """The fit without the corner that matters least, where it does not matter."""
+    state = fit.solution.state
+    waypoint_vertices = {index for index, _, _ in setting.waypoints}
+    best: tuple[float, PathState] | None = None
+    for corner in range(1, state.n_legs):
+        # A measured mirror is there, and a clear turn is no error of the model.
+        if corner in waypoint_vertices or turn_deg(state, corner) > 12.0:
+            continue
+        straight = _without_corner(fit, corner, setting)
+        if isinstance(straight, NoFit):
+            continue
+        # Same data, same floor: only the corner differs.
+        loss = _total_cost(straight, fit) - _total_cost(fit.solution, fit)
+        needless = loss < _GAIN_CHI2 or turn_deg(state, corner) < _LEAST_TURN_DEG
+        if needless and (best is None or loss < best[0]):
+            best = loss, straight.state
+    merged = None if best is None else _refitted(sightings, best[1], setting)
+    return None if isinstance(merged, NoFit) else merged
+
+
+def _thinned_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> JointFit | None:
+    """The fit without a leg that hardly any pulse speaks for, where the rest then fits as well."""
+    state = fit.solution.state
+    used = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=state.n_legs)
+    for k in np.argsort(used):
+        if state.n_legs == 1 or used[k] > _THINNED_UP_TO_PULSES:
+            return None
+        for vertex in {max(int(k), 1), min(int(k) + 1, state.n_legs - 1)}:
+            thinner = PathState(np.delete(state.vertices_mm, vertex, axis=0), state.start_time_ps)
+            trial = _refitted(sightings, thinner, setting)
+            if isinstance(trial, NoFit):
+                continue
+            kept = int((trial.times.weight > 0).sum())
+            # A path that explains less light fits better for nothing.
+            enough = kept >= int(used.sum()) - _THINNED_UP_TO_PULSES
+            if enough and trial.solution.chi2 / max(kept, 1) < 1.5 * max(
+                1.0, fit.solution.chi2 / max(int(used.sum()), 1)
+            ):
+                return trial
+    return None
+
+
+def _without_corner(fit: JointFit, corner: int, setting: Setting) -> Solution | NoFit:
+    """Fit of the same data with two legs taken as one."""
+    state = fit.solution.state
+    vertices = np.delete(state.vertices_mm, corner, axis=0)
+    shifted = replace(fit.times, leg=fit.times.leg - (fit.times.leg >= corner))
+    lines = replace(fit.lines, leg=fit.lines.leg - (fit.lines.leg >= corner))
+    merged = PathState(vertices, state.start_time_ps)
+    moved = tuple((i - (i > corner), p, s) for i, p, s in setting.waypoints)
+    narrowed = replace(setting, waypoints=moved)
+    try:
+        return fit_path(
+            merged,
+            shifted,
+            lines,
+            freedom_at(merged, narrowed),
+            cameras=setting.cameras,
+            medium=setting.medium,
+            floor_var=fit.floor_ps**2,
+        )
+    except np.linalg.LinAlgError:
+        return NoFit.SINGULAR
+
+
+def _total_cost(solution: Solution, fit: JointFit) -> float:
+    """Chi-square of times and lines; one wild pixel counts at most as a five-sigma one."""
+    std = np.sqrt(fit.times.photon_var + fit.times.pixel_var + fit.floor_ps**2)
+    scaled = np.minimum((solution.residual_ps / std) ** 2, 25.0)
+    return float(scaled.sum() + solution.line_chi2)
+
+
+def _split_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> JointFit | None:
+    """The fit with one leg cut where times and light bend most, where that explains far more."""
+    state = fit.solution.state
+    bends = [_sharpest_bend(sightings, fit, k, setting) for k in range(state.n_legs)]
+    order = np.argsort([-chi2 for chi2, _ in bends])
+    before = fit.solution.chi2 + sum(f.bend_chi2 for p in fit.pictures for f in p.fits)
+    for k in order:
+        chi2, fraction = bends[int(k)]
+        if chi2 < _BEND_CHI2:
+            return None
+        trial = _opened(sightings, state, int(k), fraction, setting)
+        if isinstance(trial, NoFit):
+            continue
+        if turn_deg(trial.solution.state, int(k) + 1) < _LEAST_TURN_DEG:
+            continue
+        after = trial.solution.chi2 + sum(f.bend_chi2 for p in trial.pictures for f in p.fits)
+        # Pulses that fell out of the longer path count against it, one each.
+        lost = max(0, len(fit.times.leg) - len(trial.times.leg))
+        if before - after - lost > _GAIN_CHI2 and trial.floor_ps <= fit.floor_ps + 1e-9:
+            return trial
+        # Scatter that a corner explains was never the clock's.
+        if trial.floor_ps < 0.6 * fit.floor_ps:
+            return trial
+    return None
+
+
+def _sharpest_bend(
+    sightings: list[Sighting], fit: JointFit, leg: int, setting: Setting
+) -> tuple[float, float]:
+    """(chi-square, fraction of the leg) of the most significant kink in times and lines."""
+    times, solution = fit.times, fit.solution
+    # The first camera's picture tells; the others follow the path.
+    mine = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == 0)
+    here = np.flatnonzero(mine & (times.weight > 0))
+    if len(here) < 6:
+        return 0.0, 0.5
+    picture = fit.pictures[0]
+    line, line_fit = picture.legs[leg], picture.fits[leg]
+    points = undistorted_px(setting.camera, times.row, times.col)
+    along = line.along_across(points)[0]
+    low, high = np.quantile(along[here], [0.05, 0.95])
+    # Two halves of less than three pixels have no slope of their own.
+    if high - low < 6.0:
+        return 0.0, 0.5
+    # Scatter as large as this is a bend not yet seen rather than a clock's: it must not hide it.
+    floor_ps = fit.floor_ps if fit.floor_ps < _LARGE_FLOOR * pulse_std_ps(sightings) else 0.0
+    weight = times.weights(floor_ps**2)
+    precision = np.linalg.pinv(solution.covariance, hermitian=True)
+    best, place = 0.0, 0.5 * (low + high)
+    # A kink nearer than two pixels to the end cannot be told from one pixel's error.
+    for at in np.arange(low + 2.0, high - 1.9, 1.0):
+        hinge = np.where(mine, np.maximum(along - at, 0.0), 0.0)
+        # What the fit's own freedom takes up of the hinge is no bend.
+        response = solution.photon_gain @ hinge
+        own = float(hinge @ (weight * hinge) - response @ precision @ response)
+        score = float(hinge @ (weight * solution.residual_ps))
+        in_time = score**2 / own if own > 1e-9 * float(hinge @ (weight * hinge)) else 0.0
+        total = in_time
+        if len(line_fit.bend_places_px):
+            total += float(np.interp(at, line_fit.bend_places_px, line_fit.bend_chi2_at))
+        if total > best:
+            best, place = total, float(at)
+    print_ = footprints(
+        solution.state,
+        camera=setting.camera,
+        medium=setting.medium,
+        legs=times.leg[here],
+        rows=times.row[here],
+        cols=times.col[here],
+    )
+    order = np.argsort(along[here])
+    fraction = float(np.interp(place, along[here][order], print_.fraction[order]))
+    return best, float(np.clip(fraction, 0.02, 0.98))

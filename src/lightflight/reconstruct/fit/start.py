@@ -1,0 +1,347 @@
+"""A first path from legs in the picture: leg by leg, each starting where the last one ended.
+
+Takes `ImageLeg`s (in the order of flight) and what is known of the source, gives a `PathState`
+good enough for the joint fit to finish. One leg at a time it tries every direction in the leg's
+viewing plane (a grid, then a refinement), so that no start value is needed and steep legs are
+no trap; the corner between two legs is where the first one's line meets the second one's
+viewing plane (Zheng et al. 2020, Fig. 4).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.errors import GeometryError
+from lightflight.flight import Medium, Source
+from lightflight.reconstruct.legs.find import ImageLeg
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.image_plane import mean_focal_px
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+
+Floats = NDArray[np.float64]
+
+_GRID = 721
+"""Directions tried per leg: every quarter degree of half a turn and back."""
+_SAMPLES = 24
+"""Points of a leg's smoothed arrival curve that the start is fitted to."""
+_SHALLOW = np.sin(np.deg2rad(4.0))
+"""A leg this near to the next one's viewing plane does not fix their corner."""
+
+
+@dataclass(frozen=True, eq=False)
+class LegCurve:
+    """What one leg showed: rays along it and smoothed arrival times.
+
+    Attributes
+    ----------
+    rays : array of float, shape (k, 3)
+        Unit, world.
+    arrival_ps : array of float, shape (k,)
+        ps.
+    plane_normal : array of float, shape (3,)
+        Unit, of the viewing plane; ray x flight.
+    """
+
+    rays: Floats
+    arrival_ps: Floats
+    plane_normal: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Straight:
+    """A leg that starts at a known place and time.
+
+    Attributes
+    ----------
+    start_mm : array of float, shape (3,)
+        World, mm.
+    start_time_ps : float
+        Event time at the start, ps.
+    direction : array of float, shape (3,)
+        Unit, world.
+    cost : float
+        Mean squared misfit of the arrival times, ps^2.
+    """
+
+    start_mm: Floats
+    start_time_ps: float
+    direction: Floats
+    cost: float
+
+
+def world_rays(camera: Camera, points_px: Floats) -> Floats:
+    """Unit rays (n, 3) of undistorted picture points (n, 2), world frame."""
+    focal = mean_focal_px(camera)
+    in_camera = np.column_stack((points_px / focal, np.ones(len(points_px))))
+    rays = in_camera @ camera.world_from_camera[:3, :3].T
+    unit: Floats = rays / np.linalg.norm(rays, axis=1)[:, np.newaxis]
+    return unit
+
+
+def curve_from_leg(leg: ImageLeg, camera: Camera) -> LegCurve:
+    """Rays and smoothed arrival times along a leg seen in the picture."""
+    s = np.linspace(*leg.extent_px, _SAMPLES)
+    rays = world_rays(camera, leg.points_px(s))
+    normal = np.cross(rays[0], rays[-1])
+    return LegCurve(rays, leg.arrival_ps(s), normal / np.linalg.norm(normal))
+
+
+def state_from_legs(
+    legs: tuple[ImageLeg, ...],
+    *,
+    camera: Camera,
+    source: Source,
+    medium: Medium,
+) -> PathState:
+    """First guess of the whole path; the last vertex is the end of the last leg as seen.
+
+    Parameters
+    ----------
+    legs : tuple of ImageLeg
+        Legs as found in the picture, in the order of flight.
+    camera : Camera
+        The camera that sees it.
+    source : Source
+        What is known of where and when the pulse starts.
+    medium : Medium
+        Group indices out and back.
+
+    Returns
+    -------
+    PathState
+        Corners where one leg's line meets the next one's viewing plane.
+
+    Raises
+    ------
+    GeometryError
+        Where a leg cannot follow the one before it.
+    """
+    curves = [curve_from_leg(leg, camera) for leg in legs]
+    if source.position_mm is None:
+        first = _blind_first_leg(curves[0], camera, medium)
+    else:
+        first = _first_leg_from_source(curves[0], camera, source, medium)
+    straights = [first]
+    for number, curve in enumerate(curves[1:], start=2):
+        straights.append(_following_leg(straights[-1], curves[number - 2], curve, camera, medium))
+    last = straights[-1]
+    length, _ = _meetings(last.start_mm, last.direction[np.newaxis], curves[-1].rays[-1:], camera)
+    end = last.start_mm + length[0, 0] * last.direction
+    vertices = np.array([leg.start_mm for leg in straights] + [end])
+    return PathState(vertices, first.start_time_ps)
+
+
+def _in_plane_axes(curve: LegCurve) -> tuple[Floats, Floats]:
+    """Axes of the viewing plane: along the flight in the picture, and away from the camera."""
+    away = curve.rays[0] + curve.rays[-1]
+    away = away / np.linalg.norm(away)
+    along = np.cross(curve.plane_normal, away)
+    return along, away
+
+
+def _directions(curve: LegCurve, angles: Floats) -> Floats:
+    """Unit directions in the viewing plane; angle 0 flies across, pi/2 towards the camera."""
+    along, away = _in_plane_axes(curve)
+    return np.cos(angles)[:, np.newaxis] * along - np.sin(angles)[:, np.newaxis] * away
+
+
+def _meetings(
+    start: Floats, directions: Floats, rays: Floats, camera: Camera
+) -> tuple[Floats, Floats]:
+    """Where each ray meets each direction: (directions, rays) mm from the start, and on the ray.
+
+    NaN where the meeting point is behind the start or behind the camera.
+    """
+    baseline = start - camera.center_mm
+    # Both lines lie in one plane up to noise: solve start + l d = center + m r in least squares.
+    dr = directions @ rays.T
+    db = directions @ baseline
+    rb = rays @ baseline
+    # Parallel lines meet nowhere: kept finite, they fall behind and out.
+    determinant = np.maximum(1.0 - dr**2, 1e-15)
+    length = (dr * rb - db[:, np.newaxis]) / determinant
+    depth = (rb - dr * db[:, np.newaxis]) / determinant
+    behind = (length <= 0) | (depth <= 0)
+    length[behind] = depth[behind] = np.nan
+    return length, depth
+
+
+def _relative_arrivals(
+    start: Floats, directions: Floats, rays: Floats, camera: Camera, medium: Medium
+) -> Floats:
+    """Arrival time of light from each ray's meeting point, counted from the start's event time."""
+    length, depth = _meetings(start, directions, rays, camera)
+    arrival: Floats = (
+        medium.path_group_index * length + medium.return_group_index * depth
+    ) / SPEED_OF_LIGHT_MM_PER_PS
+    return arrival
+
+
+def _refined(cost: Floats, angles: Floats) -> Floats:
+    """A finer grid about the best finite cost."""
+    best = int(np.nanargmin(cost))
+    width = abs(float(angles[1] - angles[0]))
+    finer: Floats = angles[best] + np.linspace(-1.5, 1.5, 61) * width
+    return finer
+
+
+def _best_direction(
+    start: Floats,
+    curve: LegCurve,
+    camera: Camera,
+    medium: Medium,
+    *,
+    start_time_ps: float | None,
+    start_time_std_ps: float = 0.0,
+) -> Straight | None:
+    """Direction (and start time, where it is not exact) that explains a leg from its start."""
+    # All directions: steep legs towards and away from the camera are both possible.
+    angles = np.linspace(-np.pi, np.pi, 2 * _GRID)[:-1]
+    best: Straight | None = None
+    for _ in range(4):
+        directions = _directions(curve, angles)
+        relative = _relative_arrivals(start, directions, curve.rays, camera, medium)
+        residual = curve.arrival_ps - relative
+        # A corner in the picture may come out a little beyond the first rays: do without them.
+        met = np.isfinite(residual)
+        # A direction that misses most rays may fit the rest by chance.
+        enough = met.sum(axis=1) >= 0.6 * len(curve.rays)
+        residual = np.where(met, residual, 0.0)
+        n_met = np.maximum(met.sum(axis=1), 1)
+        mean = residual.sum(axis=1) / n_met
+        if start_time_ps is None:
+            start_times = mean
+        elif start_time_std_ps > 0:
+            # Mean of the prior and of the rays, these with 5 ps each.
+            weight = 1.0 / (1.0 + 1.0 / (len(curve.rays) * (start_time_std_ps / 5.0) ** 2))
+            start_times = start_time_ps + weight * (mean - start_time_ps)
+        else:
+            start_times = np.full(len(angles), start_time_ps)
+        squared = np.where(met, residual - start_times[:, np.newaxis], 0.0) ** 2
+        cost = np.where(enough, squared.sum(axis=1) / n_met, np.nan)
+        if not np.isfinite(cost).any():
+            return best
+        i = int(np.nanargmin(cost))
+        best = Straight(start, float(start_times[i]), directions[i], float(cost[i]))
+        angles = _refined(cost, angles)
+    return best
+
+
+def _first_leg_from_source(
+    curve: LegCurve, camera: Camera, source: Source, medium: Medium
+) -> Straight:
+    start = np.asarray(source.position_mm, dtype=float)
+    # Directions are searched in the plane through the source that the picture shows best.
+    flattened = start - ((start - camera.center_mm) @ curve.plane_normal) * curve.plane_normal
+    found = _best_direction(
+        flattened,
+        curve,
+        camera,
+        medium,
+        start_time_ps=source.emission_time_ps,
+        start_time_std_ps=source.emission_time_std_ps,
+    )
+    if found is None:
+        raise GeometryError(
+            "no straight flight from the source explains the first leg in the picture: check "
+            "position_mm of the source and the camera's pose, or leave the source unknown"
+        )
+    return Straight(start, found.start_time_ps, found.direction, found.cost)
+
+
+def _blind_first_leg(curve: LegCurve, camera: Camera, medium: Medium) -> Straight:
+    """First leg with nothing known of the source: depth and time at entry are linear unknowns."""
+    angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _GRID)[1:-1]
+    best: Straight | None = None
+    for _ in range(4):
+        directions = _directions(curve, angles)
+        # For unit depth at entry; arrival times scale with it.
+        unit_start = camera.center_mm + curve.rays[0]
+        relative = _relative_arrivals(
+            unit_start + 1e-9 * directions[0], directions, curve.rays[1:], camera, medium
+        )
+        at_entry = medium.return_group_index / SPEED_OF_LIGHT_MM_PER_PS
+        relative = np.column_stack((np.full(len(angles), at_entry), relative))
+        mean_t = curve.arrival_ps.mean()
+        centred = relative - relative.mean(axis=1)[:, np.newaxis]
+        # Times scale with depth: a straight line through the origin, solved at once.
+        depth = (centred @ (curve.arrival_ps - mean_t)) / np.sum(centred**2, axis=1)
+        residual = curve.arrival_ps - mean_t - depth[:, np.newaxis] * centred
+        cost = np.where(depth > 0, np.mean(residual**2, axis=1), np.nan)
+        if not np.isfinite(cost).any():
+            break
+        i = int(np.nanargmin(cost))
+        entry_time = mean_t - depth[i] * relative[i].mean()
+        entry = camera.center_mm + depth[i] * curve.rays[0]
+        best = Straight(entry, float(entry_time), directions[i], float(cost[i]))
+        angles = _refined(cost, angles)
+    if best is None:
+        raise GeometryError(
+            "the first leg's arrival times fit no straight flight: check the clock's direction "
+            "(reversed_codes) and the laser period"
+        )
+    return best
+
+
+def _following_leg(
+    previous: Straight, seen: LegCurve, curve: LegCurve, camera: Camera, medium: Medium
+) -> Straight:
+    """Leg that starts on the line of the one before it, after that was last seen."""
+    last_seen = _meetings(
+        previous.start_mm, previous.direction[np.newaxis], seen.rays[-1:], camera
+    )[0][0, 0]
+    if not np.isfinite(last_seen):
+        last_seen = 0.0
+    approach = float(previous.direction @ curve.plane_normal)
+    gap = float((camera.center_mm - previous.start_mm) @ curve.plane_normal)
+    candidates = []
+    if abs(approach) > 1e-9:
+        candidates.append(gap / approach)
+    # Light cannot turn later than it still arrives in time for the next leg.
+    latest = _latest_corner(previous, curve, camera, medium, last_seen)
+    # Three percent of the way and 5 mm: the leg before is known only roughly yet.
+    slack = 0.03 * max(last_seen, 1.0) + 5.0
+    usable = [x for x in candidates if last_seen - slack < x < latest + slack]
+    # Along the plane the meeting is anywhere: try many corners and let the times decide.
+    if not usable or abs(approach) < _SHALLOW:
+        usable = usable + list(np.linspace(max(last_seen - slack, 1e-3), latest + slack, 60))
+    found = [_leg_from_corner(previous, x, curve, camera, medium) for x in usable]
+    finite = [leg for leg in found if leg is not None]
+    if not finite:
+        raise GeometryError(
+            "a leg of the picture cannot start on the line of the leg before it: give n_legs, a "
+            "starting path, or mask the pixels that do not belong to the flight"
+        )
+    return min(finite, key=lambda leg: leg.cost)
+
+
+def _latest_corner(
+    previous: Straight, curve: LegCurve, camera: Camera, medium: Medium, last_seen: float
+) -> float:
+    """Farthest corner from which light still reaches the next leg in time, mm along the line."""
+    lengths = last_seen + np.linspace(0.0, 5000.0, 2001)
+    corners = previous.start_mm + lengths[:, np.newaxis] * previous.direction
+    event = previous.start_time_ps + medium.path_group_index * lengths / SPEED_OF_LIGHT_MM_PER_PS
+    back = np.linalg.norm(corners - camera.center_mm, axis=1)
+    arrival = event + medium.return_group_index * back / SPEED_OF_LIGHT_MM_PER_PS
+    early = arrival <= curve.arrival_ps[0] + 5.0
+    return float(lengths[early][-1]) if early.any() else last_seen
+
+
+def _leg_from_corner(
+    previous: Straight, length: float, curve: LegCurve, camera: Camera, medium: Medium
+) -> Straight | None:
+    corner = previous.start_mm + length * previous.direction
+    time = previous.start_time_ps + medium.path_group_index * length / SPEED_OF_LIGHT_MM_PER_PS
+    flattened = corner - ((corner - camera.center_mm) @ curve.plane_normal) * curve.plane_normal
+    found = _best_direction(flattened, curve, camera, medium, start_time_ps=float(time))
+    if found is None:
+        return None
+    return Straight(corner, float(time), found.direction, found.cost)

@@ -1,0 +1,251 @@
+"""Light that no leg explains, and whether it is a leg that the search in the picture left out.
+
+A short leg that turns off beside its neighbour hides in that one's wings as long as legs are
+looked for one by one. Once the others are known, the pulses they do not explain are few, and a
+leg shows among them; it is kept where the path with it explains them and still fits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from lightflight import flags
+from lightflight.errors import NothingFoundError
+from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.membership import on_leg, prints_of_leg
+from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.fit.revise import fit_from_legs, revised
+from lightflight.reconstruct.legs.direction import search_legs
+from lightflight.reconstruct.legs.find import ImageLeg, image_leg, is_flash, legs_in_turn
+from lightflight.reconstruct.model.geometry import Indices
+from lightflight.reconstruct.model.image_plane import along_across, undistorted_px
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+
+Floats = NDArray[np.float64]
+
+_LEAST_PULSES = 3
+"""So many pulses, at as many places along a line, may be a leg; fewer are left alone."""
+_LEAST_PHOTONS = 20.0
+"""Dimmer pulses than this may be chance, or a wing."""
+EXPLAINED_REACH_PX = 2.5
+"""A pulse this near to a leg's line, at its time, is explained as the leg's light, px ..."""
+EXPLAINED_REACH_SPOTS = 4.0
+"""... or this near in stds of the spot."""
+_MARGIN_PX = 1.0
+"""So is one this far beyond a corner, px."""
+_ERRORS, _PULSES = 6.0, 0.5
+"""Times agree within so many errors, or this part of the pulse's own std."""
+_MOST_FURTHER = 3
+"""More legs than this are not left out by a search: what is beside the path is other light."""
+_LINK_PX, _LINK_STDS = 2.3, 2.0
+"""Pulses this near to each other in the picture, px, and in time, in their stds, lie together."""
+_WORST_CHI2 = 1.5
+"""A path with further legs must fit its pulses to this chi-square per degree of freedom."""
+
+
+def with_unclaimed_legs(
+    sightings: list[Sighting], legs: tuple[ImageLeg, ...], fit: JointFit, setting: Setting
+) -> JointFit:
+    """The fit with the legs that light beside its path asks for; as it is where none does.
+
+    Parameters
+    ----------
+    legs : tuple of ImageLeg
+        Of the first recording as found in the picture, which the fit began with.
+    """
+    left = unclaimed_by_path(sightings[0], fit, setting)
+    if len(left) < _LEAST_PULSES:
+        return fit
+    for chain in _longer_chains(sightings[0], legs, left, setting):
+        trial = _fitted(sightings, chain, setting)
+        if isinstance(trial, NoFit) or trial.floor_ps > fit.floor_ps + 1e-9:
+            continue
+        still = unclaimed_by_path(sightings[0], trial, setting)
+        # Explaining the rest must not cost the fit of the others.
+        fits = trial.solution.chi2 < _WORST_CHI2 * max(trial.solution.dof, 1)
+        if fits and trial.solution.converged and len(still) <= len(left) - _LEAST_PULSES:
+            return trial
+    return fit
+
+
+def from_unclaimed_legs(
+    sightings: list[Sighting], legs: tuple[ImageLeg, ...], setting: Setting
+) -> JointFit | None:
+    """A fit where the legs found make no path, from those and what light beside them adds.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+    legs : tuple of ImageLeg
+        Legs as found in the picture, in the order of flight.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    JointFit or None
+        None where no chain makes a path.
+    """
+    for chain in _longer_chains(sightings[0], legs, np.empty(0, dtype=np.int64), setting):
+        trial = _fitted(sightings, chain, setting)
+        if not isinstance(trial, NoFit):
+            return trial
+    return None
+
+
+def unclaimed_by_path(sighting: Sighting, fit: JointFit, setting: Setting) -> Indices:
+    """Rows of the arrivals table whose pulses no leg of a path explains; (n,).
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    fit : JointFit
+        The joint fit.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    array of int, shape (n,)
+    """
+    pulses, errors, std = _telling_pulses(sighting)
+    state, reach = (
+        fit.solution.state,
+        max(EXPLAINED_REACH_PX, EXPLAINED_REACH_SPOTS * fit.pictures[0].spot_std_px),
+    )
+    gap = np.full((len(pulses), state.n_legs), np.nan)
+    for k in range(state.n_legs):
+        print_ = prints_of_leg(sighting, state, setting, pulses, k)
+        near = np.abs(print_.lateral_px) < reach
+        near &= on_leg(print_, k, state, margin_px=_MARGIN_PX)
+        gap[near, k] = (sighting.arrival_ps[pulses] - print_.arrival_ps)[near]
+    # Pulses that the fit used are its own, whatever the gates say.
+    taken = np.isin(pulses, fit.times.index[fit.times.weight > 0])
+    return pulses[~(taken | _explained(gap, errors, std))]
+
+
+def unclaimed_by_legs(sighting: Sighting, legs: tuple[ImageLeg, ...], setting: Setting) -> Indices:
+    """Rows of the arrivals table whose pulses no leg of the picture explains; (n,).
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    legs : tuple of ImageLeg
+        Legs as found in the picture, in the order of flight.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    array of int, shape (n,)
+    """
+    pulses, errors, std = _telling_pulses(sighting)
+    arrivals = sighting.arrivals
+    points = undistorted_px(setting.camera, arrivals.row[pulses], arrivals.col[pulses])
+    gap = np.full((len(pulses), len(legs)), np.nan)
+    for k, leg in enumerate(legs):
+        along, across = along_across(points, leg.origin_px, leg.direction_px)
+        first, last = leg.extent_px
+        near = (along > first - _MARGIN_PX) & (along < last + _MARGIN_PX)
+        near &= np.abs(across) < EXPLAINED_REACH_PX
+        gap[near, k] = (sighting.arrival_ps[pulses] - leg.arrival_ps(along))[near]
+    return pulses[~_explained(gap, errors, std)]
+
+
+def _telling_pulses(sighting: Sighting) -> tuple[Indices, Floats, float]:
+    """(rows of the arrivals table, errors of their times in ps, typical std of a pulse in ps)."""
+    arrivals = sighting.arrivals
+    usable = sighting.usable_pulses
+    pulses = usable[arrivals.photons[usable] > _LEAST_PHOTONS]
+    errors = arrivals.independent_std_ps[pulses]
+    return pulses, errors, float(np.median(arrivals.std_ps[usable])) if len(usable) else 0.0
+
+
+def _explained(gap: Floats, errors: Floats, std: float) -> NDArray[np.bool_]:
+    """True where a pulse is a leg's, or the mixed light of two; `gap` (n, legs), NaN: not near."""
+    tolerance = np.maximum(_ERRORS * errors, _PULSES * std)
+    with np.errstate(invalid="ignore"):
+        own = (np.abs(gap) < tolerance[:, np.newaxis]).any(axis=1)
+        mixed = (gap < 0).any(axis=1) & (gap > 0).any(axis=1)
+    # Two pulses farther apart than this do not mix: they are told apart.
+    near = np.nanmin(np.abs(np.nan_to_num(gap, nan=np.inf)), axis=1, initial=np.inf) < 3.0 * std
+    explained: NDArray[np.bool_] = own | (mixed & near)
+    return explained
+
+
+def _longer_chains(
+    sighting: Sighting, legs: tuple[ImageLeg, ...], left: Indices, setting: Setting
+) -> list[tuple[ImageLeg, ...]]:
+    """The legs with what may be missing among them, in each way that can be told.
+
+    `left` are the pulses that the path does not explain; those that the legs in the picture do
+    not explain are others, where a leg was dropped or cut short by a false corner.
+    """
+    # Scaled intensities have no errors of their own that say what a leg explains.
+    if not sighting.histograms.poisson:
+        return []
+    arrivals = sighting.arrivals
+    beside = _clusters(sighting, unclaimed_by_legs(sighting, legs, setting), setting)
+    searched, lone = _searched(sighting, left, setting), _clusters(sighting, left, setting)
+    std = float(np.nanmedian(arrivals.std_ps))
+    chains: list[tuple[ImageLeg, ...]] = []
+    for further in (beside, searched, [*beside, *searched], lone):
+        some = [*legs, *further]
+        # Brightest chains win: a further leg must not push out a brighter one.
+        strength = [float(arrivals.photons[leg.members].sum()) for leg in some]
+        chain = tuple(legs_in_turn(some, strength, std_ps=std))
+        new = any(leg in chain for leg in further) and len(chain) <= len(legs) + _MOST_FURTHER
+        if new and chain not in chains:
+            chains.append(chain)
+    return chains
+
+
+def _searched(sighting: Sighting, left: Indices, setting: Setting) -> list[ImageLeg]:
+    """Legs that the search in the picture finds when it sees these pulses alone."""
+    arrivals = sighting.arrivals
+    hidden = np.ones(len(arrivals.flags), dtype=bool)
+    # Masked, not removed: rows keep their numbers.
+    hidden[left] = False
+    masked = arrivals.flags | np.where(hidden, flags.MASKED, 0).astype(arrivals.flags.dtype)
+    alone = replace(arrivals, flags=masked)
+    try:
+        # Beside a corner, its mixed light may bend the times either way.
+        return list(search_legs(alone, sighting, setting, None, convex=False))
+    except NothingFoundError:
+        return []
+
+
+def _clusters(sighting: Sighting, left: Indices, setting: Setting) -> list[ImageLeg]:
+    """Straight legs through pulses that lie together in place and time, few as they may be."""
+    if len(left) < _LEAST_PULSES:
+        return []
+    arrivals = sighting.arrivals
+    times = sighting.arrival_ps[left]
+    points = undistorted_px(setting.camera, arrivals.row[left], arrivals.col[left])
+    apart = np.linalg.norm(points[:, np.newaxis] - points, axis=2)
+    std = float(np.median(arrivals.std_ps[left]))
+    linked = (apart < _LINK_PX) & (np.abs(times[:, np.newaxis] - times) < _LINK_STDS * std)
+    n, label = connected_components(linked, directed=False)
+    legs = []
+    for k in range(n):
+        members = left[label == k]
+        if len(members) >= _LEAST_PULSES:
+            legs.append(image_leg(arrivals, members, setting.camera))
+    return [leg for leg in legs if not is_flash(leg, std_ps=std)]
+
+
+def _fitted(
+    sightings: list[Sighting], chain: tuple[ImageLeg, ...], setting: Setting
+) -> JointFit | NoFit:
+    """The revised joint fit from a chain of legs, or why there is none."""
+    return fit_or_reason(
+        lambda: revised(sightings, fit_from_legs(sightings, chain, setting, drop=True), setting)
+    )

@@ -1,0 +1,227 @@
+"""Legs in the picture, and whether their times run the way that straight light's must.
+
+Takes the pulses of one recording; a clock that runs backwards is noticed here, before any path
+is fitted, and where nothing tells its direction the user is asked.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from lightflight.errors import CalibrationError, NothingFoundError, SuspectDataWarning
+from lightflight.flight import Medium
+from lightflight.reconstruct.legs.bend import bend_significance
+from lightflight.reconstruct.legs.find import ImageLeg, find_legs
+from lightflight.reconstruct.model.setting import Setting, earliest_arrival_ps
+from lightflight.reconstruct.model.sighting import Sighting
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+    from lightflight.timing.clock.code_clock import CodeClock
+    from lightflight.timing.pulses.arrivals import Arrivals
+
+
+def _one_medium(medium: Medium) -> bool:
+    """True where the half-angle law bends every arrival curve upwards."""
+    return abs(medium.path_group_index / medium.return_group_index - 1) < 0.02
+
+
+def search_legs(
+    arrivals: Arrivals,
+    sighting: Sighting,
+    setting: Setting,
+    n_legs: int | None,
+    *,
+    convex: bool | None = None,
+) -> tuple[ImageLeg, ...]:
+    """Legs in the picture of one table of arrivals; `convex` None: as the media ask for.
+
+    Parameters
+    ----------
+    arrivals : Arrivals
+        Pulses on the clock.
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    n_legs : int or None
+        How many legs there are, where the user knows it; None: as many as the data show.
+    convex : bool, optional
+        Whether arrival curves must bend upwards; None: as the media ask for.
+
+    Returns
+    -------
+    tuple of ImageLeg
+        In the order of flight.
+
+    Raises
+    ------
+    NothingFoundError
+        Where no straight leg stands out.
+    """
+    folded = arrivals.laser_period_ps is not None
+    return find_legs(
+        arrivals,
+        camera=setting.camera,
+        n_legs=n_legs,
+        earliest_ps=earliest_arrival_ps(setting) if folded else None,
+        convex=_one_medium(setting.medium) if convex is None else convex,
+        computed_cube=not sighting.histograms.poisson,
+    )
+
+
+def legs_of_straight_light(
+    sighting: Sighting, setting: Setting, n_legs: int | None
+) -> tuple[ImageLeg, ...]:
+    """Legs in the picture; a clock that runs backwards is noticed here.
+
+    Straight light gives d^2 t_a / d psi^2 > 0 (half-angle law); a clock read backwards turns that
+    round. Where the legs found bend the wrong way beyond chance, or hardly any are found, the
+    search is made on the clock run backwards too, and the clearer picture decides.
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    n_legs : int or None
+        How many legs there are, where the user knows it; None: as many as the data show.
+
+    Returns
+    -------
+    tuple of ImageLeg
+        In the order of flight.
+
+    Raises
+    ------
+    NothingFoundError
+        Where no straight leg stands out, whichever way the clock runs.
+    CalibrationError
+        Where the clock runs backwards.
+    """
+    try:
+        legs = search_legs(sighting.arrivals, sighting, setting, n_legs)
+    except NothingFoundError:
+        refuse_if_clearer_backwards((), sighting, setting, n_legs)
+        raise
+    # Six errors: a second search is dear, and chance or an unseen corner bends by less.
+    if bend_significance(legs, sighting, setting.camera) < -6.0:
+        refuse_if_clearer_backwards(legs, sighting, setting, n_legs)
+    return legs
+
+
+def refuse_if_clearer_backwards(
+    legs: tuple[ImageLeg, ...],
+    sighting: Sighting,
+    setting: Setting,
+    n_legs: int | None,
+) -> None:
+    """Raise CalibrationError where the clock run backwards shows legs as clear, rightly bent.
+
+    Parameters
+    ----------
+    legs : tuple of ImageLeg
+        Legs found on the clock as it is; none: ().
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    n_legs : int or None
+        How many legs there are, where the user knows it; None: as many as the data show.
+
+    Raises
+    ------
+    CalibrationError
+        Where the codes run backwards.
+    """
+    if not _one_medium(setting.medium):
+        return
+    # No period: folding would undo the mirror.
+    backwards = replace(sighting.arrivals, arrival_ps=-sighting.arrival_ps, laser_period_ps=None)
+    try:
+        mirrored = search_legs(backwards, sighting, setting, n_legs)
+    except NothingFoundError:
+        return
+
+    def clarity(found: tuple[ImageLeg, ...]) -> float:
+        return float(sum(leg.n_pixels**2 for leg in found))
+
+    turned = replace(sighting, arrivals=backwards, arrival_ps=backwards.arrival_ps)
+    bend = bend_significance(mirrored, turned, setting.camera)
+    if clarity(mirrored) >= clarity(legs) and bend > 3.0:
+        now = sighting.histograms.reversed_codes
+        raise CalibrationError(
+            "the arrival times bend the wrong way for straight light, so the codes run backwards: "
+            f"read the recording with reversed_codes={not now} (it says {now})"
+        )
+
+
+def ask_which_way(
+    legs: tuple[ImageLeg, ...],
+    sighting: Sighting,
+    camera: Camera,
+    timing: CodeClock | None,
+    problem: Exception,
+) -> None:
+    """Where no path fits on a clock nobody calibrated and its direction does not show, ask.
+
+    Parameters
+    ----------
+    legs : tuple of ImageLeg
+        Legs as found in the picture, in the order of flight.
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    camera : Camera
+        The camera that sees it.
+    timing : TimingCalibration or None
+        Its calibrated clock; None: nominal codes.
+    problem : Exception
+        Why no path fits.
+
+    Raises
+    ------
+    CalibrationError
+        Where nobody calibrated the clock and its direction does not show.
+    """
+    # A calibrated clock has shown its direction, and so has a clear bend.
+    if timing is not None or bend_significance(legs, sighting, camera) > 6.0:
+        return
+    now = sighting.histograms.reversed_codes
+    raise CalibrationError(
+        "no path fits these arrival times, and without a calibration they do not show which way "
+        f"the codes run: give timing=, or try reversed_codes={not now} (the recording says {now})"
+    ) from problem
+
+
+def warn_of_scatter(
+    floor_ps: float, legs: tuple[ImageLeg, ...], sighting: Sighting, camera: Camera
+) -> None:
+    """Say that an uncalibrated clock ruins the times, and that its direction may be wrong too.
+
+    Parameters
+    ----------
+    floor_ps : float
+        How much the times scatter beyond their errors, ps.
+    legs : tuple of ImageLeg
+        Legs as found in the picture, in the order of flight.
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    camera : Camera
+        The camera that sees it.
+    """
+    now = sighting.histograms.reversed_codes
+    either_way = bend_significance(legs, sighting, camera) < 6.0
+    doubt = (
+        f", and do not show which way the codes run (the recording says reversed_codes={now}; if "
+        f"in doubt try reversed_codes={not now})"
+        if either_way
+        else ""
+    )
+    warnings.warn(
+        f"the times scatter by {floor_ps:.0f} ps about the path: calibrate the clock{doubt}",
+        SuspectDataWarning,
+        stacklevel=3,
+    )

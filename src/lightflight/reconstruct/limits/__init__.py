@@ -1,0 +1,5 @@
+"""What the photons allow: Cramér-Rao bounds of a path, and planning an experiment by them.
+
+- `bounds`: the least covariance any unbiased estimator can have, under the model of `photon`
+- `planning`: light, time, pixels and places of the camera for a wanted error
+"""

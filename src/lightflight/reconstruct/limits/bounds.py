@@ -1,0 +1,623 @@
+"""What the photons allow: the Cramér-Rao bound of a path, and what the data leave open.
+
+Takes a scene or a path (anything with `vertices_mm`, `camera`, `source`, `medium`) and how much
+light there is; gives the smallest covariance any unbiased estimator can have, by the Fisher
+information of the counts under `forward`, with these nuisances: every pixel's background,
+emission time and source as far as unknown, log-strength along the legs (one knot per three
+pixels), spot width, the errors that camera and medium state, and those of the clock. Gauges are
+projected out: an unknown source is replaced by the entry into view, the end by the exit. No
+recording is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline
+
+from lightflight.errors import GeometryError
+from lightflight.flight import Medium, Source
+from lightflight.path.light_path import LightPath
+from lightflight.path.tables import Goodness
+from lightflight.reconstruct.fit.information import covariance_from_information
+from lightflight.reconstruct.fit.result import prior_in_words
+from lightflight.reconstruct.fit.statements import statements_from_covariance
+from lightflight.reconstruct.model.forward import (
+    CodeCounts,
+    Light,
+    Pixels,
+    layout_of,
+    likelihood,
+)
+from lightflight.reconstruct.model.freedom import (
+    Freedom,
+    ends_in_view,
+    freedom_of_path,
+    view_end,
+    view_plane,
+    with_tip,
+)
+from lightflight.reconstruct.model.geometry import PathState, footprints
+from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.picture import LegInPicture, leg_in_picture, lit_by_legs
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.shared import (
+    local_with_shared,
+    shared_errors,
+    vertices_by_parameters,
+)
+from lightflight.reconstruct.model.sighting import clock_errors
+from lightflight.reconstruct.model.strength import strength_spline
+from lightflight.timing.clock.response import Response
+from lightflight.units import std_from_fwhm
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+    from lightflight.timing.clock.code_clock import CodeClock
+
+Floats = NDArray[np.float64]
+
+_REACH_STDS = 12.0
+"""Codes cover the flight, and this many stds of a pulse before and after it."""
+_GAUGE = 1e-13
+"""Share of the largest scaled information below which a direction is a gauge, fixed by nothing."""
+_FIXED = 1e12
+"""Information that stands for "known exactly"."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """The smallest errors any unbiased estimator can reach.
+
+    Attributes
+    ----------
+    path : LightPath
+        The path with the bound as its covariance: `path.sample`, `path.legs`, `vertex_std` ...
+    position_rms_mm : float
+        rms error of the position in view, at equal event times, mm.
+    event_time_rms_ps : float
+        rms error of the event time on the path in view, ps.
+    angle_std_deg : array of float, shape (legs,)
+        Of the elevation of each leg, deg.
+    photons : float
+        Expected signal photons in all pixels.
+    photons_per_pixel : float
+        Expected signal photons in the brightest pixel.
+    n_pixels : int
+        Pixels that see at least one photon in a hundred recordings.
+    prior : str
+        What is taken as known, in words.
+    statements : tuple of str
+        What these data fix and what they do not, one sentence each.
+    condition : float
+        Condition number of the path's information matrix, parameters in their own errors' units.
+    """
+
+    path: LightPath
+    position_rms_mm: float
+    event_time_rms_ps: float
+    angle_std_deg: Floats
+    photons: float
+    photons_per_pixel: float
+    n_pixels: int
+    prior: str
+    statements: tuple[str, ...]
+    condition: float
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from lightflight.display import html_from_record
+
+        return html_from_record(self)
+
+    @property
+    def vertex_std(self) -> Floats:
+        """(m, 4), x, y, z (mm) and t (ps) of each vertex."""
+        return self.path.vertex_std
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """How a path is recorded, as far as the bound cares.
+
+    Attributes
+    ----------
+    photons_per_pixel : float
+        Expected signal photons in the brightest pixel.
+    spot_std_px : float
+        Optics and active area, px.
+    pulse_std_ps : float
+        Laser pulse and response, tail and all, ps.
+    response : Response or None
+        Shape of a recorded pulse, stretched to that width; None: a Gaussian.
+    code_width_ps : float
+        Width of a code, ps.
+    background_per_ps : float
+        Background counts per pixel and ps.
+    pixel_std_ps : float
+        Calibration error of each pixel, ps.
+    timing : CodeClock or None
+        A clock whose errors count beside that.
+    strength : Callable[[array of float, int], array of float] or None
+        Scattering strength per mm at path lengths on a leg; None: even.
+    """
+
+    photons_per_pixel: float
+    spot_std_px: float
+    pulse_std_ps: float
+    response: Response | None
+    code_width_ps: float
+    background_per_ps: float
+    pixel_std_ps: float
+    timing: CodeClock | None
+    strength: Callable[[Floats, int], Floats] | None
+
+
+def bounds(
+    subject: Any,
+    *,
+    photons_per_pixel: float = 40_000.0,
+    source: Source | None = None,
+    camera: Camera | None = None,
+    medium: Medium | None = None,
+    spot_std_px: float | None = None,
+    pulse_std_ps: float | None = None,
+    response: Response | None = None,
+    code_width_ps: float | None = None,
+    background_per_code: float | None = None,
+    pixel_std_ps: float = 0.0,
+    timing: CodeClock | None = None,
+    waypoints: tuple[tuple[int, ArrayLike, float], ...] = (),
+) -> Bounds:
+    """Cramér-Rao bound of a scene or path.
+
+    Parameters
+    ----------
+    subject : object
+        A Scene, a LightPath, or anything with `vertices_mm` (m, 3), `camera`, `source`, `medium`.
+        Where it has a detector, spot, response and code width come from that.
+    photons_per_pixel : float, optional
+        Expected signal photons in the brightest pixel.
+    source, camera, medium : Source, Camera, Medium, optional
+        Stand in for those of the subject.
+    spot_std_px : float, optional
+        std of optics and active area, px (else from the detector, else 0.35).
+    pulse_std_ps : float, optional
+        std of laser pulse and response, ps (else from source and detector, else 70).
+    response : Response, optional
+        Shape of a recorded pulse (else the detector's, with its tail; else a Gaussian). The
+        estimators must be told it too, by a calibration whose flat was fitted with it.
+    code_width_ps : float, optional
+        ps (else from the detector, else 55).
+    background_per_code : float, optional
+        Background counts per pixel and code (else from the scene, else 0.02).
+    pixel_std_ps : float, optional
+        Calibration error of each pixel, ps.
+    timing : CodeClock, optional
+        A calibration whose errors count beside that: of each pixel, and those all share.
+    waypoints : tuple of (int, array_like, float), optional
+        (vertex index, position_mm, std_mm) of corners measured otherwise.
+
+    Raises
+    ------
+    GeometryError
+        Where the camera does not see the path.
+    ValueError
+        For a subject without vertices or camera, or a light level that is not positive.
+    """
+    source = source or getattr(subject, "source", None) or Source()
+    medium = medium or getattr(subject, "medium", None) or Medium()
+    camera = camera or getattr(subject, "camera", None)
+    if not hasattr(subject, "vertices_mm") or camera is None:
+        raise ValueError("bounds needs a Scene or a LightPath: vertices_mm and a camera")
+    if not photons_per_pixel > 0:
+        raise ValueError(f"photons_per_pixel must be positive, got {photons_per_pixel}")
+    conditions = _conditions(
+        subject,
+        source,
+        photons_per_pixel=photons_per_pixel,
+        spot_std_px=spot_std_px,
+        pulse_std_ps=pulse_std_ps,
+        response=response,
+        code_width_ps=code_width_ps,
+        background_per_code=background_per_code,
+        pixel_std_ps=pixel_std_ps,
+        timing=timing,
+    )
+    times = getattr(subject, "vertex_times_ps", None)
+    start = 0.0 if times is None else float(np.asarray(times)[0])
+    whole = PathState(np.array(subject.vertices_mm, dtype=float), start)
+    # Beyond the view nothing is recorded: what lies there is a gauge, not an error.
+    state, freedom, cut_ends = _state_in_view(whole, camera, medium, source, waypoints)
+    setting = Setting(camera, source, medium)
+    known = _information(state, whole, freedom, cut_ends, conditions, setting)
+    return _bounds(
+        state,
+        known,
+        freedom,
+        conditions.photons_per_pixel,
+        camera=camera,
+        source=source,
+        medium=medium,
+    )
+
+
+def spot_std_of(subject: Any, *, finer: float = 1.0) -> float:
+    """Std of optics and active area, px; among pixels `finer` times as many the lens blurs more."""
+    detector = getattr(subject, "detector", None)
+    optics = getattr(detector, "psf_std_px", None)
+    if optics is None:
+        return 0.35 * finer
+    return float(np.hypot(optics * finer, getattr(detector, "active_width_px", 0.0) / np.sqrt(12)))
+
+
+def _conditions(
+    subject: Any,
+    source: Source,
+    *,
+    photons_per_pixel: float,
+    spot_std_px: float | None,
+    pulse_std_ps: float | None,
+    response: Response | None,
+    code_width_ps: float | None,
+    background_per_code: float | None,
+    pixel_std_ps: float,
+    timing: CodeClock | None,
+) -> Conditions:
+    detector = getattr(subject, "detector", None)
+    width = code_width_ps or getattr(detector, "bin_width_ps", None) or 55.0
+    if spot_std_px is None:
+        spot_std_px = spot_std_of(subject)
+    response = response or _response_of(subject, source)
+    if pulse_std_ps is None:
+        pulse_std_ps = _core_std_ps(subject, source) if response is None else response.std_ps
+    if background_per_code is None:
+        period = getattr(detector, "laser_period_ps", None) or 50_000.0
+        whole = getattr(subject, "background", None)
+        background_per_code = 0.02 if whole is None else float(np.mean(whole)) * width / period
+    return Conditions(
+        photons_per_pixel=float(photons_per_pixel),
+        spot_std_px=float(spot_std_px),
+        pulse_std_ps=float(pulse_std_ps),
+        response=response,
+        code_width_ps=float(width),
+        background_per_ps=max(float(background_per_code), 1e-9) / float(width),
+        pixel_std_ps=pixel_std_ps,
+        timing=timing,
+        strength=getattr(subject, "strength", None),
+    )
+
+
+def _core_std_ps(subject: Any, source: Source) -> float:
+    """Std of laser pulse, trigger and response without its tail, ps."""
+    detector = getattr(subject, "detector", None)
+    laser = source.pulse_fwhm_ps or getattr(subject, "pulse_fwhm_ps", None) or 68.0
+    own = getattr(detector, "response_fwhm_ps", 150.0)
+    jitter = getattr(detector, "trigger_jitter_fwhm_ps", 0.0)
+    return float(std_from_fwhm(float(np.sqrt(laser**2 + own**2 + jitter**2))))
+
+
+def _response_of(subject: Any, source: Source) -> Response | None:
+    """Shape of what the subject's detector records; None where that has no tail."""
+    detector = getattr(subject, "detector", None)
+    share = getattr(detector, "response_tail_fraction", 0.0)
+    tail_ps = getattr(detector, "response_tail_ps", 0.0)
+    if not (share > 0 and tail_ps > 0):
+        return None
+    core_ps = _core_std_ps(subject, source)
+    return Response.with_tail(std_ps=core_ps, tail_ps=tail_ps, tail_share=share)
+
+
+def _state_in_view(
+    whole: PathState,
+    camera: Camera,
+    medium: Medium,
+    source: Source,
+    waypoints: tuple[tuple[int, ArrayLike, float], ...],
+) -> tuple[PathState, Freedom, tuple[bool, bool]]:
+    """The path cut where it enters (unknown source) and leaves the view, and its freedom.
+
+    Besides, whether its light begins and stops within the view: such an end is free along its
+    leg too.
+    """
+    vertices, start_time = whole.vertices_mm.copy(), whole.start_time_ps
+    last = _middle_in_view(vertices[-2], vertices[-1], camera, whole.n_legs)
+    step = vertices[-1] - vertices[-2]
+    end = view_end(camera, last, step / np.linalg.norm(step))
+    if end is not None:
+        # A path that ends in view is not prolonged to the edge.
+        beyond = (end.position_mm - vertices[-1]) @ step
+        vertices[-1] = end.position_mm if beyond < 0 else vertices[-1]
+    start_basis = None
+    begins = ends_in_view(camera, vertices[0])
+    if source.position_mm is not None:
+        begins = bool(camera.sees(vertices[0]))
+    cut_ends = begins, ends_in_view(camera, vertices[-1])
+    if source.position_mm is None:
+        first = _middle_in_view(vertices[0], vertices[1], camera, 1)
+        step = vertices[1] - vertices[0]
+        direction = step / np.linalg.norm(step)
+        entry = view_end(camera, first, -direction)
+        if entry is not None and (entry.position_mm - vertices[0]) @ direction > 0:
+            cut = PathState(np.array([vertices[0], entry.position_mm]), start_time)
+            start_time = float(cut.vertex_times_ps(medium)[-1])
+            vertices[0] = entry.position_mm
+        start_basis = _moves_of_end(camera, vertices[0], vertices[1], in_view=cut_ends[0])
+    state = PathState(vertices, start_time)
+    freedom = freedom_of_path(
+        state,
+        source=source,
+        waypoints=waypoints,
+        start_basis=start_basis,
+        end_basis=_moves_of_end(camera, vertices[-1], vertices[-2], in_view=cut_ends[1]),
+    )
+    return state, freedom, cut_ends
+
+
+def _middle_in_view(start: Floats, end: Floats, camera: Camera, leg: int) -> Floats:
+    fraction = np.linspace(0, 1, 2001)[:, np.newaxis]
+    points = (1 - fraction) * start + fraction * end
+    seen = np.flatnonzero(camera.sees(points))
+    if not len(seen):
+        raise GeometryError(f"the camera does not see leg {leg} of the path: check its pose")
+    middle: Floats = points[seen[len(seen) // 2]]
+    return middle
+
+
+def _moves_of_end(camera: Camera, end: Floats, before: Floats, *, in_view: bool) -> Floats:
+    """How an end may move: along its ray, across its leg, in view along it too; (3, 2 or 3)."""
+    plane = view_plane(camera, end, before)
+    return with_tip(plane, end, end - before, camera) if in_view else plane
+
+
+def _light_and_pixels(
+    state: PathState,
+    whole: PathState,
+    cut_ends: tuple[bool, bool],
+    conditions: Conditions,
+    camera: Camera,
+    medium: Medium,
+) -> tuple[Light, Pixels]:
+    lines = tuple(leg_in_picture(state, k, camera) for k in range(state.n_legs))
+    rows, cols = (index.ravel() for index in np.indices(camera.shape))
+    points = undistorted_px(camera, rows, cols)
+    near = lit_by_legs(lines, points, spot_px=conditions.spot_std_px)
+    knots, coefficients, brightest = [], [], 0.0
+    starts = np.concatenate(
+        ([0.0], np.cumsum(np.linalg.norm(np.diff(whole.vertices_mm, axis=0), axis=1)))
+    )
+    for k, leg in enumerate(lines):
+        along, across = leg.along_across(points)
+        low, high = leg.span_px
+
+        def expected(grid: Floats, leg: LegInPicture = leg, k: int = k) -> Floats:
+            return _log_strength(grid, leg, k, state, whole, starts, conditions, camera, medium)
+
+        knot, coefficient = strength_spline(low, high, expected)
+        in_view = near[:, k] & (along >= low) & (along <= high)
+        signal = np.exp(
+            BSpline(knot, coefficient, 3)(np.clip(along[in_view], low, high))
+            - 0.5 * (across[in_view] / conditions.spot_std_px) ** 2
+        )
+        brightest = max(brightest, float(signal.max(initial=0.0)))
+        knots.append(knot)
+        coefficients.append(coefficient)
+    # The light level is stated for the brightest pixel: all legs are scaled by one factor.
+    scale = np.log(conditions.photons_per_pixel / brightest)
+    light = Light(
+        lines,
+        tuple(knots),
+        tuple(c + scale for c in coefficients),
+        float(np.log(conditions.spot_std_px)),
+        float(np.log(conditions.pulse_std_ps)),
+        (0.0,) * len(lines),
+        cut_ends,
+    )
+    keep = near.any(axis=1)
+    n = int(keep.sum())
+    pixels = Pixels(
+        rows=rows[keep],
+        cols=cols[keep],
+        near=near[keep],
+        points_px=points[keep],
+        skew_ps=np.zeros(n),
+        pixel_var=np.full(n, conditions.pixel_std_ps**2),
+        modes_ps=np.zeros((n, len(lines), 0)),
+    )
+    if conditions.timing is not None:
+        own, modes = clock_errors(
+            conditions.timing, pixels.rows, pixels.cols, pixels.near, state, camera, medium
+        )
+        pixels = replace(pixels, pixel_var=pixels.pixel_var + own, modes_ps=modes)
+    return light, pixels
+
+
+def _log_strength(
+    grid: Floats,
+    leg: LegInPicture,
+    k: int,
+    state: PathState,
+    whole: PathState,
+    starts: Floats,
+    conditions: Conditions,
+    camera: Camera,
+    medium: Medium,
+) -> Floats:
+    """ln(light per px of picture) along a leg: strength per mm, dwell, and 1/r^2."""
+    on_line = leg.origin_px + grid[:, np.newaxis] * leg.direction_px
+    focal = mean_focal_px(camera)
+    row, col = camera.pixels_from_normalized(on_line[:, 0] / focal, on_line[:, 1] / focal)
+    print_ = footprints(
+        state,
+        camera=camera,
+        medium=medium,
+        legs=k,
+        rows=np.asarray(row, dtype=float),
+        cols=np.asarray(col, dtype=float),
+    )
+    length = float(np.linalg.norm(state.vertices_mm[k + 1] - state.vertices_mm[k]))
+    value: Floats = np.log(length / print_.px_per_leg) - 2 * np.log(print_.distance_mm)
+    if conditions.strength is not None:
+        # Strength is told from the leg's true start, which may lie before the entry into view.
+        skipped = float(np.linalg.norm(state.vertices_mm[k] - whole.vertices_mm[k]))
+        along = starts[k] + skipped + np.clip(print_.fraction, 0, 1) * length
+        with np.errstate(divide="ignore"):
+            strength = np.log(np.asarray(conditions.strength(along, k), dtype=float))
+        # A dark stretch has no logarithm: e^-12 of the brightest is dark enough.
+        value = value + np.maximum(strength, strength.max() - 12.0)
+    return value
+
+
+@dataclass(frozen=True, eq=False)
+class _Information:
+    """What the counts and the priors know of a path.
+
+    Attributes
+    ----------
+    covariance : array of float, shape (p, p)
+        Of the path's freedom, every nuisance eliminated; mm and ps.
+    vertex_covariance : array of float, shape (4m, 4m)
+        Of x, y, z, t of every vertex.
+    signal : array of float, shape (n, L)
+        Expected photons of each leg in each pixel.
+    """
+
+    covariance: Floats
+    vertex_covariance: Floats
+    signal: Floats
+
+
+def _information(
+    state: PathState,
+    whole: PathState,
+    freedom: Freedom,
+    cut_ends: tuple[bool, bool],
+    conditions: Conditions,
+    setting: Setting,
+) -> _Information:
+    """The Fisher information of the expected counts, turned into the path's covariance."""
+    camera, medium = setting.camera, setting.medium
+    light, pixels = _light_and_pixels(state, whole, cut_ends, conditions, camera, medium)
+    errors, n_modes = shared_errors(setting), pixels.modes_ps.shape[2]
+    layout = layout_of(freedom.basis.shape[1], n_modes, light, len(errors))
+    local = local_with_shared(
+        state,
+        light,
+        pixels,
+        layout,
+        basis=freedom.basis,
+        modes=np.zeros(n_modes),
+        setting=setting,
+        errors=errors,
+        delta=np.zeros(len(errors)),
+    )
+    n = len(pixels.rows)
+    found = likelihood(
+        local,
+        pixels,
+        _expected_codes(local.arrival_ps, conditions, n),
+        log_background=np.full(n, np.log(conditions.background_per_ps)),
+        delay_shift_ps=np.zeros(n),
+        expected_only=True,
+    )
+    prior = np.zeros_like(found.information)
+    prior[: layout.n_free, : layout.n_free] = freedom.prior_information
+    units = np.arange(layout.size)[layout.unit_priors]
+    prior[units, units] = 1.0
+    # A calibrated pulse's width is known: left free it would take part of the times' information.
+    prior[-1, -1] = _FIXED
+    covariance = covariance_from_information(found.information + prior, rcond=_GAUGE)
+    rows, to_vertices = vertices_by_parameters(
+        state, medium, freedom.basis, errors, first=layout.n_free + n_modes
+    )
+    return _Information(
+        covariance[: layout.n_free, : layout.n_free],
+        to_vertices @ covariance[np.ix_(rows, rows)] @ to_vertices.T,
+        np.exp(local.log_photons) * pixels.near,
+    )
+
+
+def _bounds(
+    state: PathState,
+    known: _Information,
+    freedom: Freedom,
+    photons_per_pixel: float,
+    *,
+    camera: Camera,
+    source: Source,
+    medium: Medium,
+) -> Bounds:
+    """The record of a bound, from what is known of the path."""
+    free, signal = known.covariance, known.signal
+    path = LightPath(
+        state.vertices_mm,
+        state.vertex_times_ps(medium),
+        known.vertex_covariance,
+        camera=camera,
+        source=source,
+        medium=medium,
+        method="bound",
+        goodness=Goodness(float("nan"), 0, len(signal), 0, float("nan"), 0.0, True),
+        prior=prior_in_words(source),
+    )
+    sampled = path.sample(1000)
+    seen = sampled["in_view"]
+    position = sum(sampled[name][seen] ** 2 for name in ("x_std_mm", "y_std_mm", "z_std_mm"))
+    std = np.sqrt(np.diag(free))
+    own = free / np.maximum(std[:, np.newaxis] * std, 1e-300)
+    return Bounds(
+        path=path,
+        position_rms_mm=float(np.sqrt(np.mean(position))),
+        event_time_rms_ps=_event_time_rms(path, sampled[seen], camera),
+        angle_std_deg=np.array([leg.angle_std_deg for leg in path.legs]),
+        photons=float(signal.sum()),
+        photons_per_pixel=photons_per_pixel,
+        n_pixels=int((signal.sum(axis=1) > 0.01).sum()),
+        prior=prior_in_words(source),
+        statements=statements_from_covariance(free, freedom.labels),
+        condition=float(np.linalg.cond(own)) if len(own) else 1.0,
+    )
+
+
+def _event_time_rms(path: LightPath, sampled: NDArray[np.void], camera: Camera) -> float:
+    """Rms error of the event time on a pixel's ray: the point slides along the ray, not the leg."""
+    variance = []
+    # A hundred points are plenty for a mean.
+    for row in sampled[:: max(1, len(sampled) // 100)]:
+        leg = int(row["leg"])
+        t0, t1 = path.vertex_times_ps[leg : leg + 2]
+        start, step = path.vertices_mm[leg], path.vertices_mm[leg + 1] - path.vertices_mm[leg]
+        f = (row["event_time_ps"] - t0) / (t1 - t0)
+        point = start + f * step
+        ray = point - camera.center_mm
+        ray = ray / np.linalg.norm(ray)
+        across = step - (step @ ray) * ray
+        slide = across / (across @ across)
+        jacobian = np.zeros(8)
+        jacobian[0:3] = -(1 - f) * slide * (t1 - t0)
+        jacobian[4:7] = -f * slide * (t1 - t0)
+        jacobian[3], jacobian[7] = 1 - f, f
+        block = np.arange(4 * leg, 4 * leg + 8)
+        variance.append(jacobian @ path.covariance[np.ix_(block, block)] @ jacobian)
+    return float(np.sqrt(np.mean(variance)))
+
+
+def _expected_codes(arrival_ps: Floats, conditions: Conditions, n: int) -> CodeCounts:
+    """Even codes that cover the whole flight; counts are not needed for expected information."""
+    low = float(np.nanmin(arrival_ps)) - _REACH_STDS * conditions.pulse_std_ps
+    high = float(np.nanmax(arrival_ps)) + _REACH_STDS * conditions.pulse_std_ps
+    k = int(np.ceil((high - low) / conditions.code_width_ps))
+    edges = low + conditions.code_width_ps * np.arange(k + 1)
+    shape = (n, k)
+    return CodeCounts(
+        counts=np.zeros(shape),
+        lower_ps=np.broadcast_to(edges[:-1], shape).copy(),
+        upper_ps=np.broadcast_to(edges[1:], shape).copy(),
+        period_ps=0.0,
+        use_outside=np.ones(n, dtype=bool),
+        shape=np.empty((3, 0)) if conditions.response is None else conditions.response.table(),
+    )

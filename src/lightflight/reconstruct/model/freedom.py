@@ -1,0 +1,378 @@
+"""What a fit may move: the freedom of a path's vertices and start time, and the priors on it.
+
+A known source does not move; one measured with an error moves against a prior; an unknown one
+moves within the plane where the flight enters the view, because nothing can be known of what
+lies before. The last vertex likewise moves within the plane where the flight leaves the view.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight.errors import GeometryError
+from lightflight.flight import Source
+from lightflight.reconstruct.model.geometry import PathState
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+
+Floats = NDArray[np.float64]
+
+_AT_EDGE_PX = 0.3
+"""A path that ends this near to the picture's edge was cut there; its light goes on, px."""
+_END_MOVES = ("depth", "height", "along the leg")
+"""What the columns of an end's basis move."""
+
+Waypoint = tuple[int, ArrayLike, float]
+"""(vertex index, position_mm (3,), one-sigma error in mm): a mirror measured with a ruler."""
+
+
+def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tuple[Waypoint, ...]:
+    """Waypoints as plain numbers.
+
+    Parameters
+    ----------
+    waypoints : sequence of (int, array_like, float)
+        (vertex index, position_mm, std_mm) each.
+    n_legs : int or None
+        How many legs there are, where the user knows it; None: as many as the data show.
+
+    Returns
+    -------
+    tuple of (int, array_like, float)
+        Indices whole, positions (3,) arrays.
+
+    Raises
+    ------
+    ValueError
+        For a vertex that no path can have, or a position or error that makes no sense.
+    """
+    checked: list[Waypoint] = []
+    for waypoint in waypoints:
+        try:
+            vertex, position_mm, std_mm = waypoint
+            position = np.asarray(position_mm, dtype=float)
+            std, index = float(std_mm), int(vertex)
+        except (TypeError, ValueError) as problem:
+            raise ValueError(
+                f"a waypoint must be (vertex index, position_mm, std_mm), got {waypoint!r}"
+            ) from problem
+        if index != vertex or index < 1 or (n_legs is not None and index > n_legs):
+            last = "" if n_legs is None else f" to {n_legs}"
+            raise ValueError(
+                f"waypoint of vertex {vertex}: give a corner or the end, 1{last} (vertex 0 is the "
+                "source: give its position_mm and position_std_mm)"
+            )
+        if position.shape != (3,) or not np.isfinite(position).all():
+            raise ValueError(
+                f"waypoint of vertex {index}: position_mm must be three finite numbers, got "
+                f"{position_mm!r}"
+            )
+        if not (np.isfinite(std) and std > 0):
+            raise ValueError(
+                f"waypoint of vertex {index}: std_mm must be positive and finite, got {std_mm}"
+            )
+        checked.append((index, position, std))
+    return tuple(checked)
+
+
+@dataclass(frozen=True, eq=False)
+class Freedom:
+    """Directions in which a state may move, and Gaussian priors on the state.
+
+    Attributes
+    ----------
+    basis : array of float, shape (3m + 1, p)
+        Columns are unit moves of (vertices in mm, start time in ps).
+    prior_rows : array of float, shape (q, 3m + 1)
+        Prior i says prior_rows[i] . state = prior_values[i] +- 1.
+    prior_values : array of float, shape (q,)
+        In units of the prior's standard deviation.
+    labels : tuple of str
+        (p,), what each column moves, in words.
+    """
+
+    basis: Floats
+    prior_rows: Floats
+    prior_values: Floats
+    labels: tuple[str, ...]
+
+    @property
+    def prior_information(self) -> Floats:
+        """(p, p), what the priors alone know of the columns of `basis`."""
+        rows = self.prior_rows @ self.basis
+        information: Floats = rows.T @ rows
+        return information
+
+
+@dataclass(frozen=True, eq=False)
+class ViewEnd:
+    """Where a leg leaves (or enters) the view: a plane through the camera.
+
+    Attributes
+    ----------
+    position_mm : array of float, shape (3,)
+        World, mm.
+    basis : array of float, shape (3, 2)
+        The ray, and the direction along the edge of the picture; unit, orthogonal.
+    """
+
+    position_mm: Floats
+    basis: Floats
+
+
+def state_vector(state: PathState) -> Floats:
+    """(3m + 1,): vertices in mm, then start time in ps."""
+    return np.append(state.vertices_mm.ravel(), state.start_time_ps)
+
+
+def view_end(camera: Camera, inside_mm: Floats, direction: Floats) -> ViewEnd | None:
+    """Where the line from a point in view leaves the picture; None where it never does.
+
+    `direction` (3,) is unit, along the line, outwards.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera that sees it.
+    inside_mm : array of float, shape (3,)
+        A point in view, world, mm.
+    direction : array of float, shape (3,)
+        Unit, along the line, outwards.
+
+    Returns
+    -------
+    ViewEnd or None
+        The last point in view, found to a billionth of the way.
+    """
+    reach = 4.0 * float(np.linalg.norm(inside_mm - camera.center_mm)) + 2000.0
+    # From half a mm to beyond any scene: fine near, coarse far.
+    lengths = np.concatenate(([0.0], np.geomspace(0.5, reach, 400)))
+    seen = camera.sees(inside_mm + lengths[:, np.newaxis] * direction)
+    if not seen[0] or seen.all():
+        return None
+    first_out = int(np.argmin(seen))
+    low, high = lengths[first_out - 1], lengths[first_out]
+    # Bisection to the last bit of the length.
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if camera.sees(inside_mm + middle * direction):
+            low = middle
+        else:
+            high = middle
+    position = inside_mm + low * direction
+    row, col = (float(x) for x in camera.pixels_from_points(position))
+    rows, cols = camera.shape
+    # The nearest edge says which way the end may slide: along that edge.
+    to_edge = np.array([row + 0.5, rows - 0.5 - row, col + 0.5, cols - 0.5 - col])
+    along_edge = (0.0, 1.0) if np.argmin(np.abs(to_edge)) < 2 else (1.0, 0.0)
+    return end_in_picture(camera, position, along_edge)
+
+
+def ends_in_view(camera: Camera, position_mm: Floats) -> bool:
+    """True where a path that ends here ends within the picture, not at its edge.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera that sees it.
+    position_mm : array of float, shape (3,)
+        World, mm.
+    """
+    row, col = (float(x) for x in camera.pixels_from_points(position_mm))
+    rows, cols = camera.shape
+    inside = min(row + 0.5, rows - 0.5 - row, col + 0.5, cols - 0.5 - col)
+    return bool(inside > _AT_EDGE_PX)
+
+
+def end_in_picture(camera: Camera, position_mm: Floats, across: tuple[float, float]) -> ViewEnd:
+    """An end at a point in the picture; `across` (d row, d col) is the free direction there.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera that sees it.
+    position_mm : array of float, shape (3,)
+        World, mm.
+    across : (float, float)
+        (d row, d col), the free direction in the picture.
+
+    Returns
+    -------
+    ViewEnd
+        The point, its ray, and that direction in space.
+    """
+    row, col = (float(x) for x in camera.pixels_from_points(position_mm))
+    # A quarter of a pixel inside, where the lens model still holds on both sides.
+    inwards = 0.25
+    center_row, center_col = (camera.shape[0] - 1) / 2, (camera.shape[1] - 1) / 2
+    row += inwards * np.sign(center_row - row) * abs(across[1])
+    col += inwards * np.sign(center_col - col) * abs(across[0])
+    step = 0.25
+    rays = camera.rays_from_pixels(
+        np.array([row - step * across[0], row + step * across[0]]),
+        np.array([col - step * across[1], col + step * across[1]]),
+    )
+    ray = position_mm - camera.center_mm
+    ray = ray / np.linalg.norm(ray)
+    edge = rays[1] - rays[0]
+    # Depth and slide are to be independent: the slide is made normal to the ray.
+    edge = edge - (edge @ ray) * ray
+    return ViewEnd(position_mm, np.column_stack((ray, edge / np.linalg.norm(edge))))
+
+
+def view_plane(camera: Camera, end_mm: Floats, towards_mm: Floats) -> Floats:
+    """(3, 2): the plane in which an end moves, its ray and the direction across its leg.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera that sees it.
+    end_mm : array of float, shape (3,)
+        World, mm.
+    towards_mm : array of float, shape (3,)
+        The other end of the leg, world, mm.
+
+    Returns
+    -------
+    array of float, shape (3, 2)
+        Unit columns.
+
+    Raises
+    ------
+    GeometryError
+        Where the leg, on its way to `towards_mm`, runs along the ray.
+    """
+    ray = end_mm - camera.center_mm
+    ray = ray / np.linalg.norm(ray)
+    across = np.cross(ray, towards_mm - end_mm)
+    size = float(np.linalg.norm(across))
+    if size < 1e-9:
+        raise GeometryError("a leg points straight at the camera: its picture is a point")
+    return np.column_stack((ray, across / size))
+
+
+def with_tip(basis: Floats, end_mm: Floats, leg_mm: Floats, camera: Camera) -> Floats:
+    """(3, 3): the plane (3, 2) in which an end moves, and a pixel's step along its leg (3,).
+
+    Parameters
+    ----------
+    basis : array of float, shape (3, 2)
+        By `view_plane`.
+    end_mm : array of float, shape (3,)
+        World, mm.
+    leg_mm : array of float, shape (3,)
+        From the leg's start to its end, mm.
+    camera : Camera
+        The camera that sees it.
+
+    Returns
+    -------
+    array of float, shape (3, 3)
+        The last column in mm per px.
+    """
+    px_per_leg = float(np.linalg.norm(camera.pixel_jacobian(end_mm) @ leg_mm))
+    return np.column_stack((basis, leg_mm / max(px_per_leg, 1e-12)))
+
+
+@dataclass(eq=False)
+class _Gathered:
+    """Columns and priors of a `Freedom` while they are gathered; state (3m + 1,)."""
+
+    state: Floats
+    columns: list[Floats] = field(default_factory=list)
+    labels: list[str] = field(default_factory=list)
+    rows: list[Floats] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+
+    def _at_vertex(self, vertex: int, xyz: Floats) -> Floats:
+        """(3m + 1,), zero but for a vertex."""
+        whole = np.zeros(len(self.state))
+        whole[3 * vertex : 3 * vertex + 3] = xyz
+        return whole
+
+    def add_column(self, vertex: int, direction: Floats, label: str) -> None:
+        """Let a vertex move along `direction` (3,)."""
+        self.columns.append(self._at_vertex(vertex, direction))
+        self.labels.append(label)
+
+    def add_prior(self, index: int, value: float, std: float) -> None:
+        """Say that one number of the state is value +- std."""
+        row = np.zeros(len(self.state))
+        row[index] = 1.0 / std
+        self.rows.append(row)
+        self.values.append(value / std)
+
+    def hold_tip(self, vertex: int, basis: Floats) -> None:
+        """Which pixels are lit says to a pixel where the light ends, even where counts cannot."""
+        if basis.shape[1] < 3:
+            return
+        row = self._at_vertex(vertex, np.linalg.inv(basis)[2])
+        self.rows.append(row)
+        self.values.append(float(row @ self.state))
+
+
+def freedom_of_path(
+    state: PathState,
+    *,
+    source: Source,
+    waypoints: tuple[Waypoint, ...],
+    start_basis: Floats | None,
+    end_basis: Floats,
+) -> Freedom:
+    """Freedom of a whole path.
+
+    Parameters
+    ----------
+    start_basis : array of float, shape (3, 2) or None
+        Plane in which an unknown source's entry point moves; (3, 3), by `with_tip`, where the light
+        begins in view.
+    end_basis : array of float, shape (3, 2)
+        Plane in which the exit moves; (3, 3) where the light stops in view.
+    """
+    m = len(state.vertices_mm)
+    found = _Gathered(state_vector(state))
+    if source.position_mm is None:
+        assert start_basis is not None
+        for direction, name in zip(start_basis.T, _END_MOVES, strict=False):
+            found.add_column(0, direction, f"entry {name}")
+        found.hold_tip(0, start_basis)
+    else:
+        position = np.asarray(source.position_mm, dtype=float)
+        for axis, std in enumerate(source.position_std_xyz_mm):
+            if std > 0:
+                found.add_column(0, np.eye(3)[axis], f"source {'xyz'[axis]}")
+                found.add_prior(axis, float(position[axis]), float(std))
+    # Only place and time together are exact: a known time at an unknown place fixes nothing.
+    exact_time = source.emission_time_ps is not None and source.emission_time_std_ps == 0
+    if not (exact_time and source.position_mm is not None):
+        found.columns.append(np.append(np.zeros(3 * m), 1.0))
+        found.labels.append("emission time" if source.position_mm is not None else "entry time")
+        if source.emission_time_ps is not None and source.position_mm is not None:
+            found.add_prior(3 * m, source.emission_time_ps, source.emission_time_std_ps)
+    # Corners are free in all directions: mirrors stand anywhere, in view or not.
+    for vertex in range(1, m - 1):
+        for axis in range(3):
+            found.add_column(vertex, np.eye(3)[axis], f"corner {vertex} {'xyz'[axis]}")
+    for direction, name in zip(end_basis.T, _END_MOVES, strict=False):
+        found.add_column(m - 1, direction, f"exit {name}")
+    found.hold_tip(m - 1, end_basis)
+    for vertex, position_mm, std_mm in waypoints:
+        if vertex >= m:
+            raise ValueError(
+                f"waypoint of vertex {vertex}, but the path found has vertices 0 to {m - 1}: give "
+                "n_legs, or leave the waypoint out"
+            )
+        for axis, value in enumerate(np.asarray(position_mm, dtype=float)):
+            found.add_prior(3 * vertex + axis, float(value), float(std_mm))
+    return Freedom(
+        basis=np.column_stack(found.columns),
+        prior_rows=np.array(found.rows).reshape(-1, 3 * m + 1),
+        prior_values=np.array(found.values),
+        labels=tuple(found.labels),
+    )

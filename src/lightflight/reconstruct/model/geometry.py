@@ -1,0 +1,412 @@
+"""Where the pixels look along a polyline, and when its light reaches them, with derivatives.
+
+Exact in three dimensions: any direction, any camera pose and distortion, different indices on
+the way out and back. The state of a path is its vertices and the event time at the first one;
+`freedom.Freedom` says which of these a fit may move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight.flight import Medium
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+    from lightflight.path.light_path import LightPath
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class PathState:
+    """A polyline and when the pulse enters it.
+
+    Attributes
+    ----------
+    vertices_mm : array of float, shape (m, 3)
+        World, mm.
+    start_time_ps : float
+        Event time at vertex 0, ps.
+    """
+
+    vertices_mm: Floats
+    start_time_ps: float
+
+    @property
+    def n_legs(self) -> int:
+        """Number of legs."""
+        return len(self.vertices_mm) - 1
+
+    def moved(self, step: Floats) -> PathState:
+        """The state after adding `step` (3m + 1,): vertices in mm, then start time in ps."""
+        m = len(self.vertices_mm)
+        return PathState(
+            self.vertices_mm + step[: 3 * m].reshape(m, 3),
+            self.start_time_ps + float(step[3 * m]),
+        )
+
+    def vertex_times_ps(self, medium: Medium) -> Floats:
+        """Event time at each vertex, (m,), ps."""
+        lengths = np.linalg.norm(np.diff(self.vertices_mm, axis=0), axis=1)
+        travelled = np.concatenate(([0.0], np.cumsum(lengths)))
+        times: Floats = (
+            self.start_time_ps + medium.path_group_index * travelled / SPEED_OF_LIGHT_MM_PER_PS
+        )
+        return times
+
+
+def state_of_path(path: LightPath) -> PathState:
+    """The state of a path that is already told, to start or to look from."""
+    return PathState(np.array(path.vertices_mm, dtype=float), float(path.vertex_times_ps[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """Where each pixel looks along its leg, and what follows.
+
+    Attributes
+    ----------
+    leg : array of int, shape (n,)
+        Index of the leg.
+    fraction : array of float, shape (n,)
+        Foot of the pixel along the leg: 0 at its start, 1 at its end; may lie outside.
+    lateral_px : array of float, shape (n,)
+        Distance of the pixel's centre from the leg in the picture, px, signed: positive to the
+        right of the flight as the picture is shown (row down).
+    arrival_ps : array of float, shape (n,)
+        Arrival time of light from the foot, ps.
+    slope_ps_per_px : array of float, shape (n,)
+        d(arrival time) / d(picture length), ps per px.
+    px_per_leg : array of float, shape (n,)
+        d(picture length) / d(fraction), px.
+    distance_mm : array of float, shape (n,)
+        Camera to foot, mm.
+    """
+
+    leg: Indices
+    fraction: Floats
+    lateral_px: Floats
+    arrival_ps: Floats
+    slope_ps_per_px: Floats
+    px_per_leg: Floats
+    distance_mm: Floats
+
+
+def nearest_fractions(
+    camera: Camera, start: Floats, end: Floats, rows: Floats, cols: Floats
+) -> Floats:
+    """Fraction of a leg (start, end: (n, 3)) that each pixel sees nearest to its centre; (n,).
+
+    "Nearest" is in pixels, where the spot is round: Newton's method from the nearest approach
+    in space.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera that sees it.
+    start : array of float, shape (n, 3)
+        Where each pixel's leg starts, world, mm.
+    end : array of float, shape (n, 3)
+        Where it ends, world, mm.
+    rows : array of float, shape (n,)
+        Pixel rows.
+    cols : array of float, shape (n,)
+        Pixel columns.
+
+    Returns
+    -------
+    array of float, shape (n,)
+        0 at the start, 1 at the end; may lie outside.
+    """
+    rays = camera.rays_from_pixels(rows, cols)
+    step = end - start
+    across = step - np.sum(rays * step, axis=1)[:, np.newaxis] * rays
+    offset = camera.center_mm - start
+    offset = offset - np.sum(rays * offset, axis=1)[:, np.newaxis] * rays
+    # A leg along the ray has no nearest point; any will do, none counts.
+    size = np.maximum(np.sum(across**2, axis=1), 1e-12)
+    fraction: Floats = np.sum(across * offset, axis=1) / size
+    pixels = np.column_stack((rows, cols))
+    for _ in range(4):
+        points = start + fraction[:, np.newaxis] * step
+        seen = np.column_stack(camera.pixels_from_points(points))
+        speed = np.einsum("nij,nj->ni", camera.pixel_jacobian(points), step)
+        change = np.sum((pixels - seen) * speed, axis=1) / np.maximum(
+            np.sum(speed**2, axis=1), 1e-12
+        )
+        # Near a vanishing point the picture speeds up along the leg: keep Newton on a leash.
+        change = np.clip(np.nan_to_num(change), -0.5, 0.5)
+        fraction = fraction + change
+        if np.abs(change).max(initial=0.0) < 1e-4:  # Newton: the next would be 1e-8
+            break
+    return fraction
+
+
+def footprints(
+    state: PathState,
+    *,
+    camera: Camera,
+    medium: Medium,
+    legs: Indices | int,
+    rows: ArrayLike,
+    cols: ArrayLike,
+) -> Footprint:
+    """Footprint of each pixel on its leg; `rows`, `cols` are (n,), `legs` too or one for all.
+
+    Parameters
+    ----------
+    state : PathState
+        The path as it is now.
+    camera : Camera
+        The camera that sees it.
+    medium : Medium
+        Group indices out and back.
+    legs : array of int, shape (n,) or int
+        The leg of each pixel, or one for all.
+    rows : array_like, shape (n,)
+        Pixel rows.
+    cols : array_like, shape (n,)
+        Pixel columns.
+
+    Returns
+    -------
+    Footprint
+        (n,) each.
+
+    Notes
+    -----
+    Implements t_a = t_k + (n_p f l + n_r |A - X(f)|) / c at the foot X(f) of each pixel (method.md,
+    Flight).
+    """
+    return _footprints_and_jacobian(state, camera, medium, legs, rows, cols, False)[0]
+
+
+def arrival_jacobian(
+    state: PathState,
+    *,
+    camera: Camera,
+    medium: Medium,
+    legs: Indices | int,
+    rows: ArrayLike,
+    cols: ArrayLike,
+) -> tuple[Footprint, Floats]:
+    """Footprints, and d(arrival time) / d(vertices (3m), start time); (n, 3m + 1).
+
+    The foot is the point nearest to the pixel in the picture; how it slides when the leg moves
+    is included to first order (exactly where the pixel's centre is on the leg).
+
+    Parameters
+    ----------
+    state : PathState
+        The path as it is now.
+    camera : Camera
+        The camera that sees it.
+    medium : Medium
+        Group indices out and back.
+    legs : array of int, shape (n,) or int
+        The leg of each pixel, or one for all.
+    rows : array_like, shape (n,)
+        Pixel rows.
+    cols : array_like, shape (n,)
+        Pixel columns.
+
+    Returns
+    -------
+    print_ : Footprint
+        (n,) each.
+    jacobian : array of float, shape (n, 3m + 1)
+        ps per mm and ps per ps.
+    """
+    print_, jacobian = _footprints_and_jacobian(state, camera, medium, legs, rows, cols, True)
+    assert jacobian is not None
+    return print_, jacobian
+
+
+def overshoots(state: PathState, print_: Footprint, *, camera: Camera) -> tuple[Floats, Floats]:
+    """How far pixels lie beyond the corners of their own leg, and the derivative.
+
+    A leg ends at its corner, so light that belongs to it lies before: (n,) px, 0 for every pixel
+    within, and (n, 3m + 1) px per mm. The ends of the path are no corners.
+
+    Parameters
+    ----------
+    state : PathState
+        The path as it is now.
+    print_ : Footprint
+        Where each pixel looks along its leg.
+    camera : Camera
+        The camera that sees it.
+
+    Returns
+    -------
+    beyond : array of float, shape (n,)
+        Signed, 0 within the leg, px.
+    jacobian : array of float, shape (n, 3m + 1)
+        px per mm.
+    """
+    f = print_.fraction
+    last = state.n_legs - 1
+    beyond = np.where((f > 1) & (print_.leg < last), f - 1, 0.0)
+    beyond = np.where((f < 0) & (print_.leg > 0), f, beyond)
+    out = np.flatnonzero(beyond)
+    jacobian = np.zeros((len(f), 3 * len(state.vertices_mm) + 1))
+    if len(out):
+        legs = print_.leg[out]
+        # The pixel stays, so only the corner that it lies beyond matters, not the leg's other end.
+        corner = np.where(f[out] > 1, legs + 1, legs)
+        step = state.vertices_mm[legs + 1] - state.vertices_mm[legs]
+        projection = np.nan_to_num(camera.pixel_jacobian(state.vertices_mm[corner]))
+        speed = np.einsum("nij,nj->ni", projection, step)
+        size = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
+        slide = np.einsum("nij,ni->nj", projection, speed) / size[:, np.newaxis]
+        rows = np.zeros((len(out), jacobian.shape[1]))
+        _add_vertex(rows, corner, -slide)
+        jacobian[out] = rows
+    return beyond * print_.px_per_leg, jacobian
+
+
+def _footprints_and_jacobian(
+    state: PathState,
+    camera: Camera,
+    medium: Medium,
+    legs: Indices | int,
+    rows: ArrayLike,
+    cols: ArrayLike,
+    with_jacobian: bool,
+) -> tuple[Footprint, Floats | None]:
+    rows, cols = np.asarray(rows, dtype=float), np.asarray(cols, dtype=float)
+    vertices, n = state.vertices_mm, len(rows)
+    legs = np.broadcast_to(legs, n)
+    start, end = vertices[legs], vertices[legs + 1]
+    step = end - start
+    fraction = nearest_fractions(camera, start, end, rows, cols)
+    points = start + fraction[:, np.newaxis] * step
+    seen = np.column_stack(camera.pixels_from_points(points))
+    # A path on its way through the search may run behind the camera, where nothing is seen.
+    projection = np.nan_to_num(camera.pixel_jacobian(points))
+    speed = np.einsum("nij,nj->ni", projection, step)
+    # A leg that points at the camera has no length in the picture.
+    px_per_leg = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
+    offset = np.column_stack((rows, cols)) - seen
+    # speed = (d row, d col): the right-hand normal in (row down, col right) is (col, -row).
+    lateral = (offset[:, 0] * speed[:, 1] - offset[:, 1] * speed[:, 0]) / px_per_leg
+    back = points - camera.center_mm
+    distance = np.linalg.norm(back, axis=1)
+    outward = back / distance[:, np.newaxis]
+    times = state.vertex_times_ps(medium)
+    per_path = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
+    per_return = medium.return_group_index / SPEED_OF_LIGHT_MM_PER_PS
+    length = np.linalg.norm(step, axis=1)
+    arrival = times[legs] + per_path * fraction * length + per_return * distance
+    along = per_path * length + per_return * np.sum(outward * step, axis=1)
+    result = Footprint(
+        leg=legs,
+        fraction=fraction,
+        lateral_px=lateral,
+        arrival_ps=arrival,
+        slope_ps_per_px=along / px_per_leg,
+        px_per_leg=px_per_leg,
+        distance_mm=distance,
+    )
+    if not with_jacobian:
+        return result, None
+    # How the foot slides along the leg per mm that its point moves in the picture.
+    slide = np.einsum("nij,ni->nj", projection, speed) / (px_per_leg**2)[:, np.newaxis]
+    # Moving the point at fixed fraction by dX changes the return, and slides the foot back.
+    with_point = per_return * outward - along[:, np.newaxis] * slide
+    unit = step / length[:, np.newaxis]
+    jacobian = np.zeros((n, 3 * len(vertices) + 1))
+    _add_vertex(jacobian, legs, (1 - fraction)[:, np.newaxis] * with_point)
+    _add_vertex(jacobian, legs + 1, fraction[:, np.newaxis] * with_point)
+    _add_vertex(jacobian, legs, -per_path * fraction[:, np.newaxis] * unit)
+    _add_vertex(jacobian, legs + 1, per_path * fraction[:, np.newaxis] * unit)
+    _add_travelled(jacobian, vertices, legs, per_path)
+    jacobian[:, -1] = 1.0
+    return result, jacobian
+
+
+def _add_vertex(jacobian: Floats, vertex: Indices, gradient: Floats) -> None:
+    rows = np.arange(len(jacobian))
+    for axis in range(3):
+        jacobian[rows, 3 * vertex + axis] += gradient[:, axis]
+
+
+def _add_travelled(jacobian: Floats, vertices: Floats, legs: Indices, per_path: float) -> None:
+    """Add d(n_p path length before the leg / c) / d(vertices)."""
+    travelled = travelled_jacobian(vertices) * per_path
+    jacobian[:, :-1] += travelled[legs]
+
+
+def travelled_jacobian(vertices: Floats) -> Floats:
+    """d(path length up to vertex k) / d(vertices); (m, 3m)."""
+    m = len(vertices)
+    step = np.diff(vertices, axis=0)
+    unit = step / np.linalg.norm(step, axis=1)[:, np.newaxis]
+    out = np.zeros((m, m, 3))
+    for k in range(m - 1):
+        # Every later vertex is farther by what a leg before it grows.
+        out[k + 1 :, k] -= unit[k]
+        out[k + 1 :, k + 1] += unit[k]
+    return out.reshape(m, 3 * m)
+
+
+def vertex_time_jacobian(vertices: Floats, medium: Medium) -> Floats:
+    """d(x, y, z, t of every vertex) / d(vertices (3m), start time); (4m, 3m + 1)."""
+    m = len(vertices)
+    per_path = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
+    out = np.zeros((m, 4, 3 * m + 1))
+    for k in range(m):
+        out[k, :3, 3 * k : 3 * k + 3] = np.eye(3)
+    out[:, 3, :-1] = per_path * travelled_jacobian(vertices)
+    out[:, 3, -1] = 1.0
+    return out.reshape(4 * m, 3 * m + 1)
+
+
+def line_offsets(
+    state: PathState,
+    *,
+    camera: Camera,
+    legs: Indices,
+    anchors: Floats,
+    focal_px: float,
+) -> tuple[Floats, Floats]:
+    """Signed distance of image points from the image of a leg, and its derivatives.
+
+    Parameters
+    ----------
+    legs : array of int, shape (k,)
+        Which leg.
+    anchors : array of float, shape (k, 2)
+        Undistorted (u, v) = focal_px (x, y) on the normalized image plane.
+
+    Returns
+    -------
+    offset : array of float, shape (k,)
+        px, positive to the right of the flight in the picture (as `lateral_px`).
+    jacobian : array of float, shape (k, 3m + 1)
+        px per mm; the start time does not enter.
+    """
+    rotation = camera.world_from_camera[:3, :3]
+    a = (state.vertices_mm[legs] - camera.center_mm) @ rotation
+    b = (state.vertices_mm[legs + 1] - camera.center_mm) @ rotation
+    normal = np.cross(a, b)
+    size = np.hypot(normal[:, 0], normal[:, 1])
+    points = np.column_stack((anchors / focal_px, np.ones(len(anchors))))
+    value = np.sum(normal * points, axis=1)
+    offset = focal_px * value / size
+    flat = np.column_stack((normal[:, 0], normal[:, 1], np.zeros(len(legs))))
+    by_normal = focal_px * (points / size[:, np.newaxis] - (value / size**3)[:, np.newaxis] * flat)
+    # d(a x b).g = da.(b x g) + db.(g x a), then back from camera axes to world axes.
+    by_start = np.cross(b, by_normal) @ rotation.T
+    by_end = np.cross(by_normal, a) @ rotation.T
+    jacobian = np.zeros((len(legs), 3 * len(state.vertices_mm) + 1))
+    _add_vertex(jacobian, legs, by_start)
+    _add_vertex(jacobian, legs + 1, by_end)
+    return offset, jacobian

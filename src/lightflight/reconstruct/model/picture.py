@@ -1,0 +1,403 @@
+"""The legs as the camera's picture measures them: lines, brightness and spot, from the counts.
+
+Takes a path that is roughly right and a recording, gives the lines that `least_squares` holds the
+legs to and the corrections that turn a pixel's time into that of its weighted footprint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.flight import Medium
+from lightflight.reconstruct.model.geometry import Footprint, Indices, PathState, footprints
+from lightflight.reconstruct.model.image_plane import along_across, undistorted_px
+from lightflight.reconstruct.model.lateral import LineData, LineFit, fit_lines
+from lightflight.reconstruct.model.sighting import Sighting, photons_at_times
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+PICTURE_REACH_PX = 3.2
+"""Pixels this near to a leg's line share its light and are counted for it, px: eight stds of a
+usual spot, so that dark pixels beside the line tell how wide it is."""
+CLEAR_OF_CORNER_PX = 1.5
+"""Pixels this near to a corner in the picture belong to no one leg, px: both legs light them."""
+
+_LEAST_PIXELS = 4
+"""Fewer pixels than this do not say where a leg's line runs."""
+
+
+@dataclass(frozen=True, eq=False)
+class LineDataInPicture:
+    """Measured lines of the legs: undistorted picture points they run through.
+
+    Attributes
+    ----------
+    leg : array of int, shape (2 L,)
+        Leg of each anchor; the two anchors of a leg follow each other.
+    anchors : array of float, shape (2 L, 2)
+        Undistorted (u, v), px.
+    whitening : array of float, shape (2 L, 2 L)
+        Turns offsets in px into independent unit-variance residuals.
+    view : array of int, shape (2 L,) or None
+        In which camera's picture; None: the only one's.
+    """
+
+    leg: Indices
+    anchors: Floats
+    whitening: Floats
+    view: Indices | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LegInPicture:
+    """Straight image of one leg, in undistorted pixels.
+
+    Attributes
+    ----------
+    origin_px : array of float, shape (2,)
+        (u, v).
+    direction_px : array of float, shape (2,)
+        Unit, in the direction of flight.
+    span_px : (float, float)
+        First and last position along the line that can show the leg, px.
+    """
+
+    origin_px: Floats
+    direction_px: Floats
+    span_px: tuple[float, float]
+
+    def along_across(self, points: Floats) -> tuple[Floats, Floats]:
+        """Position along the line and distance to its right, of (n, 2) points; px."""
+        return along_across(points, self.origin_px, self.direction_px)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What the counts say about the legs.
+
+    Attributes
+    ----------
+    legs : tuple of LegInPicture
+        Lines the measurement was made about.
+    fits : tuple of LineFit
+        Offsets, spot and strength of each leg.
+    spot_std_px : float
+        Standard deviation of the spot, px.
+    """
+
+    legs: tuple[LegInPicture, ...]
+    fits: tuple[LineFit, ...]
+    spot_std_px: float
+
+
+def leg_in_picture(state: PathState, leg: int, camera: Camera) -> LegInPicture:
+    """Image of one leg, clipped to the picture with a margin of two pixels.
+
+    Parameters
+    ----------
+    state : PathState
+        The path as it is now.
+    leg : int
+        Index of the leg.
+    camera : Camera
+        The camera that sees it.
+
+    Returns
+    -------
+    LegInPicture
+        Line and span, px.
+
+    Raises
+    ------
+    GeometryError
+        Where the leg does not cross the picture.
+    """
+    start, end = state.vertices_mm[leg], state.vertices_mm[leg + 1]
+    # A leg may enter and leave the view anywhere: steps, not a formula, see every lens.
+    fraction = np.linspace(0, 1, 801)[:, np.newaxis]
+    points = (1 - fraction) * start + fraction * end
+    row, col = camera.pixels_from_points(points)
+    rows, cols = camera.shape
+    with np.errstate(invalid="ignore"):
+        inside = (row > -2.5) & (row < rows + 1.5) & (col > -2.5) & (col < cols + 1.5)
+    if inside.sum() < 2:
+        raise GeometryError(
+            f"leg {leg + 1} of the path does not cross the picture: check start, source and camera"
+        )
+    uv = undistorted_px(camera, row[inside][[0, -1]], col[inside][[0, -1]])
+    length = float(np.hypot(*(uv[1] - uv[0])))
+    direction = (uv[1] - uv[0]) / max(length, 1e-12)
+    origin = 0.5 * (uv[0] + uv[1])
+    return LegInPicture(origin, direction, (-0.5 * length, 0.5 * length))
+
+
+@dataclass(frozen=True, eq=False)
+class _NearPixels:
+    rows: Indices
+    cols: Indices
+    near: Bools
+    along: Floats
+    across: Floats
+
+
+def _pixels_near(legs: tuple[LegInPicture, ...], camera: Camera, blind: Bools) -> _NearPixels:
+    rows, cols = (index.ravel() for index in np.indices(camera.shape))
+    points = undistorted_px(camera, rows, cols)
+    along, across = np.empty((len(rows), len(legs))), np.empty((len(rows), len(legs)))
+    near = np.zeros((len(rows), len(legs)), dtype=bool)
+    for k, leg in enumerate(legs):
+        along[:, k], across[:, k] = leg.along_across(points)
+        inside = (along[:, k] > leg.span_px[0]) & (along[:, k] < leg.span_px[1])
+        near[:, k] = inside & (np.abs(across[:, k]) < PICTURE_REACH_PX)
+    keep = near.any(axis=1) & ~blind.ravel()
+    return _NearPixels(rows[keep], cols[keep], near[keep], along[keep], across[keep])
+
+
+def measure_picture(
+    state: PathState,
+    sighting: Sighting,
+    *,
+    camera: Camera,
+    medium: Medium,
+    std_ps: float,
+) -> Picture:
+    """Lines, spot and strength of all legs of a path that is roughly right.
+
+    Parameters
+    ----------
+    state : PathState
+        The path as it is now.
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    camera : Camera
+        The camera that sees it.
+    medium : Medium
+        Group indices out and back.
+    std_ps : float
+        Typical standard deviation of a pulse, ps.
+
+    Returns
+    -------
+    Picture
+        One line per leg, in their order.
+
+    Raises
+    ------
+    GeometryError
+        Where a leg does not cross the picture.
+    NothingFoundError
+        Where a leg has too few pixels of its own.
+    """
+    legs = tuple(leg_in_picture(state, k, camera) for k in range(state.n_legs))
+    pixels = _pixels_near(legs, camera, sighting.blind)
+    arrival = np.full(pixels.near.shape, np.nan)
+    width = np.full(pixels.near.shape, std_ps)
+    for k in range(len(legs)):
+        here = pixels.near[:, k]
+        print_ = footprints(
+            state,
+            camera=camera,
+            medium=medium,
+            legs=k,
+            rows=pixels.rows[here],
+            cols=pixels.cols[here],
+        )
+        arrival[here, k] = print_.arrival_ps
+        # Across a pixel the time runs by the slope: a third of that is its spread.
+        width[here, k] = np.hypot(std_ps, 0.35 * print_.slope_ps_per_px)
+    photons, empty, _ = photons_at_times(sighting, pixels.rows, pixels.cols, arrival, width)
+    blended = _blended(arrival, width)
+    data = []
+    for k, leg in enumerate(legs):
+        margin = _corner_margin(leg, k, len(legs))
+        clear = (pixels.along[:, k] > margin[0]) & (pixels.along[:, k] < margin[1])
+        seen = pixels.near[:, k] & np.isfinite(empty[:, k])
+        own = seen & ~blended[:, k]
+        # A leg of few pixels takes those it shares as well: better a rough line than none.
+        use = next((some for some in (own & clear, own, seen) if some.sum() >= _LEAST_PIXELS), own)
+        if use.sum() < _LEAST_PIXELS:
+            raise NothingFoundError(
+                f"leg {k + 1} of the path has {int(use.sum())} pixels of its own in the picture, "
+                "too few to say where it runs: give a smaller n_legs or another start"
+            )
+        data.append(
+            LineData(pixels.along[use, k], pixels.across[use, k], photons[use, k], empty[use, k])
+        )
+    # All legs at once, because they share the spot.
+    fits = fit_lines(data)
+    return Picture(legs, tuple(fits), fits[0].spot_std_px)
+
+
+def lit_by_legs(legs: tuple[LegInPicture, ...], points_px: Floats, *, spot_px: float) -> Bools:
+    """(n, L), True where a leg's light reaches a pixel: four stds of the spot, or 2.5 px.
+
+    Parameters
+    ----------
+    legs : tuple of LegInPicture
+        Lines of the legs.
+    points_px : array of float, shape (n, 2)
+        Undistorted (u, v), px.
+    spot_px : float
+        Standard deviation of the spot, px.
+
+    Returns
+    -------
+    array of bool, shape (n, L)
+    """
+    reach = max(2.5, 4.0 * spot_px)
+    near = np.zeros((len(points_px), len(legs)), dtype=bool)
+    for k, leg in enumerate(legs):
+        along, across = leg.along_across(points_px)
+        low, high = leg.span_px
+        near[:, k] = (along > low - 1.5) & (along < high + 1.5) & (np.abs(across) < reach)
+    return near
+
+
+def _corner_margin(leg: LegInPicture, k: int, n_legs: int) -> tuple[float, float]:
+    """Span without the neighbourhood of corners, where two legs share the pixels."""
+    first, last = leg.span_px
+    return (
+        first + (CLEAR_OF_CORNER_PX if k > 0 else 0.0),
+        last - (CLEAR_OF_CORNER_PX if k < n_legs - 1 else 0.0),
+    )
+
+
+def _blended(arrival: Floats, width: Floats) -> Bools:
+    """True where another leg's pulse is too near in time to tell the two apart."""
+    blended = np.zeros(arrival.shape, dtype=bool)
+    for a in range(arrival.shape[1]):
+        for b in range(arrival.shape[1]):
+            if a != b:
+                with np.errstate(invalid="ignore"):
+                    gap = np.abs(arrival[:, a] - arrival[:, b])
+                    blended[:, a] |= gap < 1.5 * (width[:, a] + width[:, b])
+    return blended
+
+
+def lines_from_picture(picture: Picture) -> LineDataInPicture:
+    """Anchors through which the legs' images must run, with their errors.
+
+    Parameters
+    ----------
+    picture : Picture
+        Lines, brightness and spot of the legs, as the counts showed them.
+
+    Returns
+    -------
+    LineDataInPicture
+        Two anchors per leg.
+    """
+    legs, anchors, blocks = [], [], []
+    for k, (leg, fit) in enumerate(zip(picture.legs, picture.fits, strict=True)):
+        right = np.array([-leg.direction_px[1], leg.direction_px[0]])
+        for along, offset in zip(fit.anchors_along_px, fit.offset_px, strict=True):
+            anchors.append(leg.origin_px + along * leg.direction_px + offset * right)
+            legs.append(k)
+        # Two anchors measured alike leave no room for Cholesky: 1e-5 px keeps it.
+        covariance = fit.offset_covariance + 1e-10 * np.eye(2)
+        blocks.append(np.linalg.inv(np.linalg.cholesky(covariance)))
+    whitening = np.zeros((len(legs), len(legs)))
+    for k, block in enumerate(blocks):
+        whitening[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = block
+    return LineDataInPicture(np.array(legs), np.array(anchors), whitening)
+
+
+def footprint_corrections(
+    picture: Picture,
+    print_: Footprint,
+    *,
+    rows: Floats,
+    cols: Floats,
+    camera: Camera,
+    state: PathState,
+    medium: Medium,
+) -> Floats:
+    """Mean arrival time over each pixel's weighted footprint, minus that at its foot; (n,), ps.
+
+    With strength a(s) and a spot of variance v, the mean over the footprint is
+    t_a + v (t_a' a'/a + t_a''/2): 1.5 ps where brightness changes by 30 % per pixel.
+
+    Parameters
+    ----------
+    picture : Picture
+        Lines, brightness and spot of the legs, as the counts showed them.
+    print_ : Footprint
+        Where each pixel looks along its leg.
+    rows : array of float, shape (n,)
+        Pixel rows.
+    cols : array of float, shape (n,)
+        Pixel columns.
+    camera : Camera
+        The camera that sees it.
+    state : PathState
+        The path as it is now.
+    medium : Medium
+        Group indices out and back.
+
+    Returns
+    -------
+    array of float, shape (n,)
+        ps.
+    """
+    variance = picture.spot_std_px**2
+    points = undistorted_px(camera, rows, cols)
+    slope = np.zeros(len(rows))
+    for k, (leg, fit) in enumerate(zip(picture.legs, picture.fits, strict=True)):
+        here = print_.leg == k
+        slope[here] = fit.log_slope(leg.along_across(points[here])[0])
+    curvature = arrival_curvature(print_, state=state, camera=camera, medium=medium)
+    correction: Floats = variance * (print_.slope_ps_per_px * slope + 0.5 * curvature)
+    return correction
+
+
+def arrival_curvature(
+    print_: Footprint, *, state: PathState, camera: Camera, medium: Medium
+) -> Floats:
+    """d^2 t_a / d(picture length)^2 at each foot, ps per px^2.
+
+    Parameters
+    ----------
+    print_ : Footprint
+        Where each pixel looks along its leg.
+    state : PathState
+        The path as it is now.
+    camera : Camera
+        The camera that sees it.
+    medium : Medium
+        Group indices out and back.
+
+    Returns
+    -------
+    array of float, shape (n,)
+        ps per px^2; 0 where the picture cannot tell.
+    """
+    start, end = state.vertices_mm[print_.leg], state.vertices_mm[print_.leg + 1]
+    times = state.vertex_times_ps(medium)
+    # Half a pixel to each side: the footprint's own scale.
+    half_px = 0.5
+    values, places = [], []
+    for side in (-1.0, 0.0, 1.0):
+        fraction = print_.fraction + side * half_px / print_.px_per_leg
+        points = start + fraction[:, np.newaxis] * (end - start)
+        event = times[print_.leg] + fraction * (times[print_.leg + 1] - times[print_.leg])
+        distance = np.linalg.norm(points - camera.center_mm, axis=1)
+        values.append(event + medium.return_group_index * distance / SPEED_OF_LIGHT_MM_PER_PS)
+        places.append(np.column_stack(camera.pixels_from_points(points)))
+    before = np.linalg.norm(places[1] - places[0], axis=1)
+    after = np.linalg.norm(places[2] - places[1], axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        bend = ((values[2] - values[1]) / after - (values[1] - values[0]) / before) / (
+            0.5 * (before + after)
+        )
+    finite: Floats = np.nan_to_num(bend, nan=0.0, posinf=0.0, neginf=0.0)
+    return finite

@@ -1,0 +1,185 @@
+"""One recording as the reconstruction sees it: counts, clock, pulses on it, and its camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight import flags
+from lightflight.flight import Medium
+from lightflight.reconstruct.model.geometry import PathState, footprints
+from lightflight.timing.pulses.amplitudes import amplitudes_at_times
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+    from lightflight.recording.histograms import Histograms
+    from lightflight.timing.clock.code_clock import CodeClock
+    from lightflight.timing.pulses.arrivals import Arrivals
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_PIXEL_BITS = flags.SCREAMING | flags.DEAD | flags.MASKED | flags.SATURATED
+"""A pixel with one of these tells nothing about how much light fell on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """One recording, calibrated and with its pulses found.
+
+    Attributes
+    ----------
+    histograms : Histograms
+        The counts.
+    timing : TimingCalibration
+        The clock they are read with.
+    arrivals : Arrivals
+        Pulses on the clock.
+    arrival_ps : array of float, shape (n,)
+        Arrival times of `arrivals`, unwrapped by whole laser periods, ps.
+    blind : array of bool, shape (rows, cols)
+        True where the pixel's counts are not to be used.
+    view : int
+        Which of the setting's cameras recorded it.
+    """
+
+    histograms: Histograms
+    timing: CodeClock
+    arrivals: Arrivals
+    arrival_ps: Floats
+    blind: NDArray[np.bool_]
+    view: int = 0
+
+    @property
+    def usable_pulses(self) -> Indices:
+        """(n,), rows of `arrivals` that no flag excludes and that have a time."""
+        usable = flags.is_usable(self.arrivals.flags) & np.isfinite(self.arrival_ps)
+        return np.flatnonzero(usable)
+
+
+def blind_pixels(arrivals: Arrivals) -> NDArray[np.bool_]:
+    """(rows, cols), True where a pixel screams, is dead, saturated or masked."""
+    blind = np.zeros(arrivals.shape, dtype=bool)
+    bad = (arrivals.flags & np.uint32(_PIXEL_BITS)) != 0
+    blind[arrivals.row[bad], arrivals.col[bad]] = True
+    return blind
+
+
+def clock_errors(
+    timing: CodeClock,
+    rows: Indices,
+    cols: Indices,
+    near: NDArray[np.bool_],
+    state: PathState,
+    camera: Camera,
+    medium: Medium,
+) -> tuple[Floats, Floats]:
+    """What a calibration leaves unknown of the pixels near a path, at its light's own times.
+
+    Parameters
+    ----------
+    timing : CodeClock
+        The clock.
+    rows : array of int, shape (n,)
+        Pixel rows.
+    cols : array of int, shape (n,)
+        Pixel columns.
+    near : array of bool, shape (n, L)
+        True where a leg's light can reach the pixel.
+    state : PathState
+        The path.
+    camera : Camera
+        The camera that sees it.
+    medium : Medium
+        Group indices out and back.
+
+    Returns
+    -------
+    pixel_var : array of float, shape (n,)
+        Of each pixel's delay, ps^2.
+    modes_ps : array of float, shape (n, L, k)
+        One-sigma columns of the errors that all share, ps.
+    """
+    modes, pixel_var = [], np.zeros(len(rows))
+    for k in range(near.shape[1]):
+        print_ = footprints(state, camera=camera, medium=medium, legs=k, rows=rows, cols=cols)
+        delay = print_.arrival_ps + timing.skew_ps[rows, cols]
+        # A foot far off the leg has no time; any delay serves where the leg is not near.
+        delay = np.where(np.isfinite(delay) & near[:, k], delay, np.nanmedian(delay[near[:, k]]))
+        pixel_std, columns, _ = timing.arrival_errors_ps(rows, cols, delay)
+        pixel_var = np.where(near[:, k], np.maximum(pixel_var, pixel_std**2), pixel_var)
+        modes.append(columns)
+    return pixel_var, np.stack(modes, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class PixelCounts:
+    """Counts of some pixels and the delay interval of each of their codes.
+
+    Attributes
+    ----------
+    counts : array of float, shape (n, codes)
+    lower_ps : array of float, shape (n, codes)
+        On the delay clock.
+    upper_ps : array of float, shape (n, codes)
+    skew_ps : array of float, shape (n,)
+        Delay of the pixel: delay = arrival + skew.
+    """
+
+    counts: Floats
+    lower_ps: Floats
+    upper_ps: Floats
+    skew_ps: Floats
+
+
+def pixel_counts(sighting: Sighting, rows: Indices, cols: Indices) -> PixelCounts:
+    """Counts and code intervals of the pixels named by `rows`, `cols` (n,).
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    rows : array of int, shape (n,)
+        Pixel rows.
+    cols : array of int, shape (n,)
+        Pixel columns.
+
+    Returns
+    -------
+    PixelCounts
+        (n, codes) each.
+    """
+    hist, timing = sighting.histograms, sighting.timing
+    lower, upper = timing.code_intervals_ps(rows, cols)
+    counts = hist.counts[rows, cols].astype(float)
+    return PixelCounts(counts, lower, upper, timing.skew_ps[rows, cols])
+
+
+def photons_at_times(
+    sighting: Sighting, rows: Indices, cols: Indices, arrival_ps: Floats, std_ps: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Photons of pulses at known arrival times in each pixel.
+
+    Parameters
+    ----------
+    rows, cols : array of int, shape (n,)
+        Pixels.
+    arrival_ps, std_ps : array of float, shape (n, L)
+        Pulses looked for; NaN where a pixel has fewer.
+
+    Returns
+    -------
+    photons : array of float
+        (n, L); may be negative by chance.
+    empty_variance : array of float, shape (n, L)
+        Variance of `photons` without light.
+    background_per_ps : array of float, shape (n,)
+    """
+    pixels = pixel_counts(sighting, rows, cols)
+    return amplitudes_at_times(
+        pixels.counts, pixels.lower_ps, pixels.upper_ps, sighting.histograms.laser_period_ps,
+        arrival_ps + pixels.skew_ps[:, np.newaxis], std_ps,
+    )  # fmt: skip

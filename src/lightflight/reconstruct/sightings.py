@@ -1,0 +1,165 @@
+"""From recordings to sightings: pulses on the clock, folded to where light can come from."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lightflight import flags
+from lightflight.errors import CalibrationError, SuspectDataWarning, UncalibratedWarning
+from lightflight.reconstruct.legs.find import unwrapped_arrivals
+from lightflight.reconstruct.model.setting import Setting, earliest_arrival_ps
+from lightflight.reconstruct.model.sighting import Sighting, blind_pixels
+from lightflight.timing.clock.calibration import ASSUMED_GAIN_STD, TimingCalibration
+from lightflight.timing.pulses.arrivals import find_arrivals
+
+if TYPE_CHECKING:
+    from lightflight.recording.histograms import Histograms
+    from lightflight.timing.clock.code_clock import CodeClock
+    from lightflight.timing.pulses.arrivals import Arrivals
+
+_MOST_PERIODS = 2.0
+"""Codes that cover more laser periods than this are worth a question."""
+
+
+def unwrapped_sighting(sighting: Sighting, setting: Setting) -> Sighting:
+    """The sighting with arrivals folded to where light can come from.
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    Sighting
+        The same recording, `arrival_ps` shifted by whole laser periods.
+    """
+    times = unwrapped_arrivals(
+        sighting.arrivals.arrival_ps,
+        period_ps=sighting.arrivals.laser_period_ps,
+        earliest_ps=earliest_arrival_ps(setting),
+    )
+    return replace(
+        sighting, arrivals=replace(sighting.arrivals, arrival_ps=times), arrival_ps=times
+    )
+
+
+def sighting_from_histograms(
+    hist: Histograms,
+    setting: Setting,
+    *,
+    timing: CodeClock | None,
+    background: Histograms | None,
+    exclude_mask: ArrayLike | None,
+    least_squares: bool,
+    view: int = 0,
+) -> Sighting:
+    """Pulses of one recording on the clock, unwrapped.
+
+    Parameters
+    ----------
+    hist : Histograms
+        The recording.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    timing : TimingCalibration or None
+        Its calibrated clock; None: nominal codes.
+    background : Histograms or None
+        Recording without the pulse, same clock.
+    exclude_mask : array_like, shape (rows, cols) or None
+        True for pixels that take no part.
+    least_squares : bool
+        One Gaussian per pixel by least squares, as the paper does; else by likelihood.
+    view : int, optional
+        Which of the setting's cameras recorded it.
+
+    Returns
+    -------
+    Sighting
+        Pulses on the clock, folded to where light can come from.
+
+    Raises
+    ------
+    CalibrationError
+        Where the calibration is of another recording, or the codes cover more laser periods than
+        one and no pixel shows a pulse.
+    """
+    clock = clock_or_nominal(hist, timing)
+    arrivals = find_arrivals(
+        hist,
+        timing=clock,
+        background=background,
+        exclude_mask=None if exclude_mask is None else np.asarray(exclude_mask, dtype=bool),
+        # The paper fits one Gaussian per pixel and discards what is too wide for one.
+        method="least_squares" if least_squares else "likelihood",
+        max_pulses=1 if least_squares else 3,
+    )
+    _check_period(hist, arrivals)
+    return unwrapped_sighting(
+        Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals), view),
+        setting,
+    )
+
+
+def _check_period(hist: Histograms, arrivals: Arrivals) -> None:
+    """Ask about a laser period that the codes go far beyond.
+
+    One that the pulses fill is refused where they are fitted (`timing.pulses.checks`).
+    """
+    period_ps = hist.laser_period_ps
+    if period_ps is None or hist.bin_width_ps is None:
+        return
+    covered = hist.n_codes * hist.bin_width_ps / period_ps
+    if covered <= _MOST_PERIODS:
+        return
+    doubt = (
+        f"the codes cover {covered:.1f} laser periods of {period_ps:g} ps: check "
+        "laser_period_ps and bin_width_ps"
+    )
+    # With no pulse at all the doubt is the reason; with some it is a question.
+    if not flags.is_usable(arrivals.flags).any():
+        raise CalibrationError(f"no pixel shows a pulse, and {doubt}")
+    warnings.warn(doubt, SuspectDataWarning, stacklevel=4)
+
+
+def clock_or_nominal(hist: Histograms, timing: CodeClock | None) -> CodeClock:
+    """The calibration, if it fits the recording; else the nominal clock, with a warning.
+
+    Parameters
+    ----------
+    hist : Histograms
+        The recording.
+    timing : TimingCalibration or None
+        Its calibrated clock; None: nominal codes.
+
+    Returns
+    -------
+    TimingCalibration
+        `timing` where it is given, else codes of equal width without delays.
+
+    Raises
+    ------
+    CalibrationError
+        Where the calibration does not match the recording.
+    """
+    if timing is not None:
+        timing.check_matches(hist)
+        return timing
+    clock = TimingCalibration.nominal(hist)
+    span_ps = clock.laser_period_ps or hist.n_codes * clock.bin_width_ps
+    warnings.warn(
+        "no timing calibration: nominal codes are used. Unequal codes cost 3-6 ps per pixel, "
+        f"unequal gains {100 * ASSUMED_GAIN_STD:.2g} % of the delay (up to "
+        f"{ASSUMED_GAIN_STD * span_ps:.0f} ps), and the delays between pixels, often hundreds of "
+        "ps, go unseen; give timing=",
+        UncalibratedWarning,
+        stacklevel=4,
+    )
+    return clock

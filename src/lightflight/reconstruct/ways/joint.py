@@ -1,0 +1,213 @@
+"""`joint`: legs in the picture, one fit of all pulses, second thoughts on the number of legs.
+
+Where pulses alone leave much of the path unsaid, the likelihood of all counts has the last word.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.path.light_path import LightPath
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
+from lightflight.reconstruct.fit.prices import prices_of_fit
+from lightflight.reconstruct.fit.result import path_from_fit
+from lightflight.reconstruct.fit.revise import fit_from_legs, revised, with_n_legs
+from lightflight.reconstruct.fit.statements import statements_from_covariance
+from lightflight.reconstruct.fit.unclaimed import from_unclaimed_legs, with_unclaimed_legs
+from lightflight.reconstruct.legs.direction import (
+    ask_which_way,
+    legs_of_straight_light,
+    refuse_if_clearer_backwards,
+    warn_of_scatter,
+)
+from lightflight.reconstruct.model.geometry import PathState, state_of_path
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.ways.request import Request
+from lightflight.timing.clock.code_clock import CodeClock
+
+_RECOUNTED_UP_TO_PULSES = 12
+"""A leg that no more pulses than this speak for is looked at again by all its counts."""
+_SHORT_PX = 40.0
+"""The tips of a leg no longer than this in the picture, px, hold much of what it can tell."""
+_WORSE_CHI2 = 10.0
+"""The path by all counts must not miss the pulses by more than this."""
+
+
+def path_by_joint(request: Request) -> tuple[LightPath, JointFit]:
+    """The path by all pulses in one fit.
+
+    Parameters
+    ----------
+    request : Request
+        What is asked.
+
+    Returns
+    -------
+    path : LightPath
+        On some lap of the clock.
+    fit : JointFit
+        The fit of the pulses that it rests on.
+
+    Raises
+    ------
+    GeometryError
+        Where camera, source and path are in a degenerate position.
+    NothingFoundError
+        Where no path stands out.
+    """
+    fit = fit_of_request(request)
+    return _by_all_counts(fit, request, path_of_fit(fit, request)), fit
+
+
+def fit_of_request(request: Request) -> JointFit:
+    """The joint fit, from legs in the picture or from the user's start.
+
+    Parameters
+    ----------
+    request : Request
+        What is asked.
+
+    Returns
+    -------
+    JointFit
+        With as many legs as were asked for, or as the data show.
+
+    Raises
+    ------
+    CalibrationError
+        Where the codes run the other way than stated.
+    GeometryError, NothingFoundError
+        As `path_by_joint`.
+    """
+    sightings, setting, n_legs = request.sightings, request.setting, request.n_legs
+    if request.start is not None:
+        state = _state_from_start(request.start, setting)
+        return fit_joint(sightings, state, setting, legs=None)
+    legs = legs_of_straight_light(sightings[0], setting, n_legs)
+    try:
+        fit = fit_from_legs(sightings, legs, setting, drop=n_legs is None)
+    except (GeometryError, NothingFoundError) as problem:
+        # A clock that runs backwards is the likeliest reason why no path fits: ask that first.
+        refuse_if_clearer_backwards(legs, sightings[0], setting, n_legs)
+        ask_which_way(legs, sightings[0], setting.camera, request.timing, problem)
+        longer = from_unclaimed_legs(sightings, legs, setting) if n_legs is None else None
+        if longer is None:
+            raise
+        fit = longer
+    if n_legs is None:
+        # Revised first: light that a second leg will claim is not left over.
+        fit = with_unclaimed_legs(sightings, legs, revised(sightings, fit, setting), setting)
+    else:
+        fit = with_n_legs(sightings, fit, setting, n_legs)
+    # A fifth of a pulse is more than counting and a good clock leave.
+    if request.timing is None and fit.floor_ps > 0.2 * pulse_std_ps(sightings):
+        warn_of_scatter(fit.floor_ps, legs, sightings[0], setting.camera)
+    return fit
+
+
+def path_of_fit(fit: JointFit, request: Request) -> LightPath:
+    """The path that a joint fit found, with what it rests on in words.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The fit.
+    request : Request
+        What it answers.
+
+    Returns
+    -------
+    LightPath
+        Told as `joint`.
+    """
+    path = path_from_fit(
+        fit,
+        request.sightings,
+        request.setting,
+        method="joint",
+        statements=_statements_of_path(fit, request.timing),
+        truth=request.sightings[0].histograms.truth,
+    )
+    return replace(path, prices=prices_of_fit(fit, request.setting))
+
+
+def _by_all_counts(fit: JointFit, request: Request, path: LightPath) -> LightPath:
+    """The path; where pulses alone leave much unsaid, by all counts, if those agree with them.
+
+    A short leg near a corner or the picture's edge may settle on a wrong line: at wrong times
+    its light is not seen. Where the light begins or stops in the picture, the pulses there took no
+    part. Counts that no single pulse claims speak for both.
+    """
+    sightings, setting = request.sightings, request.setting
+    why = _why_all_counts(fit)
+    if not why or setting.others or not all(o.histograms.poisson for o in sightings):
+        return path
+    from lightflight.reconstruct.fit.photon import photon_path
+
+    try:
+        better = photon_path(
+            sightings, setting, path, std_ps=pulse_std_ps(sightings), tips=fit.tips,
+            shared=fit.solution.shared,
+        )  # fmt: skip
+    except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
+        return path
+    # The likelihood may have climbed another hill; then the pulses would tell.
+    worse = better.goodness.chi2 > path.goodness.chi2 + _WORSE_CHI2
+    if worse or not better.goodness.converged:
+        return path
+    said = f"{why}: all counts were fitted."
+    return replace(better, method="joint", statements=(said, *path.statements))
+
+
+def _why_all_counts(fit: JointFit) -> str:
+    """What pulses alone do not tell of a path; empty where they tell all."""
+    n_legs = fit.solution.state.n_legs
+    used = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=n_legs)
+    # Few pulses settle a leg wrongly as easily as rightly: at wrong times its light is not seen.
+    weak = np.flatnonzero(used <= _RECOUNTED_UP_TO_PULSES)
+    if len(weak):
+        return f"Leg {weak[0] + 1} rests on {used[weak[0]]} pulses"
+    for leg, tip in zip((0, n_legs - 1), fit.tips, strict=True):
+        first, last = fit.pictures[0].legs[leg].span_px
+        if tip is not None and last - first < _SHORT_PX:
+            return "Light begins or stops within the picture"
+    return ""
+
+
+def _state_from_start(start: Any, setting: Setting) -> PathState:
+    """Vertices and start time to begin from, as the user gave them."""
+    if hasattr(start, "vertices_mm"):
+        return state_of_path(start)
+    vertices = np.asarray(start, dtype=float)
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 2:
+        raise ValueError(
+            f"start must be a LightPath or vertices_mm of shape (m, 3), got {vertices.shape}"
+        )
+    time = setting.source.emission_time_ps
+    if time is None:
+        raise ValueError(
+            "a start given as vertices needs a time: give emission_time_ps of the source (with an "
+            "emission_time_std_ps), or a LightPath as start"
+        )
+    return PathState(vertices, float(time))
+
+
+def _statements_of_path(fit: JointFit, timing: CodeClock | None) -> tuple[str, ...]:
+    """What the result rests on, and what the data leave open."""
+    said = []
+    if timing is None:
+        said.append("The clock is nominal: no timing calibration was given.")
+    if fit.floor_ps > 0:
+        said.append(
+            f"The times scatter about the path by {fit.floor_ps:.2g} ps more than their stated "
+            "errors; the error bars include that."
+        )
+    if not fit.solution.converged:
+        said.append("The fit stopped before it converged: do not trust its errors.")
+    n_free = len(fit.labels)
+    said.extend(statements_from_covariance(fit.solution.covariance[:n_free, :n_free], fit.labels))
+    return tuple(said)

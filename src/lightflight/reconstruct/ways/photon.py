@@ -1,0 +1,98 @@
+"""`photon`: the likelihood of every count, from where `joint` or pooled pixels lead."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from lightflight.errors import CalibrationError, GeometryError, NothingFoundError
+from lightflight.path.light_path import LightPath
+from lightflight.path.tables import RESIDUAL_DTYPE
+from lightflight.reconstruct.fit.joint import JointFit, pulse_std_ps
+from lightflight.reconstruct.fit.membership import Tips
+from lightflight.reconstruct.fit.photon import merged, photon_path
+from lightflight.reconstruct.fit.pooled import pooled_camera, pooled_sighting
+from lightflight.reconstruct.sightings import unwrapped_sighting
+from lightflight.reconstruct.ways.joint import fit_of_request, path_of_fit
+from lightflight.reconstruct.ways.request import Request
+
+_POOLING = (2, 4)
+"""Pixels pooled along each axis where single ones are too dim."""
+
+
+def path_by_photon(request: Request) -> tuple[LightPath, JointFit | None]:
+    """The path by all counts at once.
+
+    Parameters
+    ----------
+    request : Request
+        What is asked.
+
+    Returns
+    -------
+    path : LightPath
+        On some lap of the clock.
+    fit : JointFit or None
+        The fit of single pulses that it set out from; None where none could be fitted alone.
+
+    Raises
+    ------
+    GeometryError
+        Where camera, source and path are in a degenerate position.
+    NothingFoundError
+        Where not even pooled pixels show a path.
+    """
+    # Where no pixel can be fitted alone there is no joint fit that could tell of the tips.
+    tips: Tips = (None, None)
+    fit, shared = None, None
+    try:
+        fit = fit_of_request(request)
+        path, tips = path_of_fit(fit, request), fit.tips
+        shared = fit.solution.shared
+        std_ps = pulse_std_ps(request.sightings)
+    except NothingFoundError:
+        # Only the likelihood of all counts can go on from here; the joint fit rests on single
+        # pulses.
+        if request.start is not None:
+            raise
+        path, std_ps = _pooled_path(request)
+    path = photon_path(
+        request.sightings, request.setting, path, std_ps=std_ps, tips=tips, shared=shared
+    )
+    return path, fit
+
+
+def _pooled_path(request: Request) -> tuple[LightPath, float]:
+    """A rough path where no pixel can be fitted alone, and the pulses' std, ps.
+
+    Pixels are pooled two by two, four by four ... until legs appear.
+
+    Raises
+    ------
+    NothingFoundError
+        Where even the coarsest picture shows no path.
+    """
+    camera = request.setting.camera
+    whole = merged(request.sightings)
+    problem: Exception | None = None
+    for factor in _POOLING:
+        # Four pixels along an axis are the least that a leg is looked for in.
+        if min(camera.shape) // factor < 4:
+            break
+        coarse = replace(request.setting, camera=pooled_camera(camera, factor))
+        try:
+            # Pooled counts lie on their own clock, which must be folded like the recording's own.
+            pooled = [unwrapped_sighting(pooled_sighting(whole, factor), coarse)]
+            asked = replace(request, sightings=pooled, setting=coarse)
+            path = path_of_fit(fit_of_request(asked), asked)
+        except (GeometryError, NothingFoundError, CalibrationError) as found:
+            problem = found
+            continue
+        # Residuals of pooled pixels mean nothing for single ones.
+        rough = replace(path, camera=camera, residuals=np.empty(0, RESIDUAL_DTYPE))
+        return rough, pulse_std_ps(pooled)
+    raise NothingFoundError(
+        "too little light: no pixel can be fitted alone and pooled pixels show no path; record "
+        "longer, or give a starting path (start=)"
+    ) from problem

@@ -1,0 +1,34 @@
+"""Recordings and the histograms they add up to.
+
+- the records: `recording` (`Recording`: frames or photon events), `histograms` (`Histograms`);
+  what both know of the clock: `clock_fields`
+- from one to the other, streamed: `counting` (`histogram`)
+- what a recording is, in numbers and sentences: `description`
+
+Files are read and written one room further up, in `formats`.
+"""
+
+from typing import TYPE_CHECKING
+
+from lightflight._lazy import lazy_names
+
+if TYPE_CHECKING:
+    from lightflight.recording.counting import histogram
+    from lightflight.recording.histograms import Histograms
+    from lightflight.recording.recording import Recording
+
+__all__ = [
+    "Histograms",
+    "Recording",
+    "histogram",
+]
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "Histograms": "lightflight.recording.histograms",
+        "Recording": "lightflight.recording.recording",
+        "histogram": "lightflight.recording.counting",
+    },
+    moved={"read": "lightflight.formats.registry", "write": "lightflight.formats.registry"},
+)

@@ -1,0 +1,192 @@
+"""Histograms: counts per pixel and TDC code, with what is needed to read the codes as times.
+
+Takes recordings (`recording.py`), gives the cube that `timing` fits. This module holds the
+record; building it from frames and events by streaming is `recording.histogram`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight.display import html_from_record
+from lightflight.errors import CalibrationError
+from lightflight.recording.clock_fields import check_clock_fields, clock_fields_of
+
+
+def _checked_counts(counts: ArrayLike, *, poisson: bool) -> NDArray[Any]:
+    """Counts as a read-only array: unsigned integers, or float64 when not Poisson."""
+    cube = np.asarray(counts)
+    if cube.ndim != 3:
+        raise ValueError(
+            f"counts must have shape (rows, cols, codes), got shape {cube.shape}: "
+            "reorder or reshape the axes first"
+        )
+    if 0 in cube.shape:
+        raise ValueError(f"counts is empty: shape {cube.shape}")
+    if cube.dtype.kind not in "uifb":
+        raise TypeError(f"counts must be numbers, got dtype {cube.dtype}")
+    if cube.dtype.kind == "f" and not np.isfinite(cube).all():
+        bad = tuple(int(i) for i in np.argwhere(~np.isfinite(cube))[0])
+        raise ValueError(f"counts[{bad}] is not finite: replace NaN and inf before you go on")
+    if not poisson:
+        out = np.array(cube, dtype=np.float64)
+    else:
+        if cube.dtype.kind in "if" and cube.min() < 0:
+            bad = tuple(int(i) for i in np.argwhere(cube < 0)[0])
+            raise ValueError(
+                f"counts[{bad}] = {cube[bad]} is negative: photon counts cannot be; "
+                "do not subtract a background (it is modelled), or pass poisson=False"
+            )
+        if cube.dtype.kind == "f" and not np.array_equal(cube, np.rint(cube)):
+            bad = tuple(int(i) for i in np.argwhere(cube != np.rint(cube))[0])
+            raise ValueError(
+                f"counts[{bad}] = {cube[bad]} is fractional: photon counts are whole; "
+                "pass poisson=False for scaled intensities"
+            )
+        if cube.dtype.kind == "u":
+            # An array nobody else can write to is taken as it is: cubes may be large.
+            out = cube.copy() if cube.flags.writeable or not cube.flags.owndata else cube
+        else:
+            out = cube.astype(np.uint64 if cube.max() > np.iinfo(np.uint32).max else np.uint32)
+    out.setflags(write=False)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Histograms:
+    """Counts per pixel and TDC code.
+
+    Forward code `k` holds delays [f + k w, f + (k+1) w) after the laser sync; a reversed code
+    (photon starts, sync stops) holds (P - f - (k+1) w, P - f - k w]; both modulo the period P.
+
+    Raises ValueError for a wrong shape, NaN, negative or fractional counts.
+
+    Attributes
+    ----------
+    counts : array, shape (rows, cols, codes)
+        Counts; unsigned and read-only (float64 where not `poisson`).
+    bin_width_ps : float or None
+        Nominal width w of one code, ps. None: unknown, and times stay in codes.
+    laser_period_ps : float or None
+        Period P of the laser, ps. None: one sweep, nothing folds.
+    n_frames : int or None
+        Frames that were histogrammed; each gives at most one photon per pixel.
+    periods_per_frame : int or None
+        Laser periods in one frame (PF32 of the paper: 4,000).
+    reversed_codes : bool
+        True where a larger code is an earlier photon (reverse start-stop).
+    first_edge_ps : float
+        f: start of code 0 after the sync (reversed: before the next sync), ps.
+    no_photon_code : int or None
+        Code that means "no photon in this frame" (PF32: 0); it is excluded everywhere.
+    poisson : bool
+        False: scaled intensities (streak cubes); least squares with sandwich errors.
+    truth : object
+        What made the recording, where a simulator knows it.
+    settings : mapping of str
+        Unknown metadata carried along (temperature, exposure, file of origin ...).
+    """
+
+    counts: NDArray[Any]
+
+    bin_width_ps: float | None = field(default=None, kw_only=True)
+
+    laser_period_ps: float | None = field(default=None, kw_only=True)
+
+    n_frames: int | None = field(default=None, kw_only=True)
+
+    periods_per_frame: int | None = field(default=None, kw_only=True)
+
+    reversed_codes: bool = field(default=False, kw_only=True)
+
+    first_edge_ps: float = field(default=0.0, kw_only=True)
+
+    no_photon_code: int | None = field(default=None, kw_only=True)
+
+    poisson: bool = field(default=True, kw_only=True)
+
+    truth: Any = field(default=None, kw_only=True, repr=False)
+
+    settings: Mapping[str, Any] = field(default_factory=dict, kw_only=True, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "counts", _checked_counts(self.counts, poisson=self.poisson))
+        check_clock_fields(clock_fields_of(self), n_codes=self.n_codes)
+
+    _repr_html_ = html_from_record
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols)."""
+        return self.counts.shape[0], self.counts.shape[1]
+
+    @property
+    def n_codes(self) -> int:
+        """Number of TDC codes."""
+        return int(self.counts.shape[2])
+
+    @property
+    def photon_codes(self) -> NDArray[np.bool_]:
+        """(codes,), True for every code that can mean a photon."""
+        codes = np.ones(self.n_codes, dtype=bool)
+        if self.no_photon_code is not None:
+            codes[self.no_photon_code] = False
+        return codes
+
+    @property
+    def photons(self) -> NDArray[Any]:
+        """(rows, cols), counts in all codes that mean a photon."""
+        kind = np.uint64 if self.poisson else np.float64
+        total: NDArray[Any] = self.counts.sum(axis=2, dtype=kind)
+        if self.no_photon_code is not None:
+            # All codes less one: no copy of the cube without it is made.
+            total = total - self.counts[..., self.no_photon_code].astype(kind)
+        return total
+
+    @property
+    def occupancy(self) -> NDArray[np.float64] | None:
+        """(rows, cols), photons per frame; None where the number of frames is unknown."""
+        return None if self.n_frames is None else self.photons / float(self.n_frames)
+
+    def code_intervals_ps(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Nominal delay interval of each code.
+
+        The intervals are not folded: those of a reversed clock may be negative and stand for the
+        same delay plus one period. The no-photon code has zero width.
+
+        Returns
+        -------
+        lower, upper : array of float, shape (codes,)
+            ps after the sync.
+
+        Raises
+        ------
+        CalibrationError
+            Where the width of a code is unknown.
+
+        Examples
+        --------
+        >>> hist = Histograms(np.ones((1, 1, 3), np.uint16), bin_width_ps=50.0, first_edge_ps=10.0)
+        >>> hist.code_intervals_ps()
+        (array([ 10.,  60., 110.]), array([ 60., 110., 160.]))
+        """
+        if self.bin_width_ps is None:
+            raise CalibrationError(
+                "the time per bin of this recording is unknown: give bin_width_ps for times in ps"
+            )
+        code = np.arange(self.n_codes + 1, dtype=np.float64)
+        edges = self.first_edge_ps + code * self.bin_width_ps
+        if self.reversed_codes:
+            assert self.laser_period_ps is not None
+            edges = self.laser_period_ps - edges
+            lower, upper = edges[1:].copy(), edges[:-1].copy()
+        else:
+            lower, upper = edges[:-1].copy(), edges[1:].copy()
+        if self.no_photon_code is not None:
+            upper[self.no_photon_code] = lower[self.no_photon_code]
+        return lower, upper

@@ -1,0 +1,401 @@
+"""The repeating pattern of code widths: its length, each pixel's widths, what all share.
+
+Used by `code_density`, on counts with pixels along the first axis. Levels are counts per
+plateau code; widths are relative to the plateau code of the pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_LONGEST_PATTERN = 64
+_SMOOTH_DEGREE = 4
+_BLOCK = 2048
+
+Counts = NDArray[np.unsignedinteger]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Plateau:
+    """Codes from `start` to `stop` are all alike; they decide flux and pattern.
+
+    Attributes
+    ----------
+    first_live : int
+        First code that is not dead.
+    start : int
+        First code after those that may take up the dead ones' time.
+    stop : int
+        First code that the end of the period may disturb.
+    fall : int
+        First code that may lie beyond the end of the period in some pixel.
+    end_seen : bool
+        False where codes stop before the period does.
+    """
+
+    first_live: int
+
+    start: int
+
+    stop: int
+
+    fall: int
+
+    end_seen: bool
+
+    @property
+    def codes(self) -> NDArray[np.intp]:
+        """The codes of the plateau."""
+        return np.arange(self.start, self.stop)
+
+
+def find_pattern_length(counts: Counts, *, start: int, stop: int) -> int:
+    """Length of the repeating pattern of code widths, 1 where there is none.
+
+    For each length n, chi-square of the counts summed by (code modulo n), beyond its
+    expectation, over pixels, and over the array's sum (which sees patterns that all pixels
+    share in recordings too short for one pixel). The length with the largest excess, less ten
+    times its noise, wins: multiples of the true length explain no more and cost more.
+
+    Parameters
+    ----------
+    counts : array of unsigned int, shape (n, codes)
+        Of usable pixels.
+    start, stop : int
+        Range of codes to look at.
+
+    Returns
+    -------
+    int
+        Codes after which the widths repeat, at most 64.
+    """
+    # A thousand pixels tell the length as well as all of them, and sooner.
+    sample = counts[:: max(1, len(counts) // 1024), start:stop].astype(np.float64)
+    summed = counts[:, start:stop].sum(axis=0, dtype=np.float64)[None]
+    lengths = np.arange(2, min(_LONGEST_PATTERN, (stop - start) // 8) + 1)
+    for table in (sample, summed):
+        gains = [_pattern_excess(table, int(n)) for n in lengths]
+        best = int(np.argmax(gains)) if gains else 0
+        if gains and gains[best] > 0:
+            return int(lengths[best])
+    return 1
+
+
+def _pattern_excess(table: Floats, n_phases: int) -> float:
+    """Chi-square that a pattern of this length explains, less chance and ten times its noise."""
+    n_pixels = len(table)
+    flux = table.mean(axis=1)
+    chi2 = 0.0
+    for phase in range(n_phases):
+        part = table[:, phase::n_phases]
+        expected = flux * part.shape[1]
+        chi2 += float(np.sum((part.sum(axis=1) - expected) ** 2 / np.maximum(expected, 1e-9)))
+    dof = n_pixels * (n_phases - 1)
+    return float(chi2 - dof - 10.0 * np.sqrt(2.0 * dof))
+
+
+@dataclass(frozen=True)
+class CodePattern:
+    """Shared and per-pixel parts of the structured model, pixels along the first axis.
+
+    Attributes
+    ----------
+    flux : array of float, shape (n,)
+        Counts in a plateau code.
+    raw_phases : array of float, shape (n, n_phases)
+        Each pixel's own relative widths.
+    phases : array of float, shape (n, n_phases)
+        The same drawn towards the array's mean as far as their noise demands.
+    phase_std : array of float, shape (n, n_phases)
+        Standard error of `phases`.
+    phase_spread : float
+        True spread (rms) of `raw_phases` between pixels, the noise taken off.
+    regular : array of float, shape (codes,)
+        Shared relative widths without dead and first live codes' own.
+    widths : array of float, shape (codes,)
+        Shared relative widths; 0 for dead codes.
+    start_excess : float
+        Free widths only: time of the first live codes beyond that of as many plateau codes.
+    """
+
+    flux: Floats
+
+    raw_phases: Floats
+
+    phases: Floats
+
+    phase_std: Floats
+
+    phase_spread: float
+
+    regular: Floats
+
+    widths: Floats
+
+    start_excess: float = 0.0
+
+
+def fit_pattern(
+    counts: Counts, good: NDArray[np.bool_], plateau: Plateau, n_phases: int
+) -> CodePattern:
+    """Phases per pixel and shared widths, in turn until they agree (each step is convex).
+
+    Parameters
+    ----------
+    counts : array of unsigned int, shape (n, codes)
+        Counts of each pixel.
+    good : array of bool, shape (n,)
+        Usable pixels: they decide what all share.
+    plateau : Plateau
+        Where the codes are all alike.
+    n_phases : int
+        Length of the pattern, codes.
+
+    Returns
+    -------
+    CodePattern
+        Flux and phases of each pixel, widths that all share.
+    """
+    n_codes = counts.shape[1]
+    summed = counts[good].sum(axis=0, dtype=np.float64)
+    phase_of_code = np.arange(n_codes) % n_phases
+    regular, widths = np.ones(n_codes), np.ones(n_codes)
+    phase_counts = np.stack(
+        [
+            counts[:, k : plateau.stop : n_phases].sum(axis=1, dtype=np.float64)
+            for k in range(plateau.start, plateau.start + n_phases)
+        ],
+        axis=1,
+    )
+    # Phases are counted from code 0, wherever the plateau begins.
+    phase_counts = np.roll(phase_counts, plateau.start % n_phases, axis=1)
+    for _ in range(4):
+        time = np.bincount(
+            phase_of_code[plateau.codes], weights=widths[plateau.codes], minlength=n_phases
+        )
+        level = phase_counts / time
+        regular, widths = _shared_widths(summed, level[good].sum(axis=0)[phase_of_code], plateau)
+    flux = level.mean(axis=1)
+    safe = np.maximum(flux, 1e-12)[:, None]
+    raw = level / safe
+    std = np.sqrt(np.maximum(phase_counts, 1.0)) / time / safe
+    # Each is divided by the mean of all, its own noise among them: hence more than std^2.
+    variance = std**2 * (1.0 - 2.0 * raw / n_phases) + (raw / n_phases) ** 2 * np.sum(
+        std**2, axis=1, keepdims=True
+    )
+    phases, phase_std, spread = drawn_to_mean(raw, np.sqrt(variance), good)
+    mean = phases.mean(axis=1, keepdims=True)
+    # All counts over all time: drawn phases lend the flux their smaller noise.
+    flux = phase_counts.sum(axis=1) / np.maximum((phases / mean) @ time, 1e-12)
+    return CodePattern(flux, raw, phases / mean, phase_std, spread, regular, widths)
+
+
+def fit_free_widths(
+    counts: Counts, good: NDArray[np.bool_], plateau: Plateau, n_phases: int
+) -> CodePattern:
+    """Every code of every pixel by itself.
+
+    Parameters
+    ----------
+    counts : array of unsigned int, shape (n, codes)
+        Counts of each pixel.
+    good : array of bool, shape (n,)
+        Usable pixels.
+    plateau : Plateau
+        Where the codes are all alike.
+    n_phases : int
+        Number of codes: the pattern is as long as the clock.
+
+    Returns
+    -------
+    CodePattern
+        `raw_phases` and `phases` are the same: nothing is drawn to the mean.
+    """
+    flux = counts[:, plateau.start : plateau.stop].mean(axis=1, dtype=np.float64)
+    safe = np.maximum(flux, 1e-12)[:, None]
+    raw = counts / safe
+    std = np.sqrt(np.maximum(counts, 1.0)) / safe
+    spread = float(np.sqrt(np.mean(np.var(raw[good][:, plateau.codes], axis=0))))
+    regular = np.ones(n_phases)
+    widths = np.where(np.arange(n_phases) < plateau.first_live, 0.0, 1.0)
+    excess = raw[good][:, plateau.first_live : plateau.start].mean(axis=0) - 1.0
+    # Only an unbroken run from the first live code on can hold the dead ones' time.
+    wide = np.cumprod(excess > 0.05).astype(bool)
+    return CodePattern(flux, raw, raw, std, spread, regular, widths, float(excess[wide].sum()))
+
+
+def _shared_widths(summed: Floats, expected: Floats, plateau: Plateau) -> tuple[Floats, Floats]:
+    """Widths that all pixels share, from the counts of the whole array: regular, and all.
+
+    A Legendre series in the code, as many terms as the counts demand, is the regular part; the
+    first live codes, and single codes that stand out, have a width of their own. Where more
+    than a tenth of all codes stands out, every code has.
+    """
+    code = np.arange(len(summed))
+    place = 2.0 * (code - plateau.start) / (plateau.stop - 1 - plateau.start) - 1.0
+    plain = (code >= plateau.start) & (code < plateau.stop)
+    regular = _smooth_widths(summed, expected, place, plain)
+    for _ in range(2):
+        ratio = summed / np.maximum(expected * regular, 1e-9)
+        z = (ratio - 1.0) * np.sqrt(np.maximum(expected * regular, 1e-9))
+        # Significant and large: with enough counts every code is significantly odd.
+        odd = (np.abs(z) > 6.0) & (np.abs(ratio - 1.0) > 0.005)
+        inside = (code >= plateau.start) & (code < plateau.stop)
+        if np.mean(odd[inside]) > 0.1:
+            odd[inside] = True
+            break
+        plain = inside & ~odd
+        regular = _smooth_widths(summed, expected, place, plain)
+    widths = regular.copy()
+    widths[inside & odd] *= ratio[inside & odd]
+    for k in range(plateau.first_live, plateau.start):
+        if not odd[k]:
+            break
+        widths[k] = summed[k] / expected[k]
+    widths[: plateau.first_live] = 0.0
+    scale = np.sum(expected[inside] * widths[inside]) / np.sum(expected[inside])
+    return regular / scale, widths / scale
+
+
+def _smooth_widths(
+    summed: Floats, expected: Floats, place: Floats, plain: NDArray[np.bool_]
+) -> Floats:
+    """exp(Legendre series) fitted to summed / expected by Poisson likelihood (Newton steps).
+
+    A term stays if it lowers the deviance by more than 16 (one in 16,000 by chance).
+    """
+    best = np.full(len(summed), summed[plain].sum() / expected[plain].sum())
+    best_deviance = _deviance(summed[plain], (expected * best)[plain])
+    for degree in range(1, _SMOOTH_DEGREE + 1):
+        basis = np.polynomial.legendre.legvander(place, degree)
+        coefficients = np.zeros(degree + 1)
+        coefficients[0] = np.log(summed[plain].sum() / expected[plain].sum())
+        for _ in range(6):
+            mean = expected[plain] * np.exp(basis[plain] @ coefficients)
+            gradient = basis[plain].T @ (summed[plain] - mean)
+            hessian = (basis[plain].T * mean) @ basis[plain]
+            coefficients = coefficients + np.linalg.solve(hessian, gradient)
+        trial = np.exp(basis @ coefficients)
+        deviance = _deviance(summed[plain], (expected * trial)[plain])
+        if deviance < best_deviance - 16.0:
+            best, best_deviance = trial, deviance
+    return best
+
+
+def _deviance(observed: Floats, mean: Floats) -> float:
+    """Twice the log-likelihood ratio of Poisson counts to a perfect fit."""
+    filled = observed > 0
+    terms = mean - observed
+    terms[filled] += observed[filled] * np.log(observed[filled] / mean[filled])
+    return 2.0 * float(terms.sum())
+
+
+def drawn_to_mean(
+    value: Floats, std: Floats, good: NDArray[np.bool_]
+) -> tuple[Floats, Floats, float]:
+    """Draw noisy per-pixel values towards the array's mean: (values, errors, true spread).
+
+    Best linear prediction with the spread taken from the array itself: a value keeps the part
+    spread^2 / (spread^2 + std^2) of its distance from the mean. With fewer than 8 usable pixels
+    nothing is known of the spread, and values stay as they are.
+
+    Parameters
+    ----------
+    value, std : array of float, shape (n, k)
+    good : array of bool, shape (n,)
+        Pixels that define mean and spread.
+
+    Returns
+    -------
+    value : array of float, shape (n, k)
+        The values drawn to the mean.
+    std : array of float, shape (n, k)
+        Their standard errors.
+    spread : float
+        True spread (rms) between pixels.
+    """
+    weight = 1.0 / np.maximum(std[good], 1e-12) ** 2
+    if np.count_nonzero(good) < 8:
+        spread2 = float(np.mean(np.var(value[good], axis=0)))
+        return value, std, float(np.sqrt(spread2))
+    mean = np.sum(weight * value[good], axis=0) / weight.sum(axis=0)
+    for _ in range(3):
+        residual2 = (value[good] - mean) ** 2 - std[good] ** 2
+        # Noisy pixels say little of the spread: a squared residual's variance goes with std^4.
+        trust = 1.0 / (std[good] ** 2 + max(1e-12, float(np.mean(std[good] ** 2)))) ** 2
+        spread2 = max(0.0, float(np.sum(trust * residual2) / np.sum(trust)))
+        weight = 1.0 / (std[good] ** 2 + spread2 + 1e-30)
+        mean = np.sum(weight * value[good], axis=0) / weight.sum(axis=0)
+    kept = spread2 / (spread2 + std**2 + 1e-30)
+    mean_variance = 1.0 / weight.sum(axis=0)
+    variance = kept * std**2 + (1.0 - kept) ** 2 * mean_variance
+    return mean + kept * (value - mean), np.sqrt(variance), float(np.sqrt(spread2))
+
+
+def pattern_goodness(
+    counts: Counts,
+    model: CodePattern,
+    good: NDArray[np.bool_],
+    plateau: Plateau,
+) -> tuple[Floats, Floats, Floats]:
+    """Pearson's chi-square of the plateau, its z-score, and the rms misfit: (n,) each.
+
+    Parameters
+    ----------
+    counts : array of unsigned int, shape (n, codes)
+        Counts of each pixel.
+    model : CodePattern
+        What `fit_pattern` or `fit_free_widths` makes of them.
+    good : array of bool, shape (n,)
+        Usable pixels.
+    plateau : Plateau
+        The codes that are asked.
+
+    Returns
+    -------
+    chi2 : array of float, shape (n,)
+        Sum of (counts - mean)^2 / mean over the plateau.
+    z_score : array of float, shape (n,)
+        (chi2 - dof) over its standard deviation, sqrt(2 dof + sum 1 / mean).
+    misfit_std : array of float, shape (n,)
+        Relative width (rms) that the model leaves out; 0 where chance explains it.
+    """
+    n_phases = model.phases.shape[1]
+    dof = plateau.stop - plateau.start - n_phases
+    chi2, total, inverse = (np.zeros(len(counts)) for _ in range(3))
+    if dof <= 0:
+        return chi2, np.zeros(len(counts)), np.zeros(len(counts))
+    for block in pixel_blocks(len(counts)):
+        mean = model.raw_phases[block][:, plateau.codes % n_phases] * model.widths[plateau.codes]
+        mean = np.maximum(mean * model.flux[block][:, None], 1e-9)
+        chi2[block] = np.sum((counts[block][:, plateau.codes] - mean) ** 2 / mean, axis=1)
+        total[block], inverse[block] = mean.sum(axis=1), np.minimum(1.0 / mean, 1.0).sum(axis=1)
+    noise2 = 2.0 * dof + inverse
+    z_score = (chi2 - dof) / np.sqrt(noise2)
+    excess = chi2 - dof
+    misfit2 = np.where(z_score > 5.0, excess / np.maximum(total, 1.0), 0.0)
+    if excess[good].sum() > 5.0 * np.sqrt(noise2[good].sum()):
+        misfit2 = np.maximum(misfit2, excess[good].sum() / total[good].sum())
+    return chi2, z_score, np.sqrt(np.maximum(misfit2, 0.0))
+
+
+def pixel_blocks(n_pixels: int) -> Iterator[slice]:
+    """Ranges of pixels small enough to work on at once.
+
+    Parameters
+    ----------
+    n_pixels : int
+        Pixels in all.
+
+    Yields
+    ------
+    slice
+        The next few of them.
+    """
+    for start in range(0, n_pixels, _BLOCK):
+        yield slice(start, min(start + _BLOCK, n_pixels))

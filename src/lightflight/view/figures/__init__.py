@@ -1,0 +1,1 @@
+"""Figures: each takes records and Axes, or makes a Figure and returns it."""

@@ -1,0 +1,1 @@
+"""Films: a flight by both clocks, or the recording itself."""

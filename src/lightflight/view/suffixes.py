@@ -1,0 +1,9 @@
+"""What the names of films and exports may end in; here, where asking for it loads nothing."""
+
+from __future__ import annotations
+
+EXPORT_SUFFIXES = (".csv", ".parquet", ".mat", ".vtu", ".glb")
+"""Formats a path can be exported to."""
+
+MOVIE_SUFFIXES = (".mp4", ".gif")
+"""Formats of films."""
