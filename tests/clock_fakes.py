@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from lightflight.histogram import Histograms
+from lightflight.recording.histograms import Histograms
 
 PERIOD_PS = 50_000.0
 PF32_PATTERN = (1.036, 0.922, 0.990, 1.096, 0.968, 0.982, 0.936, 1.069)

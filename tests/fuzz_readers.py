@@ -146,7 +146,7 @@ def seeds(folder: Path) -> list[Seed]:
 
 def _seeds_of_other_records(folder: Path) -> list[Seed]:
     """What is read beside recordings: calibrations, paths, pulses, tables of points."""
-    from lightflight.store import save_record
+    from lightflight.files.store import save_record
 
     released = Path(__file__).parent / "data"
     pulses = {"row": np.arange(5, dtype=np.int32), "delay_ps": np.linspace(0, 9, 5)}
@@ -368,7 +368,7 @@ def _serve() -> None:
     import resource
     import warnings
 
-    from lightflight import filecheck
+    from lightflight.files import filecheck
     from lightflight.formats import isolation
 
     # What readers may take is told to them, and kept track of.
@@ -415,7 +415,7 @@ def _read(path: str, hints: Mapping[str, Any], reads: str) -> Any:
             found = lf.LightPath.load(path, try_newer=True)
             return found.sample(20), [leg.angle_deg for leg in found.legs]
         case "table":
-            from lightflight.store import load_record
+            from lightflight.files.store import load_record
 
             return load_record(path, kind="pulses")
         case "points":

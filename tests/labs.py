@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from lightflight.camera import Camera
+from lightflight.camera.model import Camera
 from lightflight.flight import Source
-from lightflight.histogram import Histograms
-from lightflight.timing.calibration import TimingCalibration
+from lightflight.recording.histograms import Histograms
+from lightflight.timing.clock.calibration import TimingCalibration
 from tests.oracles.brute_force import BruteClock, BruteScene, camera_over_plane, expected_counts
 from tests.path_fakes import PAPER_VERTICES, Truth, truth_of
 

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from lightflight.camera import Camera
+from lightflight.camera.model import Camera
 from lightflight.flight import Medium, Source
-from lightflight.path import Goodness, LightPath
+from lightflight.path.light_path import LightPath
+from lightflight.path.tables import Goodness
 
 PAPER_VERTICES = np.array([(0, 0, 0), (375, 25, 50), (0, 50, 10), (375, 75, 50)], dtype=float)
 PAPER_CAMERA = Camera.facing_plane((32, 32), center_mm=(187.5, 37.5))

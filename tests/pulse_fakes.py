@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
-from lightflight.histogram import Histograms
+from lightflight.recording.histograms import Histograms
 
 WIDTH = 55.0
 STD = 70.0

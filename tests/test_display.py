@@ -17,7 +17,7 @@ import pytest
 import lightflight as lf
 from lightflight import flags as fl
 from lightflight.display import html_from_record, number, png_from_image, with_error
-from lightflight.timing.arrivals import arrivals_from_pulses
+from lightflight.timing.pulses.arrivals import arrivals_from_pulses
 from tests.view import fakes
 
 

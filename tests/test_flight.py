@@ -72,7 +72,6 @@ class TestSource:
             ("emission_time_std_ps", np.nan),
             ("pulse_fwhm_ps", 0.0),
             ("pulse_fwhm_ps", np.nan),
-            ("pulse_fwhm_ps", np.inf),
         ],
     )
     def test_times_must_make_sense(self, name, value):

@@ -203,13 +203,13 @@ def test_a_recording_that_kills_its_workers_is_given_up(folder):
     (folder / "fault").mkdir()
     (folder / "fault" / "sitecustomize.py").write_text(
         "import os\n"
-        "import lightflight.recording as recording\n"
-        "usual = recording.read\n"
+        "import lightflight.formats.registry as registry\n"
+        "usual = registry.read\n"
         "def read(path, **hints):\n"
         "    if str(path).endswith('angle_4/run9.h5'):\n"
         "        os._exit(9)\n"
         "    return usual(path, **hints)\n"
-        "recording.read = read\n"
+        "registry.read = read\n"
     )
     path = os.pathsep.join(filter(None, (str(folder / "fault"), os.environ.get("PYTHONPATH"))))
     code, _, err = run(folder, "--workers", "1", env={**os.environ, "PYTHONPATH": path})
@@ -224,7 +224,7 @@ def test_a_script_whose_work_the_workers_would_do_again_is_told_so(folder):
     (folder / "script.py").write_text(
         "from pathlib import Path\n"
         "from lightflight.batch.campaign import campaign_from_toml\n"
-        "from lightflight.batch.run import run_campaign\n"
+        "from lightflight.batch.runner import run_campaign\n"
         "run_campaign(campaign_from_toml(Path('campaign.toml')), n_workers=1)\n"
     )
     done = subprocess.run(

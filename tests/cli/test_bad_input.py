@@ -14,7 +14,7 @@ import pytest
 
 import lightflight as lf
 from lightflight import errors
-from lightflight.cli._errors import EXIT_CODES, one_line, sentence_and_code
+from lightflight.cli.errors import EXIT_CODES, one_line, sentence_and_code
 
 
 def assert_refused(done, code, *words):

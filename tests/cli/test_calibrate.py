@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import lightflight as lf
-from lightflight.lab import lab_from_toml
+from lightflight.lab.lab import lab_from_toml
 from lightflight.simulate import paper_scene, pf32
 
 FLAT_PS = 5600.0
@@ -191,8 +191,8 @@ def test_a_camera_from_the_real_map_of_a_pf32(run, data_dir, tmp_path):
 
 def test_a_camera_from_pictures_of_a_board(run, tmp_path):
     cv2 = pytest.importorskip("cv2")
-    from lightflight.camera import rotation_from_vector
-    from tests.test_camera_calibration import board_picture
+    from lightflight.camera.model import rotation_from_vector
+    from tests.camera.test_calibration import board_picture
 
     matrix = np.array([[300.0, 0, 162.0], [0, 300.0, 117.0], [0, 0, 1.0]])
     files = []

@@ -221,6 +221,17 @@ def test_demo_compares_with_the_paper(run, tmp_path):
     assert "calibrating the clock" in done.stderr
 
 
+@pytest.mark.parametrize(
+    "words", [(), ("fig5a", "--quick"), ("table", "--json", "--seed", 3, "-o", "somewhere")]
+)
+def test_paper_says_where_its_experiments_went(run, words):
+    done = run("paper", *words)
+    assert done.exit_code == 2
+    assert done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    assert "`make paper` in a checkout" in line
+
+
 def test_versions_names_what_a_bug_report_needs(run):
     done = run("versions")
     for word in ("lightflight", "python", "numpy", "numba"):

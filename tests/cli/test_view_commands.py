@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from lightflight.path import LightPath
+from lightflight.path.light_path import LightPath
 from tests.view import fakes
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from lightflight.reconstruct.estimators import ESTIMATORS
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
@@ -63,6 +65,12 @@ def test_tables_of_the_limits_page_are_written_by_their_tool(monkeypatch):
     ]
     assert lines["steep"][2] == "| \u221280° | 0.12° | 1.06 | 1.06 | 0.98 | 1.06 |"
     assert lines["coverage"][2] == "| perfect | 1,000 | 68.1 / 95.4 | 68.1 / 95.4 | 68.1 / 95.4 |"
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda estimator: estimator.name)
+def test_every_estimator_stands_in_the_table_of_estimators(estimator):
+    page = (REPOSITORY / "docs" / "how-to" / "choose-estimator.md").read_text("utf-8")
+    assert f"\n| `{estimator.name}` | {estimator.summary} | " in page
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])

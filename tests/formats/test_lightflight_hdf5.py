@@ -12,8 +12,8 @@ import pytest
 
 import lightflight as lf
 from lightflight.errors import FileFormatError
-from lightflight.recording import CLOCK_FIELDS
-from lightflight.store import load_record
+from lightflight.files.store import load_record
+from lightflight.recording.clock_fields import CLOCK_FIELDS
 
 read: Any = lf.read
 
@@ -149,7 +149,7 @@ def test_an_empty_recording_comes_back(tmp_path):
 
 
 def test_other_kinds_and_damage_are_refused(tmp_path, rng):
-    from lightflight.store import save_record
+    from lightflight.files.store import save_record
 
     save_record(tmp_path / "p.h5", kind="path", arrays={}, attributes={})
     with pytest.raises(FileFormatError, match="holds a path, no recording"):

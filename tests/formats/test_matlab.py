@@ -177,7 +177,7 @@ def test_sizes_that_contradict_the_content(tmp_path, shape):
 def test_a_compressed_bomb_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
     packed = zlib.compress(_matrix((64, 64, 4096), bytes(1 << 24)))
     path = _file(tmp_path / "x.mat", struct.pack("<II", 15, len(packed)) + packed)
-    monkeypatch.setattr("lightflight.filecheck.free_memory_bytes", lambda: 1 << 20)
+    monkeypatch.setattr("lightflight.files.filecheck.free_memory_bytes", lambda: 1 << 20)
     with pytest.raises(FileFormatError, match=r"needs 0.0168 GB of memory"):
         read(path, axes="yxt")
 

@@ -199,7 +199,7 @@ def test_a_zip_bomb_is_refused_before_it_is_opened(tmp_path, monkeypatch):
     np.save(buffer, np.zeros((64, 64, 1024), np.uint8))
     with zipfile.ZipFile(tmp_path / "x.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("hist.npy", buffer.getvalue())
-    monkeypatch.setattr("lightflight.filecheck.free_memory_bytes", lambda: 1 << 20)
+    monkeypatch.setattr("lightflight.files.filecheck.free_memory_bytes", lambda: 1 << 20)
     with pytest.raises(FileFormatError, match=r"needs 0.00419 GB of memory"):
         read(tmp_path / "x.npz", axes="yxt")
 

@@ -157,7 +157,7 @@ def test_an_installed_plug_in_package_is_found(tmp_path):
             """
             import numpy as np
             from lightflight.formats.registry import Format
-            from lightflight.histogram import Histograms
+            from lightflight.recording.histograms import Histograms
 
             def read(path, clock, *, brightness=1):
                 return Histograms(np.full((2, 3, 4), brightness), **clock)

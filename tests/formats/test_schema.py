@@ -12,8 +12,8 @@ import pytest
 
 import lightflight as lf
 from lightflight.errors import FileFormatError
+from lightflight.files.store import SCHEMA_VERSION, load_record, save_record
 from lightflight.formats.schema import check_arrays, file_schema
-from lightflight.store import SCHEMA_VERSION, load_record, save_record
 from tools.make_schema_files import (
     CLOCK,
     SETTINGS,

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lightflight.camera import Camera
+from lightflight.camera.model import Camera
 from lightflight.flight import Medium, Source
-from lightflight.reconstruct.geometry import PathState, footprints
+from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.simulate import Detector, Scene, simulate
 from lightflight.simulate.light import expected_light, segments_from_scene
 from tests.oracles.brute_force import (

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from lightflight.camera import Camera, rotation_from_vector
+from lightflight.camera.model import Camera, rotation_from_vector
 from lightflight.flight import Medium
-from lightflight.reconstruct.geometry import PathState
-from lightflight.timing.arrivals import Arrivals
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.timing.pulses.arrivals import Arrivals
 from tests.path_fakes import vertex_times
 
 C = 0.299792458

@@ -9,12 +9,12 @@ import pytest
 from scipy.stats import exponnorm
 
 from lightflight._kernels.photon_score import photon_score
-from lightflight.camera import Camera, rotation_from_vector
+from lightflight.camera.model import Camera, rotation_from_vector
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
-from lightflight.reconstruct.cramer_rao import Bounds, bounds
+from lightflight.reconstruct.limits.bounds import Bounds, bounds
 from lightflight.simulate.presets import ideal, paper_scene
-from lightflight.timing.response import Response
+from lightflight.timing.clock.response import Response
 from tests.path_fakes import PAPER_VERTICES
 from tests.reconstruct.fakes import PAPER
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lightflight.reconstruct.curves import kink_place
+from lightflight.reconstruct.legs.curves import kink_place
 
 S = np.arange(-15.0, 16.0)
 N_RUNS = 400

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lightflight.reconstruct._footing import Corners, footing
+from lightflight.reconstruct.model.footing import Corners, footing
 
 SPOT_PX = 0.32
 N = 12

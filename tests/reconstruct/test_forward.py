@@ -9,9 +9,9 @@ import pytest
 from scipy.interpolate import BSpline
 from scipy.special import ndtr
 
-from lightflight.camera import Camera
+from lightflight.camera.model import Camera
 from lightflight.flight import Medium
-from lightflight.reconstruct.forward import (
+from lightflight.reconstruct.model.forward import (
     CodeCounts,
     Layout,
     Light,
@@ -22,9 +22,9 @@ from lightflight.reconstruct.forward import (
     local_variables,
     moved_light,
 )
-from lightflight.reconstruct.geometry import PathState
-from lightflight.reconstruct.legs import undistorted_px
-from lightflight.reconstruct.picture import leg_in_picture
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.picture import leg_in_picture
 
 CAMERA = Camera.facing_plane((12, 16), distance_mm=535.0, field_of_view_mm=(122.5, 91.9))
 AIR = Medium()

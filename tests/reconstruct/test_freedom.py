@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lightflight.camera import Camera
+from lightflight.camera.model import Camera
 from lightflight.flight import Source
-from lightflight.reconstruct.freedom import (
+from lightflight.reconstruct.fit.result import prior_in_words
+from lightflight.reconstruct.fit.statements import statements_from_covariance
+from lightflight.reconstruct.model.freedom import (
     checked_waypoints,
     end_in_picture,
     freedom_of_path,
     state_vector,
     view_end,
 )
-from lightflight.reconstruct.geometry import PathState
-from lightflight.reconstruct.result import prior_in_words
-from lightflight.reconstruct.statements import statements_from_covariance
+from lightflight.reconstruct.model.geometry import PathState
 from tests.path_fakes import PAPER_VERTICES
 from tests.reconstruct.fakes import camera_like
 

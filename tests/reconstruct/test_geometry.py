@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lightflight.camera import Camera
+from lightflight.camera.model import Camera
 from lightflight.flight import Medium
-from lightflight.reconstruct.geometry import (
+from lightflight.reconstruct.model.geometry import (
     PathState,
     arrival_jacobian,
     footprints,
@@ -16,7 +16,7 @@ from lightflight.reconstruct.geometry import (
     travelled_jacobian,
     vertex_time_jacobian,
 )
-from lightflight.reconstruct.legs import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
 from tests.reconstruct.fakes import C, camera_like, path_in_view
 
 MEDIA = [Medium(), Medium(1.47, 1.00027), Medium(1.0, 1.33)]

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lightflight.reconstruct.lateral import KNOT_SPACING_PX, LineData, LineFit, fit_lines
+from lightflight.reconstruct.model.lateral import LineData, LineFit, fit_lines
+from lightflight.reconstruct.model.strength import KNOT_SPACING_PX
 
 LENGTH_PX = 30.0
 

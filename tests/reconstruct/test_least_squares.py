@@ -7,20 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lightflight.camera import Camera
+from lightflight.camera.model import Camera
 from lightflight.flight import Medium, Source
-from lightflight.reconstruct.ends import freedom_at
-from lightflight.reconstruct.freedom import Freedom, freedom_of_path
-from lightflight.reconstruct.geometry import PathState, footprints, overshoots
-from lightflight.reconstruct.least_squares import (
-    LineDataInPicture,
-    Solution,
-    TimeData,
-    reweighted,
-    solve,
-)
-from lightflight.reconstruct.legs import mean_focal_px
-from lightflight.reconstruct.setting import Setting
+from lightflight.reconstruct.fit.ends import freedom_at
+from lightflight.reconstruct.fit.least_squares import Solution, TimeData, fit_path, reweighted
+from lightflight.reconstruct.model.freedom import Freedom, freedom_of_path
+from lightflight.reconstruct.model.geometry import PathState, footprints, overshoots
+from lightflight.reconstruct.model.image_plane import mean_focal_px
+from lightflight.reconstruct.model.picture import LineDataInPicture
+from lightflight.reconstruct.model.setting import Setting
 from tests.path_fakes import PAPER_VERTICES
 from tests.reconstruct.fakes import PAPER, camera_like, path_in_view
 
@@ -94,7 +89,7 @@ def freedom_for(source: Source, state: PathState = TRUE, camera: Camera = PAPER)
 
 
 def solved(times, lines, freedom, *, start=TRUE, camera=PAPER, medium=AIR, floor=0.0) -> Solution:
-    return solve(
+    return fit_path(
         start,
         times,
         lines,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lightflight import flags
-from lightflight.camera import Camera
+from lightflight.camera.model import Camera
 from lightflight.errors import GeometryError
 from lightflight.flight import (
     Medium,
@@ -17,13 +17,13 @@ from lightflight.flight import (
     arrival_time_from_propagation_time,
     propagation_time_from_projection,
 )
-from lightflight.histogram import Histograms
-from lightflight.path_error import path_error
-from lightflight.reconstruct.legs import find_legs
-from lightflight.reconstruct.observation import Observation
-from lightflight.reconstruct.paper import angles_from_arrivals, paper_path, projection_of_leg
-from lightflight.reconstruct.setting import Setting
-from lightflight.timing.arrivals import Arrivals
+from lightflight.path.error import path_error
+from lightflight.reconstruct.fit.paper import angles_from_arrivals, paper_path, projection_of_leg
+from lightflight.reconstruct.legs.find import find_legs
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.recording.histograms import Histograms
+from lightflight.timing.pulses.arrivals import Arrivals
 from tests.path_fakes import PAPER_VERTICES, truth_of
 from tests.reconstruct.fakes import PAPER, arrivals_of
 
@@ -33,11 +33,11 @@ ROW_Y = -3.5 * 245.0 / 32
 """A height at which a leg in the plane z = 0 runs through pixel centres."""
 
 
-def observed(arrivals: Arrivals) -> Observation:
+def observed(arrivals: Arrivals) -> Sighting:
     """What the paper's chain looks at; it never opens the counts."""
     empty: Any = Histograms(np.zeros((*arrivals.shape, 1), dtype=np.uint8))
     blind = np.zeros(arrivals.shape, dtype=bool)
-    return Observation(empty, None, arrivals, arrivals.arrival_ps, blind)
+    return Sighting(empty, None, arrivals, arrivals.arrival_ps, blind)
 
 
 def leg_at(angle_deg: float, *, y: float = ROW_Y) -> np.ndarray:
@@ -47,9 +47,9 @@ def leg_at(angle_deg: float, *, y: float = ROW_Y) -> np.ndarray:
 
 
 def reconstructed(arrivals, source, camera=CAMERA):
-    observation = observed(arrivals)
+    sighting = observed(arrivals)
     legs = find_legs(arrivals, camera=camera)
-    return paper_path([observation], Setting(camera, source, Medium()), legs=legs)
+    return paper_path([sighting], Setting(camera, source, Medium()), legs=legs)
 
 
 class TestEquations:

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr
 
 from lightflight._kernels.photon_score import photon_score
-from lightflight.timing.response import Response
+from lightflight.timing.clock.response import Response
 
 PERIOD, CODES = 50_000.0, 64
 ALL_OPEN, GAUSSIAN = np.ones((1, 1)), np.empty((3, 0))

@@ -7,13 +7,18 @@ import pytest
 
 import lightflight as lf
 from lightflight.errors import GeometryError
-from lightflight.reconstruct.planning import angle_deg_per_ps, moved_to, resized
+from lightflight.reconstruct.limits.planning import angle_deg_per_ps, moved_to, resized
 from lightflight.simulate.presets import paper_scene
 
 
 @pytest.fixture(scope="module")
 def scene():
     return paper_scene()
+
+
+@pytest.fixture(scope="module")
+def planned(scene):
+    return lf.plan(scene)
 
 
 def leg_at(angle_deg, start_mm=-122.5, length_mm=245.0):
@@ -81,18 +86,17 @@ class TestPlaces:
 
 
 class TestArrays:
-    def test_finer_pixels_share_the_same_light_and_edges(self, scene):
+    def test_finer_pixels_share_the_same_light_and_edges(self, scene, planned):
         fine = resized(scene.camera, (64, 64))
         corner = [
             camera.rays_from_pixels(*([np.array([-0.5])] * 2)) for camera in (scene.camera, fine)
         ]
         assert corner[0] == pytest.approx(corner[1], abs=1e-12)
-        found = lf.plan(scene)
-        photons = [choice.bounds.photons for choice in found.arrays]
+        photons = [choice.bounds.photons for choice in planned.arrays]
         assert photons == pytest.approx([photons[0]] * len(photons), rel=1e-3)
 
-    def test_coarse_pixels_lose_and_fine_ones_hardly_gain(self, scene):
-        coarse, usual, *_, finest = (c.bounds.position_rms_mm for c in lf.plan(scene).arrays)
+    def test_coarse_pixels_lose_and_fine_ones_hardly_gain(self, planned):
+        coarse, usual, *_, finest = (choice.bounds.position_rms_mm for choice in planned.arrays)
         assert coarse > 1.2 * usual
         assert finest == pytest.approx(usual, rel=0.1)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import lightflight as lf
-from lightflight.reconstruct.planning import moved_to
+from lightflight.reconstruct.limits.planning import moved_to
 from lightflight.simulate.presets import ideal, paper_scene
 
 PHOTONS = 2_000.0

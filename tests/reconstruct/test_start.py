@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lightflight.camera import Camera
+from lightflight.camera.model import Camera
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
-from lightflight.reconstruct.geometry import PathState
-from lightflight.reconstruct.legs import find_legs, mean_focal_px, undistorted_px
-from lightflight.reconstruct.start import curve_from_leg, state_from_legs, world_rays
+from lightflight.reconstruct.fit.start import curve_from_leg, state_from_legs, world_rays
+from lightflight.reconstruct.legs.find import find_legs
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
 from tests.path_fakes import PAPER_VERTICES, vertex_times
 from tests.reconstruct.fakes import PAPER, arrivals_of, camera_like
 

@@ -13,7 +13,7 @@ from benchmarks.check_blind_scenes import (
     drawn_case,
     judged,
 )
-from lightflight.reconstruct import api
+from lightflight.reconstruct.ways import joint as api
 from lightflight.simulate.presets import ideal, paper_scene
 from tests.oracles.brute_force import expected_counts
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from lightflight import flags
-from lightflight.timing.arrivals import find_arrivals
-from lightflight.timing.calibration import calibrate_timing
+from lightflight.timing.calibrate.chain import calibrate_timing
+from lightflight.timing.pulses.arrivals import find_arrivals
 from tests.clock_fakes import fake_clock
 
 FLAT_PS = 2000.0

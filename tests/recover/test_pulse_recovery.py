@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from lightflight import flags as fl
-from lightflight.histogram import Histograms
-from lightflight.timing.pulses import fit_pulses
+from lightflight.recording.histograms import Histograms
+from lightflight.timing.pulses.pulses import fit_pulses
 from tests.pulse_fakes import STD, WIDTH, expected_counts, pulse_cube, wrapped
 
 N = 4000

@@ -13,8 +13,8 @@ import pytest
 from lightflight import Camera
 from lightflight.flags import SCREAMING
 from lightflight.simulate import Scene, pf32, simulate
-from lightflight.timing.arrivals import find_arrivals
-from lightflight.timing.calibration import calibrate_timing
+from lightflight.timing.calibrate.chain import calibrate_timing
+from lightflight.timing.pulses.arrivals import find_arrivals
 
 CAMERA = Camera.facing_plane((16, 16), distance_mm=535.0, field_of_view_mm=(122.5, 122.5))
 

@@ -13,18 +13,19 @@ import numpy as np
 import pytest
 
 from lightflight import Camera, Source, flags
-from lightflight.camera_calibration import fit_camera
+from lightflight.camera.calibration import fit_camera
 from lightflight.errors import SuspectDataWarning
-from lightflight.reconstruct.api import observe
-from lightflight.reconstruct.geometry import PathState
-from lightflight.reconstruct.picture import measure_picture
-from lightflight.reconstruct.setting import Setting
-from lightflight.recording import histogram
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.picture import measure_picture
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.sightings import sighting_from_histograms
+from lightflight.recording.counting import histogram
 from lightflight.simulate import Scene, ideal, pf32, simulate
 from lightflight.simulate.presets import PF32_START_WIDTHS
-from lightflight.timing.calibration import TimingCalibration, calibrate_timing
+from lightflight.timing.calibrate.chain import calibrate_timing
+from lightflight.timing.clock.calibration import TimingCalibration
+from lightflight.timing.clock.response import Response
 from lightflight.timing.drift import drift_in_slices
-from lightflight.timing.response import Response
 from lightflight.units import fwhm_from_std
 
 CAMERA = Camera.facing_plane((8, 8), distance_mm=535.0, field_of_view_mm=(61.25, 61.25))
@@ -167,11 +168,11 @@ def test_lens_blur_and_active_area_come_back_from_the_picture():
     hist = simulate(scene, photons_per_pixel=40_000.0, seed=10)
     clock = TimingCalibration.nominal(hist)
     setting = Setting(camera, Source((-126.0, 0.0, 0.0)), scene.medium)
-    observation = observe(
+    sighting = sighting_from_histograms(
         hist, setting, timing=clock, background=None, exclude_mask=None, least_squares=False
     )
     state = PathState(np.asarray(scene.vertices_mm), scene.emission_time_ps)
-    picture = measure_picture(state, observation, camera=camera, medium=scene.medium, std_ps=70.0)
+    picture = measure_picture(state, sighting, camera=camera, medium=scene.medium, std_ps=70.0)
     assert picture.spot_std_px == pytest.approx(np.hypot(0.45, 0.5 / np.sqrt(12.0)), rel=0.01)
 
 

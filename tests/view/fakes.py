@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from lightflight.camera import Camera
+from lightflight.camera.model import Camera
 from lightflight.flight import Medium, Source, event_times_from_vertices
-from lightflight.path import RESIDUAL_DTYPE, Goodness, LightPath
+from lightflight.path.light_path import LightPath
+from lightflight.path.tables import RESIDUAL_DTYPE, Goodness
 
 VERTICES_MM = np.array([(0, 0, 0), (375, 25, 50), (0, 50, 10), (375, 75, 50)], dtype=float)
 EMISSION_PS = 2000.0

@@ -17,10 +17,12 @@ import pytest
 from lightflight import Histograms
 from lightflight.errors import MissingExtraError
 from lightflight.flight import arrival_time_from_event
-from lightflight.view import export
 from lightflight.view.arrays import to_xarray
-from lightflight.view.export_tables import table_from_path
-from lightflight.view.figures_timing import draw_times
+from lightflight.view.export import files as export
+from lightflight.view.export.gltf import write_glb
+from lightflight.view.export.tables import table_from_path, write_csv, write_parquet
+from lightflight.view.export.vtk import write_vtu
+from lightflight.view.figures.timing import draw_times
 from tests.view import fakes
 
 
@@ -33,7 +35,7 @@ def read_csv(file: Path) -> dict[str, Any]:
 @pytest.mark.parametrize("what", ["samples", "pulses", "vertices"])
 def test_csv_holds_the_tables_of_the_path(tmp_path: Path, what: str) -> None:
     path = fakes.fake_path()
-    export.write_csv(path, tmp_path / "path.csv", what=what, samples=50)
+    write_csv(path, tmp_path / "path.csv", what=what, samples=50)
     columns = read_csv(tmp_path / "path.csv")
     table = table_from_path(path, what, samples=50)
     assert list(columns) == list(table.dtype.names or ())
@@ -155,7 +157,7 @@ def test_the_flight_in_glb_is_the_paths(tmp_path: Path) -> None:
 def test_glb_opens_in_an_independent_reader(tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh", reason="the independent glTF reader is trimesh")
     path = fakes.fake_path()
-    export.write_glb(path, tmp_path / "path.glb")
+    write_glb(path, tmp_path / "path.glb")
     scene = trimesh.load_scene(tmp_path / "path.glb")
     low, high = scene.geometry["path"].bounds
     np.testing.assert_allclose(low, path.vertices_mm.min(axis=0) * 1e-3, atol=2e-3)
@@ -176,8 +178,8 @@ def test_poor_paths_are_exported_without_what_they_lack(tmp_path: Path, spoil: s
             vertex_times_ps=path.vertex_times_ps,
             covariance=path.covariance,
         )
-    export.write_glb(path, tmp_path / "a.glb")
-    export.write_vtu(path, tmp_path / "a.vtu")
+    write_glb(path, tmp_path / "a.glb")
+    write_vtu(path, tmp_path / "a.vtu")
     names = [node["name"] for node in glb_parts(tmp_path / "a.glb")[0]["nodes"]]
     lacking = {"errors": "errors, 1 sigma", "truth": "truth", "camera": "field of view"}[spoil]
     assert not any(name.startswith(lacking) for name in names)
@@ -207,7 +209,7 @@ def test_xarray_carries_units_and_coordinates() -> None:
 @pytest.mark.parametrize(
     ("module", "call", "sentence"),
     [
-        ("pyarrow", lambda p: export.write_parquet(fakes.fake_path(), p), r"\[batch\]"),
+        ("pyarrow", lambda p: write_parquet(fakes.fake_path(), p), r"\[batch\]"),
         ("xarray", lambda p: to_xarray(fakes.fake_path()), "pip install xarray"),
     ],
 )
@@ -239,19 +241,19 @@ def test_figures_are_written_in_the_format_of_their_name(
     ("call", "sentence"),
     [
         (lambda p: export.export_path(fakes.fake_path(), p / "a.xlsx"), r"\.csv, \.parquet"),
-        (lambda p: export.write_csv(fakes.fake_path(), p / "a.txt"), r"must end in \.csv"),
-        (lambda p: export.write_csv(fakes.fake_path(), p / "a.csv", samples=1), "at least 2"),
-        (lambda p: export.write_vtu(fakes.fake_path(), p / "a.vtk"), r"must end in \.vtu"),
-        (lambda p: export.write_glb(fakes.fake_path(), p / "a.glb", ps_per_s=0), "ps_per_s"),
+        (lambda p: write_csv(fakes.fake_path(), p / "a.txt"), r"must end in \.csv"),
+        (lambda p: write_csv(fakes.fake_path(), p / "a.csv", samples=1), "at least 2"),
+        (lambda p: write_vtu(fakes.fake_path(), p / "a.vtk"), r"must end in \.vtu"),
+        (lambda p: write_glb(fakes.fake_path(), p / "a.glb", ps_per_s=0), "ps_per_s"),
         (
-            lambda p: export.write_glb(
+            lambda p: write_glb(
                 SimpleNamespace(vertices_mm=np.zeros((1, 3)), vertex_times_ps=np.zeros(1)),
                 p / "a.glb",
             ),
             "no finite legs",
         ),
         (
-            lambda p: export.write_vtu(
+            lambda p: write_vtu(
                 SimpleNamespace(vertices_mm=np.zeros((1, 3)), vertex_times_ps=np.zeros(1)),
                 p / "a.vtu",
             ),

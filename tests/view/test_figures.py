@@ -14,17 +14,18 @@ from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
 from lightflight import flags as fl
+from lightflight.path.trace import trace_from_path
 from lightflight.view import style
-from lightflight.view.figures_calibration import calibration_figure, draw_bad_pixels
-from lightflight.view.figures_camera import draw_camera_picture
-from lightflight.view.figures_demo import demo_figure
-from lightflight.view.figures_fiber import fiber_figure
-from lightflight.view.figures_path import (
+from lightflight.view.figures.calibration import calibration_figure, draw_bad_pixels
+from lightflight.view.figures.camera import draw_camera_picture
+from lightflight.view.figures.demo import demo_figure
+from lightflight.view.figures.fiber import fiber_figure
+from lightflight.view.figures.path import (
     draw_path_3d,
     draw_path_on_photo,
     legend_entries,
 )
-from lightflight.view.figures_timing import (
+from lightflight.view.figures.timing import (
     distortion_rms_ps,
     draw_pulls,
     draw_residual_map,
@@ -33,7 +34,6 @@ from lightflight.view.figures_timing import (
     draw_times,
 )
 from lightflight.view.solids import field_of_view, mirror_outline, nice_factor
-from lightflight.view.trace import trace_from_path
 from tests.view import fakes
 
 
@@ -383,7 +383,7 @@ def test_every_public_name_of_view_exists() -> None:
 def test_a_fit_is_drawn_beside_the_counts_that_pile_up_left() -> None:
     """Three frames of four hold a photon: 1.85 photons came for each that was counted."""
     from lightflight import Histograms, fit_pulses
-    from lightflight.view.figures_camera import draw_pixel_histogram
+    from lightflight.view.figures.camera import draw_pixel_histogram
 
     rng = np.random.default_rng(9)
     counts = np.full((1, 12, 200), 40, dtype=np.uint32)
@@ -401,7 +401,7 @@ def test_a_fit_is_drawn_beside_the_counts_that_pile_up_left() -> None:
 def test_a_fit_by_least_squares_is_drawn_as_it_was_fitted() -> None:
     """Sampled at the codes' middles; a pulse of one code, integrated, would be half as high."""
     from lightflight import Histograms, fit_pulses
-    from lightflight.view.figures_camera import draw_pixel_histogram
+    from lightflight.view.figures.camera import draw_pixel_histogram
 
     counts = np.full((1, 12, 200), 2, dtype=np.uint32)
     counts[..., 41] = 4000
@@ -416,7 +416,7 @@ def test_a_fit_by_least_squares_is_drawn_as_it_was_fitted() -> None:
 @pytest.mark.parametrize("center", [2025.0, 9_990.0])
 def test_a_pixels_histogram_follows_its_codes_and_its_fit(center: float) -> None:
     from lightflight import Histograms
-    from lightflight.view.figures_camera import draw_pixel_histogram, pixel_cases_figure
+    from lightflight.view.figures.camera import draw_pixel_histogram, pixel_cases_figure
 
     rng = np.random.default_rng(8)
     counts = rng.poisson(0.2, size=(2, 3, 200)).astype(np.uint32)

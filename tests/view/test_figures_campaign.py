@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 
 from lightflight.batch.table import Repeats
 from lightflight.view import campaign_figure, draw_repeat_pulls, draw_set_point_errors
-from lightflight.view.figures_campaign import draw_set_points
+from lightflight.view.figures.campaign import draw_set_points
 
 
 @pytest.fixture
@@ -49,7 +50,8 @@ def test_every_repeat_is_drawn_beside_its_set_point_without_overlap(groups):
 
 def test_pulls_are_counted_where_there_are_repeats(groups):
     ax = draw_repeat_pulls(groups)
-    assert sum(bar.get_height() for bar in ax.patches) == 7
+    bars = [bar for bar in ax.patches if isinstance(bar, Rectangle)]
+    assert sum(bar.get_height() for bar in bars) == 7
     assert "n = 7" in texts(ax.figure)
 
 

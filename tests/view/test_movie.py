@@ -13,25 +13,26 @@ import numpy as np
 import pytest
 
 from lightflight import Histograms
-from lightflight.camera import Camera
+from lightflight.camera.model import Camera
 from lightflight.errors import GeometryError, MissingExtraError, NothingFoundError
-from lightflight.view import encode, style
-from lightflight.view.movie import (
+from lightflight.path.trace import trace_from_path
+from lightflight.view import style
+from lightflight.view.film import encode
+from lightflight.view.film.flight import (
     MovieSettings,
     movie_frames,
     pulse_body,
     readings,
     write_movie,
 )
-from lightflight.view.movie_recording import (
+from lightflight.view.film.recording import (
     recording_frames,
     slices_from_histograms,
     write_recording_movie,
 )
-from lightflight.view.projection import Viewpoint
-from lightflight.view.trace import trace_from_path
+from lightflight.view.viewpoint import Viewpoint
+from tests.path.test_second_view import side_camera
 from tests.view import fakes
-from tests.view.test_observe import side_camera
 
 SMALL = MovieSettings(size_px=(320, 240), frames_per_second=10, pace_ps_per_s=8000)
 

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lightflight.histogram import Histograms
-from lightflight.recording import write
+from lightflight.formats.registry import write
+from lightflight.path.trace import places_from_path
+from lightflight.recording.histograms import Histograms
 from lightflight.view.napari_layers import (
     layers_from_histograms,
     layers_from_path,
     napari_get_reader,
 )
-from lightflight.view.trace import places_from_path
 from tests.view import fakes
 
 TURNED = np.diag([1.0, -1.0, -1.0, 1.0, 1.0])

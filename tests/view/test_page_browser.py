@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from lightflight import Histograms
-from lightflight.camera import Camera
+from lightflight.camera.model import Camera
 from lightflight.flight import Source, arrival_time_from_event, event_times_from_vertices
-from lightflight.path import RESIDUAL_DTYPE, LightPath
-from lightflight.view.observation import camera_towards, observe
+from lightflight.path.light_path import LightPath
+from lightflight.path.second_view import camera_towards, observe
+from lightflight.path.tables import RESIDUAL_DTYPE
 from lightflight.view.page import write_page
 from tests.view import browser as br
 from tests.view import fakes

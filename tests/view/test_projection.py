@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from lightflight.view import style
-from lightflight.view.projection import PhotoView, Viewpoint, draw_box, ribbon_from_rings
+from lightflight.view.projection import draw_box, ribbon_from_rings
+from lightflight.view.viewpoint import PhotoView, Viewpoint
 from tests.view import fakes
 
 

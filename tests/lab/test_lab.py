@@ -1,0 +1,158 @@
+import dataclasses
+import tomllib
+
+import numpy as np
+import pytest
+
+from lightflight.camera.model import Camera
+from lightflight.errors import ConfigError
+from lightflight.flight import Medium, Source
+from lightflight.lab import (
+    Lab,
+    lab_from_table,
+    lab_from_toml,
+    table_from_lab,
+    toml_from_lab,
+)
+from lightflight.simulate.detector import Detector
+
+FACING = {"distance_mm": 535.0, "field_of_view_mm": [245.0, 245.0], "center_mm": [187.5, 37.5]}
+
+
+def same(left, right):
+    """Equal records, field by field, arrays included."""
+    for item in dataclasses.fields(left):
+        np.testing.assert_array_equal(getattr(left, item.name), getattr(right, item.name))
+
+
+def test_a_set_up_file_becomes_records(tmp_path):
+    path = tmp_path / "lab.toml"
+    path.write_text(
+        """
+        [camera]
+        distance_mm = 535.0
+        field_of_view_mm = [245.0, 245.0]
+        center_mm = [187.5, 37.5]
+        position_std_mm = [0.1, 0.2, 0.3]
+
+        [source]
+        position_mm = [0, 0, 0]
+        position_std_mm = 1.0
+
+        [medium]
+        path_group_index = 1.47
+
+        [detector]
+        gain_rms = 0.006
+        laser_period_ps = "none"
+
+        [recording]
+        axes = "tyx"
+
+        [reconstruct]
+        n_legs = 3
+        """
+    )
+    lab = lab_from_toml(path)
+    reference = Camera.facing_plane(
+        distance_mm=535.0, field_of_view_mm=(245.0, 245.0), center_mm=(187.5, 37.5)
+    )
+    np.testing.assert_array_equal(lab.camera.matrix, reference.matrix)
+    np.testing.assert_array_equal(lab.camera.world_from_camera, reference.world_from_camera)
+    variances = np.square([0, 0, 0, 0.1, 0.2, 0.3])
+    np.testing.assert_allclose(lab.camera.pose_covariance, np.diag(variances))
+    assert lab.source == Source((0, 0, 0), position_std_mm=1.0)
+    assert lab.medium == Medium(1.47)
+    assert lab.detector.gain_rms == 0.006
+    assert lab.detector.laser_period_ps is None
+    assert lab.recording == {"axes": "tyx"}
+    assert lab.reconstruct == {"n_legs": 3}
+    assert lab.camera_needs == ()
+
+
+def test_round_trip_through_text_loses_no_digit():
+    pose = np.eye(4)
+    pose[:3, 3] = [1 / 3, -2.0, 1e-17]
+    covariance = np.diag(np.linspace(0.1, 0.7, 6)) ** 2
+    lab = Lab(
+        camera=Camera(
+            np.array([[70.1, 0, 15.5], [0, 69.9, 15.4], [0, 0, 1]]),
+            np.array([0.1, -0.2, 0.001, 0.002, 0.3]),
+            pose,
+            (32, 48),
+            covariance,
+        ),
+        source=Source((0.1, 0.2, 0.3), position_std_mm=(0.1, 0.2, 0.3), pulse_fwhm_ps=68.0),
+        medium=Medium(1.47, 1.00027),
+        detector=Detector(
+            seed=3,
+            laser_period_ps=None,
+            phase_pattern=(0.9, 1.1),
+            gain_map=np.linspace(0.9, 1.1, 6).reshape(2, 3),
+        ),
+        recording={"axes": "tyx", "bin_width_ps": 7.5},
+        timing={"dead_codes": "lost"},
+        reconstruct={"waypoints": ((1, 375.0, 25.0, 50.0, 0.5),)},
+        scene={"vertices_mm": ((0.0, 0.0, 0.0), (375.0, 25.0, 50.0))},
+    )
+    again = lab_from_table(tomllib.loads(toml_from_lab(lab)))
+    for name in ("camera", "source", "medium", "detector"):
+        same(getattr(lab, name), getattr(again, name))
+    for name in ("recording", "timing", "reconstruct", "scene"):
+        assert getattr(lab, name) == getattr(again, name)
+
+
+def test_an_empty_set_up_knows_nothing_and_says_what_the_camera_needs():
+    lab = lab_from_table({})
+    assert lab.camera is None
+    assert lab.camera_needs == ("distance_mm", "field_of_view_mm")
+    assert lab.detector is None
+    assert lab.source == Source()
+    assert lab_from_table({"camera": {"distance_mm": 5.0}}).camera_needs == ("field_of_view_mm",)
+    assert lab_from_table({"camera": {"matrix": np.eye(3).tolist()}}).camera_needs == (
+        "shape",
+        "world_from_camera",
+    )
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"camera": {"distance": 535}}, ["distance", "distance_mm"]),
+        ({"sauce": {}}, ["sauce", "source"]),
+        ({"camera": {**FACING, "distance_mm": -1.0}}, ["[camera]", "positive", "-1"]),
+        ({"medium": {"path_group_index": 0.2}}, ["[medium]", "path_group_index", "0.2"]),
+        ({"source": {"pulse_fwhm_ps": -68.0}}, ["[source]", "pulse_fwhm_ps"]),
+        ({"detector": {"dark_rate": 5}}, ["dark_rate", "dark_rate_hz"]),
+        ({"detector": {"preset": "pf23"}}, ["[detector]", "pf23", "pf32"]),
+        ({"reconstruct": {"method": "best"}}, ["method", "'joint'", "'best'"]),
+        ({"timing": {"dead_codes": "eaten"}}, ["dead_codes", "'lost'"]),
+        (
+            {"camera": {**FACING, "position_std_mm": 1, "pose_covariance": np.eye(6).tolist()}},
+            ["pose_covariance", "not both"],
+        ),
+        ({"camera": {**FACING, "position_std_mm": -1}}, ["position_std_mm", "negative"]),
+        ({"camera": {**FACING, "distortion": [0.1, 0, 0, 0]}}, ["distortion needs matrix"]),
+        (
+            {
+                "camera": {
+                    "matrix": np.eye(3).tolist(),
+                    "world_from_camera": np.eye(4).tolist(),
+                    "shape": [4, 4],
+                    "distance_mm": 5,
+                }
+            },
+            ["matrix", "distance_mm", "not both"],
+        ),
+    ],
+)
+def test_what_is_wrong_is_named(table, words):
+    with pytest.raises(ConfigError) as caught:
+        lab_from_table(table, where="lab.toml")
+    assert str(caught.value).startswith("lab.toml: ")
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_lab_without_a_detector_writes_no_detector():
+    assert set(table_from_lab(Lab())) == {"source", "medium"}
