@@ -17,9 +17,9 @@ import numpy as np
 
 import lightflight as lf
 from lightflight import flags
+from lightflight.demo import known_source
 from lightflight.errors import UncalibratedWarning
-from lightflight.simulate import paper_scene, pf32
-from lightflight.zheng2020.laboratory import known_source, one_leg
+from lightflight.simulate import angle_scene, paper_scene, pf32
 
 DISTANCES_PS = (0.0, 1000.0, 3000.0, 10_000.0, 40_000.0)
 ANGLES_DEG = np.linspace(-10.0, 10.0, 11)
@@ -82,7 +82,7 @@ def angle_errors(
     found: dict[str, list[float]] = {name: [] for name in ESTIMATORS}
     timing = None
     for i, angle in enumerate(ANGLES_DEG):
-        scene = one_leg(float(angle))
+        scene = angle_scene(float(angle))
         if distance_ps is not None and timing is None:
             # All angles share a camera, and their light arrives within a fraction of a nanosecond.
             near = lf.simulate(scene, kind="flat", photons_per_pixel=10.0, seed=1)

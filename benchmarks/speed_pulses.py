@@ -33,7 +33,7 @@ import lightflight as lf
 WIDTH, STD = 55.0, 70.0
 LEAST, MOST = 50.0, 40_000.0
 N_PIXELS = 65_536
-MUST = {64: 300.0, 1024: 300.0}
+MUST = {64: 200.0, 1024: 200.0}
 MOST_THREADED = 1.15
 MOST_START = 4.0
 START = """
