@@ -15,9 +15,9 @@ from types import SimpleNamespace
 import numpy as np
 
 import lightflight as lf
+from lightflight.files.store import SCHEMA_VERSION
 from lightflight.flight import event_times_from_vertices
-from lightflight.path import RESIDUAL_DTYPE, Goodness
-from lightflight.store import SCHEMA_VERSION
+from lightflight.path.tables import RESIDUAL_DTYPE, Goodness
 
 FOLDER = Path(__file__).resolve().parents[1] / "tests" / "data"
 CLOCK = {

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from lightflight.camera import Camera
+from lightflight.camera.model import Camera
 from lightflight.flight import Medium, arrival_time_from_event
 from lightflight.view import style
 

@@ -49,7 +49,7 @@ def headlines(table: dict[str, Any]) -> str:
         if row["short"]
     ]
     made = f"{table['lightflight']}, seed {table['seed']}, {table['made_utc']}"
-    return "\n".join([*lines, "", f"`lightflight paper table`, {made}."])
+    return "\n".join([*lines, "", f"`make paper ARGS=table`, {made}."])
 
 
 def _cell(row: dict[str, Any], name: str) -> str:
@@ -67,10 +67,10 @@ def main() -> None:
     parser.add_argument("--finished", action="store_true", help="take the folder as it is")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
-        folder = args.folder or Path(temporary)
+        folder = (args.folder or Path(temporary)).resolve()
         if not args.finished:
-            words = [sys.executable, "-m", "lightflight", "paper", "all", "-o", str(folder)]
-            subprocess.run(words + ["--quick"] * args.quick, check=True)
+            words = [sys.executable, "-m", "studies.zheng2020", "-o", str(folder)]
+            subprocess.run(words + ["--quick"] * args.quick, check=True, cwd=ROOT)
         write_page(folder)
 
 

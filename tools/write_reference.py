@@ -84,7 +84,7 @@ def flags_page() -> str:
 def commands_page() -> str:
     """What every command does and takes, and the exit codes."""
     from lightflight.cli import main
-    from lightflight.cli._errors import EXIT_CODES
+    from lightflight.cli.errors import EXIT_CODES
 
     lines = [_MARK, "# The command line\n"]
     commands = dict(main.commands)
@@ -95,7 +95,10 @@ def commands_page() -> str:
         text = inspect.cleandoc(command.help or "")
         prose, _, examples = text.partition("\b\n")
         lines += [f"## lightflight {name}\n", prose.strip(), ""]
-        lines += ["```text", *examples.splitlines()[1:], "```\n"]
+        if examples:
+            lines += ["```text", *examples.splitlines()[1:], "```\n"]
+        if not command.params:
+            continue
         lines += ["| option | meaning |", "|---|---|"]
         lines += [f"| {_spelling(option)} | {_meaning(option)} |" for option in command.params]
         lines.append("")
