@@ -19,7 +19,7 @@ import h5py
 import numpy as np
 
 import lightflight as lf
-from lightflight.view.figures_fiber import fiber_figure
+from lightflight.view.figures.fiber import fiber_figure
 
 RECORDINGS = ("LinearFiber", "LinearFiber_vertical", "CurveFiber")
 
