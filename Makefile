@@ -5,14 +5,16 @@ SHELL  := /bin/bash
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+LOWEST := $(VENV)/lowest
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 
-# pytest: two workers; one Numba thread each, so that they do not fight over the cores
-PYTEST_FLAGS ?= -n 2
+# pytest: two workers; one Numba thread each, so that they do not fight over the cores. Who is done
+# takes over tests that the other has still to do: by pytest's default, one idles for the last tenth.
+PYTEST_FLAGS ?= -n 2 --dist worksteal
 export MPLBACKEND := Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check lint types layers docs format fuzz clean install install-dev python-is-new-enough
+.PHONY: help demo paper paper-quick test quick lowest cold check lint types layers workflows speed docs format fuzz clean install install-dev python-is-new-enough
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -20,13 +22,27 @@ help: ## show this list
 demo: $(VENV)/.installed ## simulate the paper's experiment, calibrate, reconstruct, write out/demo/
 	@$(BIN)/lightflight demo -o out/demo
 
+paper: $(VENV)/.installed ## the paper's experiments, figures and table in out/paper/; ARGS="fig6 --fresh"
+	@$(BIN)/python -m studies.zheng2020 $(ARGS)
+
+paper-quick: $(VENV)/.installed ## the same with few angles and recordings
+	@$(BIN)/python -m studies.zheng2020 --quick $(ARGS)
+
 test: $(VENV)/.installed-dev ## run the whole test suite
 	@NUMBA_NUM_THREADS=1 $(BIN)/python -m pytest $(PYTEST_FLAGS)
 
 quick: $(VENV)/.installed-dev ## the suite without its slow tests
 	@NUMBA_NUM_THREADS=1 $(BIN)/python -m pytest $(PYTEST_FLAGS) -m "not slow"
 
-check: lint types layers ## ruff, mypy, import-linter
+cold: $(VENV)/.installed-dev ## what the first run of each command compiles, and how long it takes
+	@NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/cold_start.py --quick
+
+# Numba keeps one version's kernels beside the source: these go elsewhere.
+lowest: $(VENV)/.installed-lowest ## contract and format tests with the lowest versions allowed
+	@NUMBA_CACHE_DIR=$(CURDIR)/$(LOWEST)/numba NUMBA_NUM_THREADS=1 $(LOWEST)/bin/python -m pytest $(PYTEST_FLAGS) \
+	  -p no:cacheprovider tests/contracts tests/formats tests/batch/test_table.py
+
+check: lint types layers workflows ## ruff, mypy, import-linter, zizmor
 
 lint: $(VENV)/.installed-dev ## ruff: rules and format
 	@$(BIN)/ruff check .
@@ -37,6 +53,14 @@ types: $(VENV)/.installed-dev ## mypy, strict
 
 layers: $(VENV)/.installed-dev ## import-linter: nothing imports upward
 	@$(BIN)/lint-imports
+
+workflows: $(VENV)/.installed-dev ## zizmor: .github, which is never run here, and the hooks of pre-commit
+	@$(BIN)/zizmor --offline --quiet --strict-collection --persona=pedantic .
+	@$(BIN)/pre-commit validate-config
+
+speed: $(VENV)/.installed-dev ## asv: a few speeds of this checkout as ratios, kept in .asv
+	@$(BIN)/asv machine --yes >/dev/null
+	@$(BIN)/asv run --environment existing:$(BIN)/python --set-commit-hash "$$(git rev-parse HEAD)"
 
 docs: $(VENV)/.installed-docs ## the pages under docs/ as HTML in out/docs; warnings are errors
 	@$(BIN)/python -m sphinx -q -W --keep-going -b html docs out/docs
@@ -53,7 +77,7 @@ fuzz: $(VENV)/.installed-dev ## new random input at length: property tests, 20,0
 clean: ## remove the environment, results and caches
 	@rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	@rm -rf docs/reference/generated
-	@find src tests benchmarks tools -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+	@find src studies tests benchmarks tools -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 
 install: $(VENV)/.installed ## the environment alone, as `make demo` needs it
 install-dev: $(VENV)/.installed-dev ## the environment with everything that tests and checks need
@@ -77,6 +101,14 @@ $(VENV)/.installed-docs: pyproject.toml | $(VENV)/.installed
 	@echo "installing what the docs need into $(VENV) ..." >&2
 	@$(PIP) install --quiet --upgrade "pip>=25.1"
 	@$(PIP) install --quiet --editable ".[docs]"
+	@touch $@
+
+$(VENV)/.installed-lowest: pyproject.toml | $(VENV)/.installed-dev
+	@echo "installing the lowest versions allowed into $(LOWEST) ..." >&2
+	@rm -rf $(LOWEST)
+	@$(BIN)/uv venv --quiet --python $(BIN)/python $(LOWEST)
+	@$(BIN)/uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct \
+	  --editable ".[readers,camera,view,batch]" --group test
 	@touch $@
 
 python-is-new-enough:
