@@ -50,6 +50,17 @@ def run(folder: Path, *words: str, **options) -> tuple[int, str, str]:
     return process.returncode, out, err
 
 
+def with_fault(folder: Path, sitecustomize: str) -> dict[str, str]:
+    """An environment in which every process does this first."""
+    (folder / "fault").mkdir()
+    (folder / "fault" / "sitecustomize.py").write_text(sitecustomize)
+    usual = os.environ.get("PYTHONPATH")
+    return {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(filter(None, (str(folder / "fault"), usual))),
+    }
+
+
 def finished(folder: Path) -> dict[str, int]:
     """Path files that are there, and when they were written."""
     return {
@@ -119,8 +130,19 @@ def test_one_bad_recording_is_a_row_and_the_others_go_on(undisturbed):
 def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed):
     """A full disk, Ctrl-C, kill -9 of the whole run, and then a worker's death: one after another.
 
-    Runs are hit once something is finished; the last one, with two workers, ends well.
+    Runs are hit once something is finished; the last one, with two workers, ends well. Readings
+    wait, so that a run is still at work when it is hit, however fast the machine.
     """
+    slow = with_fault(
+        folder,
+        "import time\n"
+        "import lightflight.formats.registry as registry\n"
+        "usual = registry.read\n"
+        "def read(path, **hints):\n"
+        "    time.sleep(1.0)\n"
+        "    return usual(path, **hints)\n"
+        "registry.read = read\n",
+    )
     sizes = "import resource as r, runpy, sys; r.setrlimit(r.RLIMIT_FSIZE, (9000, 9000)); "
     script = f"{sizes}sys.argv = sys.argv[1:]; runpy.run_module('lightflight', run_name='__main__')"
     done = subprocess.run(
@@ -133,7 +155,7 @@ def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed):
     assert "Traceback" not in done.stderr
     assert finished(folder) == {}
 
-    with running(folder, "--workers", "2") as process:
+    with running(folder, "--workers", "2", env=slow) as process:
         wait_for(folder, 1)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of them
         _, err = process.communicate(timeout=LIMIT_S)
@@ -143,7 +165,7 @@ def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed):
     assert "Traceback" not in err
     assert 1 <= len(kept) < 2 * N
 
-    with running(folder, "--workers", "2") as process:
+    with running(folder, "--workers", "2", env=slow) as process:
         wait_for(folder, len(kept) + 1)
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
@@ -151,13 +173,13 @@ def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed):
     assert {name: after[name] for name in kept} == kept
     assert len(kept) < len(after)
 
-    with running(folder, "--workers", "2") as process:
+    with running(folder, "--workers", "2", env=slow) as process:
         end = time.monotonic() + LIMIT_S
-        while not (workers := worker_ids(process.pid)):
+        while not worker_ids(process.pid):
             assert time.monotonic() < end, "no worker was started"
             time.sleep(0.005)
         wait_for(folder, min(2 * N, len(after) + 1))
-        os.kill(workers[0], signal.SIGKILL)
+        os.kill(worker_ids(process.pid)[0], signal.SIGKILL)
         _, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 0, err
     assert "Traceback" not in err
@@ -170,8 +192,8 @@ def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed):
 
 def test_a_disk_that_fills_up_under_a_worker(folder, undisturbed, tmp_path):
     """Every flush to disk fails with ENOSPC after the second path file, in the workers too."""
-    (tmp_path / "fault").mkdir()
-    (tmp_path / "fault" / "sitecustomize.py").write_text(
+    full = with_fault(
+        tmp_path,
         "import errno, os, pathlib\n"
         "usual = os.fsync\n"
         "def fsync(handle):\n"
@@ -180,10 +202,9 @@ def test_a_disk_that_fills_up_under_a_worker(folder, undisturbed, tmp_path):
         "    if paths.name == 'paths' and len(list(paths.glob('angle*.h5'))) >= 2:\n"
         "        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))\n"
         "    return usual(handle)\n"
-        "os.fsync = fsync\n"
+        "os.fsync = fsync\n",
     )
-    path = os.pathsep.join(filter(None, (str(tmp_path / "fault"), os.environ.get("PYTHONPATH"))))
-    code, out, err = run(folder, "--workers", "1", env={**os.environ, "PYTHONPATH": path})
+    code, out, err = run(folder, "--workers", "1", env=full)
     assert code == 3, (out, err)
     assert "No space left on device" in err
     assert "2 of 11 recordings are finished and kept" in err
@@ -200,8 +221,8 @@ def test_a_disk_that_fills_up_under_a_worker(folder, undisturbed, tmp_path):
 
 def test_a_recording_that_kills_its_workers_is_given_up(folder):
     """One recording ends the process that reads it; the others get their paths."""
-    (folder / "fault").mkdir()
-    (folder / "fault" / "sitecustomize.py").write_text(
+    deadly = with_fault(
+        folder,
         "import os\n"
         "import lightflight.formats.registry as registry\n"
         "usual = registry.read\n"
@@ -209,10 +230,9 @@ def test_a_recording_that_kills_its_workers_is_given_up(folder):
         "    if str(path).endswith('angle_4/run9.h5'):\n"
         "        os._exit(9)\n"
         "    return usual(path, **hints)\n"
-        "registry.read = read\n"
+        "registry.read = read\n",
     )
-    path = os.pathsep.join(filter(None, (str(folder / "fault"), os.environ.get("PYTHONPATH"))))
-    code, _, err = run(folder, "--workers", "1", env={**os.environ, "PYTHONPATH": path})
+    code, _, err = run(folder, "--workers", "1", env=deadly)
     assert code == 0, err
     rows = list(csv.DictReader((folder / "results" / "table.csv").read_text().splitlines()))
     reasons = {row["recording"]: row["reason"] for row in rows if row["status"] == "failed"}
