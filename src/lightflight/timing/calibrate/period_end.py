@@ -283,7 +283,7 @@ def _most_likely_blur(tail: _Tail) -> float:
 def _scan_end(tail: _Tail, blur: float) -> tuple[Floats, Floats]:
     """Most likely end of each pixel and its log-likelihood: (n,), (n,).
 
-    A grid around the end that the summed counts tell finds the right peak; golden sections climb it.
+    A grid around the end that the summed counts tell finds the peak; golden sections climb it.
     """
     first, n_codes = tail.edges[0], tail.edges[-1] - tail.edges[0]
     height = tail.level.mean(axis=1)
@@ -304,7 +304,7 @@ def _scan_end(tail: _Tail, blur: float) -> tuple[Floats, Floats]:
 def _golden_sections(
     value: Callable[[Floats], Floats], low: Floats, high: Floats, n_sections: int
 ) -> tuple[Floats, Floats]:
-    """Where `value` of each entry is largest between `low` and `high`, and that value: (n,), (n,)."""
+    """Where each entry of `value` is largest between `low` and `high`, and how large: (n,), (n,)."""
     left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     at_left, at_right = value(left), value(right)
     for _ in range(n_sections):
