@@ -304,7 +304,7 @@ def _scan_end(tail: _Tail, blur: float) -> tuple[Floats, Floats]:
 def _golden_sections(
     value: Callable[[Floats], Floats], low: Floats, high: Floats, n_sections: int
 ) -> tuple[Floats, Floats]:
-    """Where each entry of `value` is largest between `low` and `high`, and how large: (n,), (n,)."""
+    """Where `value` is largest between `low` and `high`, entry by entry; and how large."""
     left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     at_left, at_right = value(left), value(right)
     for _ in range(n_sections):
