@@ -14,7 +14,7 @@ PYTEST_FLAGS ?= -n 2 --dist worksteal
 export MPLBACKEND := Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper paper-quick test quick lowest cold check lint types layers workflows speed docs format fuzz clean install install-dev python-is-new-enough
+.PHONY: help demo paper paper-quick test quick lowest cold check lint types layers workflows speed docs format fuzz attack clean install install-dev python-is-new-enough
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -73,6 +73,9 @@ format: $(VENV)/.installed-dev ## let ruff order and format the code
 fuzz: $(VENV)/.installed-dev ## new random input at length: property tests, 20,000 damaged files
 	@HYPOTHESIS_PROFILE=fuzz NUMBA_NUM_THREADS=1 $(BIN)/python -m pytest $(PYTEST_FLAGS) -m hypothesis --timeout=3600
 	@NUMBA_NUM_THREADS=1 $(BIN)/python -m tests.fuzz_readers --files 20000 --keep out/fuzz
+
+attack: $(VENV)/.installed-dev ## tests/attacks at length: more mutants, more kills
+	@LIGHTFLIGHT_ATTACK=long NUMBA_NUM_THREADS=1 $(BIN)/python -m pytest $(PYTEST_FLAGS) --timeout=7200 tests/attacks
 
 clean: ## remove the environment, results and caches
 	@rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -1,5 +1,15 @@
 """Let `python -m lightflight` do what `lightflight` does."""
 
+import os
+import sys
+
+if __name__ == "__main__":
+    # Python puts the current folder first: a json.py among recordings would run in its own's place.
+    # Without pathlib, which would be loaded from there, too.
+    home = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))  # noqa: PTH100, PTH120
+    if sys.path[0] in ("", os.getcwd()) and sys.path[0] != home:  # noqa: PTH109
+        del sys.path[0]
+
 from lightflight.cli import main
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import sys
 import warnings
-from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
@@ -50,12 +49,18 @@ class _CallableStandIn(_StandIn):
         return package.__getattr__(self.__name__.rpartition(".")[2])(*args, **kwargs)
 
 
-class _Finder(MetaPathFinder, Loader):
-    """Finds the modules of `HOMES_FROM_MODULE`, after every ordinary one."""
+class _Finder:
+    """Finds the modules of `HOMES_FROM_MODULE`, after every ordinary one.
+
+    A finder and a loader by its methods alone: `importlib.abc` would load `tempfile`, `random` and
+    more with every `import lightflight`.
+    """
 
     def find_spec(self, fullname: str, path: Any, target: Any = None) -> ModuleSpec | None:
         known = fullname.removeprefix("lightflight.") in HOMES_FROM_MODULE
-        return ModuleSpec(fullname, self) if fullname.startswith("lightflight.") and known else None
+        if not (fullname.startswith("lightflight.") and known):
+            return None
+        return ModuleSpec(fullname, self)  # type: ignore[arg-type]  # a Loader by its methods
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         function = spec.name in ("lightflight.histogram", "lightflight.path_error")

@@ -20,6 +20,13 @@ from tests.formats.made_by_hand import ptu_bytes, sdt_bytes
 read: Any = lf.read
 
 
+@pytest.fixture(autouse=True)
+def readers_of_this_file_are_found(monkeypatch):
+    """A child does not look into the current folder: the tests' own readers must be named."""
+    told = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, told)))
+
+
 @pytest.fixture
 def vendor_dir(data_dir):
     return data_dir / "tcspc-vendor-files"

@@ -7,18 +7,24 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from lightflight.errors import ConfigError, MissingExtraError
+from lightflight.files.children import SAFE_ENVIRONMENT, environment, safe_children
 
 _MOST_DEATHS = 2
 """Workers a task may take with it before it is given up."""
 
 _CONNECT_S = 15
 _ANSWER_S = 5
-_ENVIRONMENT = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+_ENVIRONMENT = {
+    "NUMBA_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    **SAFE_ENVIRONMENT,
+}
 """One thread per worker: the work is shared out by recordings."""
 
 _PRELOADED = (
@@ -80,6 +86,15 @@ def workers(
         Without dask.
     """
     _leave_if_imported_by_a_worker()
+    with safe_children(), _client(scheduler, n_workers, scratch, loud=loud) as client:
+        yield client
+
+
+@contextlib.contextmanager
+def _client(
+    scheduler: str | None, n_workers: int | None, scratch: Path, *, loud: bool
+) -> Iterator[Any]:
+    """What `workers` gives; the children that are started meanwhile are safe."""
     try:
         import dask
 
@@ -167,24 +182,9 @@ def _start_method() -> str:
     import multiprocessing.forkserver
 
     multiprocessing.get_context("forkserver").set_forkserver_preload(list(_PRELOADED))
-    with _environment(_ENVIRONMENT):
+    with environment(_ENVIRONMENT):
         multiprocessing.forkserver.ensure_running()
     return "forkserver"
-
-
-@contextlib.contextmanager
-def _environment(values: Mapping[str, str]) -> Iterator[None]:
-    """Environment variables for the processes that are started meanwhile."""
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 def _leave_if_imported_by_a_worker() -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import importlib
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -23,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError, MissingExtraError
+from lightflight.files.children import run_module
 from lightflight.files.filecheck import DEFLATE_MOST, MEMORY_SHARE, free_memory_bytes
 
 TIME_LIMIT_S = 60.0
@@ -55,24 +55,13 @@ def run_isolated(
         If the reader is not installed.
     """
     with tempfile.TemporaryDirectory(prefix="lightflight-") as folder:
-        command = [sys.executable, "-m", __name__, function, str(path.resolve()), folder]
-        environment = {
-            **os.environ,
-            # The child must find what this process can import, however it came to it.
-            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-            "OPENBLAS_NUM_THREADS": "1",  # each thread takes memory, on a large machine too much
-        }
         limit = TIME_LIMIT_S + path.stat().st_size / _BYTES_PER_S
         try:
-            done = subprocess.run(  # noqa: S603  (our own module, no shell)
-                command,
-                input=json.dumps(dict(arguments)),
-                capture_output=True,
-                text=True,
-                errors="replace",
-                timeout=limit,
-                env=environment,
-                check=False,
+            done = run_module(
+                __name__,
+                [function, str(path.resolve()), folder],
+                told=json.dumps(dict(arguments)),
+                time_limit_s=limit,
             )
         except subprocess.TimeoutExpired:
             raise FileFormatError(

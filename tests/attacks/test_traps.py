@@ -1,0 +1,126 @@
+"""Modules that lie in a folder of data: nothing of them runs, whoever is started there."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lightflight.files.children import safe_path
+from tests.attacks.traps import lay_traps, run_there, sprung, the_command
+from tests.formats.made_by_hand import ptu_bytes, sdt_bytes
+
+SOURCE = Path(__file__).parents[2] / "src" / "lightflight"
+
+
+@pytest.fixture
+def trapped(tmp_path) -> Path:
+    return lay_traps(tmp_path)
+
+
+def test_the_traps_work(trapped):
+    """What Python itself does there: else the tests below would say nothing."""
+    done = run_there(trapped, sys.executable, "-c", "import colorsys")
+    assert done.returncode == 1
+    assert sprung(trapped) == ["colorsys"]
+
+
+@pytest.mark.parametrize("name", ["x.ptu", "x.sdt"])
+def test_reading_there_runs_none_of_them(trapped, name):
+    pytest.importorskip(f"{name[2:]}file")
+    content = ptu_bytes(np.arange(200) % 3000) if name == "x.ptu" else sdt_bytes(np.ones((2, 64)))
+    (trapped / name).write_bytes(content)
+    done = run_there(trapped, *the_command(), "info", name)
+    assert (done.returncode, sprung(trapped)) == (0, []), done.stderr
+
+
+def test_python_m_lightflight_runs_none_of_them_either(tmp_path):
+    """All but the few that Python itself loads from there before a line of ours runs."""
+    names = ["json", "numpy", "random", "socket", "click", "h5py", "ptufile", "tomllib"]
+    lay_traps(tmp_path, names)
+    np.savez(tmp_path / "x.npz", cube=np.ones((2, 2, 8), np.uint16), axes="yxt")
+    done = run_there(tmp_path, sys.executable, "-m", "lightflight", "info", "x.npz")
+    assert (done.returncode, sprung(tmp_path)) == (0, []), done.stderr
+
+
+def test_a_prompt_there_gives_its_children_none_of_them(trapped):
+    """At a prompt the current folder is the first one that Python itself looks into."""
+    pytest.importorskip("ptufile")
+    (trapped / "x.ptu").write_bytes(ptu_bytes(np.arange(200) % 3000))
+    code = (
+        "import sys; first = sys.path.pop(0); import lightflight as lf, lightflight.formats.ptu\n"
+        "sys.path.insert(0, first); assert first == ''\n"
+        "lf.formats.ptu.run_isolated('lightflight.formats.ptu:load',"
+        " lf.formats.ptu.Path('x.ptu'), {'channel': None})"
+    )
+    done = run_there(trapped, sys.executable, "-c", code)
+    assert (done.returncode, sprung(trapped)) == (0, []), done.stderr
+
+
+WORKERS = """
+import sys
+first = sys.path.pop(0)
+from pathlib import Path
+import distributed, multiprocessing.forkserver, tempfile, lightflight.batch.cluster as cluster
+sys.path.insert(0, first)
+def path():
+    import colorsys
+    return sys.path
+with tempfile.TemporaryDirectory() as scratch:
+    with cluster.workers(n_workers=1, scratch=Path(scratch)) as client:
+        client.run(lambda: __import__("colorsys"))
+        found = cluster.submit(client, sys.path.copy, name="a").result()
+print(found)
+assert sys.path[0] == first
+"""
+
+
+@pytest.mark.slow
+def test_workers_of_campaigns_run_none_of_them(trapped):
+    """The server they branch off, what watches their resources, and they themselves."""
+    pytest.importorskip("distributed")
+    done = run_there(trapped, sys.executable, "-c", WORKERS)
+    assert (done.returncode, sprung(trapped)) == (0, []), done.stderr
+    assert str(trapped) not in done.stdout
+
+
+def test_what_is_kept_of_the_path(tmp_path, monkeypatch):
+    here, told, other = (tmp_path / name for name in ("here", "told", "other"))
+    for folder in (here, told, other):
+        folder.mkdir()
+    monkeypatch.chdir(here)
+    monkeypatch.setenv("PYTHONPATH", f"{told}{os.pathsep}")
+    path = ["", ".", str(here), str(told), str(other), str(SOURCE.parent)]
+    assert safe_path(path, with_script=False) == [str(told), str(other), str(SOURCE.parent)]
+    monkeypatch.setenv("PYTHONPATH", str(here))
+    assert str(here) in safe_path(path, with_script=False)
+
+
+def test_a_script_reaches_its_neighbours_in_workers_and_vendors_readers_do_not(tmp_path):
+    (tmp_path / "script.py").write_text(
+        "import sys\nfrom lightflight.files.children import safe_path\n"
+        "print([sys.path[0] in safe_path(sys.path, with_script=w) for w in (True, False)])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[True, False]"
+
+
+def test_processes_are_started_in_one_place():
+    """By construction: another module that starts one must be named here, with its reason."""
+    starters = ("subprocess", "os.system", "os.exec", "os.spawn", "os.popen", "os.fork", "Popen")
+    allowed = {
+        "files/children.py": "the place itself",
+        "formats/isolation.py": "catches TimeoutExpired",
+    }
+    found = {
+        file.relative_to(SOURCE).as_posix()
+        for file in SOURCE.rglob("*.py")
+        if any(word in file.read_text("utf-8") for word in starters)
+    }
+    assert found == set(allowed)
