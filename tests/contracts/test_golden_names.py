@@ -32,8 +32,12 @@ GONE = {
     "lightflight.timing.response Response: .from_counts is gone": (
         "a measured curve is given as it is to calibrate_timing and fit_pulses"
     ),
+    "lightflight calibrate_timing: parameter ['flat_arrival_ps', 'KEYWORD_ONLY', '0.0'] became "
+    "['flat_arrival_ps', 'KEYWORD_ONLY', 'None']": (
+        "0.0 as before for a lab's flat; a simulated one says itself, as on the command line"
+    ),
 }
-"""Parts that no page listed and that went, and what does their work."""
+"""Parts that no page listed and that went, or that changed, and what does their work."""
 
 ORDERED = ("POSITIONAL_ONLY", "POSITIONAL_OR_KEYWORD")
 

@@ -17,6 +17,7 @@ says; `lightflight.lab.write` goes the way back.
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -27,11 +28,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.camera.model import LENS_ERRORS, Camera, pose_covariance_from_stds
-from lightflight.errors import ConfigError
+from lightflight.errors import ConfigError, SuspectDataWarning
 from lightflight.files import toml_tables as config
 from lightflight.flight import Medium, Source
 from lightflight.lab.keys import SECTIONS
 from lightflight.simulate.detector import Detector
+
+_CLOCK_KEYS = {"n_codes", "bin_width_ps", "code_width_ps", "laser_period_ps", "reversed_codes"}
+"""Who writes one of these in [detector] describes a camera of his own."""
 
 OPTION_SECTIONS = ("recording", "timing", "reconstruct", "scene")
 """Sections that are kept as they were written, as options of the functions they are named after."""
@@ -245,6 +249,13 @@ def _detector_from_table(table: Mapping[str, Any]) -> Detector:
     given = dict(table)
     name = given.pop("preset", None)
     if name is None:
+        if given and not given.keys() & _CLOCK_KEYS:
+            warnings.warn(
+                f"[detector] {', '.join(given)} without a preset change an ideal camera, not the "
+                'default PF32: write preset = "pf32" (or "ideal") beside them',
+                SuspectDataWarning,
+                stacklevel=2,
+            )
         return Detector(**given)
     from lightflight.simulate.presets import PRESETS
 

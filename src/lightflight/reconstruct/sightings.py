@@ -16,6 +16,7 @@ from lightflight.reconstruct.model.setting import Setting, earliest_arrival_ps
 from lightflight.reconstruct.model.sighting import Sighting, blind_pixels
 from lightflight.timing.clock.calibration import ASSUMED_GAIN_STD, TimingCalibration
 from lightflight.timing.pulses.arrivals import find_arrivals
+from lightflight.timing.pulses.same_camera import check_same_camera
 
 if TYPE_CHECKING:
     from lightflight.recording.histograms import Histograms
@@ -40,7 +41,13 @@ def unwrapped_sighting(sighting: Sighting, setting: Setting) -> Sighting:
     -------
     Sighting
         The same recording, `arrival_ps` shifted by whole laser periods.
+
+    Raises
+    ------
+    CalibrationError
+        Where the clock is another camera's.
     """
+    check_same_camera(sighting.arrivals, sighting.timing)
     times = unwrapped_arrivals(
         sighting.arrivals.arrival_ps,
         period_ps=sighting.arrivals.laser_period_ps,

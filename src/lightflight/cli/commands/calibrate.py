@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lightflight.lab import Lab
-    from lightflight.recording.histograms import Histograms
     from lightflight.timing.clock.calibration import TimingCalibration
 
 
@@ -178,7 +177,7 @@ def _calibrated(
 ) -> TimingCalibration:
     """Calibration from the flats and `others`, which tells what it was made of."""
     from lightflight.cli.records import provenance_of_command, read_histograms
-    from lightflight.timing.calibrate.chain import calibrate_timing
+    from lightflight.timing.calibrate.chain import arrival_of_flat, calibrate_timing
 
     recordings: dict[str, Any] = {
         name: read_histograms(path, lab, hints) for name, path in others.items() if path is not None
@@ -188,7 +187,7 @@ def _calibrated(
         lit = [read_histograms(path, lab, hints) for path in flats]
         recordings["flat"] = lit if len(lit) > 1 else lit[0]
         if "flat_arrival_ps" not in options:
-            options["flat_arrival_ps"], notes = _flat_arrival(lit[0])
+            options["flat_arrival_ps"], notes = arrival_of_flat(lit[0])
             lab = replace(lab, timing={**lab.timing, "flat_arrival_ps": options["flat_arrival_ps"]})
     with step("calibrating the clock"):
         calibration = calibrate_timing(**recordings, **options)
@@ -293,18 +292,6 @@ def _array_from_file(path: Path) -> Any:
         return np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None)
     except ValueError as error:
         raise FileFormatError(f"holds no array of numbers ({error})", path=path) from error
-
-
-def _flat_arrival(flat: Histograms) -> tuple[float, tuple[str, ...]]:
-    """When the flat's light arrived, where nobody said: a simulation knows, a lab sets its zero."""
-    import numpy as np
-
-    known = getattr(flat.truth, "flat_arrival_ps", None)
-    if known is None or np.ndim(known):
-        return 0.0, (
-            "the clock's zero is the arrival of the flat's light (--flat-arrival-ps sets another)",
-        )
-    return float(known), (f"the flat is simulated: its light arrived at {float(known):g} ps",)
 
 
 def _write(calibration: TimingCalibration, output: Path) -> None:

@@ -240,6 +240,8 @@ def _stop_at_the_picture(
         arrivals = find_arrivals(hist, timing=timing)
     with step("looking for legs"):
         legs = find_legs(arrivals, n_legs=lab.reconstruct.get("n_legs"))
+    if timing is None and hist.poisson:  # a computed cube has no clock of its own
+        _warn_of_nominal_legs()
     unit = "codes" if hist.bin_width_ps is None else "ps"
     needs = f"To go on to (x, y, z, t) this needs {' and '.join(missing)}."
     if as_json:
@@ -250,6 +252,20 @@ def _stop_at_the_picture(
     if outputs:
         names = ", ".join(map(str, outputs))
         raise ConfigError(f"{names} not written, the path stops at (u, v, t_a): {needs}")
+
+
+def _warn_of_nominal_legs() -> None:
+    """Say what legs in the picture are worth without a calibration of the clock."""
+    import warnings
+
+    from lightflight.errors import SuspectDataWarning
+
+    warnings.warn(
+        "these legs rest on a nominal clock: the delays between pixels, often hundreds of ps, go "
+        "unseen, so legs may be short, missing or wrong; give --timing (lightflight calibrate)",
+        SuspectDataWarning,
+        stacklevel=2,
+    )
 
 
 def _print_legs(legs: tuple[ImageLeg, ...], unit: str) -> None:

@@ -59,13 +59,13 @@ def command(
 
     Without --lab: the paper's three-leg experiment, seen by its camera with all the defects of
     a real one. In a set-up, [scene] has the path (vertices_mm, or source_direction and mirrors)
-    and [detector] the camera's clock.
+    and [detector] the camera's clock; its keys change its preset (without one: an ideal camera).
 
     \b
     Examples:
       lightflight simulate -o recording.h5
       lightflight simulate --kind flat --photons 400000 -o flat.h5
-      lightflight simulate --lab lab.toml --set detector.gain_rms=0.02 -o recording.h5
+      lightflight simulate --set detector.preset=pf32 --set detector.seed=99 -o another_camera.h5
     """
     from lightflight.cli.records import lab_from_options, print_lab, provenance_of_command
     from lightflight.formats.registry import write

@@ -30,6 +30,10 @@ Floats = NDArray[np.float64]
 DeadCodes = Literal["absorbed", "lost"]
 """What became of the time of the dead codes."""
 
+_USUALLY_MISSED = 0.05
+"""Share of live pixels that even light may miss: a speck of dust, a shaded rim."""
+_MOST_MISSED = 0.5
+"""... and above which it is no flat: a beam in the picture lights a tenth."""
 _SCAN_TOLERANCE = 5e-4
 """Relative error of delays that people can set and know."""
 
@@ -256,9 +260,10 @@ def with_flats(
     middle, spread = float(np.median(skew[seen])), float(np.std(skew[seen]))
     skew[~seen], std[~seen] = middle, max(spread, assumed_skew_std_ps)
     words = clock.flags.copy()
-    words[~seen] |= flags.UNCALIBRATED
     for flat, delays in zip(flats, seen_by, strict=True):
         words |= _pixels_that_scream(flat) | (delays.flags & np.uint32(flags.NO_PHOTONS))
+    partial = _check_covered(seen, flags.is_usable(words))
+    words[~seen] |= flags.UNCALIBRATED
     response = np.stack([x.response_std_ps for x in seen_by])
     photons = [float(np.nanmedian(x.photons)) for x in seen_by]
     notes = [
@@ -267,6 +272,7 @@ def with_flats(
     ]
     if np.isfinite(response).any():
         notes.append(f"pulse of the flat: {np.nanmedian(response):.1f} ps (std)")
+    notes.extend(partial)
     if not seen.all():
         notes.append(f"{int((~seen).sum())} pixels show no pulse in the flat: the array's delay")
     clock = replace(
@@ -275,6 +281,31 @@ def with_flats(
         assumed_skew_std_ps=float(assumed_skew_std_ps), notes=(*clock.notes, *notes),
     )  # fmt: skip
     return _with_gains_of_scan(clock, scan) if len(flats) > 1 else clock
+
+
+def _check_covered(seen: NDArray[np.bool_], live: NDArray[np.bool_]) -> tuple[str, ...]:
+    """A note, and SuspectDataWarning, where the flat's light misses many of the live pixels.
+
+    Raises
+    ------
+    CalibrationError
+        Where it misses more than half of them: it is no flat.
+    """
+    n_live = int(np.count_nonzero(live))
+    n_missed = int(np.count_nonzero(live & ~seen))
+    text = f"{n_missed:,} of {n_live:,} pixels that count show no pulse in the flat"
+    if n_missed > _MOST_MISSED * n_live:
+        raise CalibrationError(
+            f"{text}: is it another recording (a beam)? Light all pixels at once, as from a "
+            "diffuser or a screen, and longer where it is dim"
+        )
+    if n_missed <= _USUALLY_MISSED * n_live:
+        return ()
+    warnings.warn(
+        f"{text}, and their times will hardly count: light the whole array, or longer",
+        SuspectDataWarning, stacklevel=4,
+    )  # fmt: skip
+    return (text,)
 
 
 def _with_response(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,7 +34,7 @@ def calibrate_timing(
     code_density: Histograms | None = None,
     *,
     flat: Histograms | Sequence[Histograms] | None = None,
-    flat_arrival_ps: ArrayLike | Sequence[ArrayLike] = 0.0,
+    flat_arrival_ps: ArrayLike | Sequence[ArrayLike] | None = None,
     dead_codes: str | None = None,
     dark: Histograms | None = None,
     assumed_skew_std_ps: float = 0.0,
@@ -55,7 +56,8 @@ def calibrate_timing(
         time went. None: equal delays, with a warning.
     flat_arrival_ps : float or (rows, cols), or a list of them, one for each flat
         When the flat's pulse reached each pixel, ps, on the clock that this defines. What is
-        common to all pixels and flats only shifts that clock.
+        common to all pixels and flats only shifts that clock. None: as a simulated flat says
+        itself, so that the clock's zero is the simulation's; 0 for one of a lab.
     dead_codes : "absorbed", "lost" or None
         Where the time of the dead first codes went: into the first live ones, or nowhere. None:
         unknown, which is a scale error that all pixels share.
@@ -93,6 +95,10 @@ def calibrate_timing(
     CalibrationError
         If a recording cannot be what it is called, or the recordings do not belong together.
     """
+    if flat_arrival_ps is None:
+        flat_arrival_ps, said = arrival_of_flat(flat)
+    else:
+        said = ()
     flats, arrivals = _checked_flats(flat, flat_arrival_ps)
     stds = {"assumed_skew_std_ps": assumed_skew_std_ps, "flat_tilt_std_ps": flat_tilt_std_ps}
     shape = _checked_parts(code_density, flats, dark, dead_codes, flat_pulse, stds)
@@ -113,7 +119,33 @@ def calibrate_timing(
     else:
         clock = with_assumed_delays(clock, assumed_skew_std_ps)
     clock = with_shared_errors(clock, offset_std_ps=flat_arrival_std_ps, scale_std=scale_std)
+    clock = replace(clock, notes=(*clock.notes, *said))
     return clock if dark is None else with_dark(clock, dark)
+
+
+def arrival_of_flat(
+    flat: Histograms | Sequence[Histograms] | None,
+) -> tuple[float, tuple[str, ...]]:
+    """When the flat's light arrived, where nobody said: a simulation knows, a lab sets its zero.
+
+    Parameters
+    ----------
+    flat : Histograms, sequence of Histograms or None
+        The flat, as `calibrate_timing` takes it.
+
+    Returns
+    -------
+    arrival_ps : float
+        ps.
+    notes : tuple of str
+        What it rests on; none where there is no single flat.
+    """
+    if not isinstance(flat, Histograms):
+        return 0.0, ()
+    known = getattr(flat.truth, "flat_arrival_ps", None)
+    if known is None or np.ndim(known):
+        return 0.0, ("the clock's zero is the arrival of the flat's light (flat_arrival_ps)",)
+    return float(known), (f"the flat is simulated: its light arrived at {float(known):g} ps",)
 
 
 def _checked_flats(

@@ -202,6 +202,9 @@ def fit_pulses(
     """
     _check_options(method, max_pulses, response, threads)
     todo = _mask_to_fit(hist, exclude_mask)
+    # First: a comb has as many pulses as teeth, and to try them all takes minutes.
+    if hist.poisson:
+        check_sync(hist, everywhere=True)
     clock, pile_up = clock_of(hist, timing), pile_up_of(hist)
     fits = fit_all(
         hist, clock, todo, method=method, max_pulses=max_pulses, background=background,

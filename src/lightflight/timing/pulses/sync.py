@@ -8,14 +8,15 @@ from lightflight.errors import CalibrationError
 from lightflight.recording.histograms import Histograms
 
 _LARGEST_STEP = 64
-_COARSE_SHARE = 0.9
-"""Share of the counts on every n-th code from which codes are called coarse."""
+_OFF_GRID = 0.2
+"""Codes are coarse where those beside the grid hold less than this share of those on it. The code
+widths of real clocks alternate by less (PF32: 0.84)."""
 
 _FEWEST_CODES = 6
 _FEWEST_COUNTS = 200
 
 
-def coarse_step(hist: Histograms) -> int | None:
+def coarse_step(hist: Histograms, *, everywhere: bool = False) -> int | None:
     """Step n where nearly all counts sit on every n-th code, over a wide range; None: no such.
 
     A pulse fills neighbouring codes, even light fills all; both spoil a coarse grid.
@@ -24,6 +25,9 @@ def coarse_step(hist: Histograms) -> int | None:
     ----------
     hist : Histograms
         Counts of any recording.
+    everywhere : bool, optional
+        Only where the grid is filled from end to end, as no pulse could fill it, whatever codes a
+        clock leaves out.
 
     Returns
     -------
@@ -38,26 +42,32 @@ def coarse_step(hist: Histograms) -> int | None:
     for step in range(min(_LARGEST_STEP, hist.n_codes // _FEWEST_CODES), 1, -1):
         on_grid = np.bincount(np.arange(hist.n_codes) % step, counts, minlength=step)
         best = int(np.argmax(on_grid))
-        filled = np.count_nonzero(counts[best::step] > 0.01 * total / _FEWEST_CODES)
-        if on_grid[best] > _COARSE_SHARE * total and filled >= _FEWEST_CODES:
+        if np.delete(on_grid, best).max() >= _OFF_GRID * on_grid[best]:
+            continue
+        teeth = counts[best::step]
+        filled = np.count_nonzero(teeth > 0.01 * total / _FEWEST_CODES)
+        even = np.count_nonzero(teeth > 0.25 * teeth.mean()) > 0.5 * len(teeth)
+        if filled >= _FEWEST_CODES and (even or not everywhere):
             return step
     return None
 
 
-def check_sync(hist: Histograms) -> None:
+def check_sync(hist: Histograms, *, everywhere: bool = False) -> None:
     """Check that a recording does not look as without sync; see `coarse_step`.
 
     Parameters
     ----------
     hist : Histograms
         Counts of any recording.
+    everywhere : bool, optional
+        As `coarse_step`.
 
     Raises
     ------
     CalibrationError
         Where it does.
     """
-    step = coarse_step(hist)
+    step = coarse_step(hist, everywhere=everywhere)
     if step is not None:
         raise CalibrationError(
             f"the camera ran without sync: no pulse, and only every {step}th code is used; connect "
