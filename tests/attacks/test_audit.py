@@ -80,7 +80,8 @@ def test_reading_asks_python_for_nothing_but_to_read(tmp_path, watched):
 def test_the_watch_sees_what_it_is_there_for(tmp_path, what, code):
     """The same hook, over what a hostile file might bring about."""
     program = (
-        "import tests.attacks.watched as w, sys; sys.addaudithook(w._hook); w.watch.seen = seen = []\n"
+        "import tests.attacks.watched as w, sys; sys.addaudithook(w._hook)\n"
+        "w.watch.seen = seen = []\n"
         f"{code}\nw.watch.seen = None\nprint(seen)"
     )
     done = subprocess.run(

@@ -7,13 +7,14 @@ writes), or an attribute `axes`; otherwise by hint.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lightflight.errors import ConfigError, optional_package
+from lightflight.errors import ConfigError, SuspectDataWarning, optional_package
 from lightflight.files.filecheck import ANY_MOST, check_claim, check_memory
 from lightflight.files.whole_file import atomic_path
 from lightflight.formats.cubes import (
@@ -25,6 +26,7 @@ from lightflight.formats.cubes import (
 )
 from lightflight.formats.metadata import fields_from_text, text_from_histograms
 from lightflight.formats.registry import Format
+from lightflight.formats.zarr_store import checked_arrays, checked_chunks
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording
 
@@ -76,16 +78,28 @@ def read(
     MissingExtraError
         Without zarr.
     """
-    node = _array_in(_zarr().open(path, mode="r"), array, path)
+    zarr = _zarr()
+    # Nothing of the folder is believed by zarr before we do: codecs run programs.
+    arrays = checked_arrays(path)
+    name = _chosen({key: tuple(one["shape"]) for key, one in arrays.items()}, array, path)
+    stored = checked_chunks(path, name, arrays[name])
+    node = zarr.open_array(str(path / name), mode="r", zarr_format=stored.zarr_format)
     text = node.attrs.get(_METADATA)
     fields, settings = fields_from_text(text if isinstance(text, str) else None, path)
-    axes = axes_of(node.name, node.shape, axes or _stated_axes(node), path=path)
-    stored = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
-    what = f"array {node.name} {node.shape}"
+    axes = axes_of(name or path.name, node.shape, axes or _stated_axes(node), path=path)
+    what = f"array {name or path.name} {node.shape}"
     n_bytes = math.prod(node.shape) * node.dtype.itemsize
-    check_claim(n_bytes, stored, path=path, what=what, most=ANY_MOST)
+    check_claim(n_bytes, stored.stored_bytes, path=path, what=what, most=ANY_MOST)
     chunk = math.prod(node.chunks) * node.dtype.itemsize
     check_memory(max(chunk, 0 if axes == "fyx" else n_bytes), path=path, what=what)
+    if stored.n_found < stored.n_expected:
+        warnings.warn(
+            f"{path}: {stored.n_expected - stored.n_found} of {stored.n_expected} chunks are not "
+            f"there and are read as {node.fill_value}: copy the folder again, unless it was "
+            "written without its empty chunks",
+            SuspectDataWarning,
+            stacklevel=2,
+        )
     return record_from_array(
         node if axes == "fyx" else np.asarray(node[...]),
         axes,
@@ -102,19 +116,17 @@ def _zarr() -> Any:
     return optional_package("zarr", otherwise="Zarr needs zarr: pip install 'lightflight[batch]'")
 
 
-def _array_in(opened: Any, wanted: str | None, path: Path) -> Any:
-    """The array to read, of what was opened: an array, or a group of them."""
-    if not hasattr(opened, "members"):
+def _chosen(shapes: Mapping[str, tuple[int, ...]], wanted: str | None, path: Path) -> str:
+    """Name of the array to read; "" where the folder itself is one."""
+    if "" in shapes:
         if wanted is not None:
             raise ConfigError(f"array={wanted!r}: {path.name} is one array, not a group")
-        return opened
-    arrays = {name: node for name, node in opened.members(max_depth=None) if hasattr(node, "shape")}
-    shapes = {name: node.shape for name, node in arrays.items()}
-    if wanted is not None:
-        if wanted not in arrays:
-            raise ConfigError(f"array={wanted!r} is not in {path.name}: {shapes_text(shapes)}")
-        return arrays[wanted]
-    return arrays[only_array(shapes, option="array", path=path)]
+        return ""
+    if wanted is None:
+        return only_array(shapes, option="array", path=path)
+    if wanted not in shapes:
+        raise ConfigError(f"array={wanted!r} is not in {path.name}: {shapes_text(shapes)}")
+    return wanted
 
 
 def _stated_axes(node: Any) -> str | None:

@@ -1,0 +1,180 @@
+"""Zarr folders that a stranger made: codecs, types, links, pipes, chunks that lack or swell."""
+
+from __future__ import annotations
+
+import json
+import os
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lightflight as lf
+from lightflight.errors import FileFormatError, SuspectDataWarning
+
+zarr = pytest.importorskip("zarr")
+numcodecs = pytest.importorskip("numcodecs")
+read: Any = lf.read
+
+CUBE = np.random.default_rng(16).poisson(3.0, (8, 5, 16)).astype(np.uint16)
+
+
+def folder_of(tmp_path: Path, version: int = 3, **options: Any) -> Path:
+    """A store that is sound."""
+    path = tmp_path / "x.zarr"
+    node = zarr.create_array(
+        str(path), shape=CUBE.shape, chunks=(4, 5, 16), dtype="u2", zarr_format=version, **options
+    )
+    node[...] = CUBE
+    return path
+
+
+def changed(path: Path, version: int, **values: Any) -> Path:
+    """The same, with other metadata."""
+    file = path / ("zarr.json" if version == 3 else ".zarray")
+    file.write_text(json.dumps({**json.loads(file.read_text()), **values}))
+    return path
+
+
+class Marks:
+    def __init__(self, folder: str) -> None:
+        self.folder = folder
+
+    def __reduce__(self):
+        return os.mkdir, (self.folder,)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("packed", ["zstd", "gzip", "blosc", "none", "shards", "delta"])
+def test_what_is_allowed_is_read(tmp_path, version, packed):
+    if version == 2:
+        kinds: dict[str, Any] = {
+            "zstd": {"compressors": numcodecs.Zstd()},
+            "gzip": {"compressors": numcodecs.GZip()},
+            "blosc": {"compressors": numcodecs.Blosc()},
+            "none": {"compressors": None},
+            "shards": {"compressors": numcodecs.LZ4()},
+            "delta": {"filters": [numcodecs.Delta("<u2")], "compressors": numcodecs.Zlib()},
+        }
+    else:
+        codecs = zarr.codecs
+        kinds = {
+            "zstd": {"compressors": codecs.ZstdCodec(checksum=True)},
+            "gzip": {"compressors": codecs.GzipCodec()},
+            "blosc": {"compressors": codecs.BloscCodec(cname="zstd")},
+            "none": {"compressors": None},
+            "shards": {"shards": (8, 10, 16)},
+            "delta": {"compressors": [codecs.ZstdCodec(), codecs.Crc32cCodec()]},
+        }
+    path = folder_of(tmp_path, version, **kinds[packed])
+    np.testing.assert_array_equal(read(path, axes="yxt").counts, CUBE)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_pickle_codec_runs_nothing(tmp_path, version):
+    path = folder_of(tmp_path, version)
+    mark = tmp_path / "it_ran"
+    packed = numcodecs.Pickle().encode(np.array([Marks(str(mark))], object))
+    chunk = next(file for file in path.rglob("*") if file.is_file() and "0" in file.name)
+    chunk.write_bytes(packed)
+    if version == 2:
+        changed(path, 2, dtype="|O", filters=[{"id": "pickle", "protocol": 5}], compressor=None)
+    else:
+        changed(path, 3, codecs=[{"name": "numcodecs.pickle", "configuration": {"protocol": 5}}])
+    with pytest.raises(FileFormatError, match=r"holds .*O.*no numbers|'pickle'.* may run code"):
+        read(path, axes="yxt")
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize(
+    ("version", "values", "text"),
+    [
+        (2, {"dtype": "|O"}, "no numbers"),
+        (2, {"dtype": [["a", "<u2"]]}, "no numbers"),
+        (2, {"filters": [{"id": "json2"}]}, "'json2', which may run code"),
+        (2, {"filters": [{"id": "delta", "dtype": "|O"}]}, "makes '|O' of numbers"),
+        (2, {"compressor": {"id": "bz2"}}, "'bz2'"),
+        (2, {"chunks": [0, 5, 16]}, "do not divide"),
+        (2, {"shape": [8, 5, -16]}, "cannot be"),
+        (2, {"shape": [8, 5, 1 << 62]}, "cannot be"),
+        (3, {"data_type": "string"}, "no numbers"),
+        (3, {"data_type": {"name": "struct", "configuration": {}}}, "no numbers"),
+        (3, {"codecs": [{"name": "vlen-utf8"}]}, "'vlen-utf8', which may run code"),
+        (3, {"codecs": ["bytes", "zstd", "gzip"]}, "in several layers"),
+        (3, {"codecs": ["bytes", "zstd", "numcodecs.crc32"]}, "in several layers"),
+        (3, {"storage_transformers": [{"name": "x"}]}, "storage transformers"),
+        (3, {"chunk_grid": {"name": "rectangular"}}, "no regular grid"),
+    ],
+)
+def test_what_is_not_on_the_list_is_refused(tmp_path, version, values, text):
+    path = changed(folder_of(tmp_path, version), version, **values)
+    with pytest.raises(FileFormatError, match=text) as caught:
+        read(path, axes="yxt")
+    assert str(path) in str(caught.value)
+
+
+def test_consolidated_metadata_are_not_believed(tmp_path):
+    """What zarr would look at first says another thing than the array itself."""
+    group = zarr.open_group(str(tmp_path / "g.zarr"), mode="w")
+    group.create_array("cube", shape=CUBE.shape, chunks=(4, 5, 16), dtype="u2")[...] = CUBE
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        zarr.consolidate_metadata(str(tmp_path / "g.zarr"))
+    file = tmp_path / "g.zarr" / "zarr.json"
+    file.write_text(file.read_text().replace('"uint16"', '"string"'))
+    np.testing.assert_array_equal(read(tmp_path / "g.zarr", axes="yxt").counts, CUBE)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX")
+@pytest.mark.parametrize("kind", ["link", "link to a folder", "pipe"])
+def test_links_and_pipes_are_neither_followed_nor_waited_for(tmp_path, kind):
+    path = folder_of(tmp_path)
+    chunk = path / "c" / "1" / "0" / "0"
+    (tmp_path / "other").mkdir()
+    if kind == "link":
+        chunk.rename(tmp_path / "away")
+        chunk.symlink_to(tmp_path / "away")
+    elif kind == "pipe":
+        chunk.unlink()
+        os.mkfifo(chunk)
+    else:
+        (path / "more").symlink_to(tmp_path / "other")
+    with pytest.raises(FileFormatError, match=r"holds a (link|pipe or device) \("):
+        read(path, axes="yxt")
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_chunks_that_lack_are_told(tmp_path, version):
+    path = folder_of(tmp_path, version)
+    (path / ("1.0.0" if version == 2 else "c/1/0/0")).unlink()
+    with pytest.warns(SuspectDataWarning, match="1 of 2 chunks are not there"):
+        hist = read(path, axes="yxt")
+    assert hist.counts[4:].sum() == 0
+
+
+def test_chunks_that_lack_within_shards_are_told(tmp_path):
+    path = tmp_path / "x.zarr"
+    node = zarr.create_array(
+        str(path), shape=CUBE.shape, chunks=(4, 5, 16), shards=(8, 5, 16), dtype="u2"
+    )
+    node[:4] = CUBE[:4]
+    with pytest.warns(SuspectDataWarning, match="1 of 2 chunks are not there"):
+        read(path, axes="yxt")
+
+
+@pytest.mark.parametrize("packed", ["zstd", "blosc", "gzip", "two gzip"])
+def test_chunks_that_would_swell_are_refused_unpacked(tmp_path, packed):
+    """A chunk of 640 bytes that would become 64 MB."""
+    codecs = zarr.codecs
+    kinds = {"zstd": codecs.ZstdCodec(), "blosc": codecs.BloscCodec(), "gzip": codecs.GzipCodec()}
+    path = folder_of(tmp_path, 3, compressors=kinds[packed.split()[-1]])
+    zeros = bytes(64 << 20)
+    packers = {"zstd": numcodecs.Zstd(), "blosc": numcodecs.Blosc(), "gzip": numcodecs.GZip()}
+    content = bytes(packers[packed.split()[-1]].encode(zeros))
+    if packed == "two gzip":
+        content = bytes(numcodecs.GZip().encode(b"\0")) + content
+    (path / "c" / "0" / "0" / "0").write_bytes(content)
+    with pytest.raises(FileFormatError, match=r"becomes .* bytes or does not say how many"):
+        read(path, axes="yxt")
