@@ -18,12 +18,12 @@ from lightflight.reconstruct.model.forward import (
     Local,
     Pixels,
     layout_of,
-    likelihood,
     local_variables,
     moved_light,
 )
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.likelihood import likelihood
 from lightflight.reconstruct.model.picture import leg_in_picture
 
 CAMERA = Camera.facing_plane((12, 16), distance_mm=535.0, field_of_view_mm=(122.5, 91.9))

@@ -16,15 +16,14 @@ from lightflight.reconstruct.model.forward import (
     CodeCounts,
     Layout,
     Light,
-    Likelihood,
     Local,
     Pixels,
     layout_of,
-    likelihood,
     moved_light,
 )
 from lightflight.reconstruct.model.freedom import Freedom, state_vector
 from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.likelihood import Likelihood, likelihood
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import (
     SharedErrors,

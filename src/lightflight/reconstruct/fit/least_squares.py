@@ -19,7 +19,6 @@ from lightflight.reconstruct.model.geometry import (
     Indices,
     PathState,
     arrival_jacobian,
-    footprints,
     line_offsets,
     overshoots,
 )
@@ -27,10 +26,9 @@ from lightflight.reconstruct.model.image_plane import mean_focal_px
 from lightflight.reconstruct.model.picture import LineDataInPicture
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import (
-    MEDIUM,
-    NUDGE,
     SharedErrors,
     moved,
+    nudges_of_views,
     shared_errors,
     undistorted_as_moved,
 )
@@ -352,30 +350,27 @@ def modelled(
         np.zeros(n), np.zeros((n, n_state)), np.zeros(n_lines), np.zeros((n_lines, n_state)),
         np.zeros((n + n_lines, len(errors))), np.zeros(n), np.zeros((n, n_state)),
     )  # fmt: skip
-    seen = moved(told, errors, delta)
+    seen, prints = moved(told, errors, delta), []
     for view, camera in enumerate(seen.cameras):
         here, drawn = rows_of_view(times.view, view, n), rows_of_view(lines.view, view, n_lines)
         print_, by_state = arrival_jacobian(
             state, camera=camera, medium=seen.medium, legs=times.leg[here], rows=times.row[here],
             cols=times.col[here],
         )  # fmt: skip
+        prints.append(print_)
         model.arrival_ps[here], model.arrival_by_state[here] = print_.arrival_ps, by_state
         offset, by_state = _offsets(state, lines, drawn, told.cameras[view], camera)
         model.offset_px[drawn], model.offset_by_state[drawn] = offset, by_state
         model.over_px[here], model.over_by_state[here] = overshoots(state, print_, camera=camera)
-    for k, there in errors.nudged(told, delta):
-        for view in range(len(seen.cameras)):
-            # The medium is every camera's, a pose and a lens one camera's alone.
-            if errors.view[k] not in (view, MEDIUM):
-                continue
-            here, drawn = rows_of_view(times.view, view, n), rows_of_view(lines.view, view, n_lines)
-            arrival = footprints(
-                state, camera=there.cameras[view], medium=there.medium, legs=times.leg[here],
-                rows=times.row[here], cols=times.col[here],
-            ).arrival_ps  # fmt: skip
-            line = _offsets(state, lines, drawn, told.cameras[view], there.cameras[view])[0]
-            model.by_shared[here, k] = (arrival - model.arrival_ps[here]) / NUDGE
-            model.by_shared[n + drawn, k] = (line - model.offset_px[drawn]) / NUDGE
+    for view, nudges in enumerate(nudges_of_views(told, errors, delta)):
+        here, drawn = rows_of_view(times.view, view, n), rows_of_view(lines.view, view, n_lines)
+        model.by_shared[here] = nudges.arrivals(
+            state, prints[view], model.arrival_by_state[here], seen.medium
+        )
+        model.by_shared[n + drawn] = model.offset_by_state[drawn] @ nudges.as_moves(state)
+        for k, lens in nudges.lenses.items():
+            line = _offsets(state, lines, drawn, told.cameras[view], lens)[0]
+            model.by_shared[n + drawn, k] += (line - model.offset_px[drawn]) / nudges.step
     # Whitened like the offsets themselves: one weight for both.
     model.by_shared[n:] = lines.whitening @ model.by_shared[n:]
     return model

@@ -31,7 +31,6 @@ from lightflight.reconstruct.model.forward import (
     Light,
     Pixels,
     layout_of,
-    likelihood,
 )
 from lightflight.reconstruct.model.freedom import (
     Freedom,
@@ -43,6 +42,7 @@ from lightflight.reconstruct.model.freedom import (
 )
 from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.likelihood import likelihood
 from lightflight.reconstruct.model.picture import LegInPicture, leg_in_picture, lit_by_legs
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import (

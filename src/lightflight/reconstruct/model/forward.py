@@ -11,8 +11,8 @@ strength of the light along the leg under the spot. The integral along the leg i
 its zeroth, first and second moment (photons, mean time, variance), which is exact for a Gaussian
 spot and a curve that bends little within it; corners cut the footprint.
 
-Takes a path and the brightness along it, gives log-likelihood, score and information in a
-handful of parameters: `photon` climbs it, `limits.bounds` reads its curvature.
+Takes a path and the brightness along it, gives what every pixel expects and how that follows a
+handful of parameters; `likelihood` holds it against the counts.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from lightflight._kernels.photon_score import photon_score
 from lightflight.flight import Medium
 from lightflight.reconstruct.model.footing import (
     Corners,
     Footing,
-    Moment,
     corner_distances,
     footing,
 )
 from lightflight.reconstruct.model.geometry import (
+    Footprint,
     Indices,
     PathState,
     arrival_jacobian,
     line_offsets,
 )
 from lightflight.reconstruct.model.image_plane import mean_focal_px
+from lightflight.reconstruct.model.nudges import Nudges
 from lightflight.reconstruct.model.picture import LegInPicture, arrival_curvature
 from lightflight.reconstruct.model.strength import LOG_SPOT_RANGE, span_of_knots
 
@@ -188,6 +188,13 @@ class Layout:
         """Parameters counted in their own standard deviations: modes, then shared errors."""
         return slice(self.n_free, self.n_free + self.n_modes + self.n_shared)
 
+    @property
+    def of_path_and_shared(self) -> Indices:
+        """Places of the path's freedom and of the shared errors of camera and medium."""
+        first = self.n_free + self.n_modes
+        places: Indices = np.r_[0 : self.n_free, first : first + self.n_shared]
+        return places
+
 
 def layout_of(n_free: int, n_modes: int, light: Light, n_shared: int = 0) -> Layout:
     """Order of the parameters: path, modes, shared errors, splines leg by leg, log spot, log std.
@@ -253,6 +260,7 @@ def local_variables(
     modes: Floats,
     camera: Camera,
     medium: Medium,
+    nudges: Nudges | None = None,
 ) -> Local:
     """Photons, time and width of every leg in every pixel, with their derivatives.
 
@@ -274,6 +282,8 @@ def local_variables(
         The camera that sees it.
     medium : Medium
         Group indices out and back.
+    nudges : Nudges, optional
+        How camera and medium follow the shared errors of the layout; None: it has none.
 
     Returns
     -------
@@ -290,7 +300,8 @@ def local_variables(
     for k in range(n_legs):
         here = np.flatnonzero(pixels.near[:, k])
         seen = _seen_leg(state, light, pixels, k, here, camera, medium)
-        _fill_leg(local, seen, light, pixels.modes_ps[here, k], modes, layout, basis, here)
+        slopes = _slopes(seen, state, pixels.points_px[here], light, basis, medium, nudges)
+        _fill_leg(local, seen, slopes, light, pixels.modes_ps[here, k], modes, layout, here)
     return local
 
 
@@ -302,8 +313,8 @@ class _SeenLeg:
     ----------
     leg : int
         Which.
-    arrival_ps : array of float, shape (n,)
-        Arrival time from the foot, ps.
+    print_ : Footprint
+        Where each pixel looks along it.
     arrival_by_state : array of float, shape (n, 3m + 1)
         Its derivative, ps per mm.
     across_px : array of float, shape (n,)
@@ -319,7 +330,7 @@ class _SeenLeg:
     """
 
     leg: int
-    arrival_ps: Floats
+    print_: Footprint
     arrival_by_state: Floats
     across_px: Floats
     across_by_state: Floats
@@ -359,17 +370,85 @@ def _seen_leg(
         corners,
         spot_px=float(np.exp(light.log_spot_px)),
     )
-    return _SeenLeg(k, print_.arrival_ps, by_state, across, across_by_state, along, corners, feet)
+    return _SeenLeg(k, print_, by_state, across, across_by_state, along, corners, feet)
+
+
+@dataclass(frozen=True, eq=False)
+class _Slopes:
+    """How one leg in n pixels follows the path's freedom and the shared errors; (n, q) each.
+
+    Attributes
+    ----------
+    arrival : array of float
+        Arrival time from the foot, ps.
+    across : array of float
+        Distance of the pixel from the leg's image, px.
+    along : array of float
+        Place along the leg's image, px.
+    before : array of float
+        Picture distance to the corner before the foot, px.
+    after : array of float
+        To the corner after it, px.
+    """
+
+    arrival: Floats
+    across: Floats
+    along: Floats
+    before: Floats
+    after: Floats
+
+
+def _slopes(
+    seen: _SeenLeg,
+    state: PathState,
+    points: Floats,
+    light: Light,
+    basis: Floats,
+    medium: Medium,
+    nudges: Nudges | None,
+) -> _Slopes:
+    """Columns of the freedom, then of the shared errors; `points` (n, 2) are the pixels' places."""
+    n_shared = 0 if nudges is None else len(nudges)
+    moves = basis if nudges is None else np.column_stack((basis, nudges.as_moves(state)))
+    found = _Slopes(
+        seen.arrival_by_state @ moves,
+        seen.across_by_state @ moves,
+        np.zeros((len(points), moves.shape[1])),
+        seen.corners.before_by_state @ moves,
+        seen.corners.after_by_state @ moves,
+    )
+    if nudges is None:
+        return found
+    own, k = slice(moves.shape[1] - n_shared, None), seen.leg
+    found.arrival[:, own] = nudges.arrivals(state, seen.print_, seen.arrival_by_state, medium)
+    step = np.diff(state.vertices_mm[k : k + 2], axis=0)
+    for slopes, vertex, cut in (
+        (found.before, k, seen.corners.before),
+        (found.after, k + 1, seen.corners.after),
+    ):
+        slide = nudges.slides(state.vertices_mm[vertex : vertex + 1], step)
+        slopes[:, own] += np.where(np.isfinite(cut)[:, np.newaxis], slide, 0.0)
+    line = light.lines[k]
+    here = line.along_across(points)[0]
+    for error, there in nudges.undistorted(points).items():
+        lens = nudges.lenses[error]
+        across = line_offsets(
+            state, camera=lens, legs=seen.print_.leg, anchors=there, focal_px=mean_focal_px(lens)
+        )[0]
+        column = basis.shape[1] + error
+        found.across[:, column] += (across - seen.across_px) / nudges.step
+        found.along[:, column] = (line.along_across(there)[0] - here) / nudges.step
+    return found
 
 
 def _fill_leg(
     local: Local,
     seen: _SeenLeg,
+    slopes: _Slopes,
     light: Light,
     modes_ps: Floats,
     modes: Floats,
     layout: Layout,
-    basis: Floats,
     here: Indices,
 ) -> None:
     """Write one leg's columns of `local`, and its rows of the jacobian, in the pixels `here`."""
@@ -382,223 +461,30 @@ def _fill_leg(
     )
     std = np.sqrt(pulse_var + feet.variance_ps2.value)
     local.std_ps[here, k] = std
-    local.arrival_ps[here, k] = seen.arrival_ps + feet.offset_ps.value + modes_ps @ modes
+    local.arrival_ps[here, k] = seen.print_.arrival_ps + feet.offset_ps.value + modes_ps @ modes
     jacobian, at, splines = local.jacobian, 3 * k, layout.spline_starts[k]
     to_spline = slice(splines, splines + design.shape[1])
     to_slope = BSpline(light.knots[k], np.eye(design.shape[1]), 3).derivative()(seen.along_px)
+    log_slope = to_slope @ light.coefficients[k]
     # d ln(std) = d(variance) / (2 variance).
     to_log_std = 0.5 / std**2
-    for row, moment, scale in (
-        (at, feet.log_share, 1.0),
-        (at + 1, feet.offset_ps, 1.0),
-        (at + 2, feet.variance_ps2, to_log_std),
+    by_path = np.zeros((3, len(here), slopes.arrival.shape[1]))
+    for row, (moment, scale) in enumerate(
+        ((feet.log_share, 1.0), (feet.offset_ps, 1.0), (feet.variance_ps2, to_log_std))
     ):
-        by_corners = (_by_corners(moment, seen.corners) @ basis).T * scale
-        jacobian[here, row, : layout.n_free] = by_corners.T
-        jacobian[here, row, to_spline] = (scale * moment.by_slope)[:, np.newaxis] * to_slope
-        jacobian[here, row, -2] = scale * moment.by_log_spot
-    lateral = -(across / spot**2)[:, np.newaxis] * seen.across_by_state
-    jacobian[here, at, : layout.n_free] += lateral @ basis
+        cut = moment.by_before[:, np.newaxis] * slopes.before
+        by_path[row] = cut + moment.by_after[:, np.newaxis] * slopes.after
+        by_path[row] *= np.reshape(scale, (-1, 1))
+        jacobian[here, at + row, to_spline] = (scale * moment.by_slope)[:, np.newaxis] * to_slope
+        jacobian[here, at + row, -2] = scale * moment.by_log_spot
+    by_path[0] += log_slope[:, np.newaxis] * slopes.along
+    by_path[0] -= (across / spot**2)[:, np.newaxis] * slopes.across
+    by_path[1] += slopes.arrival
+    own = layout.of_path_and_shared
+    for row in range(3):
+        jacobian[here[:, np.newaxis], at + row, own] = by_path[row]
     jacobian[here, at, to_spline] += design
     # d/d ln(spot) of -across^2 / 2 spot^2.
     jacobian[here, at, -2] += (across / spot) ** 2
-    jacobian[here, at + 1, : layout.n_free] += seen.arrival_by_state @ basis
     jacobian[here, at + 1, layout.n_free : layout.n_free + layout.n_modes] = modes_ps
     jacobian[here, at + 2, -1] = pulse_var / std**2
-
-
-def _by_corners(moment: Moment, corners: Corners) -> Floats:
-    """d(moment) / d(state) through the places of the corners; (n, 3m + 1)."""
-    return (
-        moment.by_before[:, np.newaxis] * corners.before_by_state
-        + moment.by_after[:, np.newaxis] * corners.after_by_state
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class Likelihood:
-    """Log-likelihood of all counts at one set of parameters, pixel nuisances eliminated.
-
-    Attributes
-    ----------
-    value : float
-        Log-likelihood, priors of the pixels' delays included.
-    score : array of float, shape (P,)
-    information : array of float, shape (P, P)
-        After the pixels' own nuisances (background, delay) are eliminated.
-    nuisance_gain : array of float, shape (n, 2 + L, P)
-        How much the nuisances (ln background, delay, ln photons of each leg) follow a step of the
-        parameters.
-    nuisance_step : array of float, shape (n, 2 + L)
-        Their own step at fixed parameters.
-    nuisance_std : array of float, shape (n, 2 + L)
-        Their standard errors at fixed parameters.
-    fisher : array of float, shape (n, 3 L + 1, 3 L + 1)
-        Information of each pixel in its local variables.
-    """
-
-    value: float
-    score: Floats
-    information: Floats
-    nuisance_gain: Floats
-    nuisance_step: Floats
-    nuisance_std: Floats
-    fisher: Floats
-
-
-def likelihood(
-    local: Local,
-    pixels: Pixels,
-    codes: CodeCounts,
-    *,
-    log_background: Floats,
-    delay_shift_ps: Floats,
-    log_photons_shift: Floats | None = None,
-    log_scatter: ArrayLike = 0.0,
-    expected_only: bool = False,
-) -> Likelihood:
-    """Evaluate the likelihood and eliminate each pixel's background, delay and brightness errors.
-
-    `log_photons_shift` (n, L) is by how much each pixel departs from the brightness of its leg;
-    `log_scatter`, (L,) or (n, L), how much it may.
-
-    Parameters
-    ----------
-    local : Local
-        Photons, time and width of every leg in every pixel.
-    pixels : Pixels
-        The pixels that take part.
-    codes : CodeCounts
-        Counts and code intervals of those pixels.
-    log_background : array of float, shape (n,)
-        ln(background counts per ps).
-    delay_shift_ps : array of float, shape (n,)
-        Clock error of each pixel, ps.
-    log_photons_shift : array of float, shape (n, L), optional
-        By how much each pixel departs from the brightness of its leg; None: not at all.
-    log_scatter : array_like, optional
-        (L,) or (n, L), how much it may, ln.
-    expected_only : bool, optional
-        Expected information; the counts are not read.
-
-    Returns
-    -------
-    Likelihood
-        Value, score and information.
-
-    Notes
-    -----
-    With the pixels' own unknowns in block B, the parameters in A and C what both share, the
-    information left is A - C B^-1 C^T (method.md, What the counts say).
-    """
-    n, n_legs = pixels.near.shape
-    n_local = 3 * n_legs + 1
-    score, information = np.zeros((n, n_local)), np.zeros((n, n_local, n_local))
-    if log_photons_shift is None:
-        log_photons_shift = np.zeros((n, n_legs))
-    scatter = np.broadcast_to(np.asarray(log_scatter, dtype=float), (n, n_legs))
-    delays = local.arrival_ps + (pixels.skew_ps + delay_shift_ps)[:, np.newaxis]
-    value = photon_score(
-        codes.counts,
-        codes.lower_ps,
-        codes.upper_ps,
-        np.ones((n, 1)) if codes.open_share is None else codes.open_share,
-        codes.period_ps,
-        codes.shape,
-        local.log_photons + log_photons_shift,
-        delays,
-        local.std_ps,
-        log_background,
-        codes.use_outside,
-        expected_only,
-        score,
-        information,
-    )
-    own = _pixels_own(score, information, pixels, delay_shift_ps, log_photons_shift, scatter)
-    outer = local.jacobian
-    # Two plain products instead of one einsum over four indices.
-    half = own.kept[:, :-1, :-1] @ outer
-    size = outer.shape[2]
-    total = outer.reshape(-1, size).T @ half.reshape(-1, size)
-    return Likelihood(
-        value=value + own.log_prior[0] + own.log_prior[1],
-        score=np.einsum("nap,na->p", outer, own.kept_score[:, :-1]),
-        # Rounding leaves it a hair unsymmetric, which eigenvalue routines take ill.
-        information=0.5 * (total + total.T),
-        nuisance_gain=-np.einsum("nij,naj,nap->nip", own.inverse, own.crossed[:, :-1], outer),
-        nuisance_step=own.step,
-        nuisance_std=np.sqrt(np.maximum(np.diagonal(own.inverse, axis1=1, axis2=2), 0.0)),
-        fisher=information,
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _PixelsOwn:
-    """The nuisances of each pixel (2 + L of them), and what is left without them.
-
-    Attributes
-    ----------
-    inverse : array of float, shape (n, 2 + L, 2 + L)
-        Covariance of the nuisances at fixed parameters.
-    crossed : array of float, shape (n, 3 L + 1, 2 + L)
-        Information that local variables and nuisances share.
-    step : array of float, shape (n, 2 + L)
-        Best step of the nuisances at fixed parameters.
-    kept : array of float, shape (n, 3 L + 1, 3 L + 1)
-        Information left in the local variables.
-    kept_score : array of float, shape (n, 3 L + 1)
-        Score left in them.
-    log_prior : (float, float)
-        Log-density of the delays' and of the brightness errors' priors.
-    """
-
-    inverse: Floats
-    crossed: Floats
-    step: Floats
-    kept: Floats
-    kept_score: Floats
-    log_prior: tuple[float, float]
-
-
-def _pixels_own(
-    score: Floats,
-    information: Floats,
-    pixels: Pixels,
-    delay_shift_ps: Floats,
-    log_photons_shift: Floats,
-    scatter: Floats,
-) -> _PixelsOwn:
-    """Eliminate what each pixel has of its own: A - C B^-1 C^T, the Schur complement."""
-    n_legs, n_local = scatter.shape[1], score.shape[1]
-    # Nuisances of a pixel: ln background, its delay error (moves all its legs alike), and how
-    # far each leg's light in it departs from the smooth brightness along the leg.
-    to_nuisance = np.zeros((n_local, 2 + n_legs))
-    to_nuisance[-1, 0] = 1.0
-    to_nuisance[1:-1:3, 1] = 1.0
-    to_nuisance[3 * np.arange(n_legs), 2 + np.arange(n_legs)] = 1.0
-    crossed = information @ to_nuisance
-    own = to_nuisance.T @ crossed
-    own_score = score @ to_nuisance
-    # A calibration error of zero is exact: held by a wall, not by a division by zero.
-    precision = 1.0 / np.maximum(pixels.pixel_var, 1e-12)
-    own[:, 1, 1] += precision
-    # A pixel without any background in reach still needs a matrix that can be inverted.
-    own[:, 0, 0] += 1e-9
-    own_score[:, 1] -= delay_shift_ps * precision
-    firm = 1.0 / np.maximum(scatter, 1e-6) ** 2
-    legs = 2 + np.arange(n_legs)
-    own[:, legs, legs] += firm
-    own_score[:, 2:] -= log_photons_shift * firm
-    inverse = np.linalg.inv(own).astype(np.float64, copy=False)
-    step = np.einsum("nij,nj->ni", inverse, own_score)
-    return _PixelsOwn(
-        inverse=inverse,
-        crossed=crossed,
-        step=step,
-        kept=information - np.einsum("nai,nij,nbj->nab", crossed, inverse, crossed),
-        kept_score=score - np.einsum("nai,ni->na", crossed, step),
-        log_prior=(
-            -0.5 * float(np.sum(delay_shift_ps**2 * precision)),
-            -0.5 * float(np.sum(log_photons_shift**2 * firm)),
-        ),
-    )

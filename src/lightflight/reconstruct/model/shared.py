@@ -19,6 +19,7 @@ from lightflight.flight import INDEX_SLACK_STDS, Medium
 from lightflight.reconstruct.model.forward import Layout, Light, Local, Pixels, local_variables
 from lightflight.reconstruct.model.geometry import PathState, vertex_time_jacobian
 from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.nudges import Nudges, nudge_between
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.timing.clock.calibration import TimingCalibration
 from lightflight.timing.clock.shared_modes import with_shared_errors
@@ -173,13 +174,59 @@ def moved(setting: Setting, errors: SharedErrors, delta: Floats) -> Setting:
     return replace(setting, camera=cameras[0], others=tuple(cameras[1:]), medium=medium)
 
 
+def _indices(medium: Medium) -> Floats:
+    return np.array([medium.path_group_index, medium.return_group_index])
+
+
 def _medium_moved(medium: Medium, by: Floats) -> Medium:
     """The medium with its indices (out, back) moved; not beyond what a record may hold."""
     slack = 0.999 * INDEX_SLACK_STDS
     stds = np.array([medium.path_group_index_std, medium.return_group_index_std])
-    told = np.array([medium.path_group_index, medium.return_group_index])
-    out, back = np.clip(told + by[:2], 1.0 - slack * stds, 10.0)
+    out, back = np.clip(_indices(medium) + by[:2], 1.0 - slack * stds, 10.0)
     return replace(medium, path_group_index=float(out), return_group_index=float(back))
+
+
+def nudges_of_views(setting: Setting, errors: SharedErrors, delta: Floats) -> tuple[Nudges, ...]:
+    """How each camera's picture follows the shared errors, about where they stand.
+
+    Parameters
+    ----------
+    setting : Setting
+        As told.
+    errors : SharedErrors
+        Of that setting.
+    delta : array of float, shape (k,)
+        Where they stand, in standard deviations.
+
+    Returns
+    -------
+    tuple of Nudges
+        One for each camera.
+    """
+    seen = moved(setting, errors, delta)
+    found = [
+        Nudges(
+            camera,
+            turn_rad=np.zeros((len(errors), 3)),
+            shift_mm=np.zeros((len(errors), 3)),
+            index=np.zeros((len(errors), 2)),
+            lenses={},
+            step=NUDGE,
+        )
+        for camera in seen.cameras
+    ]
+    for k, there in errors.nudged(setting, delta):
+        view = int(errors.view[k])
+        if view == MEDIUM:
+            change = _indices(there.medium) - _indices(seen.medium)
+            for nudges in found:
+                nudges.index[k] = change / NUDGE
+            continue
+        turn, shift, lens = nudge_between(seen.cameras[view], there.cameras[view])
+        found[view].turn_rad[k], found[view].shift_mm[k] = turn / NUDGE, shift / NUDGE
+        if lens is not None:
+            found[view].lenses[k] = lens
+    return tuple(found)
 
 
 def undistorted_as_moved(points: Floats, told: Camera, seen: Camera) -> Floats:
@@ -303,31 +350,17 @@ def local_with_shared(
     Returns
     -------
     Local
-        (n, L) each; the shared errors' columns by finite differences.
+        (n, L) each.
     """
-
-    def seen_in(there: Setting) -> Local:
-        own = pixels
-        if len(errors):
-            points = undistorted_px(there.camera, pixels.rows, pixels.cols)
-            own = replace(pixels, points_px=points)
-        return local_variables(
-            state, light, own, layout, basis=basis, modes=modes, camera=there.camera,
-            medium=there.medium,
-        )  # fmt: skip
-
-    local = seen_in(moved(setting, errors, delta))
-    first = layout.n_free + layout.n_modes
-    for k, there in errors.nudged(setting, delta):
-        other = seen_in(there)
-        for at, after, before in (
-            (0, other.log_photons, local.log_photons),
-            (1, other.arrival_ps, local.arrival_ps),
-            (2, np.log(other.std_ps), np.log(local.std_ps)),
-        ):
-            change = np.where(pixels.near, after - before, 0.0) / NUDGE
-            local.jacobian[:, at::3, first + k] = change
-    return local
+    seen = moved(setting, errors, delta)
+    if len(errors):
+        points = undistorted_px(seen.camera, pixels.rows, pixels.cols)
+        pixels = replace(pixels, points_px=points)
+    nudges = nudges_of_views(setting, errors, delta)[0] if len(errors) else None
+    return local_variables(
+        state, light, pixels, layout, basis=basis, modes=modes, camera=seen.camera,
+        medium=seen.medium, nudges=nudges,
+    )  # fmt: skip
 
 
 def freed(

@@ -1,0 +1,188 @@
+"""How the picture of a path follows errors of camera and medium: derivatives without a second look.
+
+A camera that moves sees what it would see if the path moved the other way, so its columns are
+those of the vertices. A lens moves the leg's image in the picture and the foot slides along it. An
+index makes the way longer. None of these asks again which point of a leg a pixel sees nearest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.flight import Medium
+from lightflight.reconstruct.model.geometry import Footprint, PathState
+from lightflight.reconstruct.model.image_plane import mean_focal_px
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+
+Floats = NDArray[np.float64]
+
+_PROBE = 1e-6
+"""Step in the normalized image plane for the lens's own derivative: 1e-3 px."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nudges:
+    """What one standard deviation of each of k shared errors does to one camera and the medium.
+
+    Attributes
+    ----------
+    camera : Camera
+        As it sees now.
+    turn_rad : array of float, shape (k, 3)
+        World axes, about the centre.
+    shift_mm : array of float, shape (k, 3)
+        Of the centre, world.
+    index : array of float, shape (k, 2)
+        Of the medium, out and back.
+    lenses : dict of int to Camera
+        For errors that change the lens: the same pose, seen through it after `step` of the error.
+    step : float
+        Standard deviations.
+    """
+
+    camera: Camera
+    turn_rad: Floats
+    shift_mm: Floats
+    index: Floats
+    lenses: dict[int, Camera]
+    step: float
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def as_moves(self, state: PathState) -> Floats:
+        """Moves of the state (3m + 1, k) that look to the camera like its own; the lens stays."""
+        out = state.vertices_mm - self.camera.center_mm
+        moves = -np.cross(self.turn_rad[:, np.newaxis], out) - self.shift_mm[:, np.newaxis]
+        return np.vstack((moves.reshape(len(self), out.size).T, np.zeros(len(self))))
+
+    def arrivals(
+        self, state: PathState, print_: Footprint, by_state: Floats, medium: Medium
+    ) -> Floats:
+        """d(arrival time at the foot) / d(error) of n pixels, ps.
+
+        Parameters
+        ----------
+        state : PathState
+            The path.
+        print_ : Footprint
+            Where each of n pixels looks along its leg.
+        by_state : array of float, shape (n, 3m + 1)
+            d(arrival time) / d(state).
+        medium : Medium
+            Whose times these are.
+
+        Returns
+        -------
+        array of float, shape (n, k)
+            ps per standard deviation.
+        """
+        columns: Floats = by_state @ self.as_moves(state)
+        if self.index.any():
+            steps = np.linalg.norm(np.diff(state.vertices_mm, axis=0), axis=1)
+            before = np.concatenate(([0.0], np.cumsum(steps)))[print_.leg]
+            out = before + print_.fraction * steps[print_.leg]
+            ways = np.column_stack((out, print_.distance_mm))
+            columns += ways @ self.index.T / SPEED_OF_LIGHT_MM_PER_PS
+        if self.lenses:
+            start, step = state.vertices_mm[print_.leg], np.diff(state.vertices_mm, axis=0)
+            feet = start + print_.fraction[:, np.newaxis] * step[print_.leg]
+            # The image runs away under the pixel, which then sees an earlier point of the leg.
+            slide = self.slides(feet, step[print_.leg])
+            columns -= print_.slope_ps_per_px[:, np.newaxis] * slide
+        return columns
+
+    def slides(self, points_mm: Floats, along_mm: Floats) -> Floats:
+        """How far the lens moves the images of points along their legs, px.
+
+        Parameters
+        ----------
+        points_mm : array of float, shape (n, 3)
+            World.
+        along_mm : array of float, shape (n, 3)
+            Directions of the legs.
+
+        Returns
+        -------
+        array of float, shape (n, k)
+            px per standard deviation; zero for errors that leave the lens.
+        """
+        found = np.zeros((len(points_mm), len(self)))
+        if not self.lenses:
+            return found
+        speed = np.einsum("nij,nj->ni", self.camera.pixel_jacobian(points_mm), along_mm)
+        speed = np.nan_to_num(speed)
+        unit = speed / np.maximum(np.linalg.norm(speed, axis=1), 1e-12)[:, np.newaxis]
+        plane = self.camera.normalized_from_points(points_mm)
+        seen = np.column_stack(self.camera.pixels_from_normalized(*plane))
+        for k, lens in self.lenses.items():
+            there = np.column_stack(lens.pixels_from_normalized(*plane))
+            found[:, k] = np.nan_to_num(np.sum((there - seen) * unit, axis=1)) / self.step
+        return found
+
+    def undistorted(self, points_px: Floats) -> dict[int, Floats]:
+        """Points (n, 2) of the undistorted picture after `step` of each error of the lens.
+
+        Parameters
+        ----------
+        points_px : array of float, shape (n, 2)
+            (u, v) of pixels, px, as the camera sees them now.
+
+        Returns
+        -------
+        dict of int to array of float, shape (n, 2)
+            The same pixels, to first order.
+        """
+        if not self.lenses:
+            return {}
+        plane = points_px / mean_focal_px(self.camera)
+        here = _projected(self.camera, plane)
+        # Columns: how a pixel moves with x and with y of the plane.
+        probes = [(_projected(self.camera, plane + d) - here) / _PROBE for d in _PROBE * np.eye(2)]
+        inverse = np.linalg.inv(np.stack(probes, axis=-1))
+        return {
+            k: mean_focal_px(lens)
+            * (plane - np.einsum("nij,nj->ni", inverse, _projected(lens, plane) - here))
+            for k, lens in self.lenses.items()
+        }
+
+
+def _projected(camera: Camera, plane: Floats) -> Floats:
+    """Pixels (n, 2) of points (n, 2) of the normalized image plane."""
+    return np.column_stack(camera.pixels_from_normalized(plane[:, 0], plane[:, 1]))
+
+
+def nudge_between(seen: Camera, there: Camera) -> tuple[Floats, Floats, Camera | None]:
+    """Turn (3,), shift (3,) and, where it is another, the lens at the same pose.
+
+    Parameters
+    ----------
+    seen : Camera
+        As it is.
+    there : Camera
+        A little moved.
+
+    Returns
+    -------
+    turn_rad : array of float, shape (3,)
+        World axes, for small turns.
+    shift_mm : array of float, shape (3,)
+        World.
+    lens : Camera or None
+        None: the lens stays.
+    """
+    turned = there.world_from_camera[:3, :3] @ seen.world_from_camera[:3, :3].T
+    # The part that is no rotation is of second order.
+    turn = 0.5 * (turned - turned.T)[[2, 0, 1], [1, 2, 0]]
+    shift = there.center_mm - seen.center_mm
+    same = np.array_equal(there.matrix, seen.matrix)
+    if same and np.array_equal(there.distortion, seen.distortion):
+        return turn, shift, None
+    return turn, shift, replace(there, world_from_camera=seen.world_from_camera)
