@@ -401,12 +401,12 @@ def _linearised(
 ) -> _Linear:
     modelled = model.arrival_ps + times.footprint_ps + times.modes_ps @ modes
     n_free, n_modes = freedom.basis.shape[1], len(modes)
+    line_modes = np.zeros((len(lines.leg), n_modes))
+    if lines.modes is not None:
+        line_modes[:, n_modes - lines.modes.shape[1] :] = lines.modes
     by_time = np.column_stack((model.arrival_by_state @ freedom.basis, times.modes_ps))
     by_line = np.column_stack(
-        (
-            lines.whitening @ model.offset_by_state @ freedom.basis,
-            np.zeros((len(lines.leg), n_modes)),
-        )
+        (lines.whitening @ model.offset_by_state @ freedom.basis, line_modes)
     )
     data = np.column_stack((np.vstack((by_time, by_line)), model.by_shared))
     # Only pulses well past the corner pull: those within the spot's width are no surprise.
@@ -421,7 +421,7 @@ def _linearised(
     residual = np.concatenate(
         (
             times.arrival_ps - modelled,
-            -lines.whitening @ model.offset_px,
+            -lines.whitening @ model.offset_px - line_modes @ modes,
             freedom.prior_values - freedom.prior_rows @ state_vector(state),
             -modes,
             -shared,

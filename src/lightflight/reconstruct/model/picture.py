@@ -50,12 +50,16 @@ class LineDataInPicture:
         Turns offsets in px into independent unit-variance residuals.
     view : array of int, shape (2 L,) or None
         In which camera's picture; None: the only one's.
+    modes : array of float, shape (2 L, k) or None
+        One-sigma columns of the last k errors that the times share, in whitened offsets; None:
+        those move no line.
     """
 
     leg: Indices
     anchors: Floats
     whitening: Floats
     view: Indices | None = None
+    modes: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,10 @@ from lightflight.reconstruct.verdict.bookkeeping import (
 )
 from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry
-from lightflight.reconstruct.verdict.hidden import evidence_without_hidden
+from lightflight.reconstruct.verdict.hidden import (
+    evidence_without_hidden,
+    findings_of_hidden,
+)
 from lightflight.reconstruct.verdict.judge import verdict_from_evidence
 
 
@@ -44,9 +47,10 @@ def examined(
     if fit is not None:
         beyond = beyond_the_tests(fit, sightings)
         evidence = () if beyond else collected(fit, sightings, setting)
-        if n_legs is None and evidence:
+        hidden = findings_of_hidden(fit) if n_legs is None else ()
+        if hidden and evidence:
             evidence = evidence_without_hidden(fit, evidence, sightings, setting) or evidence
-        verdict = verdict_from_evidence(evidence, (*said, *beyond))
+        verdict = verdict_from_evidence(evidence, (*said, *beyond, *hidden))
     if verdict.level is Level.CONTRADICTED:
         warnings.warn(
             f"the recording contradicts this path: {verdict}", SuspectDataWarning, stacklevel=4

@@ -26,12 +26,15 @@ from lightflight.reconstruct.verdict.candidates import (
     geometry_candidates,
 )
 from lightflight.reconstruct.verdict.evidence import Evidence
+from lightflight.reconstruct.verdict.freed import STRAIGHT, fit_freed
 from lightflight.reconstruct.verdict.uneven import uneven_light
 
 Floats = NDArray[np.float64]
 
 _LEAST_SIGNAL = 1.0
 """A parameter whose plausible size makes no more than this, sigma, is not asked for."""
+_MATTERS = 1.0
+"""Gains need not be known better than this, in chi-square: causes are named within 9 of the best."""
 SEEN_AT = 3.7
 """What is this many sigma is seen in half of all recordings: the threshold of some 40 tests."""
 
@@ -90,9 +93,16 @@ def evidence_from_geometry(
         repeat=_repeats(fit, sightings),
         photons=_of_pulses(fit, sightings, "photons"),
     )
-    found = [_score_test(candidate, examined) for candidate in candidates]
-    tested = [one for one in found if one is not None]
-    return (*tested, _scatter(fit, times, solution))
+    found = [(candidate, _score_test(candidate, examined)) for candidate in candidates]
+    tested = [(candidate, one) for candidate, one in found if one is not None]
+    best = max((one.gain for _, one in tested if not one.symptom), default=0.0)
+    weighed = [
+        _freed(candidate, one, fit, times, solution, setting)
+        if STRAIGHT * best > _MATTERS and one.gain > (1.0 - STRAIGHT) * best and not one.symptom
+        else one
+        for candidate, one in tested
+    ]
+    return (*weighed, _scatter(fit, times, solution))
 
 
 def stated_fit(
@@ -168,6 +178,22 @@ def _score_test(candidate: Candidate, examined: Examined) -> Evidence | None:
         candidate.symptom,
         () if candidate.symptom else _blind(candidate, signal, mixing, examined),
     )
+
+
+def _freed(
+    candidate: Candidate,
+    tested: Evidence,
+    fit: JointFit,
+    times: TimeData,
+    solution: Solution,
+    setting: Setting,
+) -> Evidence:
+    """The evidence with gain and size from a fit in which the cause is free."""
+    freed = fit_freed(candidate, times, fit.lines, solution, fit.freedom, setting)
+    if freed is None:
+        return tested
+    gain, sizes = freed
+    return replace(tested, gain=gain, sentence=_sentence(candidate, sizes))
 
 
 def _sentence(candidate: Candidate, sizes: Floats) -> str:
