@@ -121,7 +121,24 @@ def test_a_leg_opened_for_a_late_trigger_is_asked_for_other_causes():
     path = reconstructed(0, "clock_early")
     assert path.n_legs == 4
     assert path.verdict.level == "contradicted"
-    assert {"unseen_leg", "clock_offset"} <= {finding.name for finding in path.verdict.findings}
+    # The oracle's own group (`fisher.inseparable`): none of these can be told from another.
+    group = {"clock_offset", "clock_drift", "clock_scale", "source", "index", "pose"}
+    assert {finding.name for finding in path.verdict.findings} == group
+
+
+def test_a_leg_that_no_pulse_speaks_for_is_never_trusted():
+    """Here the search opened one and no other cause does as well, though the clock drifted."""
+    path = reconstructed(4, "drift_in_one")
+    assert path.n_legs == 4
+    assert path.verdict.level != "trust"
+    assert [finding.name for finding in path.verdict.findings] == ["unseen_leg"]
+
+
+def test_wrong_pulses_that_a_misfit_hides_do_not_decide_between_causes():
+    """Two pulses that merge at a corner are 19 of their errors off once the drift is freed."""
+    path = reconstructed(5, "drift_in_one")
+    assert path.verdict.level == "contradicted"
+    assert "clock_drift" in [finding.name for finding in path.verdict.findings[:3]]
 
 
 @pytest.mark.parametrize("method", ["photon", "paper"])

@@ -405,9 +405,7 @@ def _linearised(
     if lines.modes is not None:
         line_modes[:, n_modes - lines.modes.shape[1] :] = lines.modes
     by_time = np.column_stack((model.arrival_by_state @ freedom.basis, times.modes_ps))
-    by_line = np.column_stack(
-        (lines.whitening @ model.offset_by_state @ freedom.basis, line_modes)
-    )
+    by_line = np.column_stack((lines.whitening @ model.offset_by_state @ freedom.basis, line_modes))
     data = np.column_stack((np.vstack((by_time, by_line)), model.by_shared))
     # Only pulses well past the corner pull: those within the spot's width are no surprise.
     past = np.flatnonzero((np.abs(model.over_px) > _OVERSHOOT_PX) & (times.weight > 0))

@@ -49,7 +49,8 @@ def examined(
         evidence = () if beyond else collected(fit, sightings, setting)
         hidden = findings_of_hidden(fit) if n_legs is None else ()
         if hidden and evidence:
-            evidence = evidence_without_hidden(fit, evidence, sightings, setting) or evidence
+            others = evidence_without_hidden(fit, evidence, sightings, setting)
+            evidence, hidden = (others, ()) if others else (evidence, hidden)
         verdict = verdict_from_evidence(evidence, (*said, *beyond, *hidden))
     if verdict.level is Level.CONTRADICTED:
         warnings.warn(

@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 _LEAST_SIGNAL = 1.0
 """A parameter whose plausible size makes no more than this, sigma, is not asked for."""
 _MATTERS = 1.0
-"""Gains need not be known better than this, in chi-square: causes are named within 9 of the best."""
+"""Gains need not be known better, in chi-square: causes are named within 9 of the best."""
 SEEN_AT = 3.7
 """What is this many sigma is seen in half of all recordings: the threshold of some 40 tests."""
 

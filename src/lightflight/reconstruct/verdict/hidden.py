@@ -23,7 +23,7 @@ _WITHIN = 9.0
 """A cause whose gain is as near as this to the leg's cannot be told from it."""
 _FREED = 3
 """Coordinates of the corner that such a leg brings; it was looked for everywhere, so each costs
-Schwarz's logarithm of the number of data (Ann. Stat. 6, 461, 1978), not the one of a known cause."""
+Schwarz's logarithm of the number of data (Ann. Stat. 6, 461, 1978), not one as of a known cause."""
 
 _SENTENCE = "no pulse speaks for a leg outside the picture that the times ask for"
 _REMEDY = "say where the mirror outside the picture is, or give the number of legs"
