@@ -94,6 +94,25 @@ def with_error(value: float | None, error: float | None) -> str:
     return ("\u2212" if value < 0 else "") + text
 
 
+def count(n: int, thing: str) -> str:
+    """A number of things: a word up to four, so that all outputs say the same.
+
+    Parameters
+    ----------
+    n : int
+        How many.
+    thing : str
+        What, in the singular; its plural ends in s.
+
+    Examples
+    --------
+    >>> count(1, "leg"), count(3, "leg"), count(12, "leg")
+    ('one leg', 'three legs', '12 legs')
+    """
+    words = {0: "no", 1: "one", 2: "two", 3: "three", 4: "four"}
+    return f"{words.get(n, str(n))} {thing}{'' if n == 1 else 's'}"
+
+
 def html_from_record(record: Any) -> str:
     """A record as a card of HTML: title, facts, a small picture; a few kB, no scripts.
 
@@ -301,6 +320,12 @@ def _camera_card(camera: Camera) -> Card:
 def _path_card(path: LightPath) -> Card:
     good = path.goodness
     facts = [
+        ("verdict", path.verdict.headline),
+        *(("", str(finding)) for finding in path.verdict.findings),
+    ]
+    if path.explained is not None:
+        facts.append(("explains", str(path.explained)))
+    facts += [
         ("estimator", path.method),
         ("prior", path.prior or "not said"),
         ("length", f"{number(sum(leg.length_mm for leg in path.legs), 5)} mm, {path.n_legs} legs"),
@@ -312,7 +337,9 @@ def _path_card(path: LightPath) -> Card:
     ]
     if path.n_legs > 6:
         facts.append(("", f"and {path.n_legs - 6} legs more"))
-    facts.append(("\u03c7\u00b2 / dof", f"{number(good.chi2, 4)} / {good.dof}"))
+    facts.append(("\u03c7\u00b2 / dof", good.chi2_in_words))
+    if good.error_floor_ps > 0:
+        facts.append(("extra scatter", good.floor_in_words))
     if not good.converged:
         facts.append(("converged", "NO: do not trust the errors"))
     return facts, _path_picture(path), "from the front, and from above"

@@ -19,11 +19,12 @@ if TYPE_CHECKING:
         paper_angle_from_leg,
     )
     from lightflight.path.second_view import camera_towards, observe
-    from lightflight.path.tables import RESIDUAL_DTYPE, SAMPLE_DTYPE, Goodness
+    from lightflight.path.tables import RESIDUAL_DTYPE, SAMPLE_DTYPE, Explained, Goodness
 
 __all__ = [
     "RESIDUAL_DTYPE",
     "SAMPLE_DTYPE",
+    "Explained",
     "Goodness",
     "Leg",
     "LightPath",
@@ -37,6 +38,7 @@ __all__ = [
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
+        "Explained": "lightflight.path.tables",
         "Goodness": "lightflight.path.tables",
         "Leg": "lightflight.path.light_path",
         "LightPath": "lightflight.path.light_path",

@@ -15,7 +15,7 @@ from lightflight.errors import FileFormatError
 from lightflight.files.filecheck import damage_as_format_error
 from lightflight.files.store import load_record, save_record
 from lightflight.flight import Medium, Source
-from lightflight.path.tables import RESIDUAL_DTYPE, Goodness
+from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
 from lightflight.path.verdict import NOT_EXAMINED, Verdict
 from lightflight.provenance import provenance_record
 
@@ -53,7 +53,7 @@ def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
     if path.truth is not None:
         arrays["truth_vertices_mm"] = np.asarray(path.truth.vertices_mm, dtype=float)
         arrays["truth_vertex_times_ps"] = np.asarray(path.truth.vertex_times_ps, dtype=float)
-    attributes = {
+    attributes: dict[str, Any] = {
         "method": path.method,
         "prior": path.prior,
         "statements": list(path.statements),
@@ -64,6 +64,11 @@ def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
         "verdict": path.verdict.to_json(),
     }
     # Apart, and only where they say something: versions that do not know them pass them over.
+    attributes["goodness"].pop("chi2_with_floor")
+    if path.goodness.chi2_with_floor is not None:
+        attributes["goodness_with_floor"] = {"chi2_with_floor": path.goodness.chi2_with_floor}
+    if path.explained is not None:
+        attributes["explained"] = asdict(path.explained)
     errors = {k: v for k, v in asdict(path.medium).items() if k not in _INDICES}
     if path.medium != Medium(path.medium.path_group_index, path.medium.return_group_index):
         attributes["medium_errors"] = errors
@@ -155,7 +160,7 @@ def _fields_from_record(arrays: Mapping[str, Any], attributes: Mapping[str, Any]
         "source": Source(**source),
         "medium": Medium(**attributes["medium"], **attributes.get("medium_errors", {})),
         "method": attributes["method"],
-        "goodness": Goodness(**attributes["goodness"]),
+        "goodness": Goodness(**attributes["goodness"], **attributes.get("goodness_with_floor", {})),
         "covariance_parts": parts,
         "residuals": table,
         "prior": attributes["prior"],
@@ -164,6 +169,7 @@ def _fields_from_record(arrays: Mapping[str, Any], attributes: Mapping[str, Any]
         "truth": truth,
         "provenance": attributes["provenance"],
         "verdict": _verdict_from_record(attributes),
+        "explained": Explained(**attributes["explained"]) if "explained" in attributes else None,
     }
 
 

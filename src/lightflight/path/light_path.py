@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightflight.display import html_from_record
+from lightflight.display import count, html_from_record, with_error
 from lightflight.flight import (
     Medium,
     Source,
     arrival_time_from_event,
     elevation_from_direction,
 )
-from lightflight.path.tables import RESIDUAL_DTYPE, SAMPLE_DTYPE, Goodness
+from lightflight.path.tables import RESIDUAL_DTYPE, SAMPLE_DTYPE, Explained, Goodness
 from lightflight.path.verdict import NOT_EXAMINED, Verdict
 
 if TYPE_CHECKING:
@@ -153,6 +153,8 @@ class LightPath:
         Inputs, settings, versions and seed that made it.
     verdict : Verdict
         Whether it may be trusted, and what contradicts it.
+    explained : Explained or None
+        How much of what was found in the recordings lies on it; None where that is not known.
     """
 
     vertices_mm: Floats
@@ -173,6 +175,7 @@ class LightPath:
     truth: Any = field(default=None, kw_only=True, repr=False)
     provenance: Mapping[str, Any] = field(default_factory=dict, kw_only=True, repr=False)
     verdict: Verdict = field(default=NOT_EXAMINED, kw_only=True)
+    explained: Explained | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices_mm, dtype=float)
@@ -198,6 +201,20 @@ class LightPath:
         object.__setattr__(self, "covariance", covariance)
 
     _repr_html_ = html_from_record
+
+    def __str__(self) -> str:
+        """The verdict first, then what it is about, vertex by vertex."""
+        explains = [] if self.explained is None else [f"explains {self.explained}"]
+        length = sum(leg.length_mm for leg in self.legs)
+        whole = f"{self.method}: {count(self.n_legs, 'leg')}, {length:.1f} mm"
+        vertices = [
+            f"{k}  ({', '.join(map(with_error, place, std[:3]))}) mm"
+            f" at {with_error(time, std[3])} ps"
+            for k, (place, time, std) in enumerate(
+                zip(self.vertices_mm, self.vertex_times_ps, self.vertex_std, strict=True)
+            )
+        ]
+        return "\n".join((*self.verdict.lines, *explains, whole, *vertices))
 
     @property
     def n_legs(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -63,7 +63,7 @@ class Goodness:
     Attributes
     ----------
     chi2 : float
-        Sum of squared, weighted residuals of the pulses used.
+        Sum of squared residuals of the pulses used, each over its stated error: misfit shows here.
     dof : int
         Degrees of freedom of `chi2`.
     n_pulses : int
@@ -73,9 +73,13 @@ class Goodness:
     residual_rms_ps : float
         Root mean square of the arrival-time residuals used, ps.
     error_floor_ps : float
-        Extra error per pulse, ps, that the residuals ask for beyond the stated ones (0: none).
+        Extra error per pulse, ps, that the residuals ask for beyond the stated ones (0: none):
+        misfit, which the path's errors include and `chi2` does not.
     converged : bool
         False: the fit stopped before its tolerance; do not trust the errors.
+    chi2_with_floor : float or None
+        The same sum with the error floor among the errors, near `dof` whatever the misfit. None:
+        of a file from before both were told; where there is a floor, `chi2` then includes it.
     """
 
     chi2: float
@@ -85,8 +89,62 @@ class Goodness:
     residual_rms_ps: float
     error_floor_ps: float
     converged: bool
+    chi2_with_floor: float | None = field(default=None, kw_only=True)
 
     @property
     def reduced_chi2(self) -> float:
         """chi2 / dof; NaN without degrees of freedom."""
         return self.chi2 / self.dof if self.dof > 0 else float("nan")
+
+    @property
+    def floor_share(self) -> float:
+        """Share of the residuals' mean square that only the error floor accounts for, 0 to 1."""
+        if not self.residual_rms_ps > 0:
+            return 0.0
+        return min(1.0, (self.error_floor_ps / self.residual_rms_ps) ** 2)
+
+    @property
+    def chi2_in_words(self) -> str:
+        """chi2 and its degrees of freedom, and whether an older file hides misfit in it."""
+        if not self.dof > 0:
+            return "–"
+        hidden = self.error_floor_ps > 0 and self.chi2_with_floor is None
+        return f"{self.chi2:,.1f} / {self.dof:,}" + (", extra scatter included" if hidden else "")
+
+    @property
+    def floor_in_words(self) -> str:
+        """What the error floor takes, as the misfit that it is; empty without one."""
+        if not self.error_floor_ps > 0:
+            return ""
+        return (
+            f"{self.error_floor_ps:.2g} ps beyond the stated errors "
+            f"({100 * self.floor_share:.0f} % of the residuals' mean square): misfit"
+        )
+
+
+@dataclass(frozen=True)
+class Explained:
+    """How much of what was found in the recordings lies on the path.
+
+    Attributes
+    ----------
+    n_pulses : int
+        Pulses that the path explains.
+    n_found : int
+        Usable pulses in all recordings.
+    photons : float
+        Photons of the pulses that it explains.
+    photons_found : float
+        Photons of all usable pulses.
+    """
+
+    n_pulses: int
+    n_found: int
+    photons: float
+    photons_found: float
+
+    def __str__(self) -> str:
+        if not self.n_found:
+            return "no pulse was found"
+        share = 100 * self.photons / self.photons_found if self.photons_found > 0 else 0.0
+        return f"{self.n_pulses:,} of {self.n_found:,} pulses, {share:.0f} % of their photons"

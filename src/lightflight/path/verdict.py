@@ -47,6 +47,14 @@ class Level(StrEnum):
     CONTRADICTED = "contradicted"
 
 
+MEANING = {
+    Level.TRUST: "nothing in the recording speaks against this path",
+    Level.CHECK: "see what is named before you rely on this path",
+    Level.CONTRADICTED: "the recording contradicts this path, its errors do not hold",
+}
+"""What each level says, in the words of every output."""
+
+
 class Severity(StrEnum):
     """What a finding does to a verdict."""
 
@@ -78,6 +86,14 @@ class Finding:
     remedy: str
     severity: Severity
 
+    def __str__(self) -> str:
+        return f"{self.name}{self._clearly}: {self.sentence}; {self.remedy}"
+
+    @property
+    def _clearly(self) -> str:
+        """How clearly it was seen; nothing for what is no test."""
+        return f" ({self.sigma:.2g} \u03c3)" if self.sigma else ""
+
 
 @dataclass(frozen=True)
 class BlindSpot:
@@ -101,7 +117,13 @@ class BlindSpot:
     moves_mm: float
 
     def __str__(self) -> str:
-        return f"{self.name} {self.size:.2g} {self.unit}: {self.moves_mm:.2g} mm"
+        size = f"{_two_digits(self.size)} {self.unit}".rstrip()
+        return f"{self.name} up to {size}, which moves a vertex by {_two_digits(self.moves_mm)} mm"
+
+
+def _two_digits(value: float) -> str:
+    """Two digits, without an exponent for what is large."""
+    return f"{value:.2g}" if value < 100 else f"{value:.0f}"
 
 
 @dataclass(frozen=True)
@@ -128,6 +150,23 @@ class Verdict:
     blind_to: tuple[BlindSpot, ...] = ()
     p_value: float = float("nan")
     n_tests: int = 0
+
+    @property
+    def headline(self) -> str:
+        """The level, what it means, and the chance that all is well and looks as bad."""
+        of_tests = f" (p = {self.p_value:.2g} over {self.n_tests} tests)" if self.n_tests else ""
+        return f"{self.level}: {MEANING[self.level]}{of_tests}"
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """All of it in words: the headline, the findings in order, what it is blind to."""
+        found = tuple(f"{k}. {one}" for k, one in enumerate(self.findings, start=1))
+        return (self.headline, *found, *((self.blind_line,) if self.blind_to else ()))
+
+    @property
+    def blind_line(self) -> str:
+        """What would go unseen in more than half of all recordings, and what it moves."""
+        return f"blind to {'; '.join(map(str, self.blind_to))}" if self.blind_to else ""
 
     def __str__(self) -> str:
         said = "; ".join(finding.sentence for finding in self.findings)
@@ -162,6 +201,20 @@ def _finding(plain: Mapping[str, Any]) -> Finding:
             "severity": Severity(plain["severity"]),
         }
     )
+
+
+_WARNS = {
+    Level.CHECK: "check this path before you rely on it",
+    Level.CONTRADICTED: "the recording contradicts this path",
+}
+
+
+def warning_of(verdict: Verdict) -> str:
+    """One sentence that warns of a path that is not to be trusted; the first finding tells why."""
+    said = verdict.findings[0].sentence if verdict.findings else "its tests say so together"
+    others = len(verdict.findings) - 1
+    more = f", and {others} more in path.verdict" if others > 0 else ""
+    return f"{_WARNS[verdict.level]}: {said}{more}"
 
 
 NOT_EXAMINED = Verdict(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
@@ -11,7 +12,7 @@ from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
 from lightflight.reconstruct.calls import cameras_and_clocks, checked_call
 from lightflight.reconstruct.estimators import estimator_named
-from lightflight.reconstruct.fit.result import on_first_lap
+from lightflight.reconstruct.fit.result import explained, on_first_lap
 from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed
@@ -161,4 +162,5 @@ def path_from_sightings(
     path, fit = estimator_named(method).fit(request)
     # A start given by the user says the lap too: the path stays where it was put.
     path = path if start is not None else on_first_lap(path, sightings[0])
+    path = replace(path, explained=explained(path, fit, sightings))
     return examined(path, fit, sightings, setting, nominal_clock=timing is None, n_legs=n_legs)

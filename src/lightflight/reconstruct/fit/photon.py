@@ -441,7 +441,9 @@ def _path_from_climb(ended: Climb, rough: LightPath) -> LightPath:
     whole = to_vertices @ covariance[np.ix_(rows, rows)] @ to_vertices.T
     residuals = _updated_residuals(rough, ended)
     used = residuals["used"]
-    squared = (residuals["residual_ps"][used] / residuals["std_ps"][used]) ** 2
+    squared, variance = residuals["residual_ps"][used] ** 2, residuals["std_ps"][used] ** 2
+    # Errors of the table include the floor; what is left of them is what was stated.
+    stated = np.maximum(variance - rough.goodness.error_floor_ps**2, 1e-12 * variance)
     return replace(
         rough,
         vertices_mm=ended.state.vertices_mm,
@@ -451,7 +453,7 @@ def _path_from_climb(ended: Climb, rough: LightPath) -> LightPath:
         medium=seen.medium,
         method="photon",
         goodness=Goodness(
-            chi2=float(np.sum(squared)),
+            chi2=float(np.sum(squared / stated)),
             dof=max(0, int(used.sum()) - n_free),
             n_pulses=len(ended.pixels.rows),
             n_rejected=int((~used).sum()),
@@ -460,6 +462,7 @@ def _path_from_climb(ended: Climb, rough: LightPath) -> LightPath:
             else float("nan"),
             error_floor_ps=rough.goodness.error_floor_ps,
             converged=ended.converged,
+            chi2_with_floor=float(np.sum(squared / variance)),
         ),
         covariance_parts={"photon": whole - pixel - shared, "pixel": pixel, "shared": shared},
         residuals=residuals,

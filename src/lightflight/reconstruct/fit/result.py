@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lightflight import flags
 from lightflight.flight import Source
 from lightflight.path.light_path import LightPath
-from lightflight.path.tables import RESIDUAL_DTYPE, Goodness
+from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.geometry import footprints
 from lightflight.reconstruct.model.setting import Setting
@@ -156,15 +156,16 @@ def path_from_fit(
     parts = covariance_parts(fit)
     used = fit.times.weight > 0
     residual = solution.residual_ps[used]
-    variance = (fit.times.photon_var + fit.times.pixel_var)[used] + fit.floor_ps**2
+    stated = (fit.times.photon_var + fit.times.pixel_var)[used]
     goodness = Goodness(
-        chi2=float(np.sum(residual**2 / variance)),
+        chi2=float(np.sum(residual**2 / stated)),
         dof=solution.dof,
         n_pulses=int(used.sum()),
         n_rejected=int((~used).sum()),
         residual_rms_ps=float(np.sqrt(np.mean(residual**2))),
         error_floor_ps=fit.floor_ps,
         converged=solution.converged,
+        chi2_with_floor=float(np.sum(residual**2 / (stated + fit.floor_ps**2))),
     )
     return LightPath(
         solution.state.vertices_mm,
@@ -181,6 +182,42 @@ def path_from_fit(
         statements=statements,
         truth=truth,
     )
+
+
+def explained(path: LightPath, fit: JointFit | None, sightings: list[Sighting]) -> Explained | None:
+    """How much of what was found in the recordings a path explains.
+
+    Parameters
+    ----------
+    path : LightPath
+        The path; its residuals tell of it where there is no fit of single pulses.
+    fit : JointFit or None
+        The fit of single pulses that it rests on.
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+
+    Returns
+    -------
+    Explained or None
+        None where the path rests on no single pulse.
+    """
+    table = path.residuals[path.residuals["used"]]
+    if fit is None and not len(table):
+        return None
+    n_pulses, photons, n_found, photons_found = len(table), float(table["photons"].sum()), 0, 0.0
+    on_path = []
+    for number, sighting in enumerate(sightings):
+        found = sighting.usable_pulses
+        n_found += len(found)
+        photons_found += float(np.nansum(sighting.arrivals.photons[found]))
+        if fit is not None:
+            # A pulse where two legs meet may stand in both.
+            own = np.unique(fit.times.index[(fit.sighting_of == number) & (fit.times.weight > 0)])
+            on_path.append(sighting.arrivals.photons[own])
+    if fit is not None:
+        n_pulses = sum(map(len, on_path))
+        photons = float(sum(np.nansum(one) for one in on_path))
+    return Explained(n_pulses, n_found, photons, photons_found)
 
 
 def on_first_lap(path: LightPath, sighting: Sighting) -> LightPath:

@@ -156,7 +156,8 @@ def _by_all_counts(fit: JointFit, request: Request, path: LightPath) -> LightPat
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return path
     # The likelihood may have climbed another hill; then the pulses would tell.
-    worse = better.goodness.chi2 > path.goodness.chi2 + _WORSE_CHI2
+    chi2 = [one.goodness.chi2_with_floor or 0.0 for one in (path, better)]
+    worse = chi2[1] > chi2[0] + _WORSE_CHI2
     if worse or not better.goodness.converged:
         return path
     said = f"{why}: all counts were fitted."
