@@ -22,7 +22,7 @@ def main() -> None:
     args.output.mkdir(parents=True, exist_ok=True)
 
     scene = paper_scene()
-    recording = lf.simulate(scene, photons_per_pixel=args.photons, seed=1)
+    recording = lf.simulate(scene, photons_per_pixel=args.photons, seed=4)
     bright = lf.simulate(scene, photons_per_pixel=4e6, seed=2, kind="code_density")
     flat = lf.simulate(scene, photons_per_pixel=4e5, seed=3, kind="flat")
 

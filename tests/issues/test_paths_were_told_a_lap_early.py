@@ -17,7 +17,8 @@ def recorded(request):
 
 
 @pytest.mark.parametrize("method", ["joint", "photon", "paper"])
-@pytest.mark.filterwarnings("ignore:the recording contradicts")  # `paper` may go unexamined
+@pytest.mark.filterwarnings("ignore:the recording contradicts")
+@pytest.mark.filterwarnings("ignore:check this path.*no recording")  # `paper` may go unexamined
 def test_a_fitted_start_lies_within_the_first_period(recorded, method):
     scene, hist, timing = recorded
     path = lf.reconstruct(

@@ -118,8 +118,9 @@ def test_model_error(
         pulse_fwhm_ps=68.0,
     )
     with warnings.catch_warnings():
-        # The oracle's clock is nominal by construction.
+        # The oracle's clock is nominal by construction, and the verdict says so too.
         warnings.simplefilter("ignore", UncalibratedWarning)
+        warnings.filterwarnings("ignore", "check this path before you rely on it")
         path = lf.reconstruct(
             counted(name, uneven, reverse),
             camera=camera_of(scene),

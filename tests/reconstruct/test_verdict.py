@@ -150,9 +150,10 @@ def test_every_estimator_gives_a_verdict(method):
 
 def test_a_nominal_clock_is_warned_of_once_and_checked():
     hist, told = recording(1)
-    with pytest.warns(UncalibratedWarning) as given:
+    with pytest.warns() as given:
         path = lf.reconstruct(hist, **(told | {"timing": None}))
-    assert [one.category for one in given] == [UncalibratedWarning]
+    assert [one.category for one in given] == [UncalibratedWarning, SuspectDataWarning]
+    assert "check this path before you rely on it: the clock is nominal" in str(given[1].message)
     assert path.verdict.level == "check"
     assert "calibration" in [finding.name for finding in path.verdict.findings]
 

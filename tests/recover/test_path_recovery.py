@@ -19,6 +19,12 @@ from lightflight.simulate.presets import angle_scene, ideal, paper_scene, pf32
 from studies.zheng2020.reported import MEAN_ANGLE_ERROR_DEG
 from tests.labs import START_PS, Lab, one_leg, three_legs
 
+# Of hundreds of undisturbed recordings one in 100 is to be checked, one in 10,000 contradicted.
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:check this path before you rely on it"),
+    pytest.mark.filterwarnings("ignore:the recording contradicts"),
+]
+
 RUNS = 64
 """Recordings per pull. The spread of a pull is known to 1 / sqrt(2 x 64) = 8.8 %, its mean to
 12.5 %. Bounds are 5.6 such errors: a chance of 2e-8 for each of the some 40 numbers checked here,
@@ -116,7 +122,6 @@ class TestPullsOnTheTwin:
         ]
 
     @pytest.mark.parametrize("timed", [True, False])
-    @pytest.mark.filterwarnings("ignore:the recording contradicts")  # one in 10,000
     def test_perfect_clock(self, recordings, timed):
         source = {} if timed else {"emission_time_ps": None}
         paths = self.reconstructed(recordings, lf.TimingCalibration.nominal, **source)

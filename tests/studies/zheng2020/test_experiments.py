@@ -29,7 +29,10 @@ from tests.studies.zheng2020.fakes import angle_result
 SEED = 11
 
 # The study calibrates delays alone, as the paper does, and cuts a bent beam into pieces: both show.
-pytestmark = pytest.mark.filterwarnings("ignore:the recording contradicts")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:the recording contradicts"),
+    pytest.mark.filterwarnings("ignore:check this path before you rely on it"),
+]
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from lightflight.errors import GeometryError, NothingFoundError, SuspectDataWarning
 from lightflight.path.light_path import LightPath
-from lightflight.path.verdict import NOT_EXAMINED, Level, Verdict
+from lightflight.path.verdict import NOT_EXAMINED, Level, Verdict, warning_of
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
@@ -37,7 +37,7 @@ def examined(
     nominal_clock: bool,
     n_legs: int | None,
 ) -> LightPath:
-    """The path with its verdict, and a warning where the recording contradicts it.
+    """The path with its verdict, and a warning unless that is "trust".
 
     `fit` is the joint fit of the same recordings; None: it is made here, from the path.
     """
@@ -52,10 +52,8 @@ def examined(
             others = evidence_without_hidden(fit, evidence, sightings, setting)
             evidence, hidden = (others, ()) if others else (evidence, hidden)
         verdict = verdict_from_evidence(evidence, (*said, *beyond, *hidden))
-    if verdict.level is Level.CONTRADICTED:
-        warnings.warn(
-            f"the recording contradicts this path: {verdict}", SuspectDataWarning, stacklevel=4
-        )
+    if verdict.level is not Level.TRUST:
+        warnings.warn(warning_of(verdict), SuspectDataWarning, stacklevel=4)
     return replace(path, verdict=verdict)
 
 
