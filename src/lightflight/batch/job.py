@@ -214,6 +214,28 @@ def finished_path(job: Job) -> LightPath | None:
     return path if path.provenance.get("campaign_key") == job.key else None
 
 
+def damage_of(job: Job) -> str:
+    """Why the path file of an earlier run is of no use, in one sentence; empty for any other.
+
+    Parameters
+    ----------
+    job : Job
+        The recording.
+
+    Returns
+    -------
+    str
+        Empty without a file, and for one of another recording, set-up or version.
+    """
+    if not Path(job.target).exists():
+        return ""
+    try:
+        LightPath.load(job.target)
+    except (FileFormatError, OSError) as error:
+        return str(error)
+    return ""
+
+
 # --- tasks -----------------------------------------------------------------------------------
 
 

@@ -12,6 +12,7 @@ import queue
 import tempfile
 import time
 import uuid
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,8 +20,16 @@ from typing import Any
 
 from lightflight.batch import cluster, pieces, tiles, work
 from lightflight.batch.campaign import Campaign
-from lightflight.batch.job import Job, JobError, Shares, finished_path, jobs_from_campaign
+from lightflight.batch.job import (
+    Job,
+    JobError,
+    Shares,
+    damage_of,
+    finished_path,
+    jobs_from_campaign,
+)
 from lightflight.batch.table import CampaignTable, row_from_failure, row_from_path
+from lightflight.errors import SuspectDataWarning
 
 _LOOK_S = 0.2
 """How often the caller is told, while nothing ends, s."""
@@ -115,6 +124,8 @@ def run_campaign(
         path = finished_path(job)
         if path is not None:
             rows[i] = row_from_path(campaign.shots[i], path)
+        elif damage := damage_of(job):
+            warnings.warn(f"{damage}; it is made again", SuspectDataWarning, stacklevel=2)
     run = _Run(campaign, jobs, rows, progress)
     run.report()
     if run.left:

@@ -20,6 +20,7 @@ from lightflight.batch.campaign import Shot
 from lightflight.errors import GeometryError
 from lightflight.files.tables import pyarrow, write_csv, write_parquet
 from lightflight.path.error import path_error
+from lightflight.path.verdict import Level
 from lightflight.provenance import NUMERIC_PACKAGES
 
 if TYPE_CHECKING:
@@ -27,9 +28,12 @@ if TYPE_CHECKING:
 
 DONE, FAILED = "done", "failed"
 
-_TEXTS = ("recording", "group", "status", "reason", "method", "prior", "flags", "warnings")
+_TEXTS = (
+    "recording", "group", "status", "reason", "method", "prior", "flags", "warnings", "verdict",
+    "findings",
+)  # fmt: skip
 _VERSIONS = ("lightflight", "python", *NUMERIC_PACKAGES)
-_WHOLE = ("n_legs", "n_pulses", "n_rejected", "dof")
+_WHOLE = ("n_legs", "n_pulses", "n_rejected", "dof", "n_explained", "n_found")
 _FIRST = (
     "recording", "group", "set_point_deg", "status", "reason", "method", "prior", "converged",
     "n_legs", "n_pulses", "n_rejected", "residual_rms_ps", "error_floor_ps", "chi2", "dof",
@@ -40,6 +44,8 @@ _OF_LEG = ("angle_deg", "angle_std_deg", "angle_photon_std_deg", "paper_angle_de
 _OF_VERTEX = ("x_mm", "y_mm", "z_mm", "event_time_ps")
 _OF_VERTEX_STD = ("x_std_mm", "y_std_mm", "z_std_mm", "event_time_std_ps")
 _LAST = ("sha256", *_VERSIONS)
+_VERDICT = ("verdict", "findings", "verdict_p_value", "n_explained", "n_found")
+"""Behind all others: columns that are new to a table are put last."""
 
 
 @dataclass(frozen=True)
@@ -137,12 +143,18 @@ class CampaignTable:
             for k in range(n_legs + 1 if n_legs else 0)
             for name in (*_OF_VERTEX, *_OF_VERTEX_STD)
         ]
-        return (*_FIRST, *legs, *vertices, *_LAST)
+        return (*_FIRST, *legs, *vertices, *_LAST, *_VERDICT)
 
     @property
     def n_failed(self) -> int:
         """Recordings that gave no path."""
         return sum(row["status"] == FAILED for row in self.rows)
+
+    @property
+    def n_by_verdict(self) -> dict[str, int]:
+        """Paths by the level of their verdict."""
+        levels = [row.get("verdict") for row in self.rows]
+        return {str(level): levels.count(level) for level in Level}
 
     def repeats(self, leg: int = 1) -> tuple[Repeats, ...]:
         """Elevations of a leg, group by group.
@@ -237,6 +249,7 @@ def row_from_path(shot: Shot, path: LightPath) -> dict[str, Any]:
         "lightflight": made["lightflight"],
         "python": made["python"],
         **made["packages"],
+        **_verdict_of(path),
     }
     for k, leg in enumerate(_legs_of(path)):
         row |= {f"leg{k + 1}_{name}": value for name, value in leg.items()}
@@ -251,6 +264,19 @@ def _names_of(shot: Shot) -> dict[str, Any]:
     """What a recording is called, and what was set up for it."""
     names: dict[str, Any] = {"recording": shot.label, "group": shot.group}
     return names if shot.set_point_deg is None else names | {"set_point_deg": shot.set_point_deg}
+
+
+def _verdict_of(path: LightPath) -> dict[str, Any]:
+    """Level, names of the findings in their order, and how much of the recording is explained."""
+    verdict = path.verdict
+    row: dict[str, Any] = {
+        "verdict": str(verdict.level),
+        "findings": " ".join(finding.name for finding in verdict.findings),
+        "verdict_p_value": verdict.p_value,
+    }
+    if path.explained is not None:
+        row |= {"n_explained": path.explained.n_pulses, "n_found": path.explained.n_found}
+    return row
 
 
 def _flags_of(path: LightPath) -> str:
