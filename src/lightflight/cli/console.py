@@ -10,9 +10,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
+
+if TYPE_CHECKING:
+    from lightflight.path.verdict import Verdict
 
 _QUIET_S = 2.0
 """Work that ends sooner than this says nothing, s."""
@@ -237,6 +240,19 @@ def print_sentences(sentences: Iterable[str]) -> None:
     console = _console()
     for sentence in sentences:
         console.print(Text(sentence), soft_wrap=not console.is_terminal)
+
+
+_COLORS = {"trust": "green", "check": "yellow", "contradicted": "red"}
+"""Of a verdict's level on a terminal; the word stands there too."""
+
+
+def print_headline(verdict: Verdict) -> None:
+    """Print the headline of a verdict to stdout."""
+    from rich.text import Text
+
+    console = _console()
+    line = Text(verdict.headline, style=f"bold {_COLORS[verdict.level]}")
+    console.print(line, soft_wrap=not console.is_terminal)
 
 
 def print_written(files: Iterable[Path]) -> None:

@@ -21,9 +21,16 @@ EXIT_CODES = {
     3: "an input file is missing, empty, damaged or foreign, or an output cannot be written",
     4: "the clock cannot be calibrated, or the calibration does not fit the recording",
     5: "nothing could be reconstructed",
+    6: '--strict: a path was written, and its verdict is not "trust"',
     130: "interrupted",
 }
 """Every exit code of the command line and what it means; `lightflight --help` prints them."""
+
+
+class NotTrustedError(Exception):
+    """Under --strict: all was done, and a verdict is "check" or "contradicted"."""
+
+    exit_code = 6
 
 
 def one_line(text: str) -> str:
@@ -57,8 +64,11 @@ def sentence_and_code(error: BaseException) -> tuple[str, int]:
         case click.UsageError():
             command = error.ctx.command_path if error.ctx else "lightflight"
             return f"{one_line(error.format_message())} (see {command} --help)", 2
+        case click.FileError():
+            return one_line(error.format_message()), 3
         case click.ClickException():
-            return one_line(error.format_message()), int(code or 2)
+            # 1 is click's own default, and says here that the fault is ours.
+            return one_line(error.format_message()), 2 if code in (None, 1) else int(code)
         case click.Abort() | KeyboardInterrupt():
             return "interrupted; no half-written file remains", 130
         # Errors of ours that are an OSError or MemoryError too have a better sentence.

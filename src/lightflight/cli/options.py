@@ -28,6 +28,12 @@ json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print JSON to stdout instead of tables."
 )
 
+strict_option = click.option(
+    "--strict",
+    is_flag=True,
+    help='End with exit code 6 unless the verdict is "trust"; what was asked for is written.',
+)
+
 RECORD_SUFFIXES = (".h5", ".hdf5")
 """Of our own files."""
 

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lightflight.cli.console import Fact, print_facts, print_sentences, print_table, with_error
+from lightflight.cli.console import (
+    Fact,
+    print_facts,
+    print_headline,
+    print_sentences,
+    print_table,
+    with_error,
+)
+from lightflight.cli.errors import NotTrustedError
 from lightflight.cli.options import RECORD_SUFFIXES
 
 if TYPE_CHECKING:
@@ -36,9 +45,12 @@ def path_facts(path: LightPath) -> list[Fact]:
              f"{good.n_pulses:,} ({good.n_rejected:,} left out as outliers)"),
         Fact("residuals (rms)", "residual_rms_ps", good.residual_rms_ps,
              f"{good.residual_rms_ps:.2f} ps"),
-        Fact("chi2 / degrees of freedom", "reduced_chi2", good.reduced_chi2,
-             f"{good.chi2:,.1f} / {good.dof:,}"),
+        Fact("chi2 / degrees of freedom", "reduced_chi2", good.reduced_chi2, good.chi2_in_words),
     ]  # fmt: skip
+    if good.error_floor_ps > 0:
+        facts.append(
+            Fact("extra scatter", "error_floor_ps", good.error_floor_ps, good.floor_in_words)
+        )
     if not good.converged:
         facts.append(Fact("converged", "converged", False, "NO: do not trust the errors"))
     return [*facts, *truth_facts(path)]
@@ -55,18 +67,20 @@ def truth_facts(path: LightPath) -> list[Fact]:
     Returns
     -------
     list of Fact
-        Rms of position (mm) and event time (ps) in view; none for a real recording, and none where
-        the camera of the set-up is not the one that was simulated.
+        Rms of position (mm) and event time (ps) in view, or why they cannot be told; none for a
+        real recording.
     """
-    if path.truth is None or not hasattr(path.truth, "vertices_mm"):
+    if path.truth is None:
         return []
+    if not hasattr(path.truth, "vertices_mm"):
+        return [Fact("simulated truth", "truth", None, "knows no path to compare with")]
     from lightflight.errors import GeometryError
     from lightflight.path.error import path_error
 
     try:
         error = path_error(path, path.truth, path.camera)
-    except GeometryError:  # the camera of the set-up is not the one that was simulated
-        return []
+    except GeometryError as reason:  # the set-up's camera is not the one that was simulated
+        return [Fact("simulated truth", "truth", None, f"not compared with: {reason}")]
     return [
         Fact("position error in view (rms)", "position_rms_mm", error.position_rms_mm,
              f"{error.position_rms_mm:.3f} mm from the simulated truth"),
@@ -75,14 +89,49 @@ def truth_facts(path: LightPath) -> list[Fact]:
     ]  # fmt: skip
 
 
-def print_path(path: LightPath) -> None:
-    """Print facts, vertices, legs and statements to stdout.
+def print_verdict(path: LightPath) -> None:
+    """Print what may be relied on: level, findings, what they leave unseen, what was exact.
 
     Parameters
     ----------
     path : LightPath
         The path.
     """
+    verdict = path.verdict
+    print_headline(verdict)
+    if verdict.findings:
+        print_table(
+            ("finding", "what was seen", "what to do", "σ"),
+            [
+                (
+                    f"{k}  {finding.name}",
+                    finding.sentence,
+                    finding.remedy,
+                    f"{finding.sigma:.1f}" if finding.sigma else "–",
+                )
+                for k, finding in enumerate(verdict.findings, start=1)
+            ],
+            n_text_columns=3,
+        )
+    facts = []
+    if path.explained is not None:
+        facts.append(Fact("explains", "explained", path.explained, str(path.explained)))
+    exact = [price.replace(" exact:", ":", 1) for price in path.prices]
+    for head, lines in (("blind to", verdict.blind_to), ("taken as exact", exact)):
+        facts += [Fact("" if k else head, head, line, str(line)) for k, line in enumerate(lines)]
+    if facts:
+        print_facts(facts)
+
+
+def print_path(path: LightPath) -> None:
+    """Print verdict, facts, vertices, legs and statements to stdout.
+
+    Parameters
+    ----------
+    path : LightPath
+        The path.
+    """
+    print_verdict(path)
     print_facts(path_facts(path))
     print_table(
         ("vertex", "x (mm)", "y (mm)", "z (mm)", "event time (ps)"),
@@ -119,6 +168,45 @@ def _vertex_name(i: int, n_legs: int, *, source_known: bool) -> str:
     return f"{i}  exit from view" if i == n_legs else f"{i}  corner"
 
 
+def json_from_verdict(path: LightPath) -> dict[str, Any]:
+    """The verdict on a path, and what belongs to it, for programs.
+
+    Parameters
+    ----------
+    path : LightPath
+        The path.
+
+    Returns
+    -------
+    dict of str
+        `verdict` as path files hold it, `explained` (None where not known) and `prices`.
+    """
+    return {
+        "verdict": path.verdict.to_json(),
+        "explained": None if path.explained is None else asdict(path.explained),
+        "prices": path.prices,
+    }
+
+
+def refuse_unless_trusted(path: LightPath, *, strict: bool) -> None:
+    """End a command that was asked to be strict, once everything is written.
+
+    Parameters
+    ----------
+    path : LightPath
+        The path.
+    strict : bool
+        False: any verdict will do.
+
+    Raises
+    ------
+    NotTrustedError
+        For "check" and "contradicted" alike.
+    """
+    if strict and path.verdict.level != "trust":
+        raise NotTrustedError(f"--strict: {path.verdict}")
+
+
 def json_from_path(path: LightPath) -> dict[str, Any]:
     """Everything a program wants to know of a path.
 
@@ -133,28 +221,33 @@ def json_from_path(path: LightPath) -> dict[str, Any]:
         Names end in their units; lists follow the order of flight.
     """
     facts = {fact.key: fact.value for fact in path_facts(path)}
-    return facts | {
-        "chi2": path.goodness.chi2,
-        "dof": path.goodness.dof,
-        "n_rejected": path.goodness.n_rejected,
-        "error_floor_ps": path.goodness.error_floor_ps,
-        "converged": path.goodness.converged,
-        "vertices_mm": path.vertices_mm,
-        "vertex_times_ps": path.vertex_times_ps,
-        "vertex_std_mm": path.vertex_std[:, :3],
-        "vertex_time_std_ps": path.vertex_std[:, 3],
-        "legs": [
-            {
-                "angle_deg": leg.angle_deg,
-                "angle_std_deg": leg.angle_std_deg,
-                "paper_angle_deg": leg.paper_angle_deg,
-                "direction": leg.direction,
-                "length_mm": leg.length_mm,
-            }
-            for leg in path.legs
-        ],
-        "statements": path.statements,
-    }
+    return (
+        json_from_verdict(path)
+        | facts
+        | {
+            "chi2": path.goodness.chi2,
+            "chi2_with_floor": path.goodness.chi2_with_floor,
+            "dof": path.goodness.dof,
+            "n_rejected": path.goodness.n_rejected,
+            "error_floor_ps": path.goodness.error_floor_ps,
+            "converged": path.goodness.converged,
+            "vertices_mm": path.vertices_mm,
+            "vertex_times_ps": path.vertex_times_ps,
+            "vertex_std_mm": path.vertex_std[:, :3],
+            "vertex_time_std_ps": path.vertex_std[:, 3],
+            "legs": [
+                {
+                    "angle_deg": leg.angle_deg,
+                    "angle_std_deg": leg.angle_std_deg,
+                    "paper_angle_deg": leg.paper_angle_deg,
+                    "direction": leg.direction,
+                    "length_mm": leg.length_mm,
+                }
+                for leg in path.legs
+            ],
+            "statements": path.statements,
+        }
+    )
 
 
 def write_path(path: LightPath, output: Path) -> None:

@@ -22,7 +22,14 @@ from lightflight.cli.console import (
     step,
     with_error,
 )
-from lightflight.cli.options import debug_option, json_option, output_option, set_option
+from lightflight.cli.errors import NotTrustedError
+from lightflight.cli.options import (
+    debug_option,
+    json_option,
+    output_option,
+    set_option,
+    strict_option,
+)
 
 if TYPE_CHECKING:
     from lightflight.batch.campaign import Campaign
@@ -53,6 +60,7 @@ class InterruptedCampaignError(Exception):
 )
 @output_option("Folder for the results; stands over [campaign] output.", required=False)
 @click.option("--page", is_flag=True, help="Also write index.html, with a page for each path.")
+@strict_option
 @set_option("campaign file")
 @click.option(
     "--dry-run",
@@ -68,6 +76,7 @@ def command(
     workers: int | None,
     output: Path | None,
     page: bool,
+    strict: bool,
     assignments: tuple[str, ...],
     dry_run: bool,
     as_json: bool,
@@ -101,6 +110,12 @@ def command(
 
         raise NothingFoundError(
             f"none of {len(table.rows)} recordings gave a path: table.csv says why"
+        )
+    n_trusted = table.n_by_verdict["trust"]
+    if strict and n_trusted < len(table.rows):
+        raise NotTrustedError(
+            f"--strict: {len(table.rows) - n_trusted} of {len(table.rows)} recordings gave no path "
+            'of the verdict "trust": table.csv says which'
         )
 
 
@@ -235,6 +250,10 @@ def _report(
         Fact("with a path", "n_done", n - table.n_failed),
         Fact("failed", "n_failed", table.n_failed),
     ]
+    facts += [
+        Fact(f"verdict {level}", f"n_{level}", count) for level, count in table.n_by_verdict.items()
+    ]
+    doubtful = [row for row in table.rows if row.get("verdict") not in (None, "trust")]
     failed = [row for row in table.rows if row["status"] == "failed"]
     groups = table.repeats(campaign.leg)
     if as_json:
@@ -242,6 +261,10 @@ def _report(
             json_from_facts(facts)
             | {
                 "groups": [_json_from_group(group) for group in groups],
+                "not_trusted": {
+                    row["recording"]: {k: row[k] for k in ("verdict", "findings")}
+                    for row in doubtful
+                },
                 "failed": {row["recording"]: row["reason"] for row in failed},
                 "written": [str(path) for path in written],
             }
@@ -250,13 +273,22 @@ def _report(
     if campaign.title:
         print_sentences([campaign.title])
     print_facts(facts)
+    _print_some(
+        ("not to be trusted", "verdict", "findings, likely first"),
+        [(row["recording"], row["verdict"], row["findings"]) for row in doubtful],
+    )
     _print_groups(groups, campaign.leg)
-    if failed:
-        rows = [(row["recording"], row["reason"]) for row in failed[:_MOST_LINES]]
-        print_table(("failed", "reason"), rows, n_text_columns=2)
-        if len(failed) > _MOST_LINES:
-            print_sentences([f"... and {len(failed) - _MOST_LINES} more: see table.csv."])
+    _print_some(("failed", "reason"), [(row["recording"], row["reason"]) for row in failed])
     print_written(written)
+
+
+def _print_some(columns: tuple[str, ...], rows: list[tuple[Any, ...]]) -> None:
+    """A table of texts, as many rows as fit a screen; nothing without one."""
+    if not rows:
+        return
+    print_table(columns, rows[:_MOST_LINES], n_text_columns=len(columns))
+    if len(rows) > _MOST_LINES:
+        print_sentences([f"... and {len(rows) - _MOST_LINES} more: see table.csv."])
 
 
 def _print_groups(groups: tuple[Repeats, ...], leg: int) -> None:

@@ -15,6 +15,7 @@ from lightflight.cli.options import debug_option, json_option, seed_option
 
 if TYPE_CHECKING:
     from lightflight.demo import Estimate, Recordings
+    from lightflight.path.light_path import LightPath
     from lightflight.timing.clock.calibration import TimingCalibration
 
 _FILES = ("recording.h5", "calibration.h5", "path.h5", "path.csv", "demo.png")
@@ -54,6 +55,7 @@ def command(*, output: Path, photons: float, seed: int, as_json: bool) -> None:
       lightflight demo
       lightflight demo --photons 500 -o out/starved
     """
+    from lightflight.cli.paths import print_verdict
     from lightflight.demo import (
         calibrate_three_legs,
         estimate_three_legs,
@@ -72,6 +74,7 @@ def command(*, output: Path, photons: float, seed: int, as_json: bool) -> None:
     if as_json:
         print_json(json_from_demo(recordings, estimates) | {"seconds": round(seconds, 1)})
         return
+    print_verdict(_reference(estimates))
     _print_comparison(recordings, estimates)
     print_sentences(
         [
@@ -113,6 +116,7 @@ def comparison_rows(recordings: Recordings, estimates: list[Estimate]) -> list[d
             "event_time_rms_ps": EVENT_TIME_RMS_PS,
             "whole_position_rms_mm": None,
             "photons_per_pixel": None,
+            "verdict": None,
         }
     ]
     rows += [
@@ -124,6 +128,7 @@ def comparison_rows(recordings: Recordings, estimates: list[Estimate]) -> list[d
             "event_time_rms_ps": estimate.error.event_time_rms_ps,
             "whole_position_rms_mm": estimate.whole_error.position_rms_mm,
             "photons_per_pixel": recordings.photons_per_pixel,
+            "verdict": str(estimate.path.verdict.level),
         }
         for estimate in estimates
     ]
@@ -155,10 +160,11 @@ def _print_comparison(recordings: Recordings, estimates: list[Estimate]) -> None
         return "not stated" if row[key] is None else format(row[key], digits)
 
     print_table(
-        ("result", "prior", "in view (mm)", "in view (ps)", "to exit (mm)", "photons"),
+        ("result", "verdict", "prior", "in view (mm)", "in view (ps)", "to exit (mm)", "photons"),
         [
             (
                 row["result"],
+                row["verdict"] or "–",
                 row["prior"],
                 cell(row, "position_rms_mm", ".3f"),
                 cell(row, "event_time_rms_ps", ".3f"),
@@ -168,7 +174,7 @@ def _print_comparison(recordings: Recordings, estimates: list[Estimate]) -> None
             for row in comparison_rows(recordings, estimates)
         ],
         title="Three legs: rms error of the path",
-        n_text_columns=2,
+        n_text_columns=3,
     )
     print_sentences(
         [
@@ -177,6 +183,11 @@ def _print_comparison(recordings: Recordings, estimates: list[Estimate]) -> None
             "expected signal counts in the brightest pixel.",
         ]
     )
+
+
+def _reference(estimates: list[Estimate]) -> LightPath:
+    """The path that is kept and shown."""
+    return next(e.path for e in estimates if (e.method, e.prior) == _REFERENCE)
 
 
 def _write_results(
@@ -202,7 +213,7 @@ def _write_results(
     write(replace(hist, settings={**hist.settings, "provenance": made}), output / "recording.h5")
     replace(timing, provenance=made).save(output / "calibration.h5")
     chosen = {(e.method, e.prior): e.path for e in estimates}
-    path = replace(chosen[_REFERENCE], provenance=made)
+    path = replace(_reference(estimates), provenance=made)
     path.save(output / "path.h5")
     write_csv(path, output / "path.csv")
     figure = demo_figure(

@@ -21,6 +21,7 @@ from lightflight.cli.options import (
 
 if TYPE_CHECKING:
     from lightflight.lab import Lab
+    from lightflight.path.light_path import LightPath
 
 
 @click.command("info", short_help="Say what a file holds.")
@@ -69,7 +70,8 @@ def command(
     if plot is not None:
         check_outputs([plot], inputs=[file], suffixes=PLOT_SUFFIXES, option="--plot")
     # Before anything is drawn: a file that cannot be read leaves no figure behind.
-    facts, sentences = _facts_of(file, lab, hints)
+    path = _path_in(file)
+    facts, sentences = _facts_of(file, lab, hints) if path is None else _path_facts(path)
     if plot is not None:
         _draw(file, lab, hints, plot)
         sentences = [*sentences, f"Written: {plot}"]
@@ -79,7 +81,22 @@ def command(
 
         moved, words = drift_facts(file, lab, hints, timing_path=timing_path, slices=slices)
         facts, sentences = [*facts, *moved], [*sentences, *words]
-    report(facts, sentences, as_json=as_json, notes=sentences)
+    more = {}
+    if path is not None:
+        from lightflight.cli.paths import json_from_verdict, print_verdict
+
+        more = json_from_verdict(path)
+        if not as_json:
+            print_verdict(path)
+    report(facts, sentences, as_json=as_json, notes=sentences, **more)
+
+
+def _path_in(file: Path) -> LightPath | None:
+    """The path that a file holds; None where it holds anything else."""
+    from lightflight.files.store import kind_of_record
+    from lightflight.path.light_path import LightPath
+
+    return LightPath.load(file) if kind_of_record(file) == "path" else None
 
 
 def _facts_of(file: Path, lab: Lab, hints: dict[str, Any]) -> tuple[list[Fact], list[str]]:
@@ -89,8 +106,6 @@ def _facts_of(file: Path, lab: Lab, hints: dict[str, Any]) -> tuple[list[Fact], 
     match kind_of_record(file):
         case "calibration":
             return _calibration_facts(file)
-        case "path":
-            return _path_facts(file)
         case "pulses" | "arrivals" as kind:
             return _table_facts(file, kind)
     return _recording_facts(file, lab, hints)
@@ -147,12 +162,10 @@ def _calibration_facts(file: Path) -> tuple[list[Fact], list[str]]:
     return [holds, *calibration_facts(calibration)], list(calibration.notes)
 
 
-def _path_facts(file: Path) -> tuple[list[Fact], list[str]]:
+def _path_facts(path: LightPath) -> tuple[list[Fact], list[str]]:
     """What a path file holds."""
     from lightflight.cli.paths import path_facts
-    from lightflight.path.light_path import LightPath
 
-    path = LightPath.load(file)
     holds = Fact("holds", "kind", "path", "path of a pulse")
     return [holds, *path_facts(path)], list(path.statements)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lightflight.cli.console import print_written, step
+from lightflight.cli.console import print_headline, print_written, step
 from lightflight.cli.options import (
     PLOT_SUFFIXES,
     check_outputs,
@@ -120,6 +120,7 @@ def _figure_of(
 
             kind, known = "path", PATH_FIGURES
             record: Any = LightPath.load(file, try_newer=True)
+            print_headline(record.verdict)
         case "calibration":
             from lightflight.timing.clock.calibration import TimingCalibration
 

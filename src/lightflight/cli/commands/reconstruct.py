@@ -29,6 +29,7 @@ from lightflight.cli.options import (
     lab_options,
     outputs_option,
     path_option,
+    strict_option,
     timing_option,
 )
 from lightflight.reconstruct import FREE_NAMES
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
     "File to write: the path (.h5), points along it (.csv), a figure (.png .pdf .svg); may be "
     "given more than once."
 )
+@strict_option
 @lab_options
 @hint_option
 @json_option
@@ -88,6 +90,7 @@ def command(
     free: tuple[str, ...],
     response_fwhm_ps: float | None,
     outputs: tuple[Path, ...],
+    strict: bool,
     lab_path: Path | None,
     assignments: tuple[str, ...],
     hints: dict[str, Any],
@@ -99,11 +102,15 @@ def command(
     The set-up says where camera and source stand. Without the time per code or the camera's
     distance, the legs are found in the picture, and what is missing is named.
 
+    What is said first is the verdict: whether the recording agrees with the path ("trust"),
+    something is open ("check"), or it does not agree ("contradicted").
+
     \b
     Examples:
       lightflight reconstruct recording.h5 --lab lab.toml --timing calibration.h5 -o path.h5
       lightflight reconstruct streak.mat --hint axes=tyx -o path.csv -o path.png
     """
+    from lightflight.cli.paths import refuse_unless_trusted
     from lightflight.cli.records import calibration_from_option, print_lab, read_histograms
 
     inputs = [p for p in (*recordings, timing_path, background_path, lab_path) if p is not None]
@@ -129,6 +136,7 @@ def command(
     if response_fwhm_ps is not None:
         laser = _laser_facts(path, repeats[0], timing, response_fwhm_ps)
     _print(path, laser, outputs, as_json=as_json)
+    refuse_unless_trusted(path, strict=strict)
 
 
 def _lab_with_options(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lightflight.cli.console import print_written, step
+from lightflight.cli.console import print_headline, print_written, step
 from lightflight.cli.options import (
     check_outputs,
     check_viewpoint,
@@ -123,6 +123,7 @@ def _write_one(
     from lightflight.view.page import write_page
 
     path = LightPath.load(path_file, try_newer=True)
+    print_headline(path.verdict)
     timing = calibration_from_option(timing_path)
     recording = None if recording_path is None else read_histograms(recording_path, lab, hints)
     if viewpoint_mm is not None:
