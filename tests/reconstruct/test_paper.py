@@ -18,7 +18,8 @@ from lightflight.flight import (
     propagation_time_from_projection,
 )
 from lightflight.path.error import path_error
-from lightflight.reconstruct.fit.paper import angles_from_arrivals, paper_path, projection_of_leg
+from lightflight.reconstruct.fit.paper import angles_from_arrivals, paper_path
+from lightflight.reconstruct.fit.paper_projection import projection_of_leg
 from lightflight.reconstruct.legs.find import find_legs
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting

@@ -244,3 +244,17 @@ def test_the_papers_chain_follows_its_camera():
     std = np.sqrt(np.diag(path.covariance_parts["shared"])).reshape(-1, 4)[:, :3]
     np.testing.assert_allclose(std, np.abs(other.vertices_mm - path.vertices_mm), rtol=0.02)
     assert (path.covariance_parts["shared"] != 0).any()
+
+
+@pytest.mark.filterwarnings("ignore:the recording contradicts")  # a ps is seen at once
+def test_the_papers_chain_follows_its_clock():
+    """Its shared part against the chain run again on a clock whose zero lies elsewhere."""
+    world = random_world(0, 1, prior=KNOWN, uneven=0.0)
+    told, recording = what_the_user_tells(world) | {"n_legs": 1}, record(world, 0)
+    unsure = with_shared_errors(told["timing"], offset_std_ps=1.0)
+    path = lf.reconstruct(recording, method="paper", **told | {"timing": unsure})
+    later = replace(told["timing"], skew_ps=told["timing"].skew_ps + 1.0)
+    other = lf.reconstruct(recording, method="paper", **told | {"timing": later})
+    std = np.sqrt(np.diag(path.covariance_parts["shared"])).reshape(-1, 4)[:, :3]
+    np.testing.assert_allclose(std, np.abs(other.vertices_mm - path.vertices_mm), rtol=0.02)
+    assert (path.covariance_parts["shared"] != 0).any()

@@ -28,11 +28,15 @@ from lightflight.errors import GeometryError
 from lightflight.flight import Medium, point_from_arrival, return_time_from_points
 from lightflight.path.light_path import LightPath
 from lightflight.path.tables import RESIDUAL_DTYPE, Goodness
+from lightflight.reconstruct.fit.paper_projection import (
+    Projection,
+    averaged,
+    projection_of_leg,
+)
 from lightflight.reconstruct.fit.result import prior_in_words
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.freedom import view_end
 from lightflight.reconstruct.model.geometry import PathState, vertex_time_jacobian
-from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import NUDGE, shared_errors
 from lightflight.reconstruct.model.sighting import Sighting
@@ -43,45 +47,15 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-PAPER_REACH_PX = 2.5
-"""Light this near to a leg's line counts for its centres of mass, px: its spot, no other leg."""
-_DARK = flags.NO_PHOTONS | flags.TOO_FEW | flags.NO_PULSE
-"""A pixel with one of these is not bad: it saw no light."""
-
-
 _WHAT_IT_STATES = (
     "The paper's estimator states the scatter of the alpha_i only: its error bars know "
     "nothing of the picture, the clock or the source."
 )
 _WHAT_IT_STATES_WITH_SHARED = (
     "The paper's estimator states the scatter of the alpha_i, and what the stated errors of "
-    "camera, medium and source move: its error bars know nothing of the picture or the clock."
+    "camera, medium, source and clock move that all pixels share: its error bars know nothing of "
+    "the picture or of each pixel's own clock."
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Projection:
-    """What the paper takes of one leg: one pixel per position along it.
-
-    Attributes
-    ----------
-    rows : array of float, shape (k,)
-        Row of the point on the projected leg, px; whole where the leg runs on centres.
-    cols : array of float, shape (k,)
-        Column of that point, px.
-    arrival_ps : array of float, shape (k,)
-        Arrival time; interpolated where the pixel was bad, ps.
-    interpolated : array of bool, shape (k,)
-        True where the neighbours had to stand in.
-    photons : array of float, shape (k,)
-        Counts in the pulse.
-    """
-
-    rows: Floats
-    cols: Floats
-    arrival_ps: Floats
-    interpolated: NDArray[np.bool_]
-    photons: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,90 +91,6 @@ class PlaneLeg:
     def angle_std(self) -> float:
         """Scatter of the alpha_i over the root of their number, rad."""
         return float(np.std(self.angles, ddof=1) / np.sqrt(len(self.angles)))
-
-
-def projection_of_leg(leg: ImageLeg, sighting: Sighting, camera: Camera) -> Projection:
-    """One good pixel per position along a leg, the brightest; gaps are interpolated.
-
-    Parameters
-    ----------
-    leg : ImageLeg
-        The leg as found in the picture.
-    sighting : Sighting
-        The recording, on the clock and with its pulses found.
-    camera : Camera
-        The camera that sees it.
-
-    Returns
-    -------
-    Projection
-        One entry per column of the picture (row, for a steep leg).
-    """
-    arrivals = sighting.arrivals
-    members = leg.members[arrivals.photons[leg.members] > 0]
-    points = undistorted_px(camera, arrivals.row[members], arrivals.col[members])
-    photons = arrivals.photons[members]
-    steep = abs(leg.direction_px[1]) > abs(leg.direction_px[0])
-    position = (arrivals.row if steep else arrivals.col)[members].astype(int)
-    first, k = int(position.min()), int(np.ptp(position)) + 1
-    origin, direction = _line_through_centroids(leg, sighting, camera, steep=steep)
-    at = np.full(k, -1)
-    # The brightest of a position is written last and stays.
-    for i in np.argsort(photons):
-        at[position[i] - first] = i
-    brightest = np.where(at >= 0, photons[np.maximum(at, 0)], 0.0)
-    # Far in the wings of a neighbour's spot a position holds light, but not its own.
-    bad = (at < 0) | (brightest < 0.05 * np.median(brightest[at >= 0]))
-    good = np.flatnonzero(~bad)
-    along, times = np.empty(k), np.empty(k)
-    along[good] = (points[at[good]] - origin) @ direction
-    times[good] = sighting.arrival_ps[members[at[good]]]
-    for values in (along, times):
-        values[bad] = np.interp(np.flatnonzero(bad), good, values[good])
-    order = np.argsort(along)
-    on_line = origin + along[order, np.newaxis] * direction
-    focal = mean_focal_px(camera)
-    rows, cols = camera.pixels_from_normalized(on_line[:, 0] / focal, on_line[:, 1] / focal)
-    return Projection(rows, cols, times[order], bad[order], brightest[order])
-
-
-def _line_through_centroids(
-    leg: ImageLeg, sighting: Sighting, camera: Camera, *, steep: bool
-) -> tuple[Floats, Floats]:
-    """(origin, unit direction) of the line through the light's centres of mass, px."""
-    light = _filled_light(leg, sighting, steep=steep)
-    rows, cols = np.nonzero(light > 0)
-    points = undistorted_px(camera, rows, cols)
-    offset = points - leg.origin_px
-    across = offset[:, 0] * leg.direction_px[1] - offset[:, 1] * leg.direction_px[0]
-    near = np.abs(across) < PAPER_REACH_PX
-    rows, cols, points = rows[near], cols[near], points[near]
-    photons, position = light[rows, cols], rows if steep else cols
-    total = np.bincount(position, photons)
-    lit = total > 0.05 * np.median(total[total > 0])
-    centroid = np.column_stack(
-        [np.bincount(position, photons * points[:, axis])[lit] / total[lit] for axis in (0, 1)]
-    )
-    origin = centroid.mean(axis=0)
-    direction = np.linalg.svd(centroid - origin, full_matrices=False)[2][0]
-    return origin, direction if direction @ leg.direction_px > 0 else -direction
-
-
-def _filled_light(leg: ImageLeg, sighting: Sighting, *, steep: bool) -> Floats:
-    """(rows, cols), photons of one leg; bad pixels hold the mean of their neighbours along it."""
-    arrivals = sighting.arrivals
-    light = np.zeros(arrivals.shape)
-    light[arrivals.row[leg.members], arrivals.col[leg.members]] = arrivals.photons[leg.members]
-    bad = sighting.blind.copy()
-    spoiled = (arrivals.flags & np.uint32(flags.EXCLUDING & ~_DARK)) != 0
-    bad[arrivals.row[spoiled], arrivals.col[spoiled]] = True
-    axis = 0 if steep else 1
-    known = np.pad(np.where(bad, np.nan, light), 1, constant_values=np.nan)
-    beside = [np.roll(known, side, axis)[1:-1, 1:-1] for side in (1, -1)]
-    count = sum(np.isfinite(value).astype(float) for value in beside)
-    mean = sum(np.nan_to_num(value) for value in beside) / np.maximum(count, 1.0)
-    filled: Floats = np.where(bad, mean, light)
-    return filled
 
 
 def plane_axes(rays: Floats, start: Floats, camera: Camera) -> tuple[Floats, Floats]:
@@ -320,7 +210,7 @@ def paper_path(
     if legs is None:
         raise ValueError("method='paper' finds its own legs: leave start out, or give n_legs")
     projections = [projection_of_leg(leg, sightings[0], setting.camera) for leg in legs]
-    projections = [_averaged(p, sightings) for p in projections]
+    projections = [averaged(p, sightings) for p in projections]
     return path_from_projections(projections, sightings, setting)
 
 
@@ -391,26 +281,6 @@ def _placed_legs(projections: list[Projection], setting: Setting) -> list[PlaneL
             )
         placed.append(PlaneLeg(start, start_time, along, upright, angles))
     return placed
-
-
-def _averaged(seen: Projection, sightings: list[Sighting]) -> Projection:
-    """Arrival times averaged over repeats, pixel by pixel."""
-    if len(sightings) == 1:
-        return seen
-    stacks = [seen.arrival_ps]
-    for sighting in sightings[1:]:
-        image = np.full(sighting.arrivals.shape, np.nan)
-        arrivals = sighting.arrivals
-        usable = flags.is_usable(arrivals.flags)
-        image[arrivals.row[usable], arrivals.col[usable]] = sighting.arrival_ps[usable]
-        rows, cols = np.rint(seen.rows).astype(int), np.rint(seen.cols).astype(int)
-        times = image[rows, cols]
-        # 100 ps off is another pulse, or another leg's.
-        wrong = ~np.isfinite(times) | (np.abs(times - seen.arrival_ps) > 100.0)
-        stacks.append(np.where(wrong | seen.interpolated, seen.arrival_ps, times))
-    return Projection(
-        seen.rows, seen.cols, np.mean(stacks, axis=0), seen.interpolated, seen.photons
-    )
 
 
 def _start(seen: Projection, setting: Setting) -> tuple[Floats, float | None]:
@@ -536,7 +406,7 @@ def _path_from_plane_legs(
 def _by_shared_errors(
     placed: list[PlaneLeg], projections: list[Projection], setting: Setting
 ) -> Floats:
-    """(4m, k): what one standard deviation of camera, medium, source and its time moves."""
+    """(4m, k): what one standard deviation of camera, medium, source, its time and clock moves."""
 
     def events(there: Setting, legs: list[PlaneLeg]) -> Floats:
         angles = np.array([leg.angle for leg in legs])
@@ -544,11 +414,12 @@ def _by_shared_errors(
         times = PathState(vertices, legs[0].start_time_ps).vertex_times_ps(there.medium)
         return np.column_stack((vertices, times)).ravel()
 
-    nudged = _nudged_settings(setting)
+    nudged = [(there, projections) for there in _nudged_settings(setting)]
+    nudged += [(setting, later) for later in _nudged_times(projections)]
     if not nudged:
         return np.zeros((0, 0))
     base = events(setting, placed)
-    moved_events = [events(there, _placed_legs(projections, there)) for there in nudged]
+    moved_events = [events(there, _placed_legs(seen, there)) for there, seen in nudged]
     return (np.column_stack(moved_events) - base[:, np.newaxis]) / NUDGE
 
 
@@ -566,6 +437,15 @@ def _nudged_settings(setting: Setting) -> list[Setting]:
         later = source.emission_time_ps + NUDGE * source.emission_time_std_ps
         found.append(replace(setting, source=replace(source, emission_time_ps=later)))
     return found
+
+
+def _nudged_times(projections: list[Projection]) -> list[list[Projection]]:
+    """All projections with each shared error of the clock, one after the other, moved likewise."""
+    n_modes = projections[0].modes_ps.shape[1]
+    return [
+        [replace(p, arrival_ps=p.arrival_ps + NUDGE * p.modes_ps[:, j]) for p in projections]
+        for j in range(n_modes)
+    ]
 
 
 def _vertices(
