@@ -138,6 +138,11 @@ TIMING_KEYS = (
         config.number,
     ),
     Key(
+        "drift_std_ps",
+        "how far the clock may have drifted from its flat by the middle of a recording, ps",
+        config.number,
+    ),
+    Key(
         "flat_pulse",
         "shape of the flat's pulse, and of the recordings' where it is a tail",
         config.choice(*FLAT_SHAPE_NAMES),

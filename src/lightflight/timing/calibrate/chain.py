@@ -42,6 +42,7 @@ def calibrate_timing(
     flat_pulse: FlatPulse = "gaussian",
     flat_arrival_std_ps: float = 0.0,
     scale_std: float = 0.0,
+    drift_std_ps: float = 0.0,
 ) -> TimingCalibration:
     """The camera's clock from a code-density recording, a flat recording, or both.
 
@@ -82,6 +83,9 @@ def calibrate_timing(
     scale_std : float
         One-sigma error of the length of all codes when it records, as a share, beside what the
         calibration measures (a camera that is warmer by then). 0: none.
+    drift_std_ps : float
+        How far the clock's zero may have drifted by the middle of a recording, alike in all pixels,
+        ps; recordings of one flight share it. 0: not at all.
 
     Returns
     -------
@@ -118,7 +122,9 @@ def calibrate_timing(
             clock = with_tilt(clock, flat_tilt_std_ps)
     else:
         clock = with_assumed_delays(clock, assumed_skew_std_ps)
-    clock = with_shared_errors(clock, offset_std_ps=flat_arrival_std_ps, scale_std=scale_std)
+    clock = with_shared_errors(
+        clock, offset_std_ps=flat_arrival_std_ps, scale_std=scale_std, drift_std_ps=drift_std_ps
+    )
     clock = replace(clock, notes=(*clock.notes, *said))
     return clock if dark is None else with_dark(clock, dark)
 
