@@ -18,7 +18,7 @@ from lightflight.errors import GeometryError
 from lightflight.flight import Medium
 from lightflight.path.apparent_speed import apparent_speed_along
 from lightflight.path.error import path_error
-from lightflight.path.tables import Polyline
+from lightflight.path.tables import Goodness, Polyline
 from lightflight.path.trace import (
     Trace,
     across_axes,
@@ -26,6 +26,7 @@ from lightflight.path.trace import (
     places_from_path,
     trace_from_path,
 )
+from lightflight.path.verdict import NOT_EXAMINED
 from lightflight.view.page.histograms import histogram_blob
 from lightflight.view.page.packing import camera_part, packed, plain
 from lightflight.view.page.second import second_view
@@ -108,6 +109,7 @@ def payload_from_records(
         "pulses": _pulses_part(path, arrivals, trace),
         "flags": [[flag.value, flag.name, flag.meaning] for flag in fl.REGISTRY],
         "words": _words_part(path),
+        "verdict": _verdict_part(path),
         "clock": _clock_part(timing),
         "histograms": None,
         "second": None if second_camera is None else second_view(path, second_camera, trace),
@@ -251,21 +253,18 @@ def _column(path: LightPath, name: str, n: int, default: float) -> NDArray[Any]:
 
 def _with_arrivals(table: Json, arrivals: Arrivals, first: float) -> Json:
     """Add to the pulses of the path what else was found, and the pulses' own widths."""
-    shape = arrivals.shape
-    key = np.asarray(arrivals.row, dtype=np.int64) * shape[1] + np.asarray(arrivals.col)
-    own = table["row"] * shape[1] + table["col"]
-    found = np.isfinite(arrivals.arrival_ps)
     period = getattr(arrivals, "laser_period_ps", None)
     when = np.asarray(arrivals.arrival_ps, dtype=float) - first
+    own = _found_again(table, arrivals, when)
     if period is not None:
         # Unfolded to the period that starts a quarter before the first light, as the path counts.
         when = when - period * np.floor((when + 0.25 * period) / period)
-    # A pulse of the path is found again by its pixel; of several there, the last one counts.
-    width = dict(zip(key[found], np.asarray(arrivals.std_ps, float)[found], strict=True))
-    table["width_ps"] = np.array([width.get(k, np.nan) for k in own], dtype=float)
+    width = np.append(np.asarray(arrivals.std_ps, dtype=float), np.nan)
+    table["width_ps"] = width[own]
     silent = np.uint32(fl.NO_PHOTONS | fl.NO_PULSE | fl.TOO_FEW)
     words = np.asarray(arrivals.flags, dtype=np.uint32)
-    extra = ~np.isin(key, own) & ((words & silent) == 0)
+    extra = (words & silent) == 0
+    extra[own[own >= 0]] = False
     nan = np.full(int(extra.sum()), np.nan)
     more = {
         "row": np.asarray(arrivals.row)[extra],
@@ -281,6 +280,46 @@ def _with_arrivals(table: Json, arrivals: Arrivals, first: float) -> Json:
     return {name: np.concatenate((values, more.get(name, nan))) for name, values in table.items()}
 
 
+def _found_again(table: Json, arrivals: Arrivals, when: NDArray[Any]) -> NDArray[np.int64]:
+    """(n,), which arrival each pulse of the path is: of its pixel, and at its time; -1 for none.
+
+    A pixel may hold pulses of several legs, and the path those of several repeats.
+    """
+    n_cols = arrivals.shape[1]
+    key = np.asarray(arrivals.row, dtype=np.int64) * n_cols + np.asarray(arrivals.col)
+    pixel = table["row"].astype(np.int64) * n_cols + table["col"]
+    period = getattr(arrivals, "laser_period_ps", None) or np.inf
+    order = np.argsort(key, kind="stable")
+    start, stop = (np.searchsorted(key[order], pixel, side) for side in ("left", "right"))
+    best, gap = np.full(len(pixel), -1), np.full(len(pixel), np.inf)
+    for k in range(int((stop - start).max(initial=0))):
+        some = np.flatnonzero(start + k < stop)
+        candidate = order[start[some] + k]
+        apart = np.abs(when[candidate] - table["arrival_ps"][some])
+        if np.isfinite(period):
+            apart = np.minimum(apart % period, period - apart % period)
+        # Closer than its own width it is the same light.
+        near = (apart < gap[some]) & (apart < np.asarray(arrivals.std_ps)[candidate])
+        best[some[near]], gap[some[near]] = candidate[near], apart[near]
+    return best
+
+
+def fit_in_words(goodness: Goodness) -> str:
+    """Pulses, chi-square by the stated errors, and what that leaves to the error floor.
+
+    Parameters
+    ----------
+    goodness : Goodness
+        Of the path.
+    """
+    if not goodness.dof > 0 or not np.isfinite(goodness.chi2):
+        return ""
+    said = f"{goodness.n_pulses} pulses, \u03c7\u00b2/dof {goodness.reduced_chi2:.2f}"
+    if not goodness.error_floor_ps > 0:
+        return said
+    return f"{said}, extra scatter {goodness.error_floor_ps:.2g} ps"
+
+
 def _words_part(path: LightPath) -> Json:
     goodness = getattr(path, "goodness", None)
     return {
@@ -289,6 +328,29 @@ def _words_part(path: LightPath) -> Json:
         "statements": plain(getattr(path, "statements", ())),
         "provenance": plain(dict(getattr(path, "provenance", None) or {})),
         "goodness": None if goodness is None else _fields(goodness, *_GOODNESS),
+        "fit": "" if goodness is None else fit_in_words(goodness),
+    }
+
+
+def _verdict_part(path: LightPath) -> Json:
+    """The verdict, and what belongs to it, in words."""
+    verdict = getattr(path, "verdict", NOT_EXAMINED)
+    explained = getattr(path, "explained", None)
+    return {
+        "level": str(verdict.level),
+        "headline": verdict.headline,
+        "findings": [
+            {
+                "name": str(finding.name),
+                "sentence": finding.sentence,
+                "sigma": plain(finding.sigma),
+                "remedy": finding.remedy,
+            }
+            for finding in verdict.findings
+        ],
+        "blind_to": [str(spot) for spot in verdict.blind_to],
+        "exact": plain(getattr(path, "prices", ())),
+        "explained": "" if explained is None else str(explained),
     }
 
 
