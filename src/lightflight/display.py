@@ -95,7 +95,7 @@ def with_error(value: float | None, error: float | None) -> str:
 
 
 def count(n: int, thing: str) -> str:
-    """A number of things: a word up to four, so that all outputs say the same.
+    """A number of things: a word up to five, so that all outputs say the same.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def count(n: int, thing: str) -> str:
     >>> count(1, "leg"), count(3, "leg"), count(12, "leg")
     ('one leg', 'three legs', '12 legs')
     """
-    words = {0: "no", 1: "one", 2: "two", 3: "three", 4: "four"}
+    words = {0: "no", 1: "one", 2: "two", 3: "three", 4: "four", 5: "five"}
     return f"{words.get(n, str(n))} {thing}{'' if n == 1 else 's'}"
 
 

@@ -50,6 +50,13 @@ OTHERS = ("#5f9ea0", "#8c6bb1", "#a6861a", "#7a7f87")
 """Other estimates laid beside the main one, in order."""
 OTHER_DASHES: tuple[Any, ...] = ((0, (5, 1.4, 1, 1.4)), (0, (1.2, 1.2)), (0, (7, 2)), "solid")
 
+VERDICT = {
+    "trust": ("#1d7044", "#ffffff"),
+    "check": ("#ffd24d", INK),
+    "contradicted": ("#b3261e", "#ffffff"),
+}
+"""Ground and ink of a verdict's badge, as on the page; the word on it says the level."""
+
 TRUTH_LINE: dict[str, Any] = {"color": INK, "lw": 0.9, "ls": (0, (4, 3))}
 """How truth is drawn: black and dashed."""
 

@@ -223,7 +223,9 @@ def _write_results(campaign: Campaign, table: CampaignTable, *, page: bool) -> l
         else:
             written.append(folder / "table.parquet")
     with step("drawing the summary"):
-        figure = campaign_figure(table.repeats(campaign.leg), title=campaign.title)
+        figure = campaign_figure(
+            table.repeats(campaign.leg), title=campaign.title, verdicts=table.n_by_verdict
+        )
         write_figure(figure, folder / "summary.png")
         written.append(folder / "summary.png")
     if page:

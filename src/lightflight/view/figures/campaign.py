@@ -5,7 +5,7 @@ Takes groups of repeats (`lightflight.batch.table.Repeats`) and Axes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -158,7 +158,9 @@ def draw_repeat_pulls(groups: Sequence[Repeats], ax: Axes | None = None) -> Axes
 
 
 @style.styled
-def campaign_figure(groups: Sequence[Repeats], *, title: str = "") -> Figure:
+def campaign_figure(
+    groups: Sequence[Repeats], *, title: str = "", verdicts: Mapping[str, int] | None = None
+) -> Figure:
     """One page about a campaign.
 
     Parameters
@@ -167,6 +169,8 @@ def campaign_figure(groups: Sequence[Repeats], *, title: str = "") -> Figure:
         Repeats, one entry per scene (`CampaignTable.repeats`).
     title : str, optional
         Heading; empty: the number of recordings.
+    verdicts : mapping of str to int, optional
+        Paths by the level of their verdict (`CampaignTable.n_by_verdict`), told in the heading.
 
     Returns
     -------
@@ -182,6 +186,8 @@ def campaign_figure(groups: Sequence[Repeats], *, title: str = "") -> Figure:
     n = sum(group.angle_deg.size for group in groups)
     scenes = "scene" if len(groups) == 1 else "scenes"
     heading = title or f"{n} {'path' if n == 1 else 'paths'} of {len(groups)} {scenes}"
+    told = ", ".join(f"{n} {level}" for level, n in (verdicts or {}).items() if n)
+    heading = f"{heading}: {told}" if told else heading
     figure.suptitle(heading, x=0.01, ha="left", fontsize=10, fontweight="bold")
     style.title(above, "Against the set-point")
     style.title(figure.axes[1], "Repeats")

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Annotation, Text
 
 from lightflight.path.tables import Polyline
 from lightflight.path.trace import places_from_path, trace_from_path
+from lightflight.path.verdict import MEANING, NOT_EXAMINED
 from lightflight.view import style
 from lightflight.view.figures.camera import draw_camera_picture
 from lightflight.view.figures.path import draw_path_3d, legend_entries
@@ -26,12 +28,15 @@ from lightflight.view.figures.timing import (
     draw_time_std,
     draw_times,
 )
-from lightflight.view.page.payload import errors_of
+from lightflight.view.page.payload import errors_of, fit_in_words
+from lightflight.view.page.tables import heading
 
 if TYPE_CHECKING:
     from lightflight import Arrivals, LightPath
 
 _WIDTH_MM, _HEIGHT_MM = 250.0, 186.0
+_MOST_LETTERS = 118
+"""Of the line below the headline: more would run into the table at its right."""
 
 
 def _place(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
@@ -139,22 +144,52 @@ def _write_headline(figure: Figure, path: LightPath, headline: str | None) -> No
     vertices = np.asarray(path.vertices_mm, dtype=float)
     length = float(np.linalg.norm(np.diff(vertices, axis=0), axis=1).sum())
     duration = float(path.vertex_times_ps[-1] - path.vertex_times_ps[0])
-    legs = len(vertices) - 1
     if headline is None:
-        word = {1: "One leg", 2: "Two legs", 3: "Three legs", 4: "Four legs"}.get(legs)
-        headline = f"{word or f'{legs} legs'} of light in space and time"
-    figure.text(
-        10 / _WIDTH_MM, 1 - 8 / _HEIGHT_MM, headline, fontsize=14, fontweight="bold", va="center"
-    )
+        headline = heading(path)
+    # The badge first: its width is the renderer's, so the headline is tied to its right edge.
+    badge = _badge(figure, path)
+    figure.add_artist(
+        Annotation(
+            headline, (1.0, 0.5), xycoords=badge, xytext=(9, 0), textcoords="offset points",
+            fontsize=14, fontweight="bold", va="center", annotation_clip=False,
+        )
+    )  # fmt: skip
+    x = 10 / _WIDTH_MM
+    figure.text(x, 1 - 13 / _HEIGHT_MM, _why(path), fontsize=7.0, color=style.INK, va="center")
     parts = [f"{length:.0f} mm in {duration / 1000:.2f} ns", f"{path.method} estimate"]
     if getattr(path, "prior", ""):
         parts.append(path.prior)
     goodness = getattr(path, "goodness", None)
-    if goodness is not None and goodness.dof > 0:
-        parts.append(f"{goodness.n_pulses} pulses, \u03c7\u00b2/dof {goodness.reduced_chi2:.2f}")
-    x, y = 10 / _WIDTH_MM, 1 - 15 / _HEIGHT_MM
+    if goodness is not None and fit_in_words(goodness):
+        parts.append(fit_in_words(goodness))
     text = "  \u00b7  ".join(parts)
-    figure.text(x, y, text, fontsize=8, color=style.QUIET, va="center")
+    figure.text(x, 1 - 16.6 / _HEIGHT_MM, text, fontsize=7.0, color=style.QUIET, va="center")
+
+
+def _badge(figure: Figure, path: LightPath) -> Text:
+    """The level of the verdict as a word on its colour."""
+    level = str(getattr(path, "verdict", NOT_EXAMINED).level)
+    ground, ink = style.VERDICT[level]
+    return figure.text(
+        11 / _WIDTH_MM, 1 - 7.5 / _HEIGHT_MM, level, fontsize=10, fontweight="bold", color=ink,
+        va="center", bbox={"boxstyle": "round,pad=0.35", "facecolor": ground, "linewidth": 0.0},
+    )  # fmt: skip
+
+
+def _why(path: LightPath) -> str:
+    """What the verdict rests on, in one line: share explained, and the first finding."""
+    verdict = getattr(path, "verdict", NOT_EXAMINED)
+    explained = getattr(path, "explained", None)
+    share = "" if explained is None else f"explains {explained}  \u00b7  "
+    if not verdict.findings:
+        return share + MEANING[verdict.level]
+    first, others = verdict.findings[0], len(verdict.findings) - 1
+    clearly = f" ({first.sigma:.2g} \u03c3)" if first.sigma else ""
+    more = f", and {others} more" if others else ""
+    room = _MOST_LETTERS - len(share) - len(clearly) - len(more)
+    said = first.sentence
+    said = said if len(said) <= room else said[: room - 1].rstrip() + "\u2026"
+    return f"{share}{said}{clearly}{more}"
 
 
 def _legend_below_headline(figure: Figure, space: Axes, path: LightPath) -> None:

@@ -143,6 +143,8 @@ def page_html(
         "GENERATOR": html.escape(f"lightflight {__version__}", quote=True),
         "TITLE": html.escape(heading),
         "LEAD": html.escape(tables.lead(payload)),
+        "LEVEL": payload["verdict"]["level"],
+        "VERDICT": tables.verdict_html(payload),
         "STYLE": _asset("page.css"),
         "STATEMENTS": tables.statements_html(payload),
         "TABLES": tables.tables_html(payload),

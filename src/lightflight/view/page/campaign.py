@@ -20,8 +20,9 @@ from lightflight.display import number, with_error
 from lightflight.files.whole_file import atomic_path
 from lightflight.path.light_path import LightPath
 from lightflight.path.trace import trace_from_path
+from lightflight.path.verdict import Level
 from lightflight.view.page.build import page_html
-from lightflight.view.page.tables import heading
+from lightflight.view.page.tables import badge_html, heading
 from lightflight.view.types import FilePath, Floats
 from lightflight.view.viewpoint import Viewpoint
 
@@ -51,6 +52,10 @@ h2 { font-size:15px; margin:6px 0 2px; overflow-wrap:anywhere; }
 dl { display:grid; grid-template-columns:auto 1fr; gap:0 12px; margin:0; font-size:13px; }
 dt { color:var(--quiet); } dd { margin:0; }
 .bad { color:var(--event); }
+.badge { display:inline-block; border-radius:6px; padding:0 9px; }
+.badge.trust { background:#1d7044; color:#fff; }
+.badge.check { background:#ffd24d; color:#1a2130; }
+.badge.contradicted { background:#b3261e; color:#fff; }
 """
 
 
@@ -123,7 +128,16 @@ def campaign_html(entries: Sequence[tuple[str, LightPath | str, str]], *, title:
         _item(name, entry[1], entry[2], frame) for name, entry in zip(names, entries, strict=True)
     )
     bad = len(entries) - len(paths)
-    note = "All pictures to one scale." + (f" {bad} could not be read." if bad else "")
+    levels = [path.verdict.level for path in paths]
+    verdicts = ", ".join(
+        f"{levels.count(level)} {badge_html(level)}" for level in Level if level in levels
+    )
+    said = (
+        f"{verdicts}." if verdicts else "",
+        "All pictures to one scale.",
+        f"{bad} could not be read." if bad else "",
+    )
+    note = " ".join(filter(None, said))
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta http-equiv="Content-Security-Policy" content="default-src &#x27;none&#x27;; '
@@ -131,7 +145,8 @@ def campaign_html(entries: Sequence[tuple[str, LightPath | str, str]], *, title:
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<meta name="generator" content="lightflight {html.escape(__version__)}">'
         f"<title>{html.escape(words)}</title><style>{_STYLE}</style></head>\n"
-        f"<body><h1>{html.escape(words)}</h1><p>{note}</p>\n<ul>\n{items}\n</ul></body></html>\n"
+        f"<body><h1>{html.escape(words)}</h1><p>{note}</p>\n"
+        f"<ul>\n{items}\n</ul></body></html>\n"
     )
 
 
@@ -172,18 +187,20 @@ def _item(name: str, path: LightPath | str, link: str, frame: tuple[Floats, floa
     )
     return (
         f'<li><a href="{html.escape(link, quote=True)}">{_picture(path, name, frame)}'
-        f"<h2>{html.escape(name)}</h2><dl>{facts}</dl></a></li>"
+        f"<h2>{html.escape(name)} {badge_html(path.verdict.level)}</h2><dl>{facts}</dl></a></li>"
     )
 
 
 def _facts(path: LightPath) -> list[tuple[str, str]]:
     goodness = path.goodness
     angles = ", ".join(with_error(leg.angle_deg, leg.angle_std_deg) for leg in path.legs[:3])
-    facts = [
+    names = ", ".join(finding.name for finding in path.verdict.findings)
+    facts = [("findings", names)] if names else []
+    facts += [
         ("legs", str(path.n_legs)),
         ("elevation", f"{angles}\u00b0" + (" \u2026" if path.n_legs > 3 else "")),
         ("\u03c7\u00b2/dof", number(goodness.reduced_chi2, 3)),
-        ("pulses", str(goodness.n_pulses)),
+        ("pulses", str(goodness.n_pulses) if path.explained is None else str(path.explained)),
     ]
     if not goodness.converged:
         facts.append(("warning", "the fit did not converge"))

@@ -12,19 +12,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lightflight.display import number, with_error
+from lightflight.display import count, number, with_error
 from lightflight.view.types import Json
 
 if TYPE_CHECKING:
     from lightflight import LightPath
 
-_COUNT_WORDS = {1: "One leg", 2: "Two legs", 3: "Three legs", 4: "Four legs", 5: "Five legs"}
+_SIGNS = {"trust": "\u2713", "check": "?", "contradicted": "\u2715"}
+"""Beside the word of a verdict's level: not by colour alone."""
 
 
 def heading(path: LightPath) -> str:
     """A title for a path that was given none."""
     n_legs = max(len(np.atleast_1d(path.vertex_times_ps)) - 1, 0)
-    return f"{_COUNT_WORDS.get(n_legs, f'{n_legs} legs')} of light in space and time"
+    return f"{count(n_legs, 'leg').capitalize()} of light in space and time"
 
 
 def lead(payload: Json) -> str:
@@ -39,16 +40,51 @@ def lead(payload: Json) -> str:
         parts.append(f"{words['method']} estimate")
     if words["prior"]:
         parts.append(words["prior"])
-    goodness = words["goodness"]
-    if goodness and goodness["dof"] and goodness["chi2"] is not None:
-        ratio = goodness["chi2"] / goodness["dof"]
-        parts.append(f"{goodness['n_pulses']} pulses, \u03c7\u00b2/dof {ratio:.2f}")
+    if words["fit"]:
+        parts.append(words["fit"])
     truth = payload["truth"]
     if truth and truth["position_rms_mm"] is not None:
         position = number(truth["position_rms_mm"], 2)
         time = number(truth["time_rms_ps"] or float("nan"), 2)
         parts.append(f"off the truth by {position} mm and {time} ps rms in view")
     return " \u00b7 ".join(parts)
+
+
+def badge_html(level: str) -> str:
+    """The level of a verdict as a word with a sign, on its colour."""
+    return (
+        f'<strong class="badge {level}"><span aria-hidden="true">{_SIGNS[level]}</span> '
+        f"{level}</strong>"
+    )
+
+
+def verdict_html(payload: Json) -> str:
+    """The verdict: its badge, the findings with what to do, and what it cannot see."""
+    verdict = payload["verdict"]
+    # The badge says the level; what it means stands behind it.
+    meaning = verdict["headline"].partition(": ")[2]
+    parts = [f"<p>{badge_html(verdict['level'])} {html.escape(meaning)}</p>"]
+    if verdict["explained"]:
+        parts.append(f"<p>The path explains {html.escape(verdict['explained'])}.</p>")
+    if verdict["findings"]:
+        items = "".join(_finding_html(finding) for finding in verdict["findings"])
+        parts.append(f"<h3>What speaks against it, the likeliest first</h3><ol>{items}</ol>")
+    for title, said in (
+        ("What would go unseen here, and what it moves", verdict["blind_to"]),
+        ("What was taken as exact, and what that costs", verdict["exact"]),
+    ):
+        if said:
+            parts.append(f"<details><summary>{title}</summary>{_list(said)}</details>")
+    return "\n".join(parts)
+
+
+def _finding_html(finding: Json) -> str:
+    """One finding: its name, what was seen and how clearly, and the cure."""
+    clearly = f" ({finding['sigma']:.2g} \u03c3)" if finding["sigma"] else ""
+    return (
+        f"<li><code>{html.escape(finding['name'])}</code> {html.escape(finding['sentence'])}"
+        f"{clearly}. <em>To do:</em> {html.escape(finding['remedy'])}.</li>"
+    )
 
 
 def _table(caption: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
