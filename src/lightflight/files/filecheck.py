@@ -18,11 +18,16 @@ from lightflight.errors import ConfigError, FileFormatError
 DEFLATE_MOST = 1100
 """Deflate shrinks at most 1032-fold."""
 
-ANY_MOST = 30_000
-"""Zstandard and Blosc shrink zeros some ten thousand-fold."""
+ANY_MOST = 33_000
+"""Zstandard shrinks zeros 32,768-fold (four bytes for a block of 128 KiB), Blosc less."""
 
-MEMORY_SHARE = 0.8
-"""Share of the free memory one array may take."""
+MEMORY_SHARE = 0.5
+"""Share of the free memory that a file may claim, with the copies that follow."""
+
+TRUSTED_SHARE = 0.95
+"""The same for a file that the user trusts."""
+
+_TRUST = "LIGHTFLIGHT_TRUST"
 
 # What claims no more than this can do no harm.
 _SMALL_BYTES = 1 << 16
@@ -85,15 +90,55 @@ def check_memory(n_bytes: int, *, path: str | os.PathLike[str], what: str) -> No
     Raises
     ------
     FileFormatError
-        Where that is more than `MEMORY_SHARE` of what is free.
+        Where that is more than `allowed_memory_bytes`.
     """
-    free = free_memory_bytes()
-    if n_bytes > MEMORY_SHARE * free:
+    if n_bytes > allowed_memory_bytes():
         raise FileFormatError(
-            f"{what} needs {n_bytes / 1e9:.3g} GB of memory and {free / 1e9:.3g} GB are free: "
-            "the file is damaged, or must be read in parts",
-            path=path,
+            f"{what} needs {n_bytes / 1e9:.3g} GB of memory, {memory_sentence()}", path=path
         )
+
+
+def allowed_memory_bytes() -> int:
+    """Bytes that what a file claims may take: half of the free memory, more where it is trusted."""
+    share = TRUSTED_SHARE if is_trusted() else MEMORY_SHARE
+    return int(share * free_memory_bytes())
+
+
+def is_trusted() -> bool:
+    """Whether the user believes what files claim (`trusting`)."""
+    return os.environ.get(_TRUST) == "1"
+
+
+def memory_sentence() -> str:
+    """How much is free, and what to do, as the second half of a sentence."""
+    free = f"{free_memory_bytes() / 1e9:.3g} GB are free"
+    if is_trusted():
+        return f"{free}: read it in parts, or on a larger machine"
+    return (
+        f"{free}, half of them for one file: it is damaged or hostile, or say --trust "
+        "(trust=True) if it is neither, and else read it in parts"
+    )
+
+
+@contextlib.contextmanager
+def trusting(trust: bool) -> Iterator[None]:
+    """Believe what files claim meanwhile, in this process and in those it starts.
+
+    Parameters
+    ----------
+    trust : bool
+        False changes nothing.
+    """
+    before = os.environ.get(_TRUST)
+    if trust:
+        os.environ[_TRUST] = "1"
+    try:
+        yield
+    finally:
+        if trust:
+            os.environ.pop(_TRUST)
+        if before is not None:
+            os.environ[_TRUST] = before
 
 
 def check_claim(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import operator
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,9 +19,11 @@ from numpy.typing import NDArray
 
 from lightflight.errors import ConfigError, FileFormatError
 from lightflight.files.filecheck import record_error_as_format_error
+from lightflight.formats.streamed import cube_from
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording
 
+_MOST_PIXELS = 1 << 40
 _HISTOGRAM_AXES = ({"y", "x", "t"}, {"p", "t"}, {"t"})
 _FRAME_AXES = ({"f", "y", "x"}, {"f", "p"})
 
@@ -162,12 +165,7 @@ def record_from_array(
     check_axes_hint(axes)
     if values.dtype.kind not in "uifb":
         raise FileFormatError(f"holds {values.dtype}, not real numbers", path=path)
-    if len(values.shape) != len(axes):
-        raise FileFormatError(
-            f"has an array of shape {tuple(values.shape)}, which axes={axes!r} does not describe: "
-            "give one letter per axis",
-            path=path,
-        )
+    check_axes(axes, values.shape, path)
     told = {**clock, "settings": dict(settings or {})}
     told_poisson = bool(told.pop("poisson", True))
     with record_error_as_format_error(path):
@@ -179,9 +177,26 @@ def record_from_array(
             frames = _ordered(values, axes, "fyx" if "y" in axes else "fp")
             frames = _with_pixels(frames, 1, shape, path)
             return Recording.from_frames(frames, n_codes=n_codes, **told)
-        cube = _ordered(values, axes, "yxt" if "y" in axes else "pt" if "p" in axes else "t")
-        cube = _with_pixels(cube[None] if cube.ndim == 1 else cube, 0, shape, path)
-        return Histograms(cube, **told, poisson=told_poisson if poisson is None else poisson)
+        wanted = "yxt" if "y" in axes else "pt" if "p" in axes else "t"
+        order = tuple(axes.index(letter) for letter in wanted)
+        lengths = tuple(values.shape[k] for k in order)
+        *pixels, n_codes = lengths if len(lengths) > 1 else (1, *lengths)
+        rows, cols = _pixel_shape(tuple(pixels), shape, path)
+        is_poisson = told_poisson if poisson is None else poisson
+        if 0 in lengths:
+            raise FileFormatError(f"has an empty array, of shape {tuple(values.shape)}", path=path)
+        cube = cube_from(values, order, (rows, cols, n_codes), poisson=bool(is_poisson), path=path)
+        return Histograms(cube, **told, poisson=is_poisson)
+
+
+def check_axes(axes: str, shape: tuple[int, ...], path: str | os.PathLike[str]) -> None:
+    """Raise FileFormatError where there is not one letter per axis."""
+    if len(shape) != len(axes):
+        raise FileFormatError(
+            f"has an array of shape {tuple(shape)}, which axes={axes!r} does not describe: "
+            "give one letter per axis",
+            path=path,
+        )
 
 
 def _ordered(values: Any, axes: str, wanted: str) -> NDArray[Any]:
@@ -199,19 +214,30 @@ def _with_pixels(
     path: str | os.PathLike[str],
 ) -> NDArray[Any]:
     """Split the axis of pixels into (rows, cols) where there is one; check `shape` otherwise."""
-    if len(values.shape) == 3:
-        found = tuple(values.shape[axis : axis + 2])
+    kept = 2 if len(values.shape) == 3 else 1
+    found = tuple(values.shape[axis : axis + kept])
+    rows, cols = _pixel_shape(found, shape, path)
+    if kept == 2:
+        return values
+    return values.reshape(*values.shape[:axis], rows, cols, *values.shape[axis + 1 :])
+
+
+def _pixel_shape(
+    found: tuple[int, ...], shape: tuple[int, int] | None, path: str | os.PathLike[str]
+) -> tuple[int, int]:
+    """(rows, cols) of (rows, cols), or of (pixels,) whose shape the user tells."""
+    if len(found) == 2:
         if shape is not None and found != tuple(shape):
             raise FileFormatError(f"holds {found} pixels, not shape={tuple(shape)}", path=path)
-        return values
-    n_pixels = values.shape[axis]
+        return found[0], found[1]
+    n_pixels = found[0]
     if shape is None:
         if n_pixels != 1:
             raise ConfigError(f"{n_pixels} pixels row by row need shape=(rows, cols)")
         shape = (1, 1)
     if math.prod(shape) != n_pixels:
         raise FileFormatError(f"holds {n_pixels} pixels, not shape={tuple(shape)}", path=path)
-    return values.reshape(*values.shape[:axis], *shape, *values.shape[axis + 1 :])
+    return shape
 
 
 def checked_shape(shape: Any) -> tuple[int, int]:
@@ -233,9 +259,10 @@ def checked_shape(shape: Any) -> tuple[int, int]:
         Where it is something else.
     """
     try:
-        rows, cols = (int(length) for length in shape)
+        # operator.index: 4.0 is no number of rows, and 2e9 none that a camera has.
+        rows, cols = (operator.index(length) for length in shape)
     except (TypeError, ValueError):
         rows = cols = 0
-    if rows < 1 or cols < 1:
-        raise ConfigError(f"hint shape must be (rows, cols), got {shape!r}")
+    if not (0 < rows < _MOST_PIXELS and 0 < cols < _MOST_PIXELS and rows * cols < _MOST_PIXELS):
+        raise ConfigError(f"hint shape must be (rows, cols), two whole numbers, got {shape!r}")
     return rows, cols

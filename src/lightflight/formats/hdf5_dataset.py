@@ -13,11 +13,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
-from lightflight.files.filecheck import check_memory
-from lightflight.files.store import check_dataset
 from lightflight.formats.cubes import (
     axes_of,
     check_is_there,
@@ -91,7 +88,7 @@ def read(
     stated = _stated_axes(name, len(stored.shape), found.get("axes"), labels)
     axes = axes_of(name, stored.shape, axes or stated, path=path)
     return record_from_array(
-        stored if axes == "fyx" else cube_of(path, name),
+        np.asarray(stored) if "f" in axes and axes != "fyx" else stored,
         axes,
         clock,
         path=path,
@@ -116,14 +113,10 @@ def datasets_in(file: h5py.File) -> dict[str, Any]:
     return found
 
 
-def cube_of(path: Path, name: str) -> NDArray[Any]:
-    """A whole dataset of numbers, after checking that it fits into memory."""
+def cube_of(path: Path, name: str) -> StoredArray:
+    """A dataset of numbers, read in parts when it is asked for."""
     with h5py.File(path, "r", locking="best-effort") as file:
-        node = file[name]
-        check_dataset(node, path=path, ours=False)
-        n_bytes = node.size * node.dtype.itemsize
-        check_memory(n_bytes, path=path, what=f"dataset {name!r} {node.shape}")
-        return np.asarray(node[()], node.dtype.newbyteorder("="))
+        return StoredArray.of(file[name], path=path, ours=False)
 
 
 def _chosen(shapes: Mapping[str, tuple[int, ...]], wanted: str | None, path: Path) -> str:

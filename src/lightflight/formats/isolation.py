@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError, MissingExtraError
 from lightflight.files.children import run_module
-from lightflight.files.filecheck import DEFLATE_MOST, MEMORY_SHARE, free_memory_bytes
+from lightflight.files.filecheck import DEFLATE_MOST, allowed_memory_bytes
 
 TIME_LIMIT_S = 60.0
 """Seconds a reader may take for a small file; large ones get a second per megabyte more."""
@@ -82,7 +82,11 @@ def run_isolated(
 
 
 def _arrays_in(folder: Path) -> dict[str, NDArray[Any]]:
-    return {file.stem: np.load(file, allow_pickle=False) for file in folder.glob("*.npy")}
+    """Arrays that a child has left, closed to writing: records take such without a copy."""
+    arrays = {file.stem: np.load(file, allow_pickle=False) for file in folder.glob("*.npy")}
+    for array in arrays.values():
+        array.setflags(write=False)
+    return arrays
 
 
 def _limit_memory(path: Path) -> None:
@@ -93,7 +97,7 @@ def _limit_memory(path: Path) -> None:
         return
     unpacked = _EMPTY_CUBE_BYTES + DEFLATE_MOST * path.stat().st_size
     # A header can claim any size; what a file can hold is bounded by its own.
-    limit = min(int(MEMORY_SHARE * free_memory_bytes()), unpacked) + _LIBRARIES_BYTES
+    limit = min(allowed_memory_bytes(), unpacked) + _LIBRARIES_BYTES
     # The hard limit of an administrator may be lower, and cannot be raised.
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     if hard == resource.RLIM_INFINITY or limit < hard:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import ConfigError, FileFormatError
-from lightflight.files.filecheck import record_error_as_format_error
+from lightflight.files.filecheck import check_memory, record_error_as_format_error
 from lightflight.files.store import kind_of_record, load_record, new_record, open_record, read_array
 from lightflight.formats.photons import photon_blocks
 from lightflight.formats.registry import Format
@@ -99,7 +99,9 @@ def _read_recording(path: Path, clock: Mapping[str, Any]) -> Recording:
         check_arrays("recording", stored, path=path)
         starts = None
         if "photons_per_frame" in stored:
-            per_frame = np.asarray(stored.pop("photons_per_frame"))
+            counted = stored.pop("photons_per_frame")
+            check_memory(16 * counted.shape[0], path=path, what="a list of all frames")
+            per_frame = np.asarray(counted)
             starts = np.zeros(per_frame.size + 1, np.uint64)
             np.cumsum(per_frame, dtype=np.uint64, out=starts[1:])
         truth = {

@@ -18,6 +18,7 @@ from lightflight.files.store import text_attribute
 from lightflight.files.whole_file import atomic_path
 from lightflight.formats.cubes import (
     axes_of,
+    check_axes,
     check_is_there,
     record_from_array,
     several_arrays,
@@ -36,7 +37,9 @@ USUAL_NAMES = ("counts", "series", "hist", "XYZimage", "data_cube")
 
 _LARGEST_V5 = (1 << 31) - 1
 _Shapes = dict[str, tuple[int, ...]]
-_Load = Callable[[str], NDArray[Any]]
+_Load = Callable[[str], Any]
+"""Gives an array by its name, with the axes backwards."""
+_TEXTS = ("axes", "lightflight")
 
 
 # --- reading ----------------------------------------------------------------------------
@@ -89,9 +92,12 @@ def read(
     name = _chosen(variable, shapes, path)
     fields, settings = fields_from_text(texts.get("lightflight"), path)
     axes = axes_of(name, shapes[name], axes or stated_axes(texts.get("axes")), path=path)
+    check_axes(axes, shapes[name], path)
+    # MATLAB's axes are backwards in the file, and read so.
+    values = load(name)
     return record_from_array(
-        load(name),
-        axes,
+        np.asarray(values) if "f" in axes else values,
+        axes[::-1],
         fields | dict(clock),
         path=path,
         shape=shape,
@@ -124,14 +130,18 @@ def array_from_file(path: Path, variable: str | None) -> NDArray[Any]:
     with path.open("rb") as file:
         opened = _opened_v73 if file.read(10) == b"MATLAB 7.3" else _opened_v5
     shapes, load, _ = opened(path)
-    return np.asarray(load(_chosen(variable, shapes, path)))
+    return np.asarray(load(_chosen(variable, shapes, path))).T
 
 
 def _opened_v5(path: Path) -> tuple[_Shapes, _Load, dict[str, str]]:
     """Shapes by name, what loads an array by its name, and texts by name, of a v5 file."""
     variables = {variable.name: variable for variable in variables_in(path)}
     shapes = {name: v.shape for name, v in variables.items() if name and not v.is_text}
-    texts = {name: text_of(v, path) for name, v in variables.items() if v.is_text and v.n_bytes}
+    texts = {
+        name: text_of(variables[name], path)
+        for name in _TEXTS
+        if name in variables and variables[name].is_text and variables[name].n_bytes
+    }
     return shapes, lambda name: array_of(variables[name], path), texts
 
 
@@ -150,7 +160,7 @@ def _opened_v73(path: Path) -> tuple[_Shapes, _Load, dict[str, str]]:
             for name, node in nodes.items()
             if is_text[name] and node.dtype == np.uint16 and node.size < 1 << 20
         }
-    return shapes, lambda name: cube_of(path, name).T, texts
+    return shapes, lambda name: cube_of(path, name), texts
 
 
 def _chosen(wanted: str | None, shapes: _Shapes, path: Path) -> str:

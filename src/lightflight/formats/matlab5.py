@@ -9,6 +9,8 @@ Format: The MathWorks, "MAT-File Format", chapter "Level 5 MAT-Files".
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import math
 import struct
 import zlib
@@ -18,14 +20,15 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
 from lightflight.files.filecheck import check_claim, check_memory
+from lightflight.formats.streamed import StreamedArray
 
 _HEADER_BYTES = 128
 _HEAD_BYTES = 4096
 _MOST_DIMENSIONS = 32
+_PACKED_AT_ONCE = 1 << 18
 _MATRIX, _COMPRESSED = 14, 15
 _CHAR = 4
 _NUMBERS = range(6, 16)
@@ -202,12 +205,14 @@ def _element(block: bytes, at: int, order: str) -> tuple[int, bytes, int]:
     return kind, block[start : start + n_bytes], end
 
 
-def array_of(variable: Variable, path: Path) -> NDArray[np.generic]:
-    """Numbers of a variable, in MATLAB's order of axes and native byte order."""
-    numbers = np.frombuffer(_content_of(variable, path), variable.dtype)
-    return numbers.reshape(variable.shape, order="F").astype(
-        variable.dtype.newbyteorder("="), copy=False
-    )
+def array_of(variable: Variable, path: Path) -> StreamedArray:
+    """Numbers of a variable, read when they are asked for, the axes of MATLAB backwards.
+
+    MATLAB's first axis runs fastest: backwards it is the order of the file.
+    """
+    _check_packing(variable, path)
+    opened = functools.partial(_opened, variable, path)
+    return StreamedArray(path, variable.shape[::-1], variable.dtype, opened, ends=True)
 
 
 def text_of(variable: Variable, path: Path) -> str:
@@ -216,29 +221,76 @@ def text_of(variable: Variable, path: Path) -> str:
     encoding = {1: "utf-8", 2: "utf-16", 4: "utf-32"}.get(variable.dtype.itemsize, "utf-8")
     if encoding != "utf-8":
         encoding += "-be" if big else "-le"
-    return _content_of(variable, path).decode(encoding, "replace")
+    _check_packing(variable, path)
+    check_memory(3 * variable.n_bytes, path=path, what=f"text {variable.name!r}")
+    with _opened(variable, path) as stream:
+        content = stream.read(variable.n_bytes)
+        stream.read(1)  # to its checksum
+    return content.decode(encoding, "replace")
 
 
-def _content_of(variable: Variable, path: Path) -> bytes:
-    what = f"array {variable.name!r} {variable.shape}"
+def _check_packing(variable: Variable, path: Path) -> None:
     if variable.n_packed is not None:
+        what = f"array {variable.name!r} {variable.shape}"
         check_claim(variable.n_bytes, variable.n_packed, path=path, what=what)
-    check_memory(variable.n_bytes, path=path, what=what)
+
+
+@contextlib.contextmanager
+def _opened(variable: Variable, path: Path) -> Iterator[_Numbers]:
     with path.open("rb") as file:
-        if variable.n_packed is None:
+        file.seek(variable.offset)
+        yield _Numbers(file, variable, path)
+
+
+class _Numbers:
+    """The content of a variable as a stream, unpacked as it is read."""
+
+    def __init__(self, file: BinaryIO, variable: Variable, path: Path) -> None:
+        self._file, self._path, self._offset = file, path, variable.offset
+        self._packed = None if variable.n_packed is None else zlib.decompressobj()
+        self._left = variable.n_packed or 0
+        self._ready = b""
+        self._content = variable.n_bytes
+        if self._packed is None:
             file.seek(variable.offset + variable.skip)
-            content = file.read(variable.n_bytes)
         else:
-            file.seek(variable.offset)
-            packed = file.read(variable.n_packed)
-            wanted = variable.skip + variable.n_bytes
+            self._unpacked(variable.skip)
+
+    def read(self, n: int, /) -> bytes:
+        """So many bytes; b"" behind the content, once the checksum of the stream has been seen."""
+        wanted = min(n, self._content)
+        block = self._file.read(wanted) if self._packed is None else self._unpacked(wanted)
+        self._content -= len(block)
+        if self._content == 0 and n > wanted:
+            self._see_checksum()
+        return block
+
+    def _unpacked(self, n: int) -> bytes:
+        assert self._packed is not None
+        blocks = []
+        while n > 0 and not self._packed.eof:
+            if not self._ready:
+                self._ready = self._file.read(min(self._left, _PACKED_AT_ONCE))
+                self._left -= len(self._ready)
+                if not self._ready:
+                    break
             # No more than was asked for: a small stream can unpack to gigabytes.
-            content = zlib.decompressobj().decompress(packed, wanted)[variable.skip :]
-    if len(content) < variable.n_bytes:
-        raise FileFormatError(
-            f"array {variable.name!r} ends after {len(content)} of {variable.n_bytes} bytes: the "
-            "file is damaged",
-            path=path,
-            offset=variable.offset,
-        )
-    return content
+            blocks.append(self._packed.decompress(self._ready, n))
+            self._ready = self._packed.unconsumed_tail
+            n -= len(blocks[-1])
+        return b"".join(blocks)
+
+    def _see_checksum(self) -> None:
+        """Raise FileFormatError where a packed stream has no sound end: what it gave may be false.
+
+        Elements are padded to whole words of eight bytes.
+        """
+        if self._packed is None:
+            return
+        self._unpacked(8)
+        if not self._packed.eof:
+            raise FileFormatError(
+                "a compressed array has no sound end: the file is damaged",
+                path=self._path,
+                offset=self._offset,
+            )

@@ -6,26 +6,24 @@ PF32 (`hist` with `sync_hz`, `mode` ...), and any that holds an `axes` text. Nev
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import math
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import IO, Any, BinaryIO
+from typing import IO, Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import ConfigError, FileFormatError
-from lightflight.files.filecheck import (
-    check_claim,
-    check_memory,
-    damage_as_format_error,
-    readable_file,
-)
+from lightflight.files.filecheck import check_claim, damage_as_format_error, readable_file
 from lightflight.files.whole_file import atomic_path
 from lightflight.formats.clock import pf32_clock
 from lightflight.formats.cubes import (
     axes_of,
+    check_axes,
     only_array,
     record_from_array,
     shapes_text,
@@ -33,6 +31,7 @@ from lightflight.formats.cubes import (
 )
 from lightflight.formats.metadata import fields_from_text, text_from_histograms
 from lightflight.formats.registry import Format
+from lightflight.formats.streamed import StreamedArray
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording
 
@@ -88,16 +87,23 @@ def read_npy(
     _check_length(found, dtype, path, offset)
     axes = axes_of("array", found, axes, path=path)
     # Mapped, so that frames larger than memory can be counted.
-    values = np.memmap(path, dtype, "r", offset, found, "F" if fortran else "C")
+    values: Any = np.memmap(path, dtype, "r", offset, found, "F" if fortran else "C")
+    if "f" not in axes:
+        axes_of_file = axes[::-1] if fortran else axes
+        lengths = found[::-1] if fortran else found
+        check_axes(axes, found, path)
+        opened = functools.partial(_opened_at, path, offset)
+        values, axes = StreamedArray(path, lengths, dtype, opened, ends=False), axes_of_file
     return record_from_array(
-        values if "f" in axes else np.asarray(values),
-        axes,
-        clock,
-        path=path,
-        shape=shape,
-        n_codes=n_codes,
-        poisson=poisson,
+        values, axes, clock, path=path, shape=shape, n_codes=n_codes, poisson=poisson
     )
+
+
+@contextlib.contextmanager
+def _opened_at(path: Path, offset: int) -> Iterator[BinaryIO]:
+    with path.open("rb") as file:
+        file.seek(offset)
+        yield file
 
 
 def _check_length(found: tuple[int, ...], dtype: np.dtype[Any], path: Path, offset: int) -> None:
@@ -181,11 +187,11 @@ def read_npz(
     with zipfile.ZipFile(path) as archive:
         found = _npz_headers(archive, path)
         key = _chosen_key(key, found, path)
-        values = _npz_array(archive, key, path)
+        values = _streamed_member(archive, key, found[key], path)
         small = {
             name: _npz_array(archive, name, path)
-            for name, (lengths, _) in found.items()
-            if lengths == ()
+            for name, header in found.items()
+            if header.shape == ()
         }
     texts = {name: str(array) for name, array in small.items() if array.dtype.kind == "U"}
     settings = {name: array.item() for name, array in small.items()}
@@ -195,10 +201,11 @@ def read_npz(
     elif found.keys() >= _PF32_KEYS and key == "hist":
         clock, settings = _pf32_metadata(clock, settings)
         axes = axes or "yxt"
-    axes = axes_of(key, values.shape, axes or stated_axes(texts.get("axes")), path=path)
+    axes = axes_of(key, found[key].shape, axes or stated_axes(texts.get("axes")), path=path)
+    check_axes(axes, found[key].shape, path)
     return record_from_array(
-        values,
-        axes,
+        np.asarray(values) if "f" in axes else values,
+        axes[::-1] if found[key].fortran else axes,
         fields | dict(clock),
         path=path,
         shape=shape,
@@ -237,7 +244,15 @@ def arrays_from_file(path: Path) -> dict[str, NDArray[Any]]:
             return {name: _npz_array(archive, name, path) for name in _npz_headers(archive, path)}
 
 
-_Headers = Mapping[str, tuple[tuple[int, ...], np.dtype[Any]]]
+class _Header(NamedTuple):
+    """What a .npy in an archive says of itself."""
+
+    shape: tuple[int, ...]
+    fortran: bool
+    dtype: np.dtype[Any]
+
+
+_Headers = Mapping[str, _Header]
 
 
 def _npz_headers(archive: zipfile.ZipFile, path: Path) -> _Headers:
@@ -247,27 +262,28 @@ def _npz_headers(archive: zipfile.ZipFile, path: Path) -> _Headers:
         name = member.filename.removesuffix(".npy")
         with archive.open(member) as file:
             try:
-                lengths, _, dtype = _npy_header(file, path, kinds="uifbU")
+                header = _Header(*_npy_header(file, path, kinds="uifbU"))
             except FileFormatError:
                 continue  # not an array, or one of Python objects: not ours to read
-        needed = math.prod(lengths) * dtype.itemsize
+            start = file.tell()
+        needed = math.prod(header.shape) * header.dtype.itemsize
         # Held against the directory of the archive before anything is unpacked.
-        if needed > member.file_size:
+        if needed + start != member.file_size:
             raise FileFormatError(
-                f"array {name!r} {lengths} needs {needed} bytes, the archive holds "
-                f"{member.file_size}: the file is damaged",
+                f"array {name!r} {header.shape} needs {needed} bytes, the archive holds "
+                f"{member.file_size - start}: the file is damaged",
                 path=path,
             )
-        headers[name] = lengths, dtype
+        headers[name] = header
     return headers
 
 
 def _chosen_key(key: str | None, headers: _Headers, path: Path) -> str:
     """Name of the array to read; texts and single values are not asked."""
     arrays = {
-        name: lengths
-        for name, (lengths, dtype) in headers.items()
-        if lengths != () and dtype.kind != "U"
+        name: header.shape
+        for name, header in headers.items()
+        if header.shape != () and header.dtype.kind != "U"
     }
     if key is not None:
         if key not in arrays:
@@ -276,16 +292,31 @@ def _chosen_key(key: str | None, headers: _Headers, path: Path) -> str:
     return only_array(arrays, option="key", path=path)
 
 
-def _npz_array(archive: zipfile.ZipFile, key: str, path: Path) -> NDArray[Any]:
-    """One array of an archive, after checking what it claims."""
+def _streamed_member(
+    archive: zipfile.ZipFile, key: str, header: _Header, path: Path
+) -> StreamedArray:
+    """One array of an archive, read when it is asked for; Fortran's with its axes backwards."""
     member = archive.getinfo(f"{key}.npy")
     check_claim(member.file_size, member.compress_size, path=path, what=f"array {key!r}")
-    check_memory(member.file_size, path=path, what=f"array {key!r}")
-    with archive.open(member) as file:
-        values: NDArray[Any] = np.lib.format.read_array(
-            file, allow_pickle=False, max_header_size=_LARGEST_HEADER
-        )
-    return values
+    shape = header.shape[::-1] if header.fortran else header.shape
+    opened = functools.partial(_opened_member, path, member.filename)
+    # Read to its end, where zipfile holds it against its checksum.
+    return StreamedArray(path, shape, header.dtype, opened, ends=True)
+
+
+@contextlib.contextmanager
+def _opened_member(path: Path, name: str) -> Iterator[IO[bytes]]:
+    with zipfile.ZipFile(path) as archive, archive.open(name) as file:
+        _npy_header(file, path, kinds="uifbU")
+        yield file
+
+
+def _npz_array(archive: zipfile.ZipFile, key: str, path: Path) -> NDArray[Any]:
+    """One array of an archive, after checking what it claims."""
+    with archive.open(f"{key}.npy") as file:
+        header = _Header(*_npy_header(file, path, kinds="uifbU"))
+    values = np.asarray(_streamed_member(archive, key, header, path))
+    return values.T if header.fortran else values
 
 
 def _pf32_metadata(

@@ -7,7 +7,10 @@ was kept whole, the sync frequency in Hz and `frames = <n>`.
 from __future__ import annotations
 
 import gzip
+import logging
+import math
 import re
+import time
 from collections.abc import Iterator, Mapping
 from io import BufferedIOBase
 from pathlib import Path
@@ -17,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
-from lightflight.files.filecheck import check_memory
+from lightflight.files.filecheck import check_memory, is_trusted
 from lightflight.formats.clock import pf32_clock
 from lightflight.formats.cubes import checked_shape, record_from_array
 from lightflight.formats.registry import Format
@@ -25,7 +28,13 @@ from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording
 
 _PIXEL_LINE = re.compile(rb"^Pixel (\d+)\s*$", re.MULTILINE)
+_COUNTS_LINE = re.compile(rb"\s*\d{1,18}(?:\s+\d{1,18})*\s*")
 _LONGEST_LINE = 1 << 20
+_MOST_EMPTY_LINES = 10_000
+_MOST_BYTES = 2_000_000_000
+"""A 32 x 32 camera prints some megabytes, a megapixel one two gigabytes."""
+_TELL_EVERY_S = 5.0
+_log = logging.getLogger(__name__)
 _GZIP_MAGIC = b"\x1f\x8b"
 
 
@@ -56,7 +65,7 @@ def read(
     rows, cols = checked_shape(shape)
     with _opened(path) as file:
         counts, tail = _counts_and_tail(file, path, rows * cols)
-    totals = counts.sum(axis=1)
+    totals = counts.sum(axis=1, dtype=np.uint64)
     told: dict[str, Any] = {}
     settings: dict[str, Any] = {"camera": "PF32"}
     sync = [int(line) for line in tail if line.isdigit() and int(line) > 0]
@@ -71,8 +80,8 @@ def read(
         told | dict(clock), laser_period_ps=1e12 / sync[-1] if sync else None
     )
     settings["notes"] = pf32_notes + notes
-    small = counts.max() <= np.iinfo(np.uint32).max
-    cube = counts.astype(np.uint32 if small else np.uint64).reshape(rows, cols, -1)
+    counts.setflags(write=False)
+    cube = counts.reshape(rows, cols, -1)
     return record_from_array(cube, "yxt", fields, path=path, settings=settings)
 
 
@@ -85,13 +94,17 @@ def _opened(path: Path) -> BufferedIOBase:
 
 def _counts_and_tail(
     file: BufferedIOBase, path: Path, n_pixels: int
-) -> tuple[NDArray[np.uint64], list[str]]:
+) -> tuple[NDArray[Any], list[str]]:
     """Counts (pixels, codes) in the order of the pixel numbers, and the lines after them."""
-    counts: NDArray[np.uint64] | None = None
+    counts: NDArray[Any] | None = None
     seen = 0
     tail: list[str] = []
     lines = _lines(file, path)
+    told = time.monotonic()
     for line in lines:
+        if time.monotonic() > told + _TELL_EVERY_S:
+            _log.info("%s: pixel %d of %d", path.name, seen, n_pixels)
+            told = time.monotonic()
         pixel = _PIXEL_LINE.match(line)
         if pixel is None:
             # Sync frequency and number of frames are among the last lines.
@@ -104,8 +117,8 @@ def _counts_and_tail(
         row = _counts_of_line(next(lines, b""), path, seen)
         if counts is None:
             what = f"{n_pixels} pixels of {row.size} codes"
-            check_memory(8 * n_pixels * row.size, path=path, what=what)
-            counts = np.zeros((n_pixels, row.size), np.uint64)
+            check_memory(4 * n_pixels * row.size, path=path, what=what)
+            counts = np.zeros((n_pixels, row.size), np.uint32)
         if seen >= n_pixels:
             raise FileFormatError(
                 f"holds more than {n_pixels} pixels: give shape=(rows, cols)", path=path
@@ -116,6 +129,9 @@ def _counts_and_tail(
                 "is truncated or damaged",
                 path=path,
             )
+        if row.max() > np.iinfo(counts.dtype).max:
+            check_memory(8 * counts.size, path=path, what=f"counts beyond 32 bits, {counts.shape}")
+            counts = counts.astype(np.uint64)
         counts[seen] = row
         seen += 1
         tail = []
@@ -130,23 +146,32 @@ def _counts_and_tail(
 
 
 def _lines(file: BufferedIOBase, path: Path) -> Iterator[bytes]:
-    """Lines of bounded length, so that a hostile file cannot take all memory."""
+    """Lines of bounded length, and of bounded length together: packed text swells a thousandfold."""
+    n_bytes = n_empty = 0
+    most = max(_MOST_BYTES, path.stat().st_size) if not is_trusted() else math.inf
     while line := file.readline(_LONGEST_LINE):
         if len(line) == _LONGEST_LINE:
             raise FileFormatError("has a line of over a million characters", path=path)
+        n_bytes += len(line)
+        n_empty = 0 if line[:1].isalnum() else n_empty + 1
+        if n_bytes > most or n_empty > _MOST_EMPTY_LINES:
+            raise FileFormatError(
+                f"is no histogram, or more than {_MOST_BYTES / 1e9:g} GB of text: unpack it, or "
+                "say --trust (trust=True)",
+                path=path,
+            )
         yield line
 
 
 def _counts_of_line(line: bytes, path: Path, pixel: int) -> NDArray[np.uint64]:
     """(codes,), counts of one printed line."""
-    words = line.split()
     # 18 digits always fit into 64 bits.
-    if not words or not all(word.isdigit() and len(word) < 19 for word in words):
+    if _COUNTS_LINE.fullmatch(line) is None:
         raise FileFormatError(
             f"the line after 'Pixel {pixel}' is no list of counts: the file is damaged or cut",
             path=path,
         )
-    return np.array(words, dtype=np.uint64)
+    return np.fromstring(line.decode("ascii"), np.uint64, sep=" ")
 
 
 def _matches(path: Path, start: bytes) -> bool:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -140,24 +141,53 @@ def _number(node: Any, path: Path) -> float:
 
 
 def _unsigned(node: Any, path: Path) -> Any:
-    """Array that stays in the file, or a copy where its integers have a sign."""
+    """Array that stays in the file, its integers without a sign."""
     stored = StoredArray.of(node, path=path, ours=False)
     if len(stored.shape) != 1 or stored.dtype.kind not in "ui":
         raise FileFormatError(f"{node.name} is no list of integers", path=path)
     # Recordings hold unsigned numbers; other programs write signed ones.
     if stored.dtype.kind == "u":
         return stored
-    values = np.asarray(stored)
-    if values.size and (values.min() < 0 or values.max() > np.iinfo(np.uint32).max):
-        raise FileFormatError(f"{node.name} holds numbers that cannot be", path=path)
-    return values.astype(np.uint32)
+    for first in range(0, stored.shape[0], _TIMESTAMPS_AT_ONCE):
+        values = stored[first : first + _TIMESTAMPS_AT_ONCE]
+        if values.min() < 0 or values.max() > np.iinfo(np.uint32).max:
+            raise FileFormatError(f"{node.name} holds numbers that cannot be", path=path)
+    return _Converted(stored, stored.shape)
 
 
 def _detectors(photons: Any, code: Any, path: Path) -> Any:
     """(n,), pixel of each photon; all are of pixel 0 where the file knows no detectors."""
     if "detectors" in photons:
         return _unsigned(photons["detectors"], path)
-    return np.zeros(code.shape[0], np.uint16)
+    return _Converted(None, code.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class _Converted:
+    """A list of integers as unsigned ones, read in parts; zeros where there is none."""
+
+    whole: StoredArray | None
+    shape: tuple[int, ...]
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Unsigned, of 32 bits."""
+        return np.dtype(np.uint32)
+
+    @property
+    def path(self) -> str | None:
+        """The file, for errors about its content."""
+        return None if self.whole is None else self.whole.path
+
+    def __getitem__(self, key: slice) -> NDArray[np.uint32]:
+        if self.whole is not None:
+            return self.whole[key].astype(np.uint32)
+        first, last, _ = key.indices(self.shape[0])
+        return np.zeros(max(0, last - first), np.uint32)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """All of it."""
+        return np.asarray(self[:] if self.whole is None else np.asarray(self.whole), np.uint32)
 
 
 def _clock_in(file: Any, path: Path) -> dict[str, Any]:
@@ -184,7 +214,8 @@ def _largest(pixel: Any) -> int:
 
 def _frame_starts(timestamps: Any, n_frames: int, path: Path) -> NDArray[np.uint64]:
     """(n_frames + 1,) from one frame number per photon, in order."""
-    n_bytes = 8 * (n_frames + 1)
+    # One list of frames, its running sum, and what is looked up block by block.
+    n_bytes = 16 * (n_frames + 1)
     check_memory(n_bytes, path=path, what=f"a list of {n_frames} frames")
     per_frame = np.zeros(n_frames + 1, np.uint64)
     last = 0

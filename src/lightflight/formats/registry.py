@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from lightflight.errors import ConfigError, FileFormatError, LightflightWarning
-from lightflight.files.filecheck import damage_as_format_error, readable_file
+from lightflight.files.filecheck import damage_as_format_error, readable_file, trusting
 from lightflight.files.toml_tables import unknown_name_sentence
 from lightflight.formats.clock import CLOCK_HINTS, checked_clock
 from lightflight.recording.histograms import Histograms
@@ -147,7 +147,8 @@ def read(path: str | os.PathLike[str], **hints: Any) -> Recording | Histograms:
         File (or Zarr folder) to read.
     **hints : object
         What the file does not say; each format lists its own (docs/reference/formats.md). Common
-        to all: format, bin_width_ps, laser_period_ps, reversed_codes, first_edge_ps,
+        to all: trust (True: believe what the file claims, up to nearly all of the free memory),
+        format, bin_width_ps, laser_period_ps, reversed_codes, first_edge_ps,
         no_photon_code, n_frames, periods_per_frame, poisson. Arrays of unknown order take axes
         ("tyx").
 
@@ -165,7 +166,7 @@ def read(path: str | os.PathLike[str], **hints: Any) -> Recording | Histograms:
     MissingExtraError
         If the format needs a package that is not installed.
     """
-    name = hints.pop("format", None)
+    name, trust = hints.pop("format", None), bool(hints.pop("trust", False))
     start = b"" if Path(path).is_dir() else _start_of(readable_file(path))
     file_format = _format_by_name(name) if name is not None else _format_of(Path(path), start)
     if file_format.read is None:
@@ -175,7 +176,7 @@ def read(path: str | os.PathLike[str], **hints: Any) -> Recording | Histograms:
             guess = unknown_name_sentence(hint, ("format", *file_format.hints))
             raise ConfigError(f"unknown hint {hint!r} for a {file_format.name} file: {guess}")
     clock = checked_clock({key: hints.pop(key) for key in CLOCK_HINTS if key in hints})
-    with damage_as_format_error(path):
+    with trusting(trust), damage_as_format_error(path):
         return file_format.read(Path(path), clock, **hints)
 
 

@@ -10,21 +10,25 @@ no size and no count, so that a reader of our own is shorter than a guarded one 
 
 from __future__ import annotations
 
+import bisect
+import os
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
-from lightflight.files.filecheck import record_error_as_format_error
+from lightflight.files.filecheck import check_memory, record_error_as_format_error
 from lightflight.formats.registry import Format
 from lightflight.recording.recording import Recording
 
 _CODES = 4096
 _INVALID, _OVERFLOW, _MARK = 1 << 31, 1 << 30, 1 << 28
-_RECORDS_AT_ONCE = 1 << 22
+_RECORDS_AT_ONCE = 1 << 21
 _TAC_WIDTH = re.compile(rb"\[SP_TAC_TC,F,([0-9.eE+-]+)\]")
 _LARGEST_SET_FILE = 1 << 24
 
@@ -57,37 +61,105 @@ def read(path: Path, clock: Mapping[str, Any]) -> Recording:
             path=path,
             offset=size // 4 * 4,
         )
-    records = np.memmap(path, "<u4", "r")
-    header = int(records[0])
+    header = int(np.fromfile(path, "<u4", 1)[0])
     if not header & _INVALID or header & _OVERFLOW:
         raise FileFormatError(
             f"does not start with the header of an SPC-130 ... 830 file but with {header:#010x}",
             path=path,
             offset=0,
         )
-    codes, channels = [], []
-    for first in range(1, records.size, _RECORDS_AT_ONCE):
-        part = np.asarray(records[first : first + _RECORDS_AT_ONCE])
-        # Overflows of the macro time and marks are records too, and no photons.
-        photons = part[part & (_INVALID | _MARK) == 0]
-        # The ADC runs backwards.
-        codes.append(((_CODES - 1) - (photons >> 16 & 0xFFF)).astype(np.uint16))
-        channels.append((photons >> 12 & 0xF).astype(np.uint16))
-    code, channel = np.concatenate(codes), np.concatenate(channels)
-    if code.size == 0:
+    starts, n_channels = [0], 0
+    for block in range(-(-(size // 4 - 1) // _RECORDS_AT_ONCE)):
+        photons = _photons_of_block(os.fspath(path), block)
+        starts.append(starts[-1] + photons.size)
+        if photons.size:
+            n_channels = max(n_channels, int((photons >> 12 & 0xF).max()) + 1)
+    if starts[-1] == 0:
         raise FileFormatError("holds no photon", path=path)
+    photons_of_file = _Photons(os.path.abspath(path), tuple(starts))  # noqa: PTH100
     width, notes = _code_width_ps(path)
     told: dict[str, Any] = {} if width is None else {"bin_width_ps": width}
     settings = {"macro_clock_ns": (header & 0xFFFFFF) / 10, "notes": notes}
     with record_error_as_format_error(path):
         return Recording(
-            (1, int(channel.max()) + 1),
+            (1, n_channels),
             n_codes=_CODES,
-            pixel=channel,
-            code=code,
+            pixel=_Column(photons_of_file, "channel"),
+            code=_Column(photons_of_file, "code"),
             settings=settings,
             **(told | dict(clock)),
         )
+
+
+def _photons_of_block(path: str, block: int) -> NDArray[np.uint32]:
+    """Records of one block that are photons: overflows of the macro time and marks are none."""
+    first = 4 * (1 + block * _RECORDS_AT_ONCE)
+    records = np.fromfile(path, "<u4", _RECORDS_AT_ONCE, offset=first)
+    return records[records & (_INVALID | _MARK) == 0]
+
+
+@dataclass(eq=False)
+class _Photons:
+    """Photons that stay in the file; the last block that was asked for is kept."""
+
+    path: str
+    starts: tuple[int, ...]
+    _kept: tuple[int, NDArray[np.uint32]] | None = field(default=None, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_kept": None}
+
+    def part(self, first: int, last: int) -> NDArray[np.uint32]:
+        """Records of photons first ... last - 1."""
+        found, block = [], max(0, bisect.bisect_right(self.starts, first) - 1)
+        while block < len(self.starts) - 1 and self.starts[block] < last:
+            start = self.starts[block]
+            found.append(self._block(block)[max(0, first - start) : last - start])
+            block += 1
+        return np.concatenate(found) if found else np.empty(0, np.uint32)
+
+    def _block(self, block: int) -> NDArray[np.uint32]:
+        kept = self._kept
+        if kept is None or kept[0] != block:
+            kept = self._kept = block, _photons_of_block(self.path, block)
+        return kept[1]
+
+
+@dataclass(frozen=True, eq=False)
+class _Column:
+    """Channel or code of each photon, as a list that is read in parts."""
+
+    photons: _Photons
+    name: str
+
+    @property
+    def path(self) -> str:
+        """The file, for errors about its content."""
+        return self.photons.path
+
+    @property
+    def shape(self) -> tuple[int]:
+        """(photons,)."""
+        return (self.photons.starts[-1],)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of both."""
+        return np.dtype(np.uint16)
+
+    def __getitem__(self, key: slice) -> NDArray[np.uint16]:
+        first, last, _ = key.indices(self.shape[0])
+        records = self.photons.part(first, max(first, last))
+        # The ADC runs backwards.
+        values = (
+            records >> 12 & 0xF if self.name == "channel" else _CODES - 1 - (records >> 16 & 0xFFF)
+        )
+        return values.astype(np.uint16)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """All of it, after checking that it fits into memory."""
+        check_memory(2 * self.shape[0], path=self.path, what=f"{self.name} of all photons")
+        return np.asarray(self[:], dtype)
 
 
 def _code_width_ps(path: Path) -> tuple[float | None, list[str]]:

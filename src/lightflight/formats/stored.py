@@ -30,6 +30,8 @@ class StoredArray:
         Length of each axis.
     dtype : np.dtype[Any]
         Type of the elements, native byte order.
+    chunks : tuple of int or None
+        Lengths of the blocks it is packed in.
     """
 
     path: str
@@ -39,6 +41,8 @@ class StoredArray:
     shape: tuple[int, ...]
 
     dtype: np.dtype[Any]
+
+    chunks: tuple[int, ...] | None = None
 
     @classmethod
     def of(cls, dataset: Any, *, path: str | os.PathLike[str], ours: bool = True) -> StoredArray:
@@ -60,7 +64,8 @@ class StoredArray:
         """
         check_dataset(dataset, path=path, ours=ours)
         dtype = dataset.dtype.newbyteorder("=")
-        return cls(os.path.abspath(path), dataset.name, dataset.shape, dtype)  # noqa: PTH100
+        where = os.path.abspath(path)  # noqa: PTH100
+        return cls(where, dataset.name, dataset.shape, dtype, dataset.chunks)
 
     def __len__(self) -> int:
         """Length of the first axis."""

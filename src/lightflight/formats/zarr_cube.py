@@ -91,7 +91,7 @@ def read(
     n_bytes = math.prod(node.shape) * node.dtype.itemsize
     check_claim(n_bytes, stored.stored_bytes, path=path, what=what, most=ANY_MOST)
     chunk = math.prod(node.chunks) * node.dtype.itemsize
-    check_memory(max(chunk, 0 if axes == "fyx" else n_bytes), path=path, what=what)
+    check_memory(2 * chunk, path=path, what=f"a chunk of {what}")
     if stored.n_found < stored.n_expected:
         warnings.warn(
             f"{path}: {stored.n_expected - stored.n_found} of {stored.n_expected} chunks are not "
@@ -101,7 +101,7 @@ def read(
             stacklevel=2,
         )
     return record_from_array(
-        node if axes == "fyx" else np.asarray(node[...]),
+        np.asarray(node[...]) if "f" in axes and axes != "fyx" else node,
         axes,
         fields | dict(clock),
         path=path,

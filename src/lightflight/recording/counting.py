@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
-from lightflight.files.filecheck import MEMORY_SHARE, free_memory_bytes
+from lightflight.files.filecheck import allowed_memory_bytes, memory_sentence
 from lightflight.recording.clock_fields import clock_fields_of
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Progress, Recording
@@ -106,11 +106,11 @@ class _Window:
 
         dtype = np.dtype(np.uint32 if most <= np.iinfo(np.uint32).max else np.uint64)
         rows, cols, codes = self.shape
-        needed, free = dtype.itemsize * rows * cols * codes, free_memory_bytes()
-        if needed > MEMORY_SHARE * free:
+        needed = dtype.itemsize * rows * cols * codes
+        if needed > allowed_memory_bytes():
             raise ValueError(
-                f"a cube of {rows} x {cols} pixels and {codes} codes needs {needed / 1e9:.3g} GB, "
-                f"{free / 1e9:.3g} GB are free: keep a part with codes=, rows= or cols="
+                f"a cube of {rows} x {cols} pixels and {codes} codes needs {needed / 1e9:.3g} GB: "
+                f"keep a part with codes=, rows= or cols=; {memory_sentence()}"
             )
         # Padding is taken off by a copy, which a large cube may leave no room for.
         is_small = needed <= _PADDED_BYTES
@@ -123,11 +123,11 @@ class _Window:
 
     def slot_from_pixel(self, shape: tuple[int, int]) -> NDArray[np.int64]:
         """(rows * cols,), place of each pixel in the cube, -1 where it is left out."""
-        needed, free = np.dtype(np.int64).itemsize * shape[0] * shape[1], free_memory_bytes()
-        if needed > MEMORY_SHARE * free:
+        needed = np.dtype(np.int64).itemsize * shape[0] * shape[1]
+        if needed > allowed_memory_bytes():
             raise ValueError(
                 f"a camera of {shape[0]} x {shape[1]} pixels needs {needed / 1e9:.3g} GB to be "
-                f"looked up in, {free / 1e9:.3g} GB are free: see whether its shape is right"
+                f"looked up in: see whether its shape is right; {memory_sentence()}"
             )
         # -1: the kernel passes over the pixel.
         slot = np.full(shape, -1, dtype=np.int64)

@@ -6,7 +6,7 @@ record; building it from frames and events by streaming is `recording.histogram`
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,10 +17,18 @@ from lightflight.display import html_from_record
 from lightflight.errors import CalibrationError
 from lightflight.recording.clock_fields import check_clock_fields, clock_fields_of
 
+_SLAB_ELEMENTS = 1 << 20
+_MOST_COUNT = 2.0**64
+
 
 def _checked_counts(counts: ArrayLike, *, poisson: bool) -> NDArray[Any]:
     """Counts as a read-only array: unsigned integers, or float64 when not Poisson."""
     cube = np.asarray(counts)
+    if isinstance(counts, np.ma.MaskedArray) and np.ma.is_masked(counts):
+        raise ValueError(
+            "counts are masked in places: fill them (counts.filled(0)) and give "
+            "reconstruct(exclude_mask=) the pixels to leave out"
+        )
     if cube.ndim != 3:
         raise ValueError(
             f"counts must have shape (rows, cols, codes), got shape {cube.shape}: "
@@ -30,31 +38,125 @@ def _checked_counts(counts: ArrayLike, *, poisson: bool) -> NDArray[Any]:
         raise ValueError(f"counts is empty: shape {cube.shape}")
     if cube.dtype.kind not in "uifb":
         raise TypeError(f"counts must be numbers, got dtype {cube.dtype}")
-    if cube.dtype.kind == "f" and not np.isfinite(cube).all():
-        bad = tuple(int(i) for i in np.argwhere(~np.isfinite(cube))[0])
-        raise ValueError(f"counts[{bad}] is not finite: replace NaN and inf before you go on")
-    if not poisson:
-        out = np.array(cube, dtype=np.float64)
+    if cube.dtype.kind == "u" and poisson:
+        # An array nobody else can write to is taken as it is: cubes may be large.
+        out = cube if _is_nobody_elses(cube) else cube.copy()
+    elif cube.dtype == np.float64 and not poisson and _is_nobody_elses(cube):
+        _check_slab(cube, cube.shape, (0, 1, 2), 0, poisson=False)
+        out = cube
     else:
-        if cube.dtype.kind in "if" and cube.min() < 0:
-            bad = tuple(int(i) for i in np.argwhere(cube < 0)[0])
-            raise ValueError(
-                f"counts[{bad}] = {cube[bad]} is negative: photon counts cannot be; "
-                "do not subtract a background (it is modelled), or pass poisson=False"
-            )
-        if cube.dtype.kind == "f" and not np.array_equal(cube, np.rint(cube)):
-            bad = tuple(int(i) for i in np.argwhere(cube != np.rint(cube))[0])
-            raise ValueError(
-                f"counts[{bad}] = {cube[bad]} is fractional: photon counts are whole; "
-                "pass poisson=False for scaled intensities"
-            )
-        if cube.dtype.kind == "u":
-            # An array nobody else can write to is taken as it is: cubes may be large.
-            out = cube.copy() if cube.flags.writeable or not cube.flags.owndata else cube
-        else:
-            out = cube.astype(np.uint64 if cube.max() > np.iinfo(np.uint32).max else np.uint32)
+        step = max(1, _SLAB_ELEMENTS // (cube.shape[1] * cube.shape[2]))
+        slabs = (cube[first : first + step] for first in range(0, cube.shape[0], step))
+        out = counts_from_slabs(slabs, cube.dtype, cube.shape, order=(0, 1, 2), poisson=poisson)
     out.setflags(write=False)
     return out
+
+
+def _is_nobody_elses(cube: NDArray[Any]) -> bool:
+    """Whether an array, or all of what it is a view of, is closed to writing."""
+    whole = cube if cube.base is None else cube.base
+    if not isinstance(whole, np.ndarray) or isinstance(whole, np.memmap):
+        return False
+    return not cube.flags.writeable and not whole.flags.writeable and whole.flags.owndata
+
+
+def counts_dtype(dtype: np.dtype[Any], *, poisson: bool) -> np.dtype[Any]:
+    """Type that counts stored as `dtype` are kept as, unless one is beyond 32 bits."""
+    if not poisson:
+        return np.dtype(np.float64)
+    return dtype.newbyteorder("=") if dtype.kind == "u" else np.dtype(np.uint32)
+
+
+def counts_from_slabs(
+    slabs: Iterable[NDArray[Any]],
+    dtype: np.dtype[Any],
+    shape: tuple[int, int, int],
+    *,
+    order: tuple[int, ...],
+    poisson: bool,
+) -> NDArray[Any]:
+    """Counts (rows, cols, codes), checked and filled in slab by slab: no second copy is made.
+
+    Parameters
+    ----------
+    slabs : iterable of array
+        Rows of the first axis of the source, one after another.
+    dtype : np.dtype[Any]
+        Type of their elements.
+    shape : (int, int, int)
+        Rows, columns and codes.
+    order : tuple of int
+        Which axis of the source each axis of the cube is; fewer than three where pixels are in one
+        axis, or there is one pixel.
+    poisson : bool
+        False for scaled intensities.
+
+    Returns
+    -------
+    array
+        Read-only: as it is stored where that is unsigned, uint32 or uint64 else; float64 where not
+        `poisson`.
+
+    Raises
+    ------
+    ValueError
+        For NaN, negative and fractional counts, and those beyond 64 bits (the text says where).
+    """
+    merged = {3: shape, 2: (shape[0] * shape[1], shape[2]), 1: (shape[2],)}[len(order)]
+    out, first = np.empty(shape, counts_dtype(dtype, poisson=poisson)), 0
+    for slab in slabs:
+        _check_slab(slab, shape, order, first, poisson=poisson)
+        if out.dtype == np.uint32 and slab.size and slab.max() > np.iinfo(np.uint32).max:
+            out = out.astype(np.uint64)
+        turned = np.transpose(out.reshape(merged), np.argsort(order))
+        turned[first : first + len(slab)] = slab
+        first += len(slab)
+    out.setflags(write=False)
+    return out
+
+
+def _check_slab(
+    slab: NDArray[Any],
+    shape: tuple[int, int, int],
+    order: tuple[int, ...],
+    first: int,
+    *,
+    poisson: bool,
+) -> None:
+    """Raise ValueError for what cannot be counts, with its place in the cube."""
+
+    def said(bad: NDArray[np.bool_]) -> str:
+        inside = np.argwhere(bad)[0]
+        at = inside.copy()
+        at[0] += first
+        merged = {3: shape, 2: (shape[0] * shape[1], shape[2]), 1: (shape[2],)}[len(order)]
+        flat = np.ravel_multi_index(tuple(at[list(order)]), merged)
+        where = tuple(int(i) for i in np.unravel_index(flat, shape))
+        value = slab[tuple(inside)]
+        return f"counts[{where}]" + (f" = {value}" if np.isfinite(value) else "")
+
+    kind = slab.dtype.kind
+    if kind == "f" and not np.isfinite(slab).all():
+        raise ValueError(
+            f"{said(~np.isfinite(slab))} is not finite: replace NaN and inf before you go on"
+        )
+    if not poisson or kind not in "if" or not slab.size:
+        return
+    if slab.min() < 0:
+        raise ValueError(
+            f"{said(slab < 0)} is negative: photon counts cannot be; "
+            "do not subtract a background (it is modelled), or pass poisson=False"
+        )
+    if kind == "f" and not np.array_equal(slab, np.rint(slab)):
+        raise ValueError(
+            f"{said(slab != np.rint(slab))} is fractional: photon counts are whole; "
+            "pass poisson=False for scaled intensities"
+        )
+    if kind == "f" and slab.max() >= _MOST_COUNT:
+        raise ValueError(
+            f"{said(slab >= _MOST_COUNT)} is beyond 64 bits: no camera counts so many; "
+            "pass poisson=False for scaled intensities"
+        )
 
 
 @dataclass(frozen=True, eq=False)
