@@ -69,7 +69,7 @@ def test_arrays_that_cannot_be_read_safely(tmp_path, monkeypatch):
         file.create_dataset(
             "wide", (1 << 10, 1 << 10, 1 << 10), "u1", chunks=(1 << 10, 1 << 10, 512)
         )
-    with pytest.raises(FileFormatError, match=r"'x' .* claims 1125899906842624 bytes"):
+    with pytest.raises(FileFormatError, match=r"needs 1.13e\+06 GB of memory"):
         read(tmp_path / "huge.h5", dataset="x", axes="yxt")
     with h5py.File(tmp_path / "text.h5", "w") as file:
         file["names"] = np.array([b"a", b"b"])

@@ -24,6 +24,23 @@ debug_option = click.option(
     help="Show the full traceback of an error, and the warnings of libraries.",
 )
 
+
+def _trust(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+    """Believe what files claim until the command ends."""
+    from lightflight.files.filecheck import trusting
+
+    context.with_resource(trusting(value))
+
+
+trust_option = click.option(
+    "--trust",
+    is_flag=True,
+    expose_value=False,
+    callback=_trust,
+    help="Believe what the files claim to hold, up to nearly all of the free memory; else they may "
+    "claim half of it.",
+)
+
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print JSON to stdout instead of tables."
 )
@@ -200,8 +217,8 @@ def _hints_from_texts(
 
 
 def hint_option(command: Command) -> Command:
-    """Option --hint, which says what a file does not say about itself, as `hints`."""
-    return click.option(
+    """Option --hint, which says what a file does not say about itself, as `hints`; and --trust."""
+    hint = click.option(
         "--hint",
         "hints",
         metavar="KEY=VALUE",
@@ -209,7 +226,8 @@ def hint_option(command: Command) -> Command:
         callback=_hints_from_texts,
         help="What the recording does not say itself, for example bin_width_ps=55 or axes=tyx; "
         "stands over [recording] of the set-up.",
-    )(command)
+    )
+    return hint(trust_option(command))
 
 
 def check_outputs(

@@ -206,7 +206,7 @@ def damage_as_format_error(path: str | os.PathLike[str]) -> Iterator[None]:
     """
     try:
         yield
-    except (FileFormatError, ConfigError, ImportError):
+    except (FileFormatError, ConfigError, ImportError, Warning):  # warnings may be made errors
         raise
     except Exception as error:
         raise FileFormatError(

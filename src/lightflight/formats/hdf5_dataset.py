@@ -87,6 +87,9 @@ def read(
             found, labels = texts["attributes"], texts["labels"]
     stated = _stated_axes(name, len(stored.shape), found.get("axes"), labels)
     axes = axes_of(name, stored.shape, axes or stated, path=path)
+    if "f" in axes:
+        with h5py.File(path, "r", locking="best-effort") as file:
+            StoredArray.streamed(file[name], path=path)
     return record_from_array(
         np.asarray(stored) if "f" in axes and axes != "fyx" else stored,
         axes,

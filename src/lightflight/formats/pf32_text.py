@@ -146,7 +146,7 @@ def _counts_and_tail(
 
 
 def _lines(file: BufferedIOBase, path: Path) -> Iterator[bytes]:
-    """Lines of bounded length, and of bounded length together: packed text swells a thousandfold."""
+    """Lines of bounded length, alone and together: packed text swells a thousandfold."""
     n_bytes = n_empty = 0
     most = max(_MOST_BYTES, path.stat().st_size) if not is_trusted() else math.inf
     while line := file.readline(_LONGEST_LINE):

@@ -88,7 +88,7 @@ def read(
         starts = None
         if "n_frames" in attributes:
             told["n_frames"] = int(attributes["n_frames"])
-            stamps = StoredArray.of(photons.get("timestamps"), path=path, ours=False)
+            stamps = StoredArray.streamed(photons.get("timestamps"), path=path)
             if stamps.shape != code.shape:
                 raise FileFormatError("has not one time stamp per photon: it is damaged", path=path)
             starts = _frame_starts(stamps, told["n_frames"], path)
@@ -142,7 +142,7 @@ def _number(node: Any, path: Path) -> float:
 
 def _unsigned(node: Any, path: Path) -> Any:
     """Array that stays in the file, its integers without a sign."""
-    stored = StoredArray.of(node, path=path, ours=False)
+    stored = StoredArray.streamed(node, path=path)
     if len(stored.shape) != 1 or stored.dtype.kind not in "ui":
         raise FileFormatError(f"{node.name} is no list of integers", path=path)
     # Recordings hold unsigned numbers; other programs write signed ones.

@@ -94,8 +94,9 @@ def read(path: Path, clock: Mapping[str, Any]) -> Recording:
 def _photons_of_block(path: str, block: int) -> NDArray[np.uint32]:
     """Records of one block that are photons: overflows of the macro time and marks are none."""
     first = 4 * (1 + block * _RECORDS_AT_ONCE)
-    records = np.fromfile(path, "<u4", _RECORDS_AT_ONCE, offset=first)
-    return records[records & (_INVALID | _MARK) == 0]
+    records: NDArray[np.uint32] = np.fromfile(path, "<u4", _RECORDS_AT_ONCE, offset=first)
+    photons: NDArray[np.uint32] = records[records & (_INVALID | _MARK) == 0]
+    return photons
 
 
 @dataclass(eq=False)

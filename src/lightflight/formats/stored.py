@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +11,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.files.filecheck import check_memory, damage_as_format_error
+from lightflight.files.filecheck import (
+    ANY_MOST,
+    check_claim,
+    check_memory,
+    damage_as_format_error,
+)
 from lightflight.files.store import check_dataset
 
 
@@ -67,6 +73,22 @@ class StoredArray:
         where = os.path.abspath(path)  # noqa: PTH100
         return cls(where, dataset.name, dataset.shape, dtype, dataset.chunks)
 
+    @classmethod
+    def streamed(cls, dataset: Any, *, path: str | os.PathLike[str]) -> StoredArray:
+        """Array of somebody else's that is read through to its end, in parts.
+
+        Raises
+        ------
+        FileFormatError
+            Where `of` does, and where it claims more than can be stored: that takes no memory, but
+            time without end.
+        """
+        found = cls.of(dataset, path=path, ours=False)
+        n_bytes = math.prod(found.shape) * found.dtype.itemsize
+        what = f"array {found.name} {found.shape}"
+        check_claim(n_bytes, dataset.id.get_storage_size(), path=path, what=what, most=ANY_MOST)
+        return found
+
     def __len__(self) -> int:
         """Length of the first axis."""
         return self.shape[0]
@@ -78,6 +100,6 @@ class StoredArray:
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """All of it, after checking that it fits into memory."""
-        n_bytes = int(np.prod(self.shape)) * self.dtype.itemsize
+        n_bytes = math.prod(self.shape) * self.dtype.itemsize
         check_memory(n_bytes, path=self.path, what=f"array {self.name} {self.shape}")
         return np.asarray(self[()], dtype)

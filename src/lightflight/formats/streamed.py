@@ -102,7 +102,7 @@ def _step_of(source: Any) -> int:
     row_bytes = max(1, math.prod(source.shape[1:]) * int(source.dtype.itemsize))
     chunks = getattr(source, "chunks", None)
     thick = max(1, int(chunks[0])) if chunks else 1
-    return max(1, SLAB_BYTES // row_bytes // thick) * thick
+    return int(max(1, SLAB_BYTES // row_bytes // thick) * thick)
 
 
 def cube_from(

@@ -29,6 +29,7 @@ from lightflight.cli.options import (
     output_option,
     set_option,
     strict_option,
+    trust_option,
 )
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ class InterruptedCampaignError(Exception):
     help="Print what was understood, every recording by name, as TOML, and stop.",
 )
 @json_option
+@trust_option
 @debug_option
 def command(
     *,
