@@ -219,18 +219,19 @@ def test_only_what_has_a_plausible_size_is_freed():
 
 
 @pytest.mark.filterwarnings("ignore:the recording contradicts")  # seen at once, as it should
-def test_a_price_is_what_the_path_pays():
-    """The source told a twentieth of a mm off in the direction that is said to be the dearest:
-    so little that the fit still believes all its data."""
-    world = random_world(0, 3, prior=KNOWN, uneven=0.0)
-    told, recording = what_the_user_tells(world) | {"n_legs": 3}, record(world, 0)
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_a_price_is_what_the_path_pays(seed):
+    """The source told 1 mm off in the direction that is said to be the dearest: so much that the
+    fit no longer believes its times, which costs up to four times what small errors promise."""
+    world = random_world(seed, 3, prior=KNOWN, uneven=0.0)
+    told, recording = what_the_user_tells(world) | {"n_legs": 3}, record(world, seed)
     path = lf.reconstruct(recording, **told)
     words = next(line for line in path.prices if line.startswith("source exact: 1 mm in "))
     axis, corner = "xyz".index(words.split()[5]), int(words.split()[8])
-    off = replace(told["source"], position_mm=world.vertices[0] + 0.05 * np.eye(3)[axis])
+    off = replace(told["source"], position_mm=world.vertices[0] + np.eye(3)[axis])
     moved_path = lf.reconstruct(recording, **told | {"source": off})
     paid = np.linalg.norm((moved_path.vertices_mm - path.vertices_mm)[corner])
-    assert 20.0 * paid == pytest.approx(float(words.split()[10]), rel=0.15)
+    assert paid == pytest.approx(float(words.split()[10]), rel=0.1)
 
 
 def test_the_papers_chain_follows_its_camera():

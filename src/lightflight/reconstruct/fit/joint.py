@@ -334,7 +334,7 @@ def _solve_robustly(
             floor_var=floor_var,
         )
         state = solution.state
-        updated_floor = _floor_variance(times, solution)
+        updated_floor = floor_variance(times, solution, solution.residual_ps)
         cut_times = reweighted(times, solution, floor_var=updated_floor, cut=OUTLIER)
         same = np.array_equal(cut_times.weight, times.weight)
         # Two percent of a floor are nothing beside the error of the floor itself.
@@ -345,13 +345,27 @@ def _solve_robustly(
     return solution, times, float(np.sqrt(floor_var))
 
 
-def _floor_variance(times: TimeData, solution: Solution) -> float:
+def floor_variance(times: TimeData, solution: Solution, residual_ps: Floats) -> float:
     """Extra variance per pulse that makes the residuals as large as stated; 0 where they are.
 
     Judged by the median, which outliers do not reach, and only where chance is no excuse.
+
+    Parameters
+    ----------
+    times : TimeData
+        n pulses with their stated errors.
+    solution : Solution
+        The fit: how many numbers were fitted.
+    residual_ps : array of float, shape (n,)
+        What it left, ps.
+
+    Returns
+    -------
+    float
+        ps^2.
     """
     stated = times.photon_var + times.pixel_var
-    squared = solution.residual_ps**2
+    squared = residual_ps**2
     n = len(squared)
     # Fitted numbers take their share of the residuals: the median falls by the same part.
     loss = max(0.2, 1.0 - (n - solution.dof) / max(n, 1))
@@ -364,7 +378,7 @@ def _floor_variance(times: TimeData, solution: Solution) -> float:
         return 0.0
     low, high = 0.0, float(np.max(squared)) + 1.0
     # Bisection: excess falls steadily as the extra variance grows.
-    for _ in range(60):
+    while high - low > 1e-6 * high:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if excess(middle) > 0 else (low, middle)
     return high
