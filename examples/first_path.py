@@ -38,6 +38,7 @@ def main() -> None:
     )
     path = lf.reconstruct(recording, camera=camera, source=scene.source, timing=timing)
 
+    print(path.verdict.headline)
     for k, (place, std) in enumerate(zip(path.vertices_mm, path.vertex_std, strict=True)):
         x, y, z = (f"{v:8.2f} ± {s:.2f}" for v, s in zip(place, std[:3], strict=True))
         print(f"vertex {k}: {x} {y} {z} mm")

@@ -5,15 +5,17 @@ from __future__ import annotations
 import csv
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import click
 import pytest
 
 import lightflight as lf
 from lightflight.cli.errors import sentence_and_code
+from lightflight.cli.paths import truth_facts
 from lightflight.path.verdict import Level, Verdict
 from tests.path.test_verdict import WORST
-from tests.path_fakes import make_path
+from tests.path_fakes import make_path, truth_of
 from tools.make_golden_files import FOLDER
 
 TOLD = ("--lab", FOLDER / "lab.toml", "--timing", FOLDER / "calibration_full.h5")
@@ -125,3 +127,15 @@ def test_a_campaign_counts_its_verdicts(run, lab_folder, tmp_path):
 def test_a_bare_error_of_click_is_no_fault_of_ours():
     assert sentence_and_code(click.ClickException("a word")) == ("a word", 2)
     assert sentence_and_code(click.FileError("x.h5", "gone"))[1] == 3
+
+
+@pytest.mark.parametrize(
+    ("truth", "said"),
+    [
+        (SimpleNamespace(flat_arrival_ps=3.0), "knows no path to compare with"),
+        (truth_of([(0, 0, 900), (9, 0, 900)]), "the camera sees no part of the true path"),
+    ],
+)
+def test_a_truth_that_cannot_be_compared_is_not_dropped_in_silence(truth, said):
+    (fact,) = truth_facts(replace(make_path(), truth=truth))
+    assert said in str(fact.text)

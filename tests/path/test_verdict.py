@@ -84,7 +84,14 @@ def test_files_without_one_were_not_examined(name):
 
 
 @pytest.mark.parametrize(
-    "damage", [{"level": "perhaps"}, {"findings": [{"name": "ghosts"}]}, {"n_tests": None}]
+    "damage",
+    [
+        {"level": "perhaps"},
+        {"findings": [{"name": "ghosts"}]},
+        {"findings": [WORST.to_json()["findings"][0] | {"sigma": "much"}]},
+        {"blind_to": [WORST.to_json()["blind_to"][0] | {"size": "large"}]},
+        {"n_tests": None},
+    ],
 )
 def test_a_damaged_verdict_is_a_damaged_file(tmp_path, damage):
     file = tmp_path / "path.h5"
@@ -156,3 +163,14 @@ def test_chi2_of_an_older_file_says_that_it_hides_misfit():
     )
     assert GOOD.floor_in_words == ""
     assert replace(GOOD, dof=0).chi2_in_words == "–"
+
+
+@pytest.mark.parametrize("damage", ["many", {"n_pulses": 3}, {"n_pulses": None}])
+def test_a_damaged_share_is_a_damaged_file(tmp_path, damage):
+    file = tmp_path / "path.h5"
+    replace(make_path(), explained=Explained(7, 9, 1.5, 2.0)).save(file)
+    arrays, attributes = load_record(file, kind=PATH_KIND)
+    attributes["explained"] = damage
+    save_record(file, kind=PATH_KIND, arrays=arrays, attributes=attributes)
+    with pytest.raises(FileFormatError):
+        LightPath.load(file)

@@ -169,7 +169,7 @@ def _fields_from_record(arrays: Mapping[str, Any], attributes: Mapping[str, Any]
         "truth": truth,
         "provenance": attributes["provenance"],
         "verdict": _verdict_from_record(attributes),
-        "explained": Explained(**attributes["explained"]) if "explained" in attributes else None,
+        "explained": _explained_from_record(attributes),
     }
 
 
@@ -177,3 +177,16 @@ def _verdict_from_record(attributes: Mapping[str, Any]) -> Verdict:
     """The verdict that a file carries; older ones carry none."""
     plain = attributes.get("verdict")
     return NOT_EXAMINED if plain is None else Verdict.from_json(plain)
+
+
+def _explained_from_record(attributes: Mapping[str, Any]) -> Explained | None:
+    """What a file says that its path explains; older ones do not."""
+    plain = attributes.get("explained")
+    if plain is None:
+        return None
+    return Explained(
+        n_pulses=int(plain["n_pulses"]),
+        n_found=int(plain["n_found"]),
+        photons=float(plain["photons"]),
+        photons_found=float(plain["photons_found"]),
+    )

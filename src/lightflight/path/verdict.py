@@ -186,7 +186,13 @@ class Verdict:
             level=Level(plain["level"]),
             findings=tuple(_finding(one) for one in plain["findings"]),
             blind_to=tuple(
-                BlindSpot(**{**one, "name": FindingName(one["name"])}) for one in plain["blind_to"]
+                BlindSpot(
+                    FindingName(one["name"]),
+                    float(one["size"]),
+                    str(one["unit"]),
+                    float(one["moves_mm"]),
+                )
+                for one in plain["blind_to"]
             ),
             p_value=float("nan") if p_value is None else float(p_value),
             n_tests=int(plain["n_tests"]),
@@ -195,11 +201,11 @@ class Verdict:
 
 def _finding(plain: Mapping[str, Any]) -> Finding:
     return Finding(
-        **{
-            **plain,
-            "name": FindingName(plain["name"]),
-            "severity": Severity(plain["severity"]),
-        }
+        FindingName(plain["name"]),
+        str(plain["sentence"]),
+        float(plain["sigma"]),
+        str(plain["remedy"]),
+        Severity(plain["severity"]),
     )
 
 

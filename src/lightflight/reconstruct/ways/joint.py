@@ -205,7 +205,7 @@ def _statements_of_path(fit: JointFit, timing: CodeClock | None) -> tuple[str, .
     if fit.floor_ps > 0:
         said.append(
             f"The times scatter about the path by {fit.floor_ps:.2g} ps more than their stated "
-            "errors; the error bars include that."
+            "errors: misfit, which the error bars include and do not explain."
         )
     if not fit.solution.converged:
         said.append("The fit stopped before it converged: do not trust its errors.")
