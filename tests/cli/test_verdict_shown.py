@@ -60,12 +60,13 @@ def test_programs_get_all_of_it(run, tmp_path):
 
 
 @pytest.mark.parametrize("level", Level)
-@pytest.mark.parametrize("words", [("info",), ("plot", "--what", "times"), ("view",)])
+@pytest.mark.parametrize("words", [("info",), ("plot", "--what", "times"), ("export",), ("view",)])
 def test_every_command_about_a_path_says_it_first(run, paths, tmp_path, level, words):
     if words == ("view",):
         pytest.importorskip("plotly")
-    output = {"info": (), "plot": ("-o", tmp_path / "p.png"), "view": ("-o", tmp_path / "p.html")}
-    done = run(words[0], paths / f"{level}.h5", *words[1:], *output[words[0]])
+    suffix = {"info": "", "plot": "png", "export": "csv", "view": "html"}[words[0]]
+    output = ("-o", tmp_path / f"p.{suffix}") if suffix else ()
+    done = run(words[0], paths / f"{level}.h5", *words[1:], *output)
     assert done.exit_code == 0, done.stderr
     assert done.stdout.splitlines()[0].startswith(f"{level}: ")
 

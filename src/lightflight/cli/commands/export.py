@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from lightflight.cli.console import print_written, step
+from lightflight.cli.console import print_headline, print_written, step
 from lightflight.cli.options import check_outputs, debug_option, outputs_option
 from lightflight.view.suffixes import EXPORT_SUFFIXES
 
@@ -47,6 +47,7 @@ def command(*, file: Path, what: str, samples: int, outputs: tuple[Path, ...]) -
     from lightflight.view.export.files import export_path
 
     path = LightPath.load(file)
+    print_headline(path.verdict)
     for output in outputs:
         with step(f"writing {output.name}"):
             export_path(path, output, what=what, samples=samples)

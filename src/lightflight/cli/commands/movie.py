@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lightflight.cli.console import Progress, print_written, step
+from lightflight.cli.console import Progress, print_headline, print_written, step
 from lightflight.cli.options import (
     check_outputs,
     check_viewpoint,
@@ -149,6 +149,7 @@ def _film_path(
         size_px=size_px, frames_per_second=fps, pace_ps_per_s=pace, orbit_deg=orbit
     )
     path = LightPath.load(file, try_newer=True)
+    print_headline(path.verdict)
     if viewpoint_mm is not None:
         from lightflight.path.second_view import camera_towards
 
