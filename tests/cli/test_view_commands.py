@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import re
 
-import h5py
 import numpy as np
 import pytest
 
 from lightflight.path.light_path import LightPath
+from tests.files.unsealed import unsealed
 from tests.view import fakes
 
 
@@ -54,7 +54,7 @@ def newer_file(path_file, tmp_path):
     """A path as a version of the future might write it: a schema that nobody here knows."""
     newer = tmp_path / "newer.h5"
     newer.write_bytes(path_file.read_bytes())
-    with h5py.File(newer, "r+") as file:
+    with unsealed(newer) as file:
         file.attrs["schema_version"] = 99
         file["something_new"] = [1.0, 2.0]
     return newer
@@ -91,7 +91,7 @@ def test_a_campaign_with_a_path_of_a_newer_version_shows_the_others(run, path_fi
     pytest.importorskip("plotly")
     newer = tmp_path / "newer.h5"
     newer.write_bytes(path_file.read_bytes())
-    with h5py.File(newer, "r+") as file:
+    with unsealed(newer) as file:
         file.attrs["schema_version"] = 99
     done = run("view", path_file, newer, "-o", tmp_path / "index.html")
     assert done.exit_code == 0, done.stderr

@@ -22,6 +22,7 @@ from lightflight.files.store import (
     save_record,
 )
 from lightflight.files.whole_file import atomic_path
+from tests.files.unsealed import unsealed
 
 
 def _save(path: Path, **arrays: np.ndarray) -> None:
@@ -259,7 +260,7 @@ def test_wrong_kind_and_newer_schema_say_what_to_do(tmp_path):
     _save(path)
     with pytest.raises(FileFormatError, match="holds 'path', but 'calibration' is needed"):
         load_record(path, kind="calibration")
-    with h5py.File(path, "a") as file:
+    with unsealed(path) as file:
         file.attrs["schema_version"] = SCHEMA_VERSION + 1
     with pytest.raises(FileFormatError, match=r"newer lightflight .* upgrade"):
         load_record(path, kind="path")
@@ -272,7 +273,7 @@ def test_texts_of_variable_length_are_not_read(tmp_path):
     with h5py.File(path, "r") as file:
         dtypes = [file.attrs.get_id(name).dtype for name in file.attrs]
         assert not any(dtype.hasobject for dtype in dtypes)
-    with h5py.File(path, "a") as file:
+    with unsealed(path) as file:
         file.attrs["format"] = "lightflight"
     assert kind_of_record(path) is None
 
@@ -280,7 +281,7 @@ def test_texts_of_variable_length_are_not_read(tmp_path):
 def test_sizes_are_checked_before_memory_is_taken(tmp_path):
     path = tmp_path / "r.h5"
     _save(path)
-    with h5py.File(path, "a") as file:
+    with unsealed(path) as file:
         file.create_dataset("huge", (1 << 40,), np.float64, chunks=(1 << 16,))
     with pytest.raises(FileFormatError, match=r"'huge' .* claims 8796093022208 bytes"):
         load_record(path, kind="path")
@@ -290,7 +291,7 @@ def test_arrays_in_other_files_are_not_followed(tmp_path):
     (tmp_path / "secret.bin").write_bytes(bytes(800))
     path = tmp_path / "r.h5"
     _save(path)
-    with h5py.File(path, "a") as file:
+    with unsealed(path) as file:
         file.create_dataset("away", (100,), "f8", external=[(str(tmp_path / "secret.bin"), 0, 800)])
     with pytest.raises(FileFormatError, match="'away' lies in another file"):
         load_record(path, kind="path")

@@ -14,6 +14,7 @@ import lightflight as lf
 from lightflight.errors import FileFormatError
 from lightflight.files.store import load_record
 from lightflight.recording.clock_fields import CLOCK_FIELDS
+from tests.files.unsealed import unsealed
 
 read: Any = lf.read
 
@@ -163,7 +164,7 @@ def test_other_kinds_and_damage_are_refused(tmp_path, rng):
     lf.write(
         lf.Recording.from_frames(_frames(rng), n_codes=64, no_photon_code=0), tmp_path / "r.h5"
     )
-    with h5py.File(tmp_path / "r.h5", "a") as file:
+    with unsealed(tmp_path / "r.h5") as file:
         file["photons_per_frame"][0] += 1
     with pytest.raises(FileFormatError, match="frame_starts must run from 0"):
         read(tmp_path / "r.h5")

@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 
@@ -14,6 +13,7 @@ import lightflight as lf
 from lightflight.errors import FileFormatError
 from lightflight.files.store import SCHEMA_VERSION, load_record, save_record
 from lightflight.formats.schema import check_arrays, file_schema
+from tests.files.unsealed import unsealed
 from tools.make_schema_files import (
     CLOCK,
     SETTINGS,
@@ -105,7 +105,7 @@ def test_arrays_that_break_the_schema(tmp_path, kind, arrays, text):
 
 def test_a_group_where_an_array_should_be(tmp_path):
     save_record(tmp_path / "x.h5", kind="recording", arrays={}, attributes={})
-    with h5py.File(tmp_path / "x.h5", "a") as file:
+    with unsealed(tmp_path / "x.h5") as file:
         file.create_group("pixel")
     with pytest.raises(FileFormatError, match="'pixel' is not an array"):
         read(tmp_path / "x.h5")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import h5py
 import numpy as np
 import pytest
 
@@ -12,6 +11,7 @@ from lightflight.files.store import load_record, save_record
 from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
 from lightflight.path.tables import RESIDUAL_DTYPE, Goodness
+from tests.files.unsealed import unsealed
 from tests.path_fakes import make_path, random_covariance, truth_of
 
 
@@ -148,7 +148,7 @@ class TestForeignFiles:
     )
     def test_an_array_is_missing(self, tmp_path, name):
         full_path().save(tmp_path / "path.h5")
-        with h5py.File(tmp_path / "path.h5", "r+") as file:
+        with unsealed(tmp_path / "path.h5") as file:
             del file[name]
         with pytest.raises(FileFormatError, match=r"path\.h5.*lacks .*damaged"):
             LightPath.load(tmp_path / "path.h5")
@@ -167,7 +167,7 @@ class TestForeignFiles:
 
     def test_arrays_that_make_no_path(self, tmp_path):
         full_path().save(tmp_path / "path.h5")
-        with h5py.File(tmp_path / "path.h5", "r+") as file:
+        with unsealed(tmp_path / "path.h5") as file:
             del file["vertices_mm"]
             file["vertices_mm"] = np.zeros((2, 3))
         with pytest.raises(FileFormatError, match=r"path\.h5.*vertices_mm.*damaged"):

@@ -10,7 +10,8 @@ Every record of the package (`Histograms`, `Recording`, `TimingCalibration`, `Pu
 Layout of a file (schema version 1): root attributes `format` = "lightflight", `kind` and
 `schema_version`; the root dataset `attributes` holds everything that is not an array as JSON
 text (non-finite numbers as NaN, Infinity, -Infinity); every other dataset is one array, and a
-`/` in its name makes a group.
+`/` in its name makes a group. The root attributes `sealed` and `digest` hold a digest over all of
+it (`digest`); files of earlier versions have none.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
+from lightflight.files.digest import check_seal, seal
 from lightflight.files.disk_file import DiskFile, interrupts_to
 from lightflight.files.filecheck import (
     DEFLATE_MOST,
@@ -120,6 +122,7 @@ def new_record(
         # Of fixed length: see `text_attribute` for what texts of variable length can do.
         record.write(_ATTRIBUTES, np.array(text, h5py.string_dtype("utf-8", len(text))))
         yield record
+        record.seal()
 
 
 @contextlib.contextmanager
@@ -213,6 +216,11 @@ class RecordWriter:
             for start in range(0, values.shape[0], step):
                 dataset[start : start + step] = values[start : start + step]
                 self._disk.check()
+        self._disk.check()
+
+    def seal(self) -> None:
+        """Write the digest over all that has been written, as the last thing."""
+        seal(self.file, self._disk)
         self._disk.check()
 
     def append(self, name: str, values: NDArray[Any], *, compress: bool = False) -> None:
@@ -364,7 +372,10 @@ def open_record(
     file_path = readable_file(path)
     _check_is_hdf5(file_path, path)
     with damage_as_format_error(path), h5py.File(file_path, "r", locking="best-effort") as file:
-        _check_header(file, path, kind, try_newer=try_newer)
+        version = _check_header(file, path, kind, try_newer=try_newer)
+        # What a newer version's digest is over is not known here.
+        if version <= SCHEMA_VERSION:
+            check_seal(file, file_path)
         yield file, _attributes_from(file, path)
 
 
@@ -508,8 +519,8 @@ def _check_is_hdf5(file_path: Path, path: str | os.PathLike[str]) -> None:
 
 def _check_header(
     file: h5py.File, path: str | os.PathLike[str], kind: str, *, try_newer: bool = False
-) -> None:
-    """Raise FileFormatError for another kind, a newer version, or a file of others."""
+) -> int:
+    """Schema version; FileFormatError for another kind, a newer version, or a file of others."""
     if not is_ours(file):
         raise FileFormatError(
             "is an HDF5 file, but not one of lightflight: import it with lightflight.read",
@@ -527,6 +538,7 @@ def _check_header(
     found = text_attribute(file, "kind")
     if found != kind:
         raise FileFormatError(f"holds {found!r}, but {kind!r} is needed here", path=path)
+    return version
 
 
 def _number_attribute(node: Any, name: str) -> int | None:

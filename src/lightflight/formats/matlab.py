@@ -26,7 +26,13 @@ from lightflight.formats.cubes import (
 )
 from lightflight.formats.hdf5_dataset import cube_of, datasets_in
 from lightflight.formats.matlab5 import array_of, text_of, variables_in
-from lightflight.formats.metadata import fields_from_text, text_from_histograms
+from lightflight.formats.metadata import (
+    DIGEST,
+    TEXT,
+    check_texts,
+    fields_from_texts,
+    texts_from_histograms,
+)
 from lightflight.formats.registry import Format
 from lightflight.recording.clock_fields import clock_fields_of
 from lightflight.recording.histograms import Histograms
@@ -39,7 +45,7 @@ _LARGEST_V5 = (1 << 31) - 1
 _Shapes = dict[str, tuple[int, ...]]
 _Load = Callable[[str], Any]
 """Gives an array by its name, with the axes backwards."""
-_TEXTS = ("axes", "lightflight")
+_TEXTS = ("axes", TEXT, DIGEST)
 
 
 # --- reading ----------------------------------------------------------------------------
@@ -90,12 +96,12 @@ def read(
         opened = _opened_v73 if file.read(10) == b"MATLAB 7.3" else _opened_v5
     shapes, load, texts = opened(path)
     name = _chosen(variable, shapes, path)
-    fields, settings = fields_from_text(texts.get("lightflight"), path)
+    fields, settings = fields_from_texts(texts, path)
     axes = axes_of(name, shapes[name], axes or stated_axes(texts.get("axes")), path=path)
     check_axes(axes, shapes[name], path)
     # MATLAB's axes are backwards in the file, and read so.
     values = load(name)
-    return record_from_array(
+    record = record_from_array(
         np.asarray(values) if "f" in axes else values,
         axes[::-1],
         fields | dict(clock),
@@ -105,6 +111,8 @@ def read(
         poisson=poisson,
         settings={"variable": name, **settings},
     )
+    check_texts(texts, record, lambda: np.asarray(values).T, path)
+    return record
 
 
 def array_from_file(path: Path, variable: str | None) -> NDArray[Any]:
@@ -213,7 +221,7 @@ def write(record: Recording | Histograms, path: Path) -> None:
         )
     known = clock_fields_of(record)
     clock = {name: float(value) for name, value in known.items() if value is not None}
-    texts = {"axes": "yxt", "lightflight": text_from_histograms(record)}
+    texts = texts_from_histograms(record)
     with atomic_path(path) as fresh:
         variables = {"counts": record.counts, **clock, **texts}
         savemat(fresh, variables, appendmat=False, do_compression=True)

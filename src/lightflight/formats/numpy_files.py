@@ -29,7 +29,13 @@ from lightflight.formats.cubes import (
     shapes_text,
     stated_axes,
 )
-from lightflight.formats.metadata import fields_from_text, text_from_histograms
+from lightflight.formats.metadata import (
+    DIGEST,
+    TEXT,
+    check_texts,
+    fields_from_texts,
+    texts_from_histograms,
+)
 from lightflight.formats.registry import Format
 from lightflight.formats.streamed import StreamedArray
 from lightflight.recording.histograms import Histograms
@@ -196,14 +202,14 @@ def read_npz(
     texts = {name: str(array) for name, array in small.items() if array.dtype.kind == "U"}
     settings = {name: array.item() for name, array in small.items()}
     fields: dict[str, Any] = {}
-    if "lightflight" in texts:
-        fields, settings = fields_from_text(texts["lightflight"], path)
+    if TEXT in texts or DIGEST in texts:
+        fields, settings = fields_from_texts(texts, path)
     elif found.keys() >= _PF32_KEYS and key == "hist":
         clock, settings = _pf32_metadata(clock, settings)
         axes = axes or "yxt"
     axes = axes_of(key, found[key].shape, axes or stated_axes(texts.get("axes")), path=path)
     check_axes(axes, found[key].shape, path)
-    return record_from_array(
+    record = record_from_array(
         np.asarray(values) if "f" in axes else values,
         axes[::-1] if found[key].fortran else axes,
         fields | dict(clock),
@@ -213,6 +219,8 @@ def read_npz(
         poisson=poisson,
         settings=settings,
     )
+    check_texts(texts, record, lambda: _cube_of(values, found[key]), path)
+    return record
 
 
 def arrays_from_file(path: Path) -> dict[str, NDArray[Any]]:
@@ -311,12 +319,16 @@ def _opened_member(path: Path, name: str) -> Iterator[IO[bytes]]:
         yield file
 
 
+def _cube_of(values: StreamedArray, header: _Header) -> NDArray[Any]:
+    """All of an array, its axes as they are stated."""
+    return np.asarray(values).T if header.fortran else np.asarray(values)
+
+
 def _npz_array(archive: zipfile.ZipFile, key: str, path: Path) -> NDArray[Any]:
     """One array of an archive, after checking what it claims."""
     with archive.open(f"{key}.npy") as file:
         header = _Header(*_npy_header(file, path, kinds="uifbU"))
-    values = np.asarray(_streamed_member(archive, key, header, path))
-    return values.T if header.fortran else values
+    return _cube_of(_streamed_member(archive, key, header, path), header)
 
 
 def _pf32_metadata(
@@ -359,10 +371,12 @@ def write_npz(record: Recording | Histograms, path: Path, *, compress: bool = Tr
         raise ValueError(
             "npz holds histograms: use histogram() first, or write .h5 to keep photons"
         )
-    text = text_from_histograms(record)
+    texts: dict[str, Any] = {
+        name: np.array(text) for name, text in texts_from_histograms(record).items()
+    }
     save = np.savez_compressed if compress else np.savez
     with atomic_path(path) as fresh, fresh.open("wb") as file:
-        save(file, hist=record.counts, axes=np.array("yxt"), lightflight=np.array(text))
+        save(file, hist=record.counts, **texts)
 
 
 def _is_npy(path: Path, start: bytes) -> bool:

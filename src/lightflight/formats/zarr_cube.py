@@ -24,14 +24,19 @@ from lightflight.formats.cubes import (
     shapes_text,
     stated_axes,
 )
-from lightflight.formats.metadata import fields_from_text, text_from_histograms
+from lightflight.formats.metadata import (
+    DIGEST,
+    TEXT,
+    check_texts,
+    fields_from_texts,
+    texts_from_histograms,
+)
 from lightflight.formats.registry import Format
 from lightflight.formats.zarr_store import checked_arrays, checked_chunks
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording
 
 _MARKS = ("zarr.json", ".zarray", ".zgroup")
-_METADATA = "lightflight"
 _CHUNK_COUNTS = 1 << 20
 
 
@@ -84,8 +89,11 @@ def read(
     name = _chosen({key: tuple(one["shape"]) for key, one in arrays.items()}, array, path)
     stored = checked_chunks(path, name, arrays[name])
     node = zarr.open_array(str(path / name), mode="r", zarr_format=stored.zarr_format)
-    text = node.attrs.get(_METADATA)
-    fields, settings = fields_from_text(text if isinstance(text, str) else None, path)
+    attributes = dict(node.attrs)
+    texts = {key: str(attributes[key]) for key in (TEXT, DIGEST) if key in attributes}
+    if texts:  # where the axes are ours too, they are in the digest
+        texts["axes"] = _stated_axes(node) or ""
+    fields, settings = fields_from_texts(texts, path)
     axes = axes_of(name or path.name, node.shape, axes or _stated_axes(node), path=path)
     what = f"array {name or path.name} {node.shape}"
     n_bytes = math.prod(node.shape) * node.dtype.itemsize
@@ -104,7 +112,9 @@ def read(
         poisson=poisson,
         settings=settings,
     )
-    if stored.n_found < stored.n_expected:
+    check_texts(texts, record, lambda: np.asarray(node[...]), path)
+    # Ours have been held against their digest: they are complete, whatever is not there.
+    if stored.n_found < stored.n_expected and DIGEST not in texts:
         warnings.warn(
             f"{path}: {stored.n_expected - stored.n_found} of {stored.n_expected} chunks are not "
             f"there and are read as {node.fill_value}: copy the folder again, unless it was "
@@ -164,7 +174,7 @@ def write(record: Recording | Histograms, path: Path) -> None:
         raise ValueError("zarr holds histograms: use histogram(), or write .h5 to keep photons")
     rows, cols, codes = record.counts.shape
     block = max(1, min(rows, _CHUNK_COUNTS // (cols * codes)))
-    zarr = _zarr()
+    zarr, texts = _zarr(), texts_from_histograms(record)
     with atomic_path(path, directory=True) as fresh:
         node = zarr.create_array(
             store=str(fresh),
@@ -172,7 +182,7 @@ def write(record: Recording | Histograms, path: Path) -> None:
             chunks=(block, cols, codes),
             dtype=record.counts.dtype,
             dimension_names=("y", "x", "t"),
-            attributes={_METADATA: text_from_histograms(record)},
+            attributes={key: texts[key] for key in (TEXT, DIGEST)},
             overwrite=True,
         )
         # One chunk at a time: Zarr's own threads would go on writing after an error.
