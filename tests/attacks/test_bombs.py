@@ -228,6 +228,7 @@ def test_events_of_spc_stay_in_the_file(tmp_path, monkeypatch):
     np.add.at(expected, (0, photons >> 12 & 15, 4095 - (photons >> 16 & 0xFFF)), 1)
     np.testing.assert_array_equal(whole, expected)
     monkeypatch.setattr(spc, "_RECORDS_AT_ONCE", 700)
+    monkeypatch.setattr(spc, "_HELD_BYTES", 0)
     recording = read(tmp_path / "x.spc")
     np.testing.assert_array_equal(lf.histogram(recording, chunk_bytes=999).counts, expected)
     np.testing.assert_array_equal(
@@ -237,8 +238,8 @@ def test_events_of_spc_stay_in_the_file(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_long_spc_is_counted_in_little_memory(tmp_path):
-    """40 MB (at length: 3 GB)."""
-    n = at_length(10_000_000, 750_000_000)
+    """100 MB (at length: 3 GB)."""
+    n = at_length(25_000_000, 750_000_000)
     rng = np.random.default_rng(16)
     block = rng.integers(0, 1 << 28, 1 << 20, dtype=np.int64).astype("<u4") & ~np.uint32(0xF000)
     with (tmp_path / "x.spc").open("wb") as file:

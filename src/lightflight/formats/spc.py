@@ -28,7 +28,9 @@ from lightflight.recording.recording import Recording
 
 _CODES = 4096
 _INVALID, _OVERFLOW, _MARK = 1 << 31, 1 << 30, 1 << 28
-_RECORDS_AT_ONCE = 1 << 21
+_RECORDS_AT_ONCE = 1 << 20
+# Shorter files are read once and held; longer ones twice, and never whole.
+_HELD_BYTES = 1 << 26
 _TAC_WIDTH = re.compile(rb"\[SP_TAC_TC,F,([0-9.eE+-]+)\]")
 _LARGEST_SET_FILE = 1 << 24
 
@@ -68,15 +70,22 @@ def read(path: Path, clock: Mapping[str, Any]) -> Recording:
             path=path,
             offset=0,
         )
-    starts, n_channels = [0], 0
+    starts, n_channels, held = [0], 0, []
     for block in range(-(-(size // 4 - 1) // _RECORDS_AT_ONCE)):
         photons = _photons_of_block(os.fspath(path), block)
         starts.append(starts[-1] + photons.size)
+        if size <= _HELD_BYTES:
+            held.append(photons)
         if photons.size:
             n_channels = max(n_channels, int((photons >> 12 & 0xF).max()) + 1)
     if starts[-1] == 0:
         raise FileFormatError("holds no photon", path=path)
     photons_of_file = _Photons(os.path.abspath(path), tuple(starts))  # noqa: PTH100
+    pixel: Any = _Column(photons_of_file, "channel")
+    code: Any = _Column(photons_of_file, "code")
+    if held:
+        records = np.concatenate(held)
+        pixel, code = _channels_of(records), _codes_of(records)
     width, notes = _code_width_ps(path)
     told: dict[str, Any] = {} if width is None else {"bin_width_ps": width}
     settings = {"macro_clock_ns": (header & 0xFFFFFF) / 10, "notes": notes}
@@ -84,8 +93,8 @@ def read(path: Path, clock: Mapping[str, Any]) -> Recording:
         return Recording(
             (1, n_channels),
             n_codes=_CODES,
-            pixel=_Column(photons_of_file, "channel"),
-            code=_Column(photons_of_file, "code"),
+            pixel=pixel,
+            code=code,
             settings=settings,
             **(told | dict(clock)),
         )
@@ -99,31 +108,41 @@ def _photons_of_block(path: str, block: int) -> NDArray[np.uint32]:
     return photons
 
 
+def _channels_of(records: NDArray[np.uint32]) -> NDArray[np.uint16]:
+    return (records >> 12 & 0xF).astype(np.uint16)
+
+
+def _codes_of(records: NDArray[np.uint32]) -> NDArray[np.uint16]:
+    # The ADC runs backwards.
+    return ((_CODES - 1) - (records >> 16 & 0xFFF)).astype(np.uint16)
+
+
 @dataclass(eq=False)
 class _Photons:
-    """Photons that stay in the file; the last block that was asked for is kept."""
+    """Photons that stay in the file; those that were asked for last are kept."""
 
     path: str
     starts: tuple[int, ...]
-    _kept: tuple[int, NDArray[np.uint32]] | None = field(default=None, repr=False)
+    _kept: tuple[int, int, NDArray[np.uint32]] | None = field(default=None, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_kept": None}
 
     def part(self, first: int, last: int) -> NDArray[np.uint32]:
         """Records of photons first ... last - 1."""
+        # Channel and code of the same photons are asked for one after the other.
+        kept = self._kept
+        if kept is None or kept[:2] != (first, last):
+            kept = self._kept = first, last, self._read(first, last)
+        return kept[2]
+
+    def _read(self, first: int, last: int) -> NDArray[np.uint32]:
         found, block = [], max(0, bisect.bisect_right(self.starts, first) - 1)
         while block < len(self.starts) - 1 and self.starts[block] < last:
-            start = self.starts[block]
-            found.append(self._block(block)[max(0, first - start) : last - start])
+            photons, start = _photons_of_block(self.path, block), self.starts[block]
+            found.append(photons[max(0, first - start) : last - start])
             block += 1
         return np.concatenate(found) if found else np.empty(0, np.uint32)
-
-    def _block(self, block: int) -> NDArray[np.uint32]:
-        kept = self._kept
-        if kept is None or kept[0] != block:
-            kept = self._kept = block, _photons_of_block(self.path, block)
-        return kept[1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,9 @@ from lightflight.recording.histograms import counts_dtype, counts_from_slabs
 SLAB_BYTES = 16 << 20
 """Bytes read at a time, where the array can be cut so."""
 
+_STREAM_BYTES = 1 << 20
+"""The same of a stream: so little stays in the processor's cache while it is looked at."""
+
 
 class Stream(Protocol):
     """What an array is read from: the bytes of its elements, from the first on."""
@@ -55,7 +58,7 @@ class StreamedArray:
         """Rows of the first axis, some at a time; FileFormatError where the stream is cut."""
         n_rows = self.shape[0] if self.shape else 1
         row = math.prod(self.shape[1:])
-        step = max(1, SLAB_BYTES // max(1, row * self.dtype.itemsize))
+        step = max(1, _STREAM_BYTES // max(1, row * self.dtype.itemsize))
         with self.opened() as stream:
             for first in range(0, n_rows if row else 0, step):
                 n = min(step, n_rows - first)
