@@ -37,7 +37,7 @@ def test_short_legs_are_found_by_their_light(seed):
 def test_without_a_second_look_a_leg_is_missed(monkeypatch):
     """The scenes above are hard indeed: what they test is the second look."""
     monkeypatch.setattr(api, "with_unclaimed_legs", lambda _found, _legs, fit, _setting: fit)
-    assert verdict_on(8364).failure.startswith("legs")
+    assert verdict_on(8130).failure.startswith("legs")
 
 
 @pytest.mark.parametrize("code", [60, 140, 230])

@@ -8,6 +8,7 @@ turns nothing). Both are decided by likelihood, with thresholds far beyond chanc
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,10 +33,14 @@ _BEND_CHI2 = 50.0
 """A bend this significant (chi-square of one number) makes a second leg worth trying."""
 _GAIN_CHI2 = 40.0
 """A further leg must lower chi-square by this much beyond its parameters' worth."""
+_DOUBTFUL_GAINS = 10.0
+"""A corner worth more than this many times that on the same pulses is one: no refit is asked."""
 _LARGE_FLOOR = 0.2
 """Scatter of the times beyond their errors that asks for a reason, in stds of a pulse."""
 _THINNED_UP_TO_PULSES = 5
 """A leg that no more pulses than this speak for must earn its place."""
+_MOST_THINNED = 3
+"""So many such legs are taken out at once at most."""
 _LEAST_TURN_DEG = 2.5
 """Corners that turn less are model error or curvature, not mirrors."""
 
@@ -201,43 +206,65 @@ def _merged_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> 
     """The fit without the corner that matters least, where it does not matter."""
     state = fit.solution.state
     waypoint_vertices = {index for index, _, _ in setting.waypoints}
-    best: tuple[float, PathState] | None = None
+    trials: list[tuple[float, int, PathState]] = []
     for corner in range(1, state.n_legs):
         # A measured mirror is there, and a clear turn is no error of the model.
         if corner in waypoint_vertices or turn_deg(state, corner) > 12.0:
             continue
         straight = _without_corner(fit, corner, setting)
-        if isinstance(straight, NoFit):
-            continue
-        # Same data, same floor: only the corner differs.
-        loss = _total_cost(straight, fit) - _total_cost(fit.solution, fit)
+        if not isinstance(straight, NoFit):
+            # Same data, same floor: only the corner differs.
+            loss = _total_cost(straight, fit) - _total_cost(fit.solution, fit)
+            trials.append((loss, corner, straight.state))
+    for loss, corner, straight_state in sorted(trials, key=lambda trial: trial[0]):
         needless = loss < _GAIN_CHI2 or turn_deg(state, corner) < _LEAST_TURN_DEG
-        if needless and (best is None or loss < best[0]):
-            best = loss, straight.state
-    merged = None if best is None else _refitted(sightings, best[1], setting)
-    return None if isinstance(merged, NoFit) else merged
+        if not needless and loss > _DOUBTFUL_GAINS * _GAIN_CHI2:
+            return None
+        merged = _refitted(sightings, straight_state, setting)
+        if not isinstance(merged, NoFit) and (needless or not _gains(merged, fit)):
+            return merged
+    return None
+
+
+def _gains(shorter: JointFit, longer: JointFit) -> bool:
+    """Whether a path with a corner more explains the light far better than one without."""
+    before, after = (
+        one.solution.chi2 + sum(f.bend_chi2 for p in one.pictures for f in p.fits)
+        for one in (shorter, longer)
+    )
+    # Pulses that only one of the two takes count against the other, one each.
+    more = np.count_nonzero(longer.times.weight > 0) - np.count_nonzero(shorter.times.weight > 0)
+    return bool(before - after + more > _GAIN_CHI2 or longer.floor_ps < 0.6 * shorter.floor_ps)
 
 
 def _thinned_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> JointFit | None:
-    """The fit without a leg that hardly any pulse speaks for, where the rest then fits as well."""
+    """The fit without legs that hardly any pulse speaks for, where the rest then fits as well."""
     state = fit.solution.state
     used = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=state.n_legs)
-    for k in np.argsort(used):
-        if state.n_legs == 1 or used[k] > _THINNED_UP_TO_PULSES:
-            return None
-        for vertex in {max(int(k), 1), min(int(k) + 1, state.n_legs - 1)}:
-            thinner = PathState(np.delete(state.vertices_mm, vertex, axis=0), state.start_time_ps)
-            trial = _refitted(sightings, thinner, setting)
-            if isinstance(trial, NoFit):
+    weak = [int(k) for k in np.argsort(used) if used[k] <= _THINNED_UP_TO_PULSES]
+    trials: list[tuple[int, ...]] = [(k,) for k in weak]
+    if len(weak) > 1:
+        # All of them: with one of two gone, the other may leave no path.
+        trials.append(tuple(weak[:_MOST_THINNED]))
+    for some in trials:
+        ends = [{max(k, 1), min(k + 1, state.n_legs - 1)} for k in some]
+        for vertices in product(*ends):
+            if state.n_legs <= len(some) or len(set(vertices)) < len(some):
                 continue
-            kept = int((trial.times.weight > 0).sum())
-            # A path that explains less light fits better for nothing.
-            enough = kept >= int(used.sum()) - _THINNED_UP_TO_PULSES
-            if enough and trial.solution.chi2 / max(kept, 1) < 1.5 * max(
-                1.0, fit.solution.chi2 / max(int(used.sum()), 1)
-            ):
+            kept = np.delete(state.vertices_mm, vertices, axis=0)
+            trial = _refitted(sightings, PathState(kept, state.start_time_ps), setting)
+            if not isinstance(trial, NoFit) and _fits_as_well(trial, fit):
                 return trial
     return None
+
+
+def _fits_as_well(trial: JointFit, fit: JointFit) -> bool:
+    """Whether a path with fewer legs explains as much of the light, about as well."""
+    kept, used = (int((one.times.weight > 0).sum()) for one in (trial, fit))
+    # A path that explains less light fits better for nothing.
+    return kept >= used - _THINNED_UP_TO_PULSES and trial.solution.chi2 / max(kept, 1) < 1.5 * max(
+        1.0, fit.solution.chi2 / max(used, 1)
+    )
 
 
 def _without_corner(fit: JointFit, corner: int, setting: Setting) -> Solution | NoFit:

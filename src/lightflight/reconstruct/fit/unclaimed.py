@@ -8,6 +8,7 @@ leg shows among them; it is kept where the path with it explains them and still 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from lightflight.errors import NothingFoundError
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.membership import on_leg, prints_of_leg
 from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
-from lightflight.reconstruct.fit.revise import fit_from_legs, revised
+from lightflight.reconstruct.fit.revise import fit_from_legs, revised, with_n_legs
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.legs.find import ImageLeg, image_leg, is_flash, legs_in_turn
 from lightflight.reconstruct.model.geometry import Indices
@@ -36,6 +37,8 @@ EXPLAINED_REACH_PX = 2.5
 """A pulse this near to a leg's line, at its time, is explained as the leg's light, px ..."""
 EXPLAINED_REACH_SPOTS = 4.0
 """... or this near in stds of the spot."""
+_MUCH_LEFT = 0.15
+"""A path that leaves more pulses than this for each that it explains may lack a corner."""
 _MARGIN_PX = 1.0
 """So is one this far beyond a corner, px."""
 _ERRORS, _PULSES = 6.0, 0.5
@@ -61,8 +64,13 @@ def with_unclaimed_legs(
     left = unclaimed_by_path(sightings[0], fit, setting)
     if len(left) < _LEAST_PULSES:
         return fit
-    for chain in _longer_chains(sightings[0], legs, left, setting):
-        trial = _fitted(sightings, chain, setting)
+    chains = _longer_chains(sightings[0], legs, left, setting)
+    trials = [partial(_fitted, sightings, chain, setting) for chain in chains]
+    if len(left) > _MUCH_LEFT * np.count_nonzero(fit.times.weight > 0):
+        # A line that misses so much may be two, the one too short to be found by itself.
+        trials.append(partial(_opened_once, sightings, fit, setting))
+    for attempt in trials:
+        trial = attempt()
         if isinstance(trial, NoFit) or trial.floor_ps > fit.floor_ps + 1e-9:
             continue
         still = unclaimed_by_path(sightings[0], trial, setting)
@@ -240,6 +248,14 @@ def _clusters(sighting: Sighting, left: Indices, setting: Setting) -> list[Image
         if len(members) >= _LEAST_PULSES:
             legs.append(image_leg(arrivals, members, setting.camera))
     return [leg for leg in legs if not is_flash(leg, std_ps=std)]
+
+
+def _opened_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> JointFit | NoFit:
+    """The fit with one corner more, where times and light bend most, or why there is none."""
+    n_legs = fit.solution.state.n_legs + 1
+    return fit_or_reason(
+        lambda: revised(sightings, with_n_legs(sightings, fit, setting, n_legs), setting)
+    )
 
 
 def _fitted(

@@ -44,6 +44,8 @@ _SLENDER = 6.0
 """A shorter one is longer than its breadth (rms) by this factor ..."""
 _LEAST_RUN = 0.2
 """... and light takes longer than this from its one end to the other, in stds of a pulse."""
+_MOST_GROUPS = 64
+"""Far more legs than a picture holds, so that noise cannot keep the search busy."""
 _GHOST_SHARE = 0.25
 """Legs of a computed cube dimmer per pixel than this share of the brightest are ghosts."""
 
@@ -174,7 +176,8 @@ def find_legs(
     camera : Camera, optional
         Undistorts the picture; None: pixels are taken as they are.
     n_legs : int, optional
-        How many legs there are, where the user knows; None: as many as the data show.
+        No more legs than this, the brightest, where the user knows; None: as many as the data
+        show.
     min_pixels : int, optional
         Distinct pixel positions a leg must be seen by.
     earliest_ps : float, optional
@@ -209,6 +212,7 @@ def find_legs(
         # A third of a pulse: footprints and corners shift times by more than counting says.
         time_floor=0.35 * float(np.median(arrivals.std_ps[rows])),
         convex=camera is not None if convex is None else convex,
+        winged=computed_cube,
         seed=seed,
     )
     points = undistorted_px(camera, arrivals.row[rows], arrivals.col[rows])
@@ -219,15 +223,23 @@ def find_legs(
         flight &= ~on_border(arrivals.row[rows], arrivals.col[rows], arrivals.shape)
     rows, points, times = rows[flight], points[flight], times[flight]
     errors, weights = errors[flight], weights[flight]
-    groups = _disjoint_groups(points, times, errors, weights, settings, n_legs)
     std_ps = float(np.median(arrivals.std_ps[rows]))
-    legs = [_image_leg(group, rows, points, times, errors, weights) for group in groups]
-    legs = [leg for leg in legs if not is_flash(leg, std_ps=std_ps)]
-    # Photons, not pixels: a ghost may be long, but it is dim.
-    strength = [float(arrivals.photons[leg.members].sum()) for leg in legs]
-    if computed_cube:
-        legs, strength = without_dim_legs(legs, strength)
-    legs = legs_in_turn(legs, strength, std_ps=std_ps)
+
+    def found(*, parted: bool) -> list[ImageLeg]:
+        groups = _disjoint_groups(points, times, errors, weights, settings, parted=parted)
+        legs = [_image_leg(group, rows, points, times, errors, weights) for group in groups]
+        legs = [leg for leg in legs if not is_flash(leg, std_ps=std_ps)]
+        # Photons, not pixels: a ghost may be long, but it is dim.
+        strength = [float(arrivals.photons[leg.members].sum()) for leg in legs]
+        if computed_cube:
+            legs, strength = without_dim_legs(legs, strength)
+        return legs_in_turn(legs, strength, std_ps=std_ps)
+
+    legs = found(parted=n_legs is None)
+    if n_legs is not None and len(legs) < n_legs:
+        legs = found(parted=True)
+    if n_legs is not None:
+        legs = _brightest(legs, n_legs, arrivals)
     if not legs:
         raise NothingFoundError(
             f"{len(rows)} pixels hold a pulse but no {min_pixels} of them lie on a straight line "
@@ -309,10 +321,8 @@ def legs_in_turn(legs: list[ImageLeg], strength: list[float], *, std_ps: float) 
         # Best chain that ends with this leg: the best that ended before it, and itself.
         for j in range(i):
             one, other = legs[order[j]], legs[k]
-            slack = std_ps + 2.0 * (abs(one.time_coefficients[1]) + abs(other.time_coefficients[1]))
-            spans = (np.ptp(one.span_ps), np.ptp(other.span_ps))
             overlap = one.span_ps[1] - other.span_ps[0]
-            if overlap < min(slack, 0.5 * min(spans)) and best[j] + strength[k] > best[i]:
+            if overlap < _corner_ps(one, other, std_ps) and best[j] + strength[k] > best[i]:
                 best[i], before[i] = best[j] + strength[k], j
     chain: list[ImageLeg] = []
     i = int(np.argmax(best)) if best else -1
@@ -322,20 +332,31 @@ def legs_in_turn(legs: list[ImageLeg], strength: list[float], *, std_ps: float) 
     return chain[::-1]
 
 
+def _corner_ps(one: ImageLeg, other: ImageLeg, std_ps: float) -> float:
+    """By how much two legs that meet at a corner may seem to overlap in arrival time, ps."""
+    two_px = [2.0 * abs(leg.time_coefficients[1]) for leg in (one, other)]
+    spans = [float(np.ptp(leg.span_ps)) for leg in (one, other)]
+    # A long leg runs on into the light of a short one; half of a leg inside another is a ghost.
+    ghostly = max(0.5 * min(spans), two_px[int(np.argmax(spans))])
+    return float(min(std_ps + sum(two_px), ghostly))
+
+
 def _disjoint_groups(
     points: Floats,
     times: Floats,
     errors: Floats,
     weights: Floats,
     settings: SearchSettings,
-    n_legs: int | None,
+    *,
+    parted: bool,
 ) -> list[NDArray[np.int64]]:
-    """Greedy search: the longest leg first, its pulses removed, until nothing stands out."""
+    """Greedy search: the longest leg first, its pulses removed, until nothing stands out.
+
+    `parted`: legs that run on a bend in the picture are cut into straight ones.
+    """
     left = np.arange(len(times))
     groups: list[NDArray[np.int64]] = []
-    # 64: far more legs than a picture holds, so that noise cannot keep the search busy.
-    limit = n_legs if n_legs is not None else 64
-    while len(left) >= settings.min_pixels and len(groups) < limit:
+    while len(left) >= settings.min_pixels and len(groups) < _MOST_GROUPS:
         found = best_line(points[left], times[left], errors[left], weights[left], settings)
         if found is None:
             break
@@ -347,7 +368,7 @@ def _disjoint_groups(
         pieces = cut_at_kink(
             points[left], times[left], errors[left], weights[left], members, settings
         )
-        if n_legs is None:
+        if parted:
             pieces = [
                 part
                 for piece in pieces
@@ -357,6 +378,13 @@ def _disjoint_groups(
         groups.extend(left[piece] for piece in pieces)
         left = left[~halo]
     return groups
+
+
+def _brightest(legs: list[ImageLeg], n_legs: int, arrivals: Arrivals) -> list[ImageLeg]:
+    """At most so many of the legs, those of most photons, still in the order of flight."""
+    strength = [float(arrivals.photons[leg.members].sum()) for leg in legs]
+    kept = sorted(np.argsort(strength)[::-1][:n_legs])
+    return [legs[k] for k in kept]
 
 
 def image_leg(arrivals: Arrivals, members: NDArray[np.intp], camera: Camera | None) -> ImageLeg:

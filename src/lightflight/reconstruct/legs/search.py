@@ -52,6 +52,8 @@ class SearchSettings:
         A leg may be dark for this long in the picture, px; a longer gap ends it.
     convex : bool
         Straight light in one medium bends its arrival curve upwards: refuse the opposite.
+    winged : bool
+        The spot of the light has wings, as in a computed cube.
     seed : int
         Of the random draws.
     """
@@ -65,6 +67,7 @@ class SearchSettings:
     n_parabolas: int = 16
     max_gap_px: float = 8.0
     convex: bool = True
+    winged: bool = False
     seed: int = 0
 
 
@@ -421,7 +424,9 @@ def refine_members(
         coefficients = fitted_times(s[current], times[current], errors[current])
         low, high = s[current].min(), s[current].max()
         # A computed cube's spot is several pixels wide: its gates widen with it.
-        spot = _spot_width(s, lateral, times, coefficients, tolerance, weights, (low, high))
+        spot = _spot_width(
+            s, lateral, times, coefficients, tolerance, weights, (low, high), settings
+        )
         member_px = max(_MEMBER_PX, 2.5 * spot)
         timely = np.abs(times - polynomial.polyval(s, coefficients)) < tolerance
         in_reach = (s > low - settings.max_gap_px) & (s < high + settings.max_gap_px)
@@ -448,16 +453,24 @@ def _spot_width(
     tolerance: Floats,
     weights: Floats,
     span: tuple[float, float],
+    settings: SearchSettings,
 ) -> float:
-    """Light-weighted rms distance from a leg's line of what arrives with it, px.
+    """Light-weighted distance from a leg's line of what arrives with it, one sigma, px.
 
-    A real camera's spot is narrower than a pixel; that of a computed cube is several wide.
+    A real camera's spot is narrower than a pixel; that of a computed cube is several wide and has
+    wings. By the median where there are none: a leg that comes in at a corner must not make the
+    spot of this one wider.
     """
     about = (lateral < 6.0) & (s > span[0]) & (s < span[1])
     about &= np.abs(times - polynomial.polyval(s, coefficients)) < 2.0 * tolerance
     if not about.any():
         return 0.0
-    return float(np.sqrt(np.average(lateral[about] ** 2, weights=weights[about])))
+    if settings.winged:
+        return float(np.sqrt(np.average(lateral[about] ** 2, weights=weights[about])))
+    order = np.argsort(lateral[about])
+    light = np.cumsum(weights[about][order])
+    middle = int(np.searchsorted(light, 0.5 * light[-1]))
+    return std_from_mad(float(lateral[about][order][middle]))
 
 
 def cut_at_kink(

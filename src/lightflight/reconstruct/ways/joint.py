@@ -24,6 +24,7 @@ from lightflight.reconstruct.legs.direction import (
     refuse_if_clearer_backwards,
     warn_of_scatter,
 )
+from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.geometry import PathState, state_of_path
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.ways.request import Request
@@ -87,26 +88,56 @@ def fit_of_request(request: Request) -> JointFit:
     if request.start is not None:
         state = _state_from_start(request.start, setting)
         return fit_joint(sightings, state, setting, legs=None)
-    legs = legs_of_straight_light(sightings[0], setting, n_legs)
-    try:
-        fit = fit_from_legs(sightings, legs, setting, drop=n_legs is None)
-    except (GeometryError, NothingFoundError) as problem:
-        # A clock that runs backwards is the likeliest reason why no path fits: ask that first.
-        refuse_if_clearer_backwards(legs, sightings[0], setting, n_legs)
-        ask_which_way(legs, sightings[0], setting.camera, request.timing, problem)
-        longer = from_unclaimed_legs(sightings, legs, setting) if n_legs is None else None
-        if longer is None:
-            raise
-        fit = longer
-    if n_legs is None:
-        # Revised first: light that a second leg will claim is not left over.
-        fit = with_unclaimed_legs(sightings, legs, revised(sightings, fit, setting), setting)
-    else:
-        fit = with_n_legs(sightings, fit, setting, n_legs)
+    fit, legs = _fit_as_found(request) if n_legs is None else _fit_as_told(request, n_legs)
     # A fifth of a pulse is more than counting and a good clock leave.
     if request.timing is None and fit.floor_ps > 0.2 * pulse_std_ps(sightings):
         warn_of_scatter(fit.floor_ps, legs, sightings[0], setting.camera)
     return fit
+
+
+def _fit_as_found(request: Request) -> tuple[JointFit, tuple[ImageLeg, ...]]:
+    """The fit with as many legs as the data show, and the legs in the picture it began with."""
+    sightings, setting = request.sightings, request.setting
+    legs = legs_of_straight_light(sightings[0], setting, None)
+    try:
+        fit = fit_from_legs(sightings, legs, setting, drop=True)
+    except (GeometryError, NothingFoundError) as problem:
+        _ask_of_the_clock(legs, request, problem)
+        longer = from_unclaimed_legs(sightings, legs, setting)
+        if longer is None:
+            raise
+        fit = longer
+    # Revised first: light that a second leg will claim is not left over.
+    return with_unclaimed_legs(sightings, legs, revised(sightings, fit, setting), setting), legs
+
+
+def _fit_as_told(request: Request, n_legs: int) -> tuple[JointFit, tuple[ImageLeg, ...]]:
+    """The fit with as many legs as the user says, and the legs in the picture it began with.
+
+    What the data show by themselves comes first: where that is what was told, nothing of it may
+    change. Fewer are cut where they bend most; of more, the brightest in the picture are taken.
+    """
+    sightings, setting = request.sightings, request.setting
+    try:
+        found, legs = _fit_as_found(request)
+        if found.solution.state.n_legs <= n_legs:
+            return with_n_legs(sightings, found, setting, n_legs), legs
+    except (GeometryError, NothingFoundError):
+        pass
+    legs = legs_of_straight_light(sightings[0], setting, n_legs)
+    try:
+        fit = fit_from_legs(sightings, legs, setting, drop=False)
+    except (GeometryError, NothingFoundError) as problem:
+        _ask_of_the_clock(legs, request, problem)
+        raise
+    return with_n_legs(sightings, fit, setting, n_legs), legs
+
+
+def _ask_of_the_clock(legs: tuple[ImageLeg, ...], request: Request, problem: Exception) -> None:
+    """Where no path fits: a clock that runs backwards is the likeliest reason, ask that first."""
+    seen, setting = request.sightings[0], request.setting
+    refuse_if_clearer_backwards(legs, seen, setting, request.n_legs)
+    ask_which_way(legs, seen, setting.camera, request.timing, problem)
 
 
 def path_of_fit(fit: JointFit, request: Request) -> LightPath:
