@@ -96,6 +96,13 @@ def test_strict_ends_with_6_and_all_is_written(run, tmp_path, as_json):
     assert any("the recording contradicts this path" in line for line in warned)
 
 
+def test_strict_is_not_content_with_legs_in_the_picture(run):
+    done = run("reconstruct", RECORDING, "--timing", FOLDER / "calibration_full.h5", "--strict")
+    assert done.exit_code == 6
+    assert "Legs in the picture" in done.stdout
+    assert "there is no path" in done.stderr.splitlines()[-1]
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_a_campaign_counts_its_verdicts(run, lab_folder, tmp_path):

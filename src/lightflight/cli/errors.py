@@ -21,7 +21,7 @@ EXIT_CODES = {
     3: "an input file is missing, empty, damaged or foreign, or an output cannot be written",
     4: "the clock cannot be calibrated, or the calibration does not fit the recording",
     5: "nothing could be reconstructed",
-    6: '--strict: a path was written, and its verdict is not "trust"',
+    6: '--strict: all was written, and there is no verdict of "trust" on it',
     130: "interrupted",
 }
 """Every exit code of the command line and what it means; `lightflight --help` prints them."""

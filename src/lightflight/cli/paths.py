@@ -188,22 +188,24 @@ def json_from_verdict(path: LightPath) -> dict[str, Any]:
     }
 
 
-def refuse_unless_trusted(path: LightPath, *, strict: bool) -> None:
+def refuse_unless_trusted(path: LightPath | None, *, strict: bool) -> None:
     """End a command that was asked to be strict, once everything is written.
 
     Parameters
     ----------
-    path : LightPath
-        The path.
+    path : LightPath or None
+        The path; None: there is none to judge.
     strict : bool
         False: any verdict will do.
 
     Raises
     ------
     NotTrustedError
-        For "check" and "contradicted" alike.
+        For "check" and "contradicted" alike, and without a path.
     """
-    if strict and path.verdict.level != "trust":
+    if strict and path is None:
+        raise NotTrustedError("--strict: there is no path, so there is no verdict on it")
+    if strict and path is not None and path.verdict.level != "trust":
         raise NotTrustedError(f"--strict: {path.verdict}")
 
 

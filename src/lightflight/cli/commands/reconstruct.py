@@ -129,6 +129,7 @@ def command(
     missing = _missing(lab, repeats)
     if missing:  # the picture is worth having, and says what to ask the lab for
         _stop_at_the_picture(repeats[0], timing, lab, missing, outputs, as_json=as_json)
+        refuse_unless_trusted(None, strict=strict)
         return
     background = None if background_path is None else read_histograms(background_path, lab, hints)
     path = _reconstruct(repeats, timing, background, lab, inputs, outputs)
