@@ -73,19 +73,18 @@ def read(path: Path, clock: Mapping[str, Any]) -> Recording:
     starts, n_channels, held = [0], 0, []
     for block in range(-(-(size // 4 - 1) // _RECORDS_AT_ONCE)):
         photons = _photons_of_block(os.fspath(path), block)
+        channels = _channels_of(photons)
         starts.append(starts[-1] + photons.size)
+        n_channels = max(n_channels, int(channels.max(initial=0)) + 1)
         if size <= _HELD_BYTES:
-            held.append(photons)
-        if photons.size:
-            n_channels = max(n_channels, int((photons >> 12 & 0xF).max()) + 1)
+            held.append((channels, _codes_of(photons)))
     if starts[-1] == 0:
         raise FileFormatError("holds no photon", path=path)
     photons_of_file = _Photons(os.path.abspath(path), tuple(starts))  # noqa: PTH100
     pixel: Any = _Column(photons_of_file, "channel")
     code: Any = _Column(photons_of_file, "code")
     if held:
-        records = np.concatenate(held)
-        pixel, code = _channels_of(records), _codes_of(records)
+        pixel, code = (np.concatenate(parts) for parts in zip(*held, strict=True))
     width, notes = _code_width_ps(path)
     told: dict[str, Any] = {} if width is None else {"bin_width_ps": width}
     settings = {"macro_clock_ns": (header & 0xFFFFFF) / 10, "notes": notes}
