@@ -18,6 +18,7 @@ from typing import Any
 
 from lightflight.errors import ConfigError
 from lightflight.files import toml_tables as config
+from lightflight.files.names import readable
 from lightflight.files.toml_tables import Key
 from lightflight.lab import SECTIONS, Lab, lab_from_table, table_from_lab, toml_from_lab
 
@@ -364,7 +365,8 @@ def _natural(text: str) -> list[tuple[int, int | str]]:
 def _label(path: Path, base: Path) -> str:
     """Name of a recording in tables: relative to the campaign file where it lies below it."""
     path = Path(os.path.normpath(path))
-    return path.relative_to(base).as_posix() if path.is_relative_to(base) else path.as_posix()
+    short = path.relative_to(base) if path.is_relative_to(base) else path
+    return readable(short.as_posix())
 
 
 def _stem(label: str) -> str:

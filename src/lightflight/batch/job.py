@@ -25,6 +25,7 @@ from lightflight.batch.campaign import Campaign
 from lightflight.batch.warnings_said import caught_warnings
 from lightflight.batch.window import TimingWindow
 from lightflight.errors import FileFormatError
+from lightflight.files.names import readable
 from lightflight.formats.registry import read
 from lightflight.lab import Lab, reconstruct_options
 from lightflight.path.light_path import LightPath
@@ -296,6 +297,7 @@ def _job_error(error: Exception, job: Job) -> JobError:
         text = f"internal error, {type(error).__name__}: {error}"
     # A reason stands in the table, which must not depend on where the campaign's folder lies.
     text = " ".join(text.split()).replace(job.recording, job.label)
+    text = readable(text)
     return JobError(text.removeprefix(f"{job.label}: "), code in _DISK_FULL)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dis
+import io
 import logging
 import os
 import sys
@@ -186,6 +187,9 @@ class SpeakingGroup(click.Group):
             Always, with one of `EXIT_CODES`.
         """
         keep_algebra_to_one_thread()
+        # Names of files need not be UTF-8; stderr spells such out by itself.
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            sys.stdout.reconfigure(errors="backslashreplace")
         words = list(sys.argv[1:] if args is None else args) or ["--help"]
         debug = "--debug" in words
         extra["standalone_mode"] = False

@@ -38,6 +38,7 @@ from lightflight.files.filecheck import (
     damage_as_format_error,
     readable_file,
 )
+from lightflight.files.names import readable
 from lightflight.files.whole_file import atomic_path as atomic_path  # many take it from here
 
 FORMAT_NAME = "lightflight"
@@ -168,7 +169,9 @@ def json_text(attributes: Mapping[str, Any]) -> str:
     TypeError
         For what JSON cannot say.
     """
-    return json.dumps(dict(attributes), default=_json_value, ensure_ascii=False)
+    text = json.dumps(dict(attributes), default=_json_value, ensure_ascii=False)
+    # Names of files need not be UTF-8: Python keeps their bytes as halves of characters.
+    return text if readable(text) == text else json.dumps(dict(attributes), default=_json_value)
 
 
 class RecordWriter:

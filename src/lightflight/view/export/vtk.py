@@ -52,7 +52,7 @@ def write_vtu(light_path: LightPath, path: FilePath, *, per_leg: int = 65) -> No
     points, point_data, cells, cell_data = _grid(light_path, per_leg)
     text = _document(points, point_data, cells, cell_data, _words(light_path))
     with atomic_path(target) as fresh:
-        fresh.write_text(text, encoding="utf-8", newline="\n")
+        fresh.write_text(text, encoding="utf-8", errors="replace", newline="\n")
 
 
 def _grid(

@@ -66,7 +66,7 @@ def _inline(script: str) -> str:
 
 
 def _script_hash(script: str) -> str:
-    digest = hashlib.sha256(script.encode("utf-8")).digest()
+    digest = hashlib.sha256(script.encode("utf-8", "replace")).digest()
     return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"
 
 
@@ -215,4 +215,4 @@ def write_page(
         second_camera=second_camera,
     )
     with atomic_path(file) as fresh:
-        fresh.write_text(text, encoding="utf-8", newline="\n")
+        fresh.write_text(text, encoding="utf-8", errors="replace", newline="\n")

@@ -101,13 +101,16 @@ def write_campaign(
                 fresh.write_text(
                     page_html(path, timing=timing, title=f"{heading(path)}: {Path(name).name}"),
                     encoding="utf-8",
+                    errors="replace",
                     newline="\n",
                 )
             entries.append((name, path, f"{folder.name}/{page}"))
         if progress is not None:
             progress(k + 1, len(path_files))
     with atomic_path(index) as fresh:
-        fresh.write_text(campaign_html(entries, title=title), encoding="utf-8", newline="\n")
+        fresh.write_text(
+            campaign_html(entries, title=title), encoding="utf-8", errors="replace", newline="\n"
+        )
 
 
 def campaign_html(entries: Sequence[tuple[str, LightPath | str, str]], *, title: str = "") -> str:
