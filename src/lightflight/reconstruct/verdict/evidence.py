@@ -14,6 +14,9 @@ Floats = NDArray[np.float64]
 
 _LEAST_P = 1e-300
 
+LIGHT = "light"
+"""Of tests that rest on counts; all others rest on times and lines."""
+
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
@@ -42,6 +45,11 @@ class Evidence:
         True for what any of several causes would bring: named only where no cause explains it.
     blind : tuple of BlindSpot
         What this test cannot see though it moves the path by more than stated.
+    data : str
+        Of what the test is: those of other data are independent.
+    remains : float
+        Of a symptom: chi-square left when the best cause of the same data is freed; NaN: to be
+        worked out from `directions`.
     """
 
     name: FindingName
@@ -54,6 +62,8 @@ class Evidence:
     deviates: Floats = field(default_factory=lambda: np.empty(0), repr=False)
     symptom: bool = False
     blind: tuple[BlindSpot, ...] = ()
+    data: str = field(default="pulses", kw_only=True)
+    remains: float = field(default=float("nan"), kw_only=True)
 
     @property
     def p_value(self) -> float:

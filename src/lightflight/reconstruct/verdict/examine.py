@@ -19,6 +19,7 @@ from lightflight.reconstruct.verdict.bookkeeping import (
     evidence_from_flags,
     noticed,
 )
+from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
 from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry
 from lightflight.reconstruct.verdict.hidden import (

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from lightflight.path.verdict import BlindSpot, Finding, Level, Severity, Verdict
-from lightflight.reconstruct.verdict.evidence import Evidence
+from lightflight.reconstruct.verdict.evidence import LIGHT, Evidence
 
 Floats = NDArray[np.float64]
 
@@ -55,8 +55,8 @@ def family_p_value(evidence: Sequence[Evidence]) -> float:
     together = [one for one in evidence if one.directions.shape[0]]
     alone = len(evidence) - len(together)
     passed = alone * float(np.log1p(-min(smallest, 1.0 - 1e-16)))
-    if together:
-        passed += _log_passed(smallest, _drawn_smallest(together))
+    for data in dict.fromkeys(one.data for one in together):
+        passed += _log_passed(smallest, _drawn_smallest([e for e in together if e.data == data]))
     return float(-np.expm1(passed))
 
 
@@ -74,39 +74,62 @@ def _drawn_smallest(together: Sequence[Evidence]) -> Floats:
     """Smallest p-values (draws,) of tests of the same data where all is well."""
     directions = np.hstack([one.directions for one in together])
     values, vectors = np.linalg.eigh(directions.T @ directions)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    drawn = np.random.default_rng(1914).normal(size=(_DRAWS, len(values))) @ root.T
-    smallest = np.ones(_DRAWS)
-    first = 0
-    for one in together:
-        last = first + one.directions.shape[1]
-        chi2 = np.sum(drawn[:, first:last] ** 2, axis=1)
-        smallest = np.minimum(smallest, chdtrc(last - first, chi2))
-        first = last
+    kept = values > 1e-9 * values[-1]
+    root = vectors[:, kept] * np.sqrt(values[kept])
+    drawn = np.random.default_rng(1914).normal(size=(_DRAWS, root.shape[1])) @ root.T
+    dof = np.array([one.directions.shape[1] for one in together])
+    chi2 = np.add.reduceat(drawn**2, np.cumsum(dof) - dof, axis=1)
+    # Of tests of equal freedom the largest chi-square is the least likely one.
+    by_dof = [chdtrc(k, chi2[:, dof == k].max(axis=1)) for k in np.unique(dof)]
+    smallest: Floats = np.min(by_dof, axis=0)
     return smallest
 
 
 def named(evidence: Sequence[Evidence]) -> list[Evidence]:
     """Causes that cannot be told from the best one, the best first; symptoms where none explains.
 
-    A symptom comes first where the best cause leaves it improbable all the same.
+    A symptom comes first where the best cause leaves it improbable all the same. What is off with
+    the times is no excuse for light that is none of the path's: its causes are named as well.
     """
-    causes = sorted((e for e in evidence if not e.symptom), key=lambda e: -e.gain)
+    ranked = sorted((e for e in evidence if not e.symptom), key=lambda e: -e.gain)
+    causes = list({one.name: one for one in reversed(ranked)}.values())[::-1]
+    causes.sort(key=lambda e: -e.gain)
     best = causes[0] if causes and causes[0].gain > 0.0 else None
-    group = [] if best is None else [e for e in causes if e.gain > max(0.0, best.gain - _WITHIN)]
+    group = _alike(best, causes)
+    if best is not None:
+        other = next((e for e in causes if e.data == LIGHT), None)
+        if best.data != LIGHT and other is not None and _clear(other, evidence):
+            group += [e for e in _alike(other, causes) if e.data == LIGHT and e not in group]
     unexplained = [e for e in evidence if e.symptom and _left_by(best, e) < CHECK_AT]
     unexplained.sort(key=lambda e: e.p_value)
-    weak = best is None or best.p_value * len(evidence) > CHECK_AT
+    unexplained = list({one.name: one for one in reversed(unexplained)}.values())[::-1]
+    weak = best is None or not _clear(best, evidence)
     ordered = [*unexplained, *group] if weak else [*group, *unexplained]
     return ordered[:_MOST_NAMED]
 
 
+def _clear(cause: Evidence, evidence: Sequence[Evidence]) -> bool:
+    """Whether one test by itself would have raised the alarm."""
+    return cause.p_value * len(evidence) <= CHECK_AT
+
+
+def _alike(best: Evidence | None, causes: Sequence[Evidence]) -> list[Evidence]:
+    """The causes that cannot be told from a best one, it included."""
+    if best is None:
+        return []
+    return [e for e in causes if e.gain > max(0.0, best.gain - _WITHIN)]
+
+
 def _left_by(cause: Evidence | None, symptom: Evidence) -> float:
     """p-value of a symptom once a cause is freed that takes up what both see."""
-    if cause is None:
+    if cause is None or (symptom.data == LIGHT and cause.data != LIGHT):
         return symptom.p_value
     left = symptom.chi2 - cause.chi2
-    if symptom.directions.shape[0] and cause.directions.shape[0]:
+    if symptom.data == cause.data and np.isfinite(symptom.remains):
+        left = symptom.remains
+    elif (
+        symptom.data == cause.data and symptom.directions.shape[0] and cause.directions.shape[0]
+    ):
         taken = symptom.directions.T @ (cause.directions @ cause.deviates)
         left = float(np.sum((symptom.deviates - taken) ** 2))
     return float(chdtrc(symptom.dof, max(0.0, left)))

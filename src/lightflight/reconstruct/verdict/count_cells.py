@@ -1,0 +1,153 @@
+"""Counts about the time at which a path's light should come: few cells where there were many codes.
+
+The edges of a cell are edges of codes, so what a cell expects needs no split of a code.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.timing.clock.calibration import ASSUMED_PHASE_STD
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_CORE_STDS = 4.0
+"""Half width of the finely divided part, in standard deviations of a pulse."""
+_FARTHEST_PS = 25_000.0
+"""Without a laser period cells reach so far to both sides, ps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Counts of n pixels in m cells each.
+
+    Attributes
+    ----------
+    edges_ps : array of float, shape (n, m + 1)
+        Ascending, after the pixel's reference time, ps.
+    counts : array of float, shape (n, m)
+        Photons between neighbouring edges.
+    live : array of bool, shape (n, m)
+        False where the codes have a gap, or no code ends within the cell.
+    width_error : array of float, shape (n, m)
+        Relative error of the cell's width, from what the clock leaves unknown of its codes.
+    """
+
+    edges_ps: Floats
+    counts: Floats
+    live: NDArray[np.bool_]
+    width_error: Floats
+
+    @property
+    def width_ps(self) -> Floats:
+        """(n, m), ps; 0 where a cell is not live."""
+        return np.where(self.live, np.diff(self.edges_ps, axis=1), 0.0)
+
+    def of(self, kept: Indices | NDArray[np.bool_]) -> Cells:
+        """The cells of some of the pixels."""
+        return Cells(
+            self.edges_ps[kept], self.counts[kept], self.live[kept], self.width_error[kept]
+        )
+
+
+def lag_edges(std_ps: float, step_ps: float, growth: float, period_ps: float | None) -> Floats:
+    """Edges of cells, ps after a pulse: `step_ps` apart about it, then wider by `growth` each."""
+    half = _CORE_STDS * std_ps
+    farthest = _FARTHEST_PS if period_ps is None else 0.5 * period_ps
+    n = max(1, int(np.ceil(half / step_ps)))
+    later = [half]
+    width = half / n
+    while later[-1] + growth * width < farthest:
+        width *= growth
+        later.append(later[-1] + width)
+    later.append(max(farthest, later[-1]))
+    outer = np.array(later[1:])
+    return np.concatenate((-outer[::-1], np.linspace(-half, half, 2 * n + 1), outer))
+
+
+def width_errors(sighting: Sighting, rows: Indices, cols: Indices, *, nominal: bool) -> Floats:
+    """(n,), relative error of the width of one code, as the calibration states it."""
+    timing, squared = sighting.timing, np.zeros(len(rows))
+    phase_std = getattr(timing, "phase_std", None)
+    misfit_std = getattr(timing, "misfit_std", None)
+    if phase_std is not None:
+        squared = squared + np.mean(np.nan_to_num(phase_std[rows, cols]) ** 2, axis=1)
+    if misfit_std is not None:
+        squared = squared + np.nan_to_num(misfit_std[rows, cols]) ** 2
+    if nominal:
+        squared = squared + ASSUMED_PHASE_STD**2
+    return np.sqrt(squared)
+
+
+def cells_about(
+    sighting: Sighting,
+    rows: Indices,
+    cols: Indices,
+    reference_ps: Floats,
+    lags_ps: Floats,
+    *,
+    nominal: bool,
+) -> Cells:
+    """Counts of pixels (n,) in cells about a time of each.
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording.
+    rows, cols : array of int, shape (n,)
+        Pixels.
+    reference_ps : array of float, shape (n,)
+        Arrival time at which each pixel's lags are zero, ps on the clock.
+    lags_ps : array of float, shape (m + 1,)
+        Ascending, not longer than a laser period, ps; cells end at the next edges of codes.
+    nominal : bool
+        Whether the widths of the codes were never measured.
+
+    Returns
+    -------
+    Cells
+        (n, m).
+    """
+    hist, timing = sighting.histograms, sighting.timing
+    low, up = timing.code_intervals_ps(rows, cols)
+    counts = hist.counts[rows, cols] * (up > low)
+    if hist.reversed_codes:
+        low, up, counts = low[:, ::-1], up[:, ::-1], counts[:, ::-1]
+    n, codes = counts.shape
+    shift = (timing.skew_ps[rows, cols] + reference_ps)[:, np.newaxis]
+    period = hist.laser_period_ps
+    edges = np.concatenate((low, up[:, -1:]), axis=1)
+    first, last = edges[:, :1], edges[:, -1:]
+    wanted = shift + lags_ps
+    laps = np.zeros_like(wanted)
+    if period is not None:
+        laps = np.floor((wanted - first) / period) * period
+    within = np.clip(wanted - laps, first, last)
+    # One ascending list of all pixels' edges: a single search finds every cell.
+    apart = 2.0 * float((last - first).max(initial=1.0)) * np.arange(n)[:, np.newaxis]
+    at = np.searchsorted((edges - first + apart).ravel(), (within - first + apart).ravel(), "right")
+    at = at.reshape(within.shape) - 1 - (codes + 1) * np.arange(n)[:, np.newaxis]
+    at = np.clip(at, 0, codes)
+    before = np.zeros((n, codes + 1))
+    np.cumsum(counts, axis=1, out=before[:, 1:])
+    found = np.diff(np.take_along_axis(before, at, axis=1), axis=1)
+    size = np.diff(at, axis=1)
+    # What lies beyond the last code on one lap and before the first on the next is no cell.
+    live = (size > 0) & (np.diff(laps, axis=1) == 0.0)
+    # Codes that take no photon leave the same gaps in all pixels.
+    gaps = np.flatnonzero(low[0, 1:] - up[0, :-1] > 1e-6) if n else np.zeros(0, dtype=int)
+    for gap in gaps:
+        live &= ~((at[:, :-1] <= gap) & (at[:, 1:] > gap + 1))
+    error = width_errors(sighting, rows, cols, nominal=nominal)[:, np.newaxis]
+    placed = np.take_along_axis(edges, at, axis=1) + laps - shift
+    return Cells(
+        placed,
+        np.where(live, found, 0.0),
+        live,
+        np.where(live, error / np.sqrt(np.maximum(size, 1)), 0.0),
+    )

@@ -1,0 +1,470 @@
+"""All tests of the counts of a recording about a path: which pixels, which causes, in what words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc, ndtr
+
+from lightflight.path.verdict import FindingName
+from lightflight.reconstruct.fit.joint import JointFit, pulse_std_ps
+from lightflight.reconstruct.fit.photon import merged
+from lightflight.reconstruct.model.geometry import footprints
+from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.verdict import count_causes as light
+from lightflight.reconstruct.verdict.count_cells import Cells, cells_about, lag_edges
+from lightflight.reconstruct.verdict.count_pixels import (
+    Pixels,
+    Pulses,
+    dark_pixels,
+    lit_pixels,
+)
+from lightflight.reconstruct.verdict.count_tests import (
+    Cause,
+    Sums,
+    evidence_from_sums,
+    summed,
+)
+from lightflight.reconstruct.verdict.evidence import LIGHT, Evidence, sigma_from_p
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_FAINT = 0.02
+"""Photons of a pixel beyond which it counts as lit, at most: those less bright are left out."""
+_BRIGHT = 0.02
+"""Share of the brightest pixel's light from which a pixel is bright."""
+_CLEAR_PX = 2.0
+"""Pixels this near to a corner or a tip in the picture see cut footprints, px."""
+_QUIET_PS = 6000.0
+"""So long before the light there is none; ps."""
+_TABLE_PS = (-1e9, -3000.0, -700.0, 0.0, 700.0, 3000.0, 1e9)
+"""Stretches of time that the table of classes of pixels is summed over, ps."""
+_BESIDE_PX = 5.0
+"""Dark pixels nearer to the path than this are a class of their own, px."""
+_N_CLASSES = 4
+_FINE_STDS, _COARSE_STDS = 0.8, 1.6
+_FINE_GROWTH, _COARSE_GROWTH = 1.15, 1.3
+_CLEAR_STDS = 6.0
+"""Other light is looked for at this distance from a leg's pulse, in standard deviations."""
+_LEAST_DEVIATE = 3.0
+"""Only cells with so much more than expected are looked at singly."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Pixels of one recording, and the legs near each.
+
+    Attributes
+    ----------
+    rows, cols : array of int, shape (n,)
+    leg : array of int, shape (n, 2)
+        The two nearest legs; -1: none is near.
+    arrival_ps : array of float, shape (n, 2)
+        When their light comes, ps on the clock; NaN: none.
+    std_ps : array of float, shape (n, 2)
+        Standard deviation of its pulse, ps.
+    """
+
+    rows: Indices
+    cols: Indices
+    leg: Indices
+    arrival_ps: Floats
+    std_ps: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Pixels of one kind, fitted.
+
+    Attributes
+    ----------
+    pixels : Pixels
+        Their counts and unknowns.
+    points_px : array of float, shape (n, 2)
+        (row, column), px.
+    reference_ps : array of float, shape (n,)
+        Arrival time at which their lags are zero, ps on the clock.
+    of_class : array of int, shape (n,)
+        0: bright; 1: beside the path; 2: near it; 3: far from it.
+    """
+
+    pixels: Pixels
+    points_px: Floats
+    reference_ps: Floats
+    of_class: Indices
+
+
+def evidence_from_counts(
+    fit: JointFit, sightings: list[Sighting], *, nominal: bool
+) -> tuple[Evidence, ...]:
+    """What the counts of all recordings say against a path.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path.
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+    nominal : bool
+        Whether the widths of the codes were never measured.
+
+    Returns
+    -------
+    tuple of Evidence
+        Empty where no pixel of the path is bright enough for any test.
+    """
+    std = pulse_std_ps(sightings)
+    periods = [o.histograms.laser_period_ps for o in sightings]
+    fine = lag_edges(std, _FINE_STDS * std, _FINE_GROWTH, _shortest(periods))
+    lags = light.other_lags(fine, std)
+    groups: list[tuple[_Group, Floats]] = []
+    for whole, first in _alike(sightings):
+        groups += _with_columns(whole, fit, first, std, fine, lags, nominal)
+    if not groups:
+        return ()
+    sums = summed([(group.pixels, columns) for group, columns in groups])
+    tested = evidence_from_sums(sums, causes(lags, std))
+    explained = np.zeros(len(sums.score))
+    named = [(one.gain, sizes) for one, sizes in tested if one.gain > 0.0 and not one.symptom]
+    if named:
+        explained = max(named, key=lambda pair: pair[0])[1]
+    said = _told(fit, sightings)
+    return (*(one for one, _ in tested), _elsewhere([g for g, _ in groups], sums, explained, said))
+
+
+def _shortest(periods: list[float | None]) -> float | None:
+    known = [period for period in periods if period is not None]
+    return min(known) if known else None
+
+
+def _alike(sightings: list[Sighting]) -> Iterator[tuple[Sighting, int]]:
+    """Recordings by one camera on one clock as one, and the number of the first of them."""
+    left = list(range(len(sightings)))
+    while left:
+        first = sightings[left[0]]
+        own = [
+            k
+            for k in left
+            if sightings[k].view == first.view and sightings[k].timing is first.timing
+        ]
+        yield merged([sightings[k] for k in own]), own[0]
+        left = [k for k in left if k not in own]
+
+
+def _with_columns(
+    whole: Sighting,
+    fit: JointFit,
+    number: int,
+    std_ps: float,
+    fine: Floats,
+    lags: Floats,
+    nominal: bool,
+) -> list[tuple[_Group, Floats]]:
+    """All usable pixels of a recording in their groups, each with its columns."""
+    seen = _seen(whole, fit, number, std_ps)
+    near, far = np.flatnonzero(seen.leg[:, 0] >= 0), np.flatnonzero(seen.leg[:, 0] == -1)
+    if len(near) < 2:
+        return []
+    reference = seen.arrival_ps[near, 0]
+    about = cells_about(whole, seen.rows[near], seen.cols[near], reference, fine, nominal=nominal)
+    pulses = Pulses(seen.arrival_ps[near] - reference[:, np.newaxis], seen.std_ps[near])
+    dark = _dark(whole, seen, near, far, std_ps, nominal)
+    dispersion = 1.0 if dark is None else _dispersion(dark.pixels)
+    if dark is not None and dispersion > 1.0:
+        pixels = dark_pixels(dark.pixels.cells, dispersion=dispersion)
+        dark = _Group(pixels, dark.points_px, dark.reference_ps, dark.of_class)
+    lit = lit_pixels(about, pulses, dispersion=dispersion)
+    bright = lit.photons[:, 0] > _BRIGHT * float(lit.photons[:, 0].max())
+    points = np.column_stack((seen.rows[near], seen.cols[near])).astype(float)
+    groups = [
+        _Group(lit.of(own), points[own], reference[own], np.full(int(own.sum()), kind))
+        for kind, own in ((0, bright), (1, ~bright))
+        if own.any()
+    ]
+    beam = light.Beam(
+        points[bright],
+        seen.leg[near][bright, 0],
+        reference[bright] + lit.late_ps[bright, 0],
+        lit.photons[bright, 0],
+        std_ps,
+    )
+    if dark is not None:
+        groups.append(dark)
+    return [(group, _columns(group, beam, lags, whole)) for group in groups]
+
+
+def _seen(whole: Sighting, fit: JointFit, number: int, std_ps: float) -> _Seen:
+    """Which legs light which pixels, and when."""
+    camera = fit.solution.cameras[whole.view]
+    picture, state, medium = fit.pictures[number], fit.solution.state, fit.solution.medium
+    rows, cols = (index.ravel() for index in np.indices(camera.shape))
+    kept = ~(whole.blind.ravel() | _at_ends(fit, whole.view, rows, cols))
+    rows, cols = rows[kept], cols[kept]
+    points, n_legs = undistorted_px(camera, rows, cols), len(picture.legs)
+    brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
+    reach = picture.spot_std_px * np.sqrt(2.0 * np.log(max(brightest / _FAINT, 2.0))) + 0.3
+    away = np.full((len(rows), n_legs), np.inf)
+    arrival, slope = np.full((2, len(rows), n_legs), np.nan)
+    for k, leg in enumerate(picture.legs):
+        along, across = leg.along_across(points)
+        first, last = leg.span_px
+        near = (np.abs(across) < reach) & (along > first - reach) & (along < last + reach)
+        print_ = footprints(
+            state, camera=camera, medium=medium, legs=k, rows=rows[near], cols=cols[near]
+        )
+        away[near, k] = np.abs(print_.lateral_px)
+        arrival[near, k], slope[near, k] = print_.arrival_ps, print_.slope_ps_per_px
+    two = np.argsort(away, axis=1)[:, :2]
+    lit = np.isfinite(np.take_along_axis(away, two, axis=1))
+    lit &= np.isfinite(np.take_along_axis(arrival, two, axis=1))
+    transit = np.take_along_axis(slope, two, axis=1) * picture.spot_std_px
+    own = _own_std_ps(std_ps, transit[lit])
+    return _Seen(
+        rows,
+        cols,
+        np.where(lit, two, -1),
+        np.where(lit, np.take_along_axis(arrival, two, axis=1), np.nan),
+        np.where(lit, np.hypot(own, transit), np.nan),
+    )
+
+
+def _own_std_ps(std_ps: float, transit_ps: Floats) -> float:
+    """Standard deviation of laser and detector, ps, from that of pulses as they are recorded."""
+    usual = float(np.median(np.abs(transit_ps))) if len(transit_ps) else 0.0
+    return float(np.sqrt(max(std_ps**2 - usual**2, 0.1 * std_ps**2)))
+
+
+def _at_ends(fit: JointFit, view: int, rows: Indices, cols: Indices) -> NDArray[np.bool_]:
+    """True for pixels about a corner or a tip in the picture: they see cut footprints."""
+    corners = fit.solution.state.vertices_mm[1:-1]
+    places = [tip for tip in fit.tips if tip is not None and view == 0]
+    if len(corners):
+        row, col = fit.solution.cameras[view].pixels_from_points(corners)
+        places += list(np.column_stack((row, col)))
+    near = np.zeros(len(rows), dtype=bool)
+    for row, col in places:
+        near |= np.hypot(rows - row, cols - col) < _CLEAR_PX
+    return near
+
+
+def _dark(
+    whole: Sighting, seen: _Seen, near: Indices, far: Indices, std_ps: float, nominal: bool
+) -> _Group | None:
+    """Pixels that no leg lights, held about the time of the nearest that one does."""
+    if not len(far):
+        return None
+    points = np.column_stack((seen.rows, seen.cols)).astype(float)
+    lit, dark = points[near], points[far]
+    squared = np.sum(dark**2, axis=1)[:, np.newaxis] - 2.0 * dark @ lit.T + np.sum(lit**2, axis=1)
+    nearest = np.argmin(squared, axis=1)
+    reference = seen.arrival_ps[near, 0][nearest]
+    lags = lag_edges(
+        std_ps, _COARSE_STDS * std_ps, _COARSE_GROWTH, whole.histograms.laser_period_ps
+    )
+    cells = cells_about(whole, seen.rows[far], seen.cols[far], reference, lags, nominal=nominal)
+    distance = np.sqrt(np.maximum(squared[np.arange(len(far)), nearest], 0.0))
+    return _Group(dark_pixels(cells), dark, reference, 2 + (distance > _BESIDE_PX))
+
+
+def _dispersion(pixels: Pixels) -> float:
+    """Variance of quiet cells over Poisson's, where it is larger than chance brings."""
+    quiet = pixels.cells.live & (pixels.cells.edges_ps[:, 1:] < -_QUIET_PS)
+    quiet &= pixels.weight > 0.0
+    n = int(quiet.sum())
+    if not n:
+        return 1.0
+    squared = (pixels.cells.counts - pixels.mean)[quiet] ** 2 * pixels.weight[quiet]
+    # Poisson's own fourth moment: few counts scatter more than many.
+    chance = np.sqrt(float(np.sum(2.0 + 1.0 / np.maximum(pixels.mean[quiet], 1e-9)))) / n
+    ratio = float(squared.sum()) / n
+    return ratio if ratio > 1.0 + 3.0 * chance else 1.0
+
+
+def _columns(group: _Group, beam: light.Beam, lags: Floats, whole: Sighting) -> Floats:
+    """(n, m, K) of a group, in the order of `causes`."""
+    pixels, cells = group.pixels, group.pixels.cells
+    n, m = cells.counts.shape
+    n_late, n_other = len(light.LATE_PS), len(lags)
+    own = np.zeros((n, m, n_late + n_other + 1))
+    if group.of_class[0] == 0:
+        sync = -(group.reference_ps + whole.timing.skew_ps[tuple(group.points_px.astype(int).T)])
+        own[:, :, :n_late] = light.late_light(pixels)
+        own[:, :, n_late:-1] = light.other_pulses(pixels, lags)
+        own[:, :, -1:] = light.pile_up(pixels, sync, whole.histograms.laser_period_ps)
+        size = np.maximum(pixels.photons[:, :1] / beam.photons.max(), 0.0) * np.ones((1, m))
+    else:
+        size = cells.width_ps / beam.std_ps
+    spread = light.halo(cells, group.points_px, group.reference_ps, beam)
+    veil = light.glare(cells, group.reference_ps, beam, whole.blind.size)
+    table = light.classes(cells, group.of_class, _N_CLASSES, np.array(_TABLE_PS), size)
+    return np.concatenate((own, spread, veil, table), axis=2)
+
+
+def causes(lags: Floats, std_ps: float) -> list[Cause]:
+    """What is asked for, and where its columns are."""
+    n_late, n_other = len(light.LATE_PS), len(lags)
+    late = tuple(range(n_late))
+    labels = tuple(f"{wait:g} ps" for wait in light.LATE_PS)
+    found = [
+        Cause(
+            FindingName.HAZE,
+            late,
+            0.3,
+            "{size:.2g} of the light on the path comes late, by some {each}",
+            "thin out the haze; if a flat recording shows the same tail it is the detector's",
+            labels=labels,
+        ),
+        Cause(
+            FindingName.SHAPE,
+            late,
+            0.3,
+            "pulses have a tail: {size:.2g} of their light, by some {each}",
+            "calibrate with a flat of the same laser and --flat-pulse tail",
+            labels=labels,
+        ),
+    ]
+    at = n_late
+    # Neighbouring times together: a pulse between two of them is seen by both.
+    for j in range(n_other - 1):
+        if lags[j] * lags[j + 1] > 0.0:
+            found.append(
+                Cause(
+                    FindingName.OTHER_PULSE,
+                    (at + j, at + j + 1),
+                    0.3,
+                    "a second pulse of {size:.2g} of the light, {each} from the path's",
+                    "look for a reflection in windows and filters, or a second pulse of the laser",
+                    labels=tuple(f"{lag:+.0f} ps" for lag in lags[j : j + 2]),
+                )
+            )
+    at += n_other
+    found.append(
+        Cause(
+            FindingName.PILE_UP,
+            (at,),
+            0.3,
+            "{size:.2g} of the brightest pixel's photons are hidden by earlier ones",
+            "record dimmer, or state n_frames and periods_per_frame",
+        )
+    )
+    at += 1
+    n_halo = len(light.HALO_PX) + 1
+    found.append(
+        Cause(
+            FindingName.HALO,
+            tuple(range(at, at + n_halo)),
+            0.3,
+            "{size:.2g} of the light lies about the path, over {each}",
+            "clean and focus the lens, stop it down, shade it from the beam's ends",
+            labels=(*(f"{px:g} px" for px in light.HALO_PX), f"{light.HALO_PX[-1]:g} px and late"),
+        )
+    )
+    at += n_halo
+    found.append(
+        Cause(
+            FindingName.GLARE,
+            (at, at + 1),
+            0.3,
+            "{size:.2g} of the light lies over the whole picture{each}",
+            "shade the lens and cover bright walls, or mask the pixels off the path",
+            labels=("", ", late by ns"),
+        )
+    )
+    at += 2
+    n_table = _N_CLASSES * (len(_TABLE_PS) - 1)
+    found.append(
+        Cause(
+            FindingName.UNEXPLAINED_LIGHT,
+            tuple(range(at, at + n_table)),
+            1e3,
+            "counts by class of pixel and time are not those of the path",
+            "look at the counts of single pixels (lightflight view --what pixel)",
+            symptom=True,
+        )
+    )
+    return found
+
+
+def _told(fit: JointFit, sightings: list[Sighting]) -> str:
+    """How many of the pulses lie on the path."""
+    used = sum(
+        len(np.unique(fit.times.index[(fit.sighting_of == k) & (fit.times.weight > 0)]))
+        for k in range(len(sightings))
+    )
+    whole = sum(len(o.usable_pulses) for o in sightings)
+    return f"{used} of {whole} pulses lie on the path"
+
+
+def _elsewhere(
+    groups: list[_Group], sums: Sums, explained: Floats, told: str
+) -> Evidence:
+    """Whether any single cell of any pixel holds more than chance brings to one of so many.
+
+    `explained` (K,) are the sizes of the best cause: what they leave is the symptom's.
+    """
+    plain = _largest(groups, sums, np.zeros_like(explained))
+    rest = _largest(groups, sums, explained) if explained.any() else plain
+    sigma = sigma_from_p(plain.p_value)
+    row, col = plain.place
+    where = f"{plain.photons:.0f} photons in pixel ({row}, {col}), {plain.lag_ps:+.0f} ps from it"
+    return Evidence(
+        FindingName.UNEXPLAINED_LIGHT,
+        sigma**2,
+        1,
+        sigma**2 - 1.0,
+        f"{told}; the clearest other light is {where}",
+        "cover what reflects or shines there, or mask the pixels (exclude_mask=)",
+        np.empty((0, 1)),
+        symptom=True,
+        data=LIGHT,
+        remains=sigma_from_p(rest.p_value) ** 2,
+    )
+
+
+@dataclass(frozen=True)
+class _Brightest:
+    """The cell that is least likely by chance; `p_value` is that of the least of so many."""
+
+    p_value: float
+    place: tuple[int, int]
+    lag_ps: float
+    photons: float
+
+
+def _largest(groups: list[_Group], sums: Sums, sizes: Floats) -> _Brightest:
+    """The cell with the least likely excess over what the path, and causes of `sizes`, expect."""
+    least, n = _Brightest(1.0, (0, 0), 0.0, 0.0), 0
+    for group, left in zip(groups, sums.left, strict=True):
+        pixels, cells = group.pixels, group.pixels.cells
+        middle = 0.5 * (cells.edges_ps[:, 1:] + cells.edges_ps[:, :-1])
+        off = cells.live & (pixels.weight > 0.0)
+        for k in range(pixels.late_ps.shape[1]):
+            near = np.abs(middle - pixels.late_ps[:, k : k + 1])
+            off &= ~((near < _CLEAR_STDS * pixels.std_ps[:, k : k + 1]) & (pixels.photons[:, k : k + 1] > 0.0))
+        mean = pixels.mean + (left[0] @ sizes).reshape(middle.shape)
+        mean = np.where(off, np.maximum(mean, 1e-9), 0.0)
+        n += int(off.sum())
+        counts = np.where(off, cells.counts, 0.0)
+        variance = np.divide(1.0, pixels.weight, out=np.ones_like(mean), where=pixels.weight > 0.0)
+        variance += np.maximum(mean - pixels.mean, 0.0)
+        at = np.nonzero(off & (counts - mean > _LEAST_DEVIATE * np.sqrt(variance)))
+        if not len(at[0]):
+            continue
+        # Given all counts of the pixel, those of one cell are binomial: no background is needed.
+        total, share = counts.sum(axis=1)[at[0]], mean[at] / mean.sum(axis=1)[at[0]]
+        by_count = bdtrc(counts[at] - 1.0, total, share)
+        by_size = ndtr(-(counts[at] - mean[at]) / np.sqrt(variance[at]))
+        p_values = np.where(variance[at] > 1.1 * mean[at], np.maximum(by_size, by_count), by_count)
+        best = int(np.argmin(p_values))
+        if p_values[best] < least.p_value:
+            pixel, cell = at[0][best], at[1][best]
+            place = int(group.points_px[pixel, 0]), int(group.points_px[pixel, 1])
+            excess = float((counts - mean)[pixel, cell])
+            least = _Brightest(float(p_values[best]), place, float(middle[pixel, cell]), excess)
+    p_value = float(-np.expm1(n * np.log1p(-min(least.p_value, 1.0 - 1e-16))))
+    return _Brightest(p_value, least.place, least.lag_ps, least.photons)

@@ -1,0 +1,238 @@
+"""What each pixel expects in its cells, and what it takes up by itself.
+
+A pixel's own unknowns are the photons of each leg in it, its delay, the width of its pulse and its
+background. All are fitted to its own counts, and what they can take up is taken from every test:
+so no test depends on brightness along the legs, on the path's times or on the calibrated delays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from lightflight.reconstruct.verdict.count_cells import Cells
+
+Floats = NDArray[np.float64]
+
+_STEPS = 5
+"""Steps of Fisher scoring; the last moves bright pixels by a small part of their errors."""
+_WIDTH_STD = 0.1
+"""By how much pulses may differ in width from pixel to pixel, ln."""
+_LEAST_PHOTONS = 1e-3
+_SQRT_2PI = float(np.sqrt(2.0 * np.pi))
+
+
+@dataclass(frozen=True, eq=False)
+class Pulses:
+    """Where the light of the nearest legs is expected in n pixels; s legs at most in one.
+
+    Attributes
+    ----------
+    late_ps : array of float, shape (n, s)
+        Expected time after the pixel's reference, ps; NaN where there is no further leg.
+    std_ps : array of float, shape (n, s)
+        Expected standard deviation, ps.
+    """
+
+    late_ps: Floats
+    std_ps: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """n pixels with their unknowns fitted (q each): photons of s legs, delay, ln width, background.
+
+    Attributes
+    ----------
+    cells : Cells
+        Their counts.
+    mean : array of float, shape (n, m)
+        Expected counts.
+    weight : array of float, shape (n, m)
+        Inverse variance of the counts; 0 where a cell is not live.
+    slopes : array of float, shape (n, m, q)
+        Derivatives of `mean` by the unknowns.
+    inverse : array of float, shape (n, q, q)
+        Their covariance.
+    pull : array of float, shape (n, q)
+        Slope of the log of the priors.
+    photons : array of float, shape (n, s)
+        Of each leg.
+    late_ps : array of float, shape (n, s)
+        Time after the pixel's reference, ps.
+    std_ps : array of float, shape (n, s)
+        Standard deviation, ps.
+    background_per_ps : array of float, shape (n,)
+    """
+
+    cells: Cells
+    mean: Floats
+    weight: Floats
+    slopes: Floats
+    inverse: Floats
+    pull: Floats
+    photons: Floats
+    late_ps: Floats
+    std_ps: Floats
+    background_per_ps: Floats
+
+    def of(self, kept: NDArray[np.bool_]) -> Pixels:
+        """Some of the pixels."""
+        arrays = {f.name: getattr(self, f.name)[kept] for f in fields(self) if f.name != "cells"}
+        return Pixels(self.cells.of(kept), **arrays)
+
+    def left_of(self, columns: Floats) -> tuple[Floats, Floats]:
+        """What the pixels' unknowns cannot take up of columns (n, m, k), and its score (k,)."""
+        weighted = self.weight[:, :, np.newaxis] * columns
+        taken = self.inverse @ (np.swapaxes(self.slopes, 1, 2) @ weighted)
+        left = columns - self.slopes @ taken
+        residual = (self.weight * (self.cells.counts - self.mean)).ravel()
+        score = residual @ left.reshape(residual.size, -1)
+        score = score - np.einsum("nqk,nq->k", taken, self.pull)
+        return left, score
+
+
+def _background(cells: Cells, near: NDArray[np.bool_]) -> Floats:
+    """(n,), counts per ps away from the pulses, held to all pixels' mean by one count."""
+    width = cells.width_ps * ~near
+    exposed, counted = width.sum(axis=1), np.sum(cells.counts * ~near, axis=1)
+    mean = (counted.sum() + 1.0) / (exposed.sum() + 1.0)
+    floor: Floats = (counted + 1.0) / (exposed + 1.0 / mean)
+    return floor
+
+
+def dark_pixels(cells: Cells, *, dispersion: float = 1.0) -> Pixels:
+    """Pixels that no leg lights: their background is all that they expect.
+
+    Parameters
+    ----------
+    cells : Cells
+        Their counts.
+    dispersion : float, optional
+        Variance of counts over that of Poisson's.
+
+    Returns
+    -------
+    Pixels
+        Without photons (n, 0).
+    """
+    n = len(cells.counts)
+    empty = np.empty((n, 0))
+    return lit_pixels(cells, Pulses(empty, empty), dispersion=dispersion)
+
+
+def lit_pixels(cells: Cells, pulses: Pulses, *, dispersion: float = 1.0) -> Pixels:
+    """Fit the unknowns of each pixel to its own counts.
+
+    Parameters
+    ----------
+    cells : Cells
+        Counts.
+    pulses : Pulses
+        Where light is expected.
+    dispersion : float, optional
+        Variance of counts over that of Poisson's.
+
+    Returns
+    -------
+    Pixels
+        At the last step.
+    """
+    n, s = pulses.late_ps.shape
+    width = cells.width_ps
+    absent = np.isnan(pulses.late_ps)
+    late, std = np.where(absent, 0.0, pulses.late_ps), np.where(absent, 1.0, pulses.std_ps)
+    middle = 0.5 * (cells.edges_ps[:, 1:] + cells.edges_ps[:, :-1])
+    close = np.abs(middle[:, :, np.newaxis] - late[:, np.newaxis]) < 3.5 * std[:, np.newaxis]
+    close &= ~absent[:, np.newaxis]
+    start = _background(cells, close.any(axis=2))
+    above = np.where(close, (cells.counts - start[:, np.newaxis] * width)[:, :, np.newaxis], 0.0)
+    unknown = np.zeros((n, s + 3))
+    unknown[:, :s] = np.where(absent, 0.0, np.maximum(above.sum(axis=1), 0.5))
+    unknown[:, -1] = start
+    prior = np.zeros((n, s + 3))
+    prior[:, :s] = np.where(absent, 1e12, 0.0)
+    prior[:, s] = 1.0 / np.min(std, axis=1, initial=np.inf) ** 2 if s else 1e12
+    prior[:, s + 1] = _WIDTH_STD**-2.0 if s else 1e12
+    prior[:, -1] = start**-2.0
+    center = np.zeros((n, s + 3))
+    center[:, -1] = start
+    steps = _STEPS if s else 2
+    for step in range(steps):
+        mean, slopes = _expected(cells, width, late, std, unknown)
+        variance = dispersion * mean + (cells.width_error * mean) ** 2
+        weight = np.divide(1.0, variance, out=np.zeros_like(mean), where=cells.live & (mean > 0.0))
+        pull = (center - unknown) * prior
+        inverse = _inverse(np.swapaxes(slopes, 1, 2) @ (weight[:, :, np.newaxis] * slopes), prior)
+        if step == steps - 1:
+            break
+        score = np.einsum("nmq,nm->nq", slopes, weight * (cells.counts - mean)) + pull
+        moved = np.einsum("nij,nj->ni", inverse, score)
+        if s:
+            limit = 0.5 * np.min(std, axis=1)
+            moved[:, s] = np.clip(moved[:, s], -limit, limit)
+            moved[:, s + 1] = np.clip(moved[:, s + 1], -0.2, 0.2)
+        unknown = unknown + moved
+        unknown[:, :s] = np.where(absent, 0.0, np.maximum(unknown[:, :s], _LEAST_PHOTONS))
+        unknown[:, -1] = np.maximum(unknown[:, -1], 0.1 * start)
+    return Pixels(
+        cells,
+        mean,
+        weight,
+        slopes,
+        inverse,
+        pull,
+        unknown[:, :s],
+        late + unknown[:, s : s + 1],
+        std * np.exp(unknown[:, s + 1 : s + 2]),
+        unknown[:, -1],
+    )
+
+
+def _expected(
+    cells: Cells, width: Floats, late: Floats, std: Floats, unknown: Floats
+) -> tuple[Floats, Floats]:
+    """Mean counts (n, m) and their derivatives by the unknowns (n, m, q)."""
+    n, s = late.shape
+    slopes = np.zeros((*width.shape, s + 3))
+    mean = unknown[:, -1:] * width
+    for k in range(s):
+        own = std[:, k : k + 1] * np.exp(unknown[:, s + 1 : s + 2])
+        z = (cells.edges_ps - late[:, k : k + 1] - unknown[:, s : s + 1]) / own
+        density = np.exp(-0.5 * z**2) / _SQRT_2PI
+        share = np.where(cells.live, np.diff(ndtr(z), axis=1), 0.0)
+        photons = unknown[:, k : k + 1]
+        mean = mean + photons * share
+        slopes[:, :, k] = share
+        slopes[:, :, s] -= photons / own * np.diff(density, axis=1)
+        slopes[:, :, s + 1] -= photons * np.diff(z * density, axis=1)
+    slopes[:, :, -1] = width
+    slopes *= cells.live[:, :, np.newaxis]
+    return mean, slopes
+
+
+def _inverse(information: Floats, prior: Floats) -> Floats:
+    """Inverse of each (q, q) with the priors' precision added, scaled so that none is singular."""
+    diagonal = np.arange(prior.shape[1])
+    information[:, diagonal, diagonal] += prior
+    scale = 1.0 / np.sqrt(information[:, diagonal, diagonal] + 1e-300)
+    scaled = information * scale[:, :, np.newaxis] * scale[:, np.newaxis]
+    scaled[:, diagonal, diagonal] += 1e-9
+    inverse: Floats = np.linalg.inv(scaled) * scale[:, :, np.newaxis] * scale[:, np.newaxis]
+    return inverse
+
+
+def cumulated(edges_ps: Floats, late_ps: Floats, std_ps: Floats, wait_ps: float) -> Floats:
+    """Share of pulses (n,) that has come by each edge (n, m): Gaussian, late by an exponential."""
+    z = (edges_ps - late_ps[:, np.newaxis]) / std_ps[:, np.newaxis]
+    prompt: Floats = ndtr(z)
+    if wait_ps <= 0.0:
+        return prompt
+    ratio = (std_ps / wait_ps)[:, np.newaxis]
+    # Where the exponential is large the share below it is nothing: the product stays finite.
+    late = np.exp(np.minimum(ratio * (0.5 * ratio - z), 500.0)) * ndtr(z - ratio)
+    share: Floats = prompt - late
+    return share
