@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,6 +161,11 @@ class Rows:
             )[0]
         return out
 
+    @cached_property
+    def _as_it_is(self) -> Floats:
+        """`model` with nothing else off."""
+        return self.model()
+
     def change(
         self,
         step: float,
@@ -171,15 +176,21 @@ class Rows:
     ) -> tuple[Floats, Floats]:
         """Derivatives of times (n,) and lines (2 L,) by what is off by `step` in the argument."""
         off = self.model(state=state, cameras=cameras, medium=medium)
-        changed = (off - self.model()) / step
+        changed = (off - self._as_it_is) / step
         n = len(self.times.leg)
         return changed[:n], changed[n:]
 
     def shifted(self, shift_mm: Floats) -> tuple[Floats, Floats]:
         """The same where the whole path stands elsewhere; (3,), mm."""
-        step = 1e-2
-        moved = replace(self.state, vertices_mm=self.state.vertices_mm + step * shift_mm)
-        return self.change(step, state=moved)
+        by_time, by_line = (np.stack(part, axis=1) for part in zip(*self._shifts, strict=True))
+        return by_time @ shift_mm, by_line @ shift_mm
+
+    @cached_property
+    def _shifts(self) -> list[tuple[Floats, Floats]]:
+        """Derivatives by a shift along x, y and z."""
+        step, here = 1e-2, self.state.vertices_mm
+        moved = (replace(self.state, vertices_mm=here + step * axis) for axis in np.eye(3))
+        return [self.change(step, state=state) for state in moved]
 
     def fractions(self) -> tuple[Floats, Floats]:
         """Where along its leg each pulse (n,) and each anchor of a line (2 L,) is."""

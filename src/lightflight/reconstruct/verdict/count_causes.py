@@ -16,6 +16,7 @@ from lightflight.reconstruct.verdict.count_cells import Cells
 from lightflight.reconstruct.verdict.count_pixels import Pixels, cumulated
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 LATE_PS = (150.0, 500.0, 2000.0)
 """Mean delays of light that is scattered more than once, or of a detector's slow carriers, ps."""
@@ -29,7 +30,7 @@ EARLIEST_PS, LATEST_PS = -3000.0, 6000.0
 """Where another pulse is looked for about a pixel's own, ps."""
 _NEAREST_STDS = 1.5
 """Nearer to the own pulse than this another one only moves and widens it."""
-_STEPS_OF_TIME = 240
+_STEPS_OF_TIME = 120
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +39,8 @@ class Beam:
 
     Attributes
     ----------
-    points_px : array of float, shape (k, 2)
-        (row, column), px.
+    points_px : array of int, shape (k, 2)
+        (row, column).
     leg : array of int, shape (k,)
         The leg that lights each.
     arrival_ps : array of float, shape (k,)
@@ -49,8 +50,8 @@ class Beam:
         Standard deviation of a pulse, ps.
     """
 
-    points_px: Floats
-    leg: NDArray[np.int64]
+    points_px: Indices
+    leg: Indices
     arrival_ps: Floats
     photons: Floats
     std_ps: float
@@ -103,32 +104,44 @@ def pile_up(pixels: Pixels, sync_ps: Floats, period_ps: float | None) -> Floats:
     return _in_cells(cells, -(pixels.mean * before / most)[:, :, np.newaxis])
 
 
-def halo(cells: Cells, points_px: Floats, reference_ps: Floats, beam: Beam) -> Floats:
-    """(n, m, 4): light of the beam spread over `HALO_PX`, and over the widest late as well."""
+def halo(
+    cells: Cells, points_px: Indices, reference_ps: Floats, beam: Beam, shape: tuple[int, int]
+) -> Floats:
+    """(n, m, 4): light of the beam spread over `HALO_PX`, and over the widest late as well.
+
+    `points_px` (n, 2) are the pixels, of a picture of `shape`. Of the light that a leg sends to a
+    pixel the mean time and its spread are taken.
+    """
     n, m = cells.counts.shape
     out = np.zeros((n, m, len(HALO_PX) + 1))
+    row, col = points_px.T
     for leg in np.unique(beam.leg):
         own = beam.leg == leg
-        away = points_px[:, np.newaxis] - beam.points_px[own]
-        squared = away[:, :, 0] ** 2 + away[:, :, 1] ** 2
+        center = float(np.median(beam.arrival_ps[own]))
+        gap = beam.arrival_ps[own] - center
+        moments = np.zeros((3, *shape))
+        for power in range(3):
+            moments[(power, *beam.points_px[own].T)] = beam.photons[own] * gap**power
         for j, reach in enumerate(HALO_PX):
-            share = np.exp(-0.5 * squared / reach**2) * beam.photons[own]
-            total = share.sum(axis=1)
-            norm = np.maximum(total, 1e-300)
-            center = float(np.median(beam.arrival_ps[own]))
-            gap = beam.arrival_ps[own] - center
-            mean = share @ gap / norm
-            spread = np.sqrt(
-                np.maximum(share @ gap**2 / norm - mean**2, 0.0) + beam.std_ps**2
-            )
-            late = mean + center - reference_ps
-            lit = (total / (2.0 * np.pi * reach**2))[:, np.newaxis]
-            by_edge = cumulated(cells.edges_ps, late, spread, 0.0)
-            out[:, :, j] += lit * np.diff(by_edge, axis=1)
-            if reach == HALO_PX[-1]:
-                by_edge = cumulated(cells.edges_ps, late, spread, HALO_LATE_PS)
-                out[:, :, j + 1] += lit * np.diff(by_edge, axis=1)
+            down, across = (_blur(size, reach) for size in shape)
+            light, first, second = (down @ moments @ across)[:, row, col]
+            # Where a leg's halo is a ten-thousandth of its brightest it is none.
+            lit = np.flatnonzero(light > 1e-4 * float(light.max(initial=1e-300)))
+            mean, square = first[lit] / light[lit], second[lit] / light[lit]
+            spread = np.sqrt(np.maximum(square - mean**2, 0.0) + beam.std_ps**2)
+            late, edges = mean + center - reference_ps[lit], cells.edges_ps[lit]
+            waits = (0.0, HALO_LATE_PS) if reach == HALO_PX[-1] else (0.0,)
+            for k, wait in enumerate(waits):
+                by_edge = cumulated(edges, late, spread, wait)
+                out[lit, :, j + k] += light[lit, np.newaxis] * np.diff(by_edge, axis=1)
     return _in_cells(cells, out)
+
+
+def _blur(size: int, reach_px: float) -> Floats:
+    """(size, size): share of the light of each row that a Gaussian spreads to each other."""
+    gap = np.subtract.outer(np.arange(size), np.arange(size)) / reach_px
+    share: Floats = np.exp(-0.5 * gap**2) / (reach_px * np.sqrt(2.0 * np.pi))
+    return share
 
 
 def glare(cells: Cells, reference_ps: Floats, beam: Beam, n_pixels: int) -> Floats:
@@ -146,14 +159,12 @@ def glare(cells: Cells, reference_ps: Floats, beam: Beam, n_pixels: int) -> Floa
     return _in_cells(cells, np.stack(parts, axis=2))
 
 
-def classes(
-    cells: Cells, of_class: NDArray[np.int64], n_classes: int, lags_ps: Floats, size: Floats
-) -> Floats:
-    """(n, m, classes x lags): counts of one class of pixels in one stretch of time, each alike."""
+def classes(cells: Cells, of_class: Indices, lags_ps: Floats, size: Floats) -> Floats:
+    """(n, m, classes x lags): counts of one class of pixels in one stretch of time, by `size`."""
     middle = 0.5 * (cells.edges_ps[:, 1:] + cells.edges_ps[:, :-1])
     stretch = np.clip(np.searchsorted(lags_ps, middle) - 1, 0, len(lags_ps) - 2)
     n_lags = len(lags_ps) - 1
-    out = np.zeros((*middle.shape, n_classes * n_lags))
+    out = np.zeros((*middle.shape, (int(of_class.max()) + 1) * n_lags))
     which = of_class[:, np.newaxis] * n_lags + stretch
     np.put_along_axis(out, which[:, :, np.newaxis], size[:, :, np.newaxis], axis=2)
     return _in_cells(cells, out)

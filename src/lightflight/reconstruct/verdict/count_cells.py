@@ -18,6 +18,10 @@ Indices = NDArray[np.int64]
 
 _CORE_STDS = 4.0
 """Half width of the finely divided part, in standard deviations of a pulse."""
+_AT_ONCE = 1 << 16
+"""Codes of all pixels that are worked on at once."""
+_GAP_PS = 1e-6
+"""Rounding of edges is less than this, ps."""
 _FARTHEST_PS = 25_000.0
 """Without a laser period cells reach so far to both sides, ps."""
 
@@ -113,41 +117,69 @@ def cells_about(
     Cells
         (n, m).
     """
+    # Few pixels at a time: their codes stay in the cache.
+    step = max(1, _AT_ONCE // sighting.histograms.n_codes)
+    blocks = [slice(first, first + step) for first in range(0, len(rows), step)]
+    parts = [
+        _cells_of(sighting, rows[block], cols[block], reference_ps[block], lags_ps)
+        for block in blocks
+    ]
+    edges, counts, size = (np.concatenate(part) for part in zip(*parts, strict=True))
+    live = size > 0
+    error = width_errors(sighting, rows, cols, nominal=nominal)[:, np.newaxis]
+    return Cells(
+        edges,
+        np.where(live, counts, 0.0),
+        live,
+        np.where(live, error / np.sqrt(np.maximum(size, 1)), 0.0),
+    )
+
+
+def _cells_of(
+    sighting: Sighting, rows: Indices, cols: Indices, reference_ps: Floats, lags_ps: Floats
+) -> tuple[Floats, Floats, Indices]:
+    """Edges (n, m + 1), ps, counts (n, m), and number of codes (n, m), 0: no cell."""
     hist, timing = sighting.histograms, sighting.timing
     low, up = timing.code_intervals_ps(rows, cols)
-    counts = hist.counts[rows, cols] * (up > low)
+    counts, blind = hist.counts[rows, cols], up <= low
+    if blind.any():
+        counts = np.where(blind, 0, counts)
     if hist.reversed_codes:
         low, up, counts = low[:, ::-1], up[:, ::-1], counts[:, ::-1]
     n, codes = counts.shape
     shift = (timing.skew_ps[rows, cols] + reference_ps)[:, np.newaxis]
-    period = hist.laser_period_ps
-    edges = np.concatenate((low, up[:, -1:]), axis=1)
-    first, last = edges[:, :1], edges[:, -1:]
-    wanted = shift + lags_ps
+    first, last, wanted = low[:, :1], up[:, -1:], shift + lags_ps
     laps = np.zeros_like(wanted)
-    if period is not None:
-        laps = np.floor((wanted - first) / period) * period
-    within = np.clip(wanted - laps, first, last)
-    # One ascending list of all pixels' edges: a single search finds every cell.
-    apart = 2.0 * float((last - first).max(initial=1.0)) * np.arange(n)[:, np.newaxis]
-    at = np.searchsorted((edges - first + apart).ravel(), (within - first + apart).ravel(), "right")
-    at = at.reshape(within.shape) - 1 - (codes + 1) * np.arange(n)[:, np.newaxis]
-    at = np.clip(at, 0, codes)
-    before = np.zeros((n, codes + 1))
+    if hist.laser_period_ps is not None:
+        laps = np.floor((wanted - first) / hist.laser_period_ps) * hist.laser_period_ps
+    at = _codes_at(low, last, np.clip(wanted - laps, first, last))
+    before = np.zeros((n, codes + 1), dtype=np.int64)
     np.cumsum(counts, axis=1, out=before[:, 1:])
     found = np.diff(np.take_along_axis(before, at, axis=1), axis=1)
-    size = np.diff(at, axis=1)
     # What lies beyond the last code on one lap and before the first on the next is no cell.
-    live = (size > 0) & (np.diff(laps, axis=1) == 0.0)
+    size = np.diff(at, axis=1) * (np.diff(laps, axis=1) == 0.0)
     # Codes that take no photon leave the same gaps in all pixels.
-    gaps = np.flatnonzero(low[0, 1:] - up[0, :-1] > 1e-6) if n else np.zeros(0, dtype=int)
-    for gap in gaps:
-        live &= ~((at[:, :-1] <= gap) & (at[:, 1:] > gap + 1))
-    error = width_errors(sighting, rows, cols, nominal=nominal)[:, np.newaxis]
-    placed = np.take_along_axis(edges, at, axis=1) + laps - shift
-    return Cells(
-        placed,
-        np.where(live, found, 0.0),
-        live,
-        np.where(live, error / np.sqrt(np.maximum(size, 1)), 0.0),
-    )
+    for gap in np.flatnonzero(low[0, 1:] - up[0, :-1] > _GAP_PS):
+        size[(at[:, :-1] <= gap) & (at[:, 1:] > gap + 1)] = 0
+    starts = np.take_along_axis(low, np.minimum(at, codes - 1), axis=1)
+    return np.where(at < codes, starts, last) + laps - shift, found.astype(np.float64), size
+
+
+def _codes_at(low: Floats, last: Floats, delays: Floats) -> Indices:
+    """(n, k): the last code that starts before each delay; the number of codes at the very end.
+
+    `low` (n, codes) ascend. Codes are nearly of one length: two guesses lead close, steps the rest.
+    """
+    codes = low.shape[1]
+    step = np.maximum(last - low[:, :1], 1e-9) / codes
+    at = np.zeros(delays.shape, dtype=np.int64)
+    for _ in range(2):
+        gap = delays - np.take_along_axis(low, at, axis=1)
+        at = np.clip(at + np.floor(gap / step).astype(np.int64), 0, codes - 1)
+    while (early := (np.take_along_axis(low, at, axis=1) > delays) & (at > 0)).any():
+        at = at - early
+    after = np.minimum(at + 1, codes - 1)
+    while (late := (np.take_along_axis(low, after, axis=1) <= delays) & (after > at)).any():
+        at = at + late
+        after = np.minimum(at + 1, codes - 1)
+    return np.where(delays >= last, codes, at)

@@ -1,4 +1,4 @@
-"""All tests of the counts of a recording about a path: which pixels, which causes, in what words."""
+"""All tests of the counts about a path: which pixels, which causes, in what words."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lightflight.reconstruct.model.geometry import footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.verdict import count_causes as light
-from lightflight.reconstruct.verdict.count_cells import Cells, cells_about, lag_edges
+from lightflight.reconstruct.verdict.count_cells import cells_about, lag_edges
 from lightflight.reconstruct.verdict.count_pixels import (
     Pixels,
     Pulses,
@@ -25,11 +25,12 @@ from lightflight.reconstruct.verdict.count_pixels import (
 )
 from lightflight.reconstruct.verdict.count_tests import (
     Cause,
+    Columns,
     Sums,
     evidence_from_sums,
     summed,
 )
-from lightflight.reconstruct.verdict.evidence import LIGHT, Evidence, sigma_from_p
+from lightflight.reconstruct.verdict.evidence import CHECK_AT, LIGHT, Evidence, sigma_from_p
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -42,13 +43,13 @@ _CLEAR_PX = 2.0
 """Pixels this near to a corner or a tip in the picture see cut footprints, px."""
 _QUIET_PS = 6000.0
 """So long before the light there is none; ps."""
-_TABLE_PS = (-1e9, -3000.0, -700.0, 0.0, 700.0, 3000.0, 1e9)
+_TABLE_PS = (-1e9, -700.0, 700.0, 3000.0, 1e9)
 """Stretches of time that the table of classes of pixels is summed over, ps."""
 _BESIDE_PX = 5.0
 """Dark pixels nearer to the path than this are a class of their own, px."""
 _N_CLASSES = 4
-_FINE_STDS, _COARSE_STDS = 0.8, 1.6
-_FINE_GROWTH, _COARSE_GROWTH = 1.15, 1.3
+_FINE_STDS, _COARSE_STDS = 0.8, 2.0
+_FINE_GROWTH, _COARSE_GROWTH = 1.3, 1.6
 _CLEAR_STDS = 6.0
 """Other light is looked for at this distance from a leg's pulse, in standard deviations."""
 _LEAST_DEVIATE = 3.0
@@ -85,8 +86,8 @@ class _Group:
     ----------
     pixels : Pixels
         Their counts and unknowns.
-    points_px : array of float, shape (n, 2)
-        (row, column), px.
+    points_px : array of int, shape (n, 2)
+        (row, column).
     reference_ps : array of float, shape (n,)
         Arrival time at which their lags are zero, ps on the clock.
     of_class : array of int, shape (n,)
@@ -94,7 +95,7 @@ class _Group:
     """
 
     pixels: Pixels
-    points_px: Floats
+    points_px: Indices
     reference_ps: Floats
     of_class: Indices
 
@@ -122,13 +123,13 @@ def evidence_from_counts(
     periods = [o.histograms.laser_period_ps for o in sightings]
     fine = lag_edges(std, _FINE_STDS * std, _FINE_GROWTH, _shortest(periods))
     lags = light.other_lags(fine, std)
-    groups: list[tuple[_Group, Floats]] = []
+    groups: list[tuple[_Group, Columns]] = []
     for whole, first in _alike(sightings):
         groups += _with_columns(whole, fit, first, std, fine, lags, nominal)
     if not groups:
         return ()
     sums = summed([(group.pixels, columns) for group, columns in groups])
-    tested = evidence_from_sums(sums, causes(lags, std))
+    tested = evidence_from_sums(sums, causes(lags))
     explained = np.zeros(len(sums.score))
     named = [(one.gain, sizes) for one, sizes in tested if one.gain > 0.0 and not one.symptom]
     if named:
@@ -164,7 +165,7 @@ def _with_columns(
     fine: Floats,
     lags: Floats,
     nominal: bool,
-) -> list[tuple[_Group, Floats]]:
+) -> list[tuple[_Group, Columns]]:
     """All usable pixels of a recording in their groups, each with its columns."""
     seen = _seen(whole, fit, number, std_ps)
     near, far = np.flatnonzero(seen.leg[:, 0] >= 0), np.flatnonzero(seen.leg[:, 0] == -1)
@@ -180,7 +181,7 @@ def _with_columns(
         dark = _Group(pixels, dark.points_px, dark.reference_ps, dark.of_class)
     lit = lit_pixels(about, pulses, dispersion=dispersion)
     bright = lit.photons[:, 0] > _BRIGHT * float(lit.photons[:, 0].max())
-    points = np.column_stack((seen.rows[near], seen.cols[near])).astype(float)
+    points = np.column_stack((seen.rows[near], seen.cols[near]))
     groups = [
         _Group(lit.of(own), points[own], reference[own], np.full(int(own.sum()), kind))
         for kind, own in ((0, bright), (1, ~bright))
@@ -268,7 +269,7 @@ def _dark(
     )
     cells = cells_about(whole, seen.rows[far], seen.cols[far], reference, lags, nominal=nominal)
     distance = np.sqrt(np.maximum(squared[np.arange(len(far)), nearest], 0.0))
-    return _Group(dark_pixels(cells), dark, reference, 2 + (distance > _BESIDE_PX))
+    return _Group(dark_pixels(cells), dark.astype(np.int64), reference, 2 + (distance > _BESIDE_PX))
 
 
 def _dispersion(pixels: Pixels) -> float:
@@ -285,27 +286,40 @@ def _dispersion(pixels: Pixels) -> float:
     return ratio if ratio > 1.0 + 3.0 * chance else 1.0
 
 
-def _columns(group: _Group, beam: light.Beam, lags: Floats, whole: Sighting) -> Floats:
-    """(n, m, K) of a group, in the order of `causes`."""
+def _columns(group: _Group, beam: light.Beam, lags: Floats, whole: Sighting) -> Columns:
+    """The columns of a group, in the order of `causes`.
+
+    Late light, other pulses and pile-up show where the light is; halo and glare where it is not.
+    """
     pixels, cells = group.pixels, group.pixels.cells
-    n, m = cells.counts.shape
-    n_late, n_other = len(light.LATE_PS), len(lags)
-    own = np.zeros((n, m, n_late + n_other + 1))
+    n_own, n_spread = len(light.LATE_PS) + len(lags) + 1, len(light.HALO_PX) + 3
     if group.of_class[0] == 0:
-        sync = -(group.reference_ps + whole.timing.skew_ps[tuple(group.points_px.astype(int).T)])
-        own[:, :, :n_late] = light.late_light(pixels)
-        own[:, :, n_late:-1] = light.other_pulses(pixels, lags)
-        own[:, :, -1:] = light.pile_up(pixels, sync, whole.histograms.laser_period_ps)
-        size = np.maximum(pixels.photons[:, :1] / beam.photons.max(), 0.0) * np.ones((1, m))
+        sync = -(group.reference_ps + whole.timing.skew_ps[tuple(group.points_px.T)])
+        parts = [
+            light.late_light(pixels),
+            light.other_pulses(pixels, lags),
+            light.pile_up(pixels, sync, whole.histograms.laser_period_ps),
+        ]
+        used = np.arange(n_own)
+        share = pixels.photons[:, :1] / beam.photons.max()
+        size = np.broadcast_to(share, cells.counts.shape)
     else:
+        parts = [
+            light.halo(cells, group.points_px, group.reference_ps, beam, whole.blind.shape),
+            light.glare(cells, group.reference_ps, beam, whole.blind.size),
+        ]
+        used = n_own + np.arange(n_spread)
         size = cells.width_ps / beam.std_ps
-    spread = light.halo(cells, group.points_px, group.reference_ps, beam)
-    veil = light.glare(cells, group.reference_ps, beam, whole.blind.size)
-    table = light.classes(cells, group.of_class, _N_CLASSES, np.array(_TABLE_PS), size)
-    return np.concatenate((own, spread, veil, table), axis=2)
+    table = light.classes(cells, group.of_class, np.array(_TABLE_PS), size)
+    n_lags = len(_TABLE_PS) - 1
+    kinds = np.unique(group.of_class)
+    parts += [table[:, :, kind * n_lags : (kind + 1) * n_lags] for kind in kinds]
+    first = n_own + n_spread + kinds[:, np.newaxis] * n_lags
+    used = np.concatenate((used, (first + np.arange(n_lags)).ravel()))
+    return Columns(np.concatenate(parts, axis=2), used, n_own + n_spread + _N_CLASSES * n_lags)
 
 
-def causes(lags: Floats, std_ps: float) -> list[Cause]:
+def causes(lags: Floats) -> list[Cause]:
     """What is asked for, and where its columns are."""
     n_late, n_other = len(light.LATE_PS), len(lags)
     late = tuple(range(n_late))
@@ -329,19 +343,17 @@ def causes(lags: Floats, std_ps: float) -> list[Cause]:
         ),
     ]
     at = n_late
-    # Neighbouring times together: a pulse between two of them is seen by both.
-    for j in range(n_other - 1):
-        if lags[j] * lags[j + 1] > 0.0:
-            found.append(
-                Cause(
-                    FindingName.OTHER_PULSE,
-                    (at + j, at + j + 1),
-                    0.3,
-                    "a second pulse of {size:.2g} of the light, {each} from the path's",
-                    "look for a reflection in windows and filters, or a second pulse of the laser",
-                    labels=tuple(f"{lag:+.0f} ps" for lag in lags[j : j + 2]),
-                )
-            )
+    found += [
+        Cause(
+            FindingName.OTHER_PULSE,
+            (at + j,),
+            0.3,
+            "a second pulse of some {size:.1g} of the light, {each} from the path's",
+            "look for a reflection in windows and filters, or a second pulse of the laser",
+            labels=(f"{lag:+.0f} ps",),
+        )
+        for j, lag in enumerate(lags)
+    ]
     at += n_other
     found.append(
         Cause(
@@ -400,15 +412,15 @@ def _told(fit: JointFit, sightings: list[Sighting]) -> str:
     return f"{used} of {whole} pulses lie on the path"
 
 
-def _elsewhere(
-    groups: list[_Group], sums: Sums, explained: Floats, told: str
-) -> Evidence:
+def _elsewhere(groups: list[_Group], sums: Sums, explained: Floats, told: str) -> Evidence:
     """Whether any single cell of any pixel holds more than chance brings to one of so many.
 
     `explained` (K,) are the sizes of the best cause: what they leave is the symptom's.
     """
     plain = _largest(groups, sums, np.zeros_like(explained))
-    rest = _largest(groups, sums, explained) if explained.any() else plain
+    rest = plain
+    if explained.any() and plain.p_value < CHECK_AT:
+        rest = _largest(groups, sums, explained)
     sigma = sigma_from_p(plain.p_value)
     row, col = plain.place
     where = f"{plain.photons:.0f} photons in pixel ({row}, {col}), {plain.lag_ps:+.0f} ps from it"
@@ -439,14 +451,15 @@ class _Brightest:
 def _largest(groups: list[_Group], sums: Sums, sizes: Floats) -> _Brightest:
     """The cell with the least likely excess over what the path, and causes of `sizes`, expect."""
     least, n = _Brightest(1.0, (0, 0), 0.0, 0.0), 0
-    for group, left in zip(groups, sums.left, strict=True):
+    for group, left in zip(groups, sums.groups, strict=True):
         pixels, cells = group.pixels, group.pixels.cells
         middle = 0.5 * (cells.edges_ps[:, 1:] + cells.edges_ps[:, :-1])
         off = cells.live & (pixels.weight > 0.0)
         for k in range(pixels.late_ps.shape[1]):
-            near = np.abs(middle - pixels.late_ps[:, k : k + 1])
-            off &= ~((near < _CLEAR_STDS * pixels.std_ps[:, k : k + 1]) & (pixels.photons[:, k : k + 1] > 0.0))
-        mean = pixels.mean + (left[0] @ sizes).reshape(middle.shape)
+            away = np.abs(middle - pixels.late_ps[:, k : k + 1])
+            lit = pixels.photons[:, k : k + 1] > 0.0
+            off &= (away > _CLEAR_STDS * pixels.std_ps[:, k : k + 1]) | ~lit
+        mean = pixels.mean + (sizes[left.used] @ left.columns).reshape(middle.shape)
         mean = np.where(off, np.maximum(mean, 1e-9), 0.0)
         n += int(off.sum())
         counts = np.where(off, cells.counts, 0.0)

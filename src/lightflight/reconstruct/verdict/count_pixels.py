@@ -17,7 +17,7 @@ from lightflight.reconstruct.verdict.count_cells import Cells
 
 Floats = NDArray[np.float64]
 
-_STEPS = 5
+_STEPS = 4
 """Steps of Fisher scoring; the last moves bright pixels by a small part of their errors."""
 _WIDTH_STD = 0.1
 """By how much pulses may differ in width from pixel to pixel, ln."""
@@ -160,6 +160,8 @@ def lit_pixels(cells: Cells, pulses: Pulses, *, dispersion: float = 1.0) -> Pixe
     prior[:, -1] = start**-2.0
     center = np.zeros((n, s + 3))
     center[:, -1] = start
+    # Two pulses at one place may trade light without end.
+    most = cells.counts.sum(axis=1)[:, np.newaxis] + 1.0
     steps = _STEPS if s else 2
     for step in range(steps):
         mean, slopes = _expected(cells, width, late, std, unknown)
@@ -176,7 +178,7 @@ def lit_pixels(cells: Cells, pulses: Pulses, *, dispersion: float = 1.0) -> Pixe
             moved[:, s] = np.clip(moved[:, s], -limit, limit)
             moved[:, s + 1] = np.clip(moved[:, s + 1], -0.2, 0.2)
         unknown = unknown + moved
-        unknown[:, :s] = np.where(absent, 0.0, np.maximum(unknown[:, :s], _LEAST_PHOTONS))
+        unknown[:, :s] = np.where(absent, 0.0, np.clip(unknown[:, :s], _LEAST_PHOTONS, most))
         unknown[:, -1] = np.maximum(unknown[:, -1], 0.1 * start)
     return Pixels(
         cells,
@@ -196,19 +198,20 @@ def _expected(
     cells: Cells, width: Floats, late: Floats, std: Floats, unknown: Floats
 ) -> tuple[Floats, Floats]:
     """Mean counts (n, m) and their derivatives by the unknowns (n, m, q)."""
-    n, s = late.shape
+    s = late.shape[1]
     slopes = np.zeros((*width.shape, s + 3))
     mean = unknown[:, -1:] * width
     for k in range(s):
-        own = std[:, k : k + 1] * np.exp(unknown[:, s + 1 : s + 2])
-        z = (cells.edges_ps - late[:, k : k + 1] - unknown[:, s : s + 1]) / own
+        lit = np.flatnonzero(unknown[:, k] > 0.0)
+        own = std[lit, k : k + 1] * np.exp(unknown[lit, s + 1 : s + 2])
+        z = (cells.edges_ps[lit] - late[lit, k : k + 1] - unknown[lit, s : s + 1]) / own
         density = np.exp(-0.5 * z**2) / _SQRT_2PI
-        share = np.where(cells.live, np.diff(ndtr(z), axis=1), 0.0)
-        photons = unknown[:, k : k + 1]
-        mean = mean + photons * share
-        slopes[:, :, k] = share
-        slopes[:, :, s] -= photons / own * np.diff(density, axis=1)
-        slopes[:, :, s + 1] -= photons * np.diff(z * density, axis=1)
+        photons = unknown[lit, k : k + 1]
+        share = np.diff(ndtr(z), axis=1) * cells.live[lit]
+        mean[lit] += photons * share
+        slopes[lit, :, k] = share
+        slopes[lit, :, s] -= photons / own * np.diff(density, axis=1)
+        slopes[lit, :, s + 1] -= photons * np.diff(z * density, axis=1)
     slopes[:, :, -1] = width
     slopes *= cells.live[:, :, np.newaxis]
     return mean, slopes

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,39 @@ from lightflight.reconstruct.verdict.count_pixels import Pixels
 from lightflight.reconstruct.verdict.evidence import LIGHT, Evidence
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 _LEAST_SIGNAL = 1.0
 """A direction in which plausible sizes make no more than this, sigma, is not asked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Left:
+    """What the pixels of one group leave of the columns.
+
+    Attributes
+    ----------
+    used : array of int, shape (k,)
+        The columns that are not zero in this group.
+    columns : array of float, shape (k, cells)
+        What is left of them.
+    weight : array of float, shape (cells,)
+        Inverse variance of the counts.
+    mean : array of float, shape (cells,)
+        Expected counts.
+    """
+
+    used: Indices
+    columns: Floats
+    weight: Floats
+    mean: Floats
+
+    def along(self, own: Sequence[int], mixing: Floats) -> Floats:
+        """(j, cells): sums of the columns `own` (c,), each by its row of `mixing` (c, j)."""
+        at = np.searchsorted(self.used, own)
+        here = (at < len(self.used)) & (self.used[np.minimum(at, len(self.used) - 1)] == own)
+        sums: Floats = mixing[here].T @ self.columns[at[here]]
+        return sums
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,22 +67,51 @@ class Sums:
     ----------
     score : array of float, shape (K,)
     information : array of float, shape (K, K)
-    left : tuple of (Floats, Floats)
-        Of each group of pixels: what the pixels leave of the columns (cells, K), and the weights
-        and means (2, cells), for the skewness.
+    groups : tuple of Left
+        What each group of pixels leaves of the columns.
     """
 
     score: Floats
     information: Floats
-    left: tuple[tuple[Floats, Floats], ...]
+    groups: tuple[Left, ...]
 
-    def skewness(self, columns: Floats) -> Floats:
-        """(k,), of unit-variance sums along `columns` (K, k)."""
-        third = np.zeros(columns.shape[1])
-        for left, (weight, mean) in self.left:
-            along = weight[:, np.newaxis] * (left @ columns)
-            third += mean @ along**3
+    def skewness(self, own: Sequence[int], mixing: Floats) -> Floats:
+        """(j,), of unit-variance sums of the columns `own` (c,) by `mixing` (c, j)."""
+        if len(own) == 1:
+            return self._third[own[0]] * mixing[0] ** 3
+        third = np.zeros(mixing.shape[1])
+        for left in self.groups:
+            along = left.weight * left.along(own, mixing)
+            third += (along * along * along) @ left.mean
         return third
+
+    @cached_property
+    def _third(self) -> Floats:
+        """(K,), third moment of the score of each column."""
+        third = np.zeros(len(self.score))
+        for left in self.groups:
+            along = left.weight * left.columns
+            third[left.used] += (along * along * along) @ left.mean
+        return third
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Counts per unit of size that causes add to a group of pixels.
+
+    Attributes
+    ----------
+    values : array of float, shape (n, m, k)
+        In n pixels of m cells each.
+    used : array of int, shape (k,)
+        Which of all columns they are, ascending; all others add nothing here.
+    size : int
+        Number of all columns.
+    """
+
+    values: Floats
+    used: Indices
+    size: int
 
 
 @dataclass(frozen=True)
@@ -85,23 +145,19 @@ class Cause:
     labels: tuple[str, ...] = ()
 
 
-def summed(groups: Sequence[tuple[Pixels, Floats]]) -> Sums:
-    """Score and information of all groups of pixels; each with its columns (n, m, K)."""
-    size = groups[0][1].shape[2]
+def summed(groups: Sequence[tuple[Pixels, Columns]]) -> Sums:
+    """Score and information of all groups of pixels, each with its columns."""
+    size = groups[0][1].size
     score, information = np.zeros(size), np.zeros((size, size))
     kept = []
     for pixels, columns in groups:
-        used = np.flatnonzero(columns.any(axis=(0, 1)))
-        left, own = pixels.left_of(columns[:, :, used])
-        flat = left.reshape(-1, len(used))
+        used = columns.used
+        left, own = pixels.left_of(columns.values)
+        flat = np.ascontiguousarray(left.reshape(-1, len(used)).T)
         weight = pixels.weight.ravel()
         score[used] += own
-        information[np.ix_(used, used)] += flat.T @ (
-            weight[:, np.newaxis] * columns[:, :, used].reshape(flat.shape)
-        )
-        whole = np.zeros((len(flat), size))
-        whole[:, used] = flat
-        kept.append((whole, np.stack((weight, pixels.mean.ravel()))))
+        information[np.ix_(used, used)] += (flat * weight) @ columns.values.reshape(flat.T.shape)
+        kept.append(Left(used, flat, weight, pixels.mean.ravel()))
     return Sums(score, 0.5 * (information + information.T), tuple(kept))
 
 
@@ -109,34 +165,34 @@ def evidence_from_sums(sums: Sums, causes: Sequence[Cause]) -> list[tuple[Eviden
     """The test of each cause that would leave a trace, and the sizes (K,) that it asks for."""
     values, vectors = np.linalg.eigh(sums.information)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    tests = [_directions(sums, cause) for cause in causes]
-    kept = [(cause, *test) for cause, test in zip(causes, tests, strict=True) if test is not None]
-    if not kept:
-        return []
-    along = np.concatenate([columns for _, columns, _, _ in kept], axis=1)
-    raw = sums.score @ along
-    z = from_skewed(raw, sums.skewness(along))
-    found, first = [], 0
-    for cause, columns, signal, mixing in kept:
-        own = slice(first, first + columns.shape[1])
-        one = _evidence(cause, raw[own], z[own], root.T @ columns, signal, mixing)
-        found.append((one, columns @ raw[own]))
-        first = own.stop
+    found: list[tuple[Evidence, Floats]] = []
+    before: tuple[int, ...] = ()
+    for cause in causes:
+        own = list(cause.columns)
+        signal, mixing = _signal(cause.plausible**2 * sums.information[np.ix_(own, own)])
+        if not len(signal):
+            continue
+        along = cause.plausible * mixing / signal
+        raw = sums.score[own] @ along
+        # Neighbours may ask the same of the same columns, for another reason.
+        if cause.columns != before:
+            skewness = sums.skewness(own, along)
+        before = cause.columns
+        z = from_skewed(raw, skewness)
+        sizes = np.zeros(len(sums.score))
+        sizes[own] = along @ raw
+        found.append((_evidence(cause, raw, z, root[own].T @ along, signal, mixing), sizes))
     return found
 
 
-def _directions(sums: Sums, cause: Cause) -> tuple[Floats, Floats, Floats] | None:
-    """Columns (K, k) of independent unit-variance sums, their signal (k,) and mixing (c, k)."""
-    own = list(cause.columns)
-    information = cause.plausible**2 * sums.information[np.ix_(own, own)]
+def _signal(information: Floats) -> tuple[Floats, Floats]:
+    """Signal (k,) of the independent directions that plausible sizes show, and mixing (c, k)."""
+    if len(information) == 1:
+        kept = information[0] > _LEAST_SIGNAL**2
+        return np.sqrt(information[0, kept]), np.ones((1, 1))[:, kept]
     values, mixing = np.linalg.eigh(information)
     kept = values > max(_LEAST_SIGNAL**2, 1e-9 * float(values[-1]))
-    if not kept.any():
-        return None
-    signal, mixing = np.sqrt(values[kept]), mixing[:, kept]
-    columns = np.zeros((len(sums.score), len(signal)))
-    columns[own] = cause.plausible * mixing / signal
-    return columns, signal, mixing
+    return np.sqrt(values[kept]), mixing[:, kept]
 
 
 def _evidence(

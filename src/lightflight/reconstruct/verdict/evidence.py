@@ -14,6 +14,8 @@ Floats = NDArray[np.float64]
 
 _LEAST_P = 1e-300
 
+CHECK_AT = 0.01
+"""Family-wise chance of a false "check"."""
 LIGHT = "light"
 """Of tests that rest on counts; all others rest on times and lines."""
 
