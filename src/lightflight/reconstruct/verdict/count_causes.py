@@ -171,6 +171,6 @@ def classes(cells: Cells, of_class: Indices, lags_ps: Floats, size: Floats) -> F
 
 
 def _in_cells(cells: Cells, columns: Floats) -> Floats:
-    """Columns (n, m, k) without the cells that are not live."""
-    columns *= cells.live[:, :, np.newaxis]
+    """Columns (n, m, k) as far as photons are counted, without the cells that are not live."""
+    columns *= (cells.live * cells.open_share)[:, :, np.newaxis]
     return columns

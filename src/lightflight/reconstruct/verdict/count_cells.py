@@ -5,13 +5,14 @@ The edges of a cell are edges of codes, so what a cell expects needs no split of
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.timing.clock.calibration import ASSUMED_PHASE_STD
+from lightflight.timing.pulses.pile_up import open_share_of
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -40,12 +41,15 @@ class Cells:
         False where the codes have a gap, or no code ends within the cell.
     width_error : array of float, shape (n, m)
         Relative error of the cell's width, from what the clock leaves unknown of its codes.
+    open_share : array of float, shape (n, m)
+        Counts per photon that came: earlier ones of its period hide the rest (known pile-up).
     """
 
     edges_ps: Floats
     counts: Floats
     live: NDArray[np.bool_]
     width_error: Floats
+    open_share: Floats
 
     @property
     def width_ps(self) -> Floats:
@@ -54,9 +58,7 @@ class Cells:
 
     def of(self, kept: Indices | NDArray[np.bool_]) -> Cells:
         """The cells of some of the pixels."""
-        return Cells(
-            self.edges_ps[kept], self.counts[kept], self.live[kept], self.width_error[kept]
-        )
+        return Cells(**{each.name: getattr(self, each.name)[kept] for each in fields(self)})
 
 
 def lag_edges(std_ps: float, step_ps: float, growth: float, period_ps: float | None) -> Floats:
@@ -124,7 +126,7 @@ def cells_about(
         _cells_of(sighting, rows[block], cols[block], reference_ps[block], lags_ps)
         for block in blocks
     ]
-    edges, counts, size = (np.concatenate(part) for part in zip(*parts, strict=True))
+    edges, counts, size, share = (np.concatenate(part) for part in zip(*parts, strict=True))
     live = size > 0
     error = width_errors(sighting, rows, cols, nominal=nominal)[:, np.newaxis]
     return Cells(
@@ -132,20 +134,22 @@ def cells_about(
         np.where(live, counts, 0.0),
         live,
         np.where(live, error / np.sqrt(np.maximum(size, 1)), 0.0),
+        share,
     )
 
 
 def _cells_of(
     sighting: Sighting, rows: Indices, cols: Indices, reference_ps: Floats, lags_ps: Floats
-) -> tuple[Floats, Floats, Indices]:
-    """Edges (n, m + 1), ps, counts (n, m), and number of codes (n, m), 0: no cell."""
+) -> tuple[Floats, Floats, Indices, Floats]:
+    """Edges (n, m + 1), ps, counts, number of codes (0: no cell) and open share, each (n, m)."""
     hist, timing = sighting.histograms, sighting.timing
     low, up = timing.code_intervals_ps(rows, cols)
     counts, blind = hist.counts[rows, cols], up <= low
+    share = open_share_of(hist, rows, cols, (low, up))
     if blind.any():
         counts = np.where(blind, 0, counts)
     if hist.reversed_codes:
-        low, up, counts = low[:, ::-1], up[:, ::-1], counts[:, ::-1]
+        low, up, counts, share = (each[:, ::-1] for each in (low, up, counts, share))
     n, codes = counts.shape
     shift = (timing.skew_ps[rows, cols] + reference_ps)[:, np.newaxis]
     first, last, wanted = low[:, :1], up[:, -1:], shift + lags_ps
@@ -162,7 +166,14 @@ def _cells_of(
     for gap in np.flatnonzero(low[0, 1:] - up[0, :-1] > _GAP_PS):
         size[(at[:, :-1] <= gap) & (at[:, 1:] > gap + 1)] = 0
     starts = np.take_along_axis(low, np.minimum(at, codes - 1), axis=1)
-    return np.where(at < codes, starts, last) + laps - shift, found.astype(np.float64), size
+    seen = np.ones(found.shape)
+    # What hides photons of all delays alike is a part of the brightness.
+    if share.shape[1] > 1:
+        summed = np.concatenate((np.zeros((n, 1)), np.cumsum(share, axis=1)), axis=1)
+        seen = np.diff(np.take_along_axis(summed, at, axis=1), axis=1) / np.maximum(size, 1)
+        seen = np.where(size > 0, seen / share.max(axis=1, keepdims=True), 1.0)
+    edges = np.where(at < codes, starts, last) + laps - shift
+    return edges, found.astype(np.float64), size, seen
 
 
 def _codes_at(low: Floats, last: Floats, delays: Floats) -> Indices:

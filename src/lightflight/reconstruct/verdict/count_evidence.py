@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc, ndtr
 
+from lightflight.errors import NothingFoundError
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.joint import JointFit, pulse_std_ps
 from lightflight.reconstruct.fit.photon import merged
@@ -117,8 +118,15 @@ def evidence_from_counts(
     Returns
     -------
     tuple of Evidence
-        Empty where no pixel of the path is bright enough for any test.
+        The tests.
+
+    Raises
+    ------
+    NothingFoundError
+        Where nothing can be tested: scaled intensities, or no lit pixel.
     """
+    if not all(o.histograms.poisson for o in sightings):
+        raise NothingFoundError("intensities are scaled, and chance is known of counts alone")
     std = pulse_std_ps(sightings)
     periods = [o.histograms.laser_period_ps for o in sightings]
     fine = lag_edges(std, _FINE_STDS * std, _FINE_GROWTH, _shortest(periods))
@@ -127,7 +135,7 @@ def evidence_from_counts(
     for whole, first in _alike(sightings):
         groups += _with_columns(whole, fit, first, std, fine, lags, nominal)
     if not groups:
-        return ()
+        raise NothingFoundError("no two usable pixels lie on the path")
     sums = summed([(group.pixels, columns) for group, columns in groups])
     tested = evidence_from_sums(sums, causes(lags))
     explained = np.zeros(len(sums.score))
@@ -204,7 +212,9 @@ def _seen(whole: Sighting, fit: JointFit, number: int, std_ps: float) -> _Seen:
     camera = fit.solution.cameras[whole.view]
     picture, state, medium = fit.pictures[number], fit.solution.state, fit.solution.medium
     rows, cols = (index.ravel() for index in np.indices(camera.shape))
-    kept = ~(whole.blind.ravel() | _at_ends(fit, whole.view, rows, cols))
+    # A pixel without a count may be dead: it has nothing to say.
+    silent = whole.histograms.photons.ravel() == 0
+    kept = ~(silent | whole.blind.ravel() | _at_ends(fit, whole.view, rows, cols))
     rows, cols = rows[kept], cols[kept]
     points, n_legs = undistorted_px(camera, rows, cols), len(picture.legs)
     brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
@@ -289,10 +299,13 @@ def _dispersion(pixels: Pixels) -> float:
 def _columns(group: _Group, beam: light.Beam, lags: Floats, whole: Sighting) -> Columns:
     """The columns of a group, in the order of `causes`.
 
-    Late light, other pulses and pile-up show where the light is; halo and glare where it is not.
+    Late light, other pulses and pile-up show where the light is, halo and glare where none is. In
+    between the light of the legs takes both up.
     """
     pixels, cells = group.pixels, group.pixels.cells
     n_own, n_spread = len(light.LATE_PS) + len(lags) + 1, len(light.HALO_PX) + 3
+    parts, used = [], np.zeros(0, dtype=np.int64)
+    size = cells.width_ps / beam.std_ps
     if group.of_class[0] == 0:
         sync = -(group.reference_ps + whole.timing.skew_ps[tuple(group.points_px.T)])
         parts = [
@@ -303,13 +316,12 @@ def _columns(group: _Group, beam: light.Beam, lags: Floats, whole: Sighting) -> 
         used = np.arange(n_own)
         share = pixels.photons[:, :1] / beam.photons.max()
         size = np.broadcast_to(share, cells.counts.shape)
-    else:
+    elif group.of_class[0] > 1:
         parts = [
             light.halo(cells, group.points_px, group.reference_ps, beam, whole.blind.shape),
             light.glare(cells, group.reference_ps, beam, whole.blind.size),
         ]
         used = n_own + np.arange(n_spread)
-        size = cells.width_ps / beam.std_ps
     table = light.classes(cells, group.of_class, np.array(_TABLE_PS), size)
     n_lags = len(_TABLE_PS) - 1
     kinds = np.unique(group.of_class)
@@ -403,13 +415,17 @@ def causes(lags: Floats) -> list[Cause]:
 
 
 def _told(fit: JointFit, sightings: list[Sighting]) -> str:
-    """How many of the pulses lie on the path."""
-    used = sum(
-        len(np.unique(fit.times.index[(fit.sighting_of == k) & (fit.times.weight > 0)]))
-        for k in range(len(sightings))
+    """How many of the pulses, and of their photons, the path explains."""
+    pulses, photons = np.zeros(2), np.zeros(2)
+    for number, sighting in enumerate(sightings):
+        used = fit.times.index[(fit.sighting_of == number) & (fit.times.weight > 0)]
+        for k, rows in enumerate((np.unique(used), sighting.usable_pulses)):
+            pulses[k] += len(rows)
+            photons[k] += float(np.nansum(sighting.arrivals.photons[rows]))
+    share = 100.0 * photons[0] / max(photons[1], 1.0)
+    return (
+        f"{pulses[0]:.0f} of {pulses[1]:.0f} pulses ({share:.3g} % of their light) are the path's"
     )
-    whole = sum(len(o.usable_pulses) for o in sightings)
-    return f"{used} of {whole} pulses lie on the path"
 
 
 def _elsewhere(groups: list[_Group], sums: Sums, explained: Floats, told: str) -> Evidence:

@@ -1,8 +1,8 @@
 """What each pixel expects in its cells, and what it takes up by itself.
 
-A pixel's own unknowns are the photons of each leg in it, its delay, the width of its pulse and its
-background. All are fitted to its own counts, and what they can take up is taken from every test:
-so no test depends on brightness along the legs, on the path's times or on the calibrated delays.
+A pixel's own unknowns are the photons and the delay of each leg in it, the width of its pulses and
+its background. All are fitted to its own counts, and what they can take up is taken from every
+test: none depends on brightness along the legs, on the path's times or on the calibrated delays.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ _STEPS = 4
 _WIDTH_STD = 0.1
 """By how much pulses may differ in width from pixel to pixel, ln."""
 _LEAST_PHOTONS = 1e-3
+_HELD = 1e12
+"""Precision of what a pixel does not have: it stays."""
 _SQRT_2PI = float(np.sqrt(2.0 * np.pi))
 
 
@@ -43,7 +45,9 @@ class Pulses:
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """n pixels with their unknowns fitted (q each): photons of s legs, delay, ln width, background.
+    """n pixels with their unknowns fitted: photons and delay of s legs, ln width, background.
+
+    These are q = 2 s + 2.
 
     Attributes
     ----------
@@ -148,17 +152,16 @@ def lit_pixels(cells: Cells, pulses: Pulses, *, dispersion: float = 1.0) -> Pixe
     middle = 0.5 * (cells.edges_ps[:, 1:] + cells.edges_ps[:, :-1])
     close = np.abs(middle[:, :, np.newaxis] - late[:, np.newaxis]) < 3.5 * std[:, np.newaxis]
     close &= ~absent[:, np.newaxis]
-    start = _background(cells, close.any(axis=2))
+    start = _background(cells, np.asarray(close.any(axis=2)))
     above = np.where(close, (cells.counts - start[:, np.newaxis] * width)[:, :, np.newaxis], 0.0)
-    unknown = np.zeros((n, s + 3))
+    unknown, prior = np.zeros((2, n, 2 * s + 2))
     unknown[:, :s] = np.where(absent, 0.0, np.maximum(above.sum(axis=1), 0.5))
     unknown[:, -1] = start
-    prior = np.zeros((n, s + 3))
-    prior[:, :s] = np.where(absent, 1e12, 0.0)
-    prior[:, s] = 1.0 / np.min(std, axis=1, initial=np.inf) ** 2 if s else 1e12
-    prior[:, s + 1] = _WIDTH_STD**-2.0 if s else 1e12
+    prior[:, :s] = np.where(absent, _HELD, 0.0)
+    prior[:, s : 2 * s] = np.where(absent, _HELD, std**-2.0)
+    prior[:, -2] = _WIDTH_STD**-2.0 if s else _HELD
     prior[:, -1] = start**-2.0
-    center = np.zeros((n, s + 3))
+    center = np.zeros_like(unknown)
     center[:, -1] = start
     # Two pulses at one place may trade light without end.
     most = cells.counts.sum(axis=1)[:, np.newaxis] + 1.0
@@ -173,10 +176,8 @@ def lit_pixels(cells: Cells, pulses: Pulses, *, dispersion: float = 1.0) -> Pixe
             break
         score = np.einsum("nmq,nm->nq", slopes, weight * (cells.counts - mean)) + pull
         moved = np.einsum("nij,nj->ni", inverse, score)
-        if s:
-            limit = 0.5 * np.min(std, axis=1)
-            moved[:, s] = np.clip(moved[:, s], -limit, limit)
-            moved[:, s + 1] = np.clip(moved[:, s + 1], -0.2, 0.2)
+        moved[:, s : 2 * s] = np.clip(moved[:, s : 2 * s], -0.5 * std, 0.5 * std)
+        moved[:, -2] = np.clip(moved[:, -2], -0.2, 0.2)
         unknown = unknown + moved
         unknown[:, :s] = np.where(absent, 0.0, np.clip(unknown[:, :s], _LEAST_PHOTONS, most))
         unknown[:, -1] = np.maximum(unknown[:, -1], 0.1 * start)
@@ -188,8 +189,8 @@ def lit_pixels(cells: Cells, pulses: Pulses, *, dispersion: float = 1.0) -> Pixe
         inverse,
         pull,
         unknown[:, :s],
-        late + unknown[:, s : s + 1],
-        std * np.exp(unknown[:, s + 1 : s + 2]),
+        late + unknown[:, s : 2 * s],
+        std * np.exp(unknown[:, -2:-1]),
         unknown[:, -1],
     )
 
@@ -199,22 +200,22 @@ def _expected(
 ) -> tuple[Floats, Floats]:
     """Mean counts (n, m) and their derivatives by the unknowns (n, m, q)."""
     s = late.shape[1]
-    slopes = np.zeros((*width.shape, s + 3))
+    slopes = np.zeros((*width.shape, 2 * s + 2))
     mean = unknown[:, -1:] * width
     for k in range(s):
         lit = np.flatnonzero(unknown[:, k] > 0.0)
-        own = std[lit, k : k + 1] * np.exp(unknown[lit, s + 1 : s + 2])
-        z = (cells.edges_ps[lit] - late[lit, k : k + 1] - unknown[lit, s : s + 1]) / own
+        own = std[lit, k : k + 1] * np.exp(unknown[lit, -2:-1])
+        z = (cells.edges_ps[lit] - late[lit, k : k + 1] - unknown[lit, s + k : s + k + 1]) / own
         density = np.exp(-0.5 * z**2) / _SQRT_2PI
         photons = unknown[lit, k : k + 1]
         share = np.diff(ndtr(z), axis=1) * cells.live[lit]
         mean[lit] += photons * share
         slopes[lit, :, k] = share
-        slopes[lit, :, s] -= photons / own * np.diff(density, axis=1)
-        slopes[lit, :, s + 1] -= photons * np.diff(z * density, axis=1)
+        slopes[lit, :, s + k] = -photons / own * np.diff(density, axis=1)
+        slopes[lit, :, -2] -= photons * np.diff(z * density, axis=1)
     slopes[:, :, -1] = width
-    slopes *= cells.live[:, :, np.newaxis]
-    return mean, slopes
+    slopes *= (cells.live * cells.open_share)[:, :, np.newaxis]
+    return mean * cells.open_share, slopes
 
 
 def _inverse(information: Floats, prior: Floats) -> Floats:

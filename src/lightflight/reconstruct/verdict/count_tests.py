@@ -26,6 +26,7 @@ from lightflight.reconstruct.verdict.evidence import LIGHT, Evidence
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+_ASK_THE_PIXELS = "look at the counts of single pixels (lightflight view --what pixel)"
 _LEAST_SIGNAL = 1.0
 """A direction in which plausible sizes make no more than this, sigma, is not asked for."""
 
@@ -78,7 +79,8 @@ class Sums:
     def skewness(self, own: Sequence[int], mixing: Floats) -> Floats:
         """(j,), of unit-variance sums of the columns `own` (c,) by `mixing` (c, j)."""
         if len(own) == 1:
-            return self._third[own[0]] * mixing[0] ** 3
+            alone: Floats = self._third[own[0]] * mixing[0] ** 3
+            return alone
         third = np.zeros(mixing.shape[1])
         for left in self.groups:
             along = left.weight * left.along(own, mixing)
@@ -202,21 +204,21 @@ def _evidence(
     sizes = cause.plausible * (mixing @ (raw * shrunk / signal))
     chi2, dof = float(z @ z), len(z)
     gain = float(raw @ (shrunk * raw)) - len(cause.columns)
-    # Light can be added, not taken away: less than none explains nothing.
-    if sizes.sum() <= 0.0 and not cause.symptom:
-        gain = min(gain, 0.0)
-    largest = int(np.argmax(sizes))
-    label = cause.labels[largest] if cause.labels else ""
+    # Light can be added, not taken away: less than none is no cause, but counts are not as they
+    # should be.
+    missing = sizes.sum() <= 0.0 and not cause.symptom
+    label = cause.labels[int(np.argmax(sizes))] if cause.labels else ""
+    sentence = cause.sentence.format(size=float(sizes.sum()), each=label)
     return Evidence(
-        cause.name,
+        FindingName.UNEXPLAINED_LIGHT if missing else cause.name,
         chi2,
         dof,
         gain,
-        cause.sentence.format(size=max(float(sizes.sum()), 0.0), each=label),
-        cause.remedy,
+        f"counts are not those of the path: {sentence}" if missing else sentence,
+        _ASK_THE_PIXELS if missing else cause.remedy,
         directions,
         z,
-        cause.symptom,
+        symptom=missing or cause.symptom,
         data=LIGHT,
     )
 

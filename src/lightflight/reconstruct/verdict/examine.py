@@ -9,7 +9,15 @@ import numpy as np
 
 from lightflight.errors import GeometryError, NothingFoundError, SuspectDataWarning
 from lightflight.path.light_path import LightPath
-from lightflight.path.verdict import NOT_EXAMINED, Level, Verdict, warning_of
+from lightflight.path.verdict import (
+    NOT_EXAMINED,
+    Finding,
+    FindingName,
+    Level,
+    Severity,
+    Verdict,
+    warning_of,
+)
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
@@ -52,7 +60,10 @@ def examined(
         if hidden and evidence:
             others = evidence_without_hidden(fit, evidence, sightings, setting)
             evidence, hidden = (others, ()) if others else (evidence, hidden)
-        verdict = verdict_from_evidence(evidence, (*said, *beyond, *hidden))
+        light, unseen = _light(fit, sightings, nominal_clock)
+        verdict = verdict_from_evidence(
+            (*evidence, *light), (*said, *beyond, *unseen, *hidden)
+        )
     if verdict.level is not Level.TRUST:
         warnings.warn(warning_of(verdict), SuspectDataWarning, stacklevel=4)
     return replace(path, verdict=verdict)
@@ -64,6 +75,24 @@ def collected(fit: JointFit, sightings: list[Sighting], setting: Setting) -> tup
         *evidence_from_geometry(fit, sightings, setting),
         *evidence_from_flags(fit, sightings),
     )
+
+
+def _light(
+    fit: JointFit, sightings: list[Sighting], nominal_clock: bool
+) -> tuple[tuple[Evidence, ...], tuple[Finding, ...]]:
+    """Tests of the counts; where there can be none, the finding that says why."""
+    try:
+        return evidence_from_counts(fit, sightings, nominal=nominal_clock), ()
+    except (GeometryError, NothingFoundError, np.linalg.LinAlgError) as reason:
+        return (), (
+            Finding(
+                FindingName.NOT_EXAMINED,
+                f"haze, halos, glare and other light were not looked for: {reason}",
+                0.0,
+                "judge the path by its residuals",
+                Severity.CHECK,
+            ),
+        )
 
 
 def _fit_about(path: LightPath, sightings: list[Sighting], setting: Setting) -> JointFit | None:

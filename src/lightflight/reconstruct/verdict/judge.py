@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from lightflight.path.verdict import BlindSpot, Finding, Level, Severity, Verdict
+from lightflight.path.verdict import BlindSpot, Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.verdict.evidence import CHECK_AT, LIGHT, Evidence
 
 Floats = NDArray[np.float64]
@@ -99,23 +99,36 @@ def named(evidence: Sequence[Evidence]) -> list[Evidence]:
     A symptom comes first where the best cause leaves it improbable all the same. What is off with
     the times is no excuse for light that is none of the path's: its causes are named as well.
     """
-    ranked = sorted((e for e in evidence if not e.symptom), key=lambda e: -e.gain)
-    causes = list({one.name: one for one in reversed(ranked)}.values())[::-1]
-    causes.sort(key=lambda e: -e.gain)
+    causes = _best_of_each(sorted((e for e in evidence if not e.symptom), key=lambda e: -e.gain))
     best = causes[0] if causes and causes[0].gain > 0.0 else None
     group = _alike(best, causes)
-    if best is not None:
+    if best is not None and best.data != LIGHT:
         other = next((e for e in causes if e.data == LIGHT), None)
-        if best.data != LIGHT and other is not None and _clear(other, evidence):
+        if other is not None and _clear(other, evidence):
             group += [e for e in _alike(other, causes) if e.data == LIGHT and e not in group]
-    unexplained = [e for e in evidence if e.symptom and _left_by(best, e) < CHECK_AT]
-    unexplained.sort(key=lambda e: e.p_value)
-    unexplained = list({one.name: one for one in reversed(unexplained)}.values())[::-1]
-    weak = best is None or not _clear(best, evidence)
-    # Light of one place is no halo, though a halo may be made of it.
-    weak = weak or any(np.isfinite(e.remains) and e.remains > best.gain for e in unexplained)
+    at = CHECK_AT / len(evidence)
+    left = [e for e in evidence if e.symptom and _left_by(best, e) < at]
+    unexplained = _best_of_each(sorted(left, key=lambda e: e.p_value))
+    # Light of one place is no halo, though a halo may be made of it: NaN is not more.
+    weak = (
+        best is None
+        or not _clear(best, evidence)
+        or any(e.remains > best.gain for e in unexplained)
+    )
     ordered = [*unexplained, *group] if weak else [*group, *unexplained]
+    # The test that raised the alarm is named, whatever it is.
+    raised = min(evidence, key=lambda e: e.p_value)
+    if all(one.p_value > CHECK_AT for one in ordered) or not ordered:
+        ordered.insert(0, raised)
     return ordered[:_MOST_NAMED]
+
+
+def _best_of_each(ranked: Sequence[Evidence]) -> list[Evidence]:
+    """The first of each name."""
+    first: dict[FindingName, Evidence] = {}
+    for one in ranked:
+        first.setdefault(one.name, one)
+    return list(first.values())
 
 
 def _clear(cause: Evidence, evidence: Sequence[Evidence]) -> bool:
