@@ -79,7 +79,8 @@ class TestJudge:
         far = along((basis[:, :1] + basis[:, 2:3]) / np.sqrt(2.0), data, FindingName.SOURCE)
         assert [e.name for e in named([far, near, best])] == ["index"]
         data[1] = 2.9
-        best, near = along(tilted, data, FindingName.INDEX), along(basis[:, :1], data)
+        best = along(tilted, data, FindingName.INDEX)
+        near = along(basis[:, :1], data, FindingName.POSE)
         assert len(named([far, near, best])) == 2
 
     def test_a_symptom_is_named_only_where_no_cause_explains_it(self):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtrc, ndtr
+from scipy.special import betainc, ndtr
 
 from lightflight.errors import NothingFoundError
 from lightflight.path.verdict import FindingName
@@ -486,7 +486,7 @@ def _largest(groups: list[_Group], sums: Sums, sizes: Floats) -> _Brightest:
             continue
         # Given all counts of the pixel, those of one cell are binomial: no background is needed.
         total, share = counts.sum(axis=1)[at[0]], mean[at] / mean.sum(axis=1)[at[0]]
-        by_count = bdtrc(counts[at] - 1.0, total, share)
+        by_count = betainc(counts[at], total - counts[at] + 1.0, share)
         by_size = ndtr(-(counts[at] - mean[at]) / np.sqrt(variance[at]))
         p_values = np.where(variance[at] > 1.1 * mean[at], np.maximum(by_size, by_count), by_count)
         best = int(np.argmin(p_values))
