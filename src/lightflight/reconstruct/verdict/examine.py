@@ -61,9 +61,7 @@ def examined(
             others = evidence_without_hidden(fit, evidence, sightings, setting)
             evidence, hidden = (others, ()) if others else (evidence, hidden)
         light, unseen = _light(fit, sightings, nominal_clock)
-        verdict = verdict_from_evidence(
-            (*evidence, *light), (*said, *beyond, *unseen, *hidden)
-        )
+        verdict = verdict_from_evidence((*evidence, *light), (*said, *beyond, *unseen, *hidden))
     if verdict.level is not Level.TRUST:
         warnings.warn(warning_of(verdict), SuspectDataWarning, stacklevel=4)
     return replace(path, verdict=verdict)
