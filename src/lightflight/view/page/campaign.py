@@ -203,7 +203,9 @@ def _facts(path: LightPath) -> list[tuple[str, str]]:
         ("legs", str(path.n_legs)),
         ("elevation", f"{angles}\u00b0" + (" \u2026" if path.n_legs > 3 else "")),
         ("\u03c7\u00b2/dof", number(goodness.reduced_chi2, 3)),
-        ("pulses", str(goodness.n_pulses) if path.explained is None else str(path.explained)),
+        ("pulses", str(goodness.n_pulses))
+        if path.explained is None
+        else ("explains", str(path.explained)),
     ]
     if not goodness.converged:
         facts.append(("warning", "the fit did not converge"))
