@@ -158,9 +158,9 @@ def test_chi2_of_an_older_file_says_that_it_hides_misfit():
     assert replace(GOOD, error_floor_ps=1.0).chi2_in_words == "10.0 / 9, extra scatter included"
     new = replace(GOOD, error_floor_ps=1.2, chi2_with_floor=8.0)
     assert new.chi2_in_words == "10.0 / 9"
-    assert new.floor_in_words == (
-        "1.2 ps beyond the stated errors (64 % of the residuals' mean square): misfit"
-    )
+    assert new.floor_in_words == "1.2 ps beyond the stated errors, it takes 20 % of chi2: misfit"
+    old = replace(GOOD, error_floor_ps=1.2)
+    assert old.floor_in_words == "1.2 ps beyond the stated errors: misfit"
     assert GOOD.floor_in_words == ""
     assert replace(GOOD, dof=0).chi2_in_words == "–"
 

@@ -98,10 +98,12 @@ class Goodness:
 
     @property
     def floor_share(self) -> float:
-        """Share of the residuals' mean square that only the error floor accounts for, 0 to 1."""
-        if not self.residual_rms_ps > 0:
+        """Share of `chi2` that the error floor takes, 0 to 1; NaN where an older file hides it."""
+        if not self.error_floor_ps > 0:
             return 0.0
-        return min(1.0, (self.error_floor_ps / self.residual_rms_ps) ** 2)
+        if self.chi2_with_floor is None or not self.chi2 > 0:
+            return float("nan")
+        return 1.0 - self.chi2_with_floor / self.chi2
 
     @property
     def chi2_in_words(self) -> str:
@@ -116,10 +118,9 @@ class Goodness:
         """What the error floor takes, as the misfit that it is; empty without one."""
         if not self.error_floor_ps > 0:
             return ""
-        return (
-            f"{self.error_floor_ps:.2g} ps beyond the stated errors "
-            f"({100 * self.floor_share:.0f} % of the residuals' mean square): misfit"
-        )
+        share = self.floor_share
+        takes = f", it takes {100 * share:.0f} % of chi2" if share >= 0 else ""
+        return f"{self.error_floor_ps:.2g} ps beyond the stated errors{takes}: misfit"
 
 
 @dataclass(frozen=True)
