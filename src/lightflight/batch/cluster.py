@@ -27,6 +27,10 @@ _ENVIRONMENT = {
 }
 """One thread per worker: the work is shared out by recordings."""
 
+_MARK = "LIGHTFLIGHT_IMPORTED"
+Certificates = tuple[str | os.PathLike[str], str | os.PathLike[str], str | os.PathLike[str]]
+"""PEM files: of the authority, our own, and its key."""
+
 _PRELOADED = (
     "distributed.nanny",
     "lightflight.batch.pieces",
@@ -56,6 +60,7 @@ def cores() -> int:
 def workers(
     *,
     scheduler: str | None = None,
+    certificates: Certificates | None = None,
     n_workers: int | None = None,
     scratch: Path,
     loud: bool = False,
@@ -65,7 +70,9 @@ def workers(
     Parameters
     ----------
     scheduler : str, optional
-        "tcp://host:port"; its workers need lightflight and the same folders.
+        "tls://host:port"; its workers need lightflight and the same folders.
+    certificates : (path, path, path), optional
+        Of the scheduler's authority, our own, and its key (PEM); None: as Dask is configured.
     n_workers : int, optional
         Workers on this machine; None: one per core.
     scratch : Path
@@ -81,48 +88,88 @@ def workers(
     Raises
     ------
     ConfigError
-        Where nobody answers at `scheduler`, or no worker can be started here.
+        Where nobody answers at `scheduler`, certificates do not fit, or no worker can be started
+        here.
     MissingExtraError
-        Without dask.
+        Without dask, or without cryptography for workers of this machine.
     """
     _leave_if_imported_by_a_worker()
-    with safe_children(), _client(scheduler, n_workers, scratch, loud=loud) as client:
-        yield client
+    # A worker that imports an unguarded script leaves word there, for `_why_not`.
+    mark = {_MARK: os.fspath(scratch / "imported")}
+    with safe_children(), environment(mark):
+        try:
+            import dask
+
+            start_method = _start_method() if scheduler is None else "spawn"
+            import distributed  # noqa: F401  (while the forkserver starts)
+        except ImportError as error:
+            raise MissingExtraError(
+                'campaigns need dask, which is not installed: pip install "lightflight[batch]"'
+            ) from error
+        level = logging.INFO if loud else logging.CRITICAL + 1
+        _set_log_level(level)
+        security = _own_security() if scheduler is None else _told_security(certificates)
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(dask.config.set(_dask_options(level, start_method)))
+            address = scheduler or stack.enter_context(
+                _local_cluster(n_workers or cores(), scratch, security, log_level=level)
+            )
+            yield stack.enter_context(_client(address, security))
 
 
 @contextlib.contextmanager
-def _client(
-    scheduler: str | None, n_workers: int | None, scratch: Path, *, loud: bool
-) -> Iterator[Any]:
-    """What `workers` gives; the children that are started meanwhile are safe."""
-    try:
-        import dask
+def _client(address: Any, security: Any) -> Iterator[Any]:
+    """A client of one scheduler; raises ConfigError where none answers."""
+    import distributed
 
-        start_method = _start_method() if scheduler is None else "spawn"
-        import distributed
-    except ImportError as error:
-        raise MissingExtraError(
-            'campaigns need dask, which is not installed: pip install "lightflight[batch]"'
-        ) from error
-    level = logging.INFO if loud else logging.CRITICAL + 1
-    _set_log_level(level)
+    dask_client: Any = distributed.Client
+    told = {} if security is None else {"security": security}
     with contextlib.ExitStack() as stack:
-        stack.enter_context(dask.config.set(_dask_options(level, start_method)))
-        address = scheduler or stack.enter_context(
-            _local_cluster(n_workers or cores(), scratch, log_level=level)
-        )
-        dask_client: Any = distributed.Client
         try:
             client = stack.enter_context(
                 # The caller's program may have a client of its own: that stays its default.
-                dask_client(address, timeout=_CONNECT_S, set_as_default=False)
+                dask_client(address, timeout=_CONNECT_S, set_as_default=False, **told)
             )
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, TypeError, RuntimeError) as error:
             raise ConfigError(
-                f"--scheduler {scheduler}: no Dask scheduler answers there ({error})"
+                f"--scheduler {address}: no Dask scheduler answers there, or it wants another "
+                f"certificate: see --tls ({error})"
             ) from None
         client.register_plugin(_deaf_to_interrupts(), name="lightflight-interrupts")
         yield client
+
+
+def _own_security() -> Any:
+    """Certificates of this run alone: else any user of this machine could hand pickles to it."""
+    import distributed
+
+    security: Any = distributed.Security
+    try:
+        return security.temporary()
+    except ImportError as error:
+        raise MissingExtraError(
+            "workers of this machine are reached by TLS, which needs cryptography: "
+            'pip install "lightflight[batch]"'
+        ) from error
+
+
+def _told_security(certificates: Certificates | None) -> Any:
+    """Certificates for a scheduler of the lab's; None where Dask's own settings tell."""
+    if certificates is None:
+        return None
+    import distributed
+
+    for file in certificates:
+        if not Path(file).is_file():
+            raise ConfigError(f"--tls: {file}: there is no such file")
+    authority, certificate, key = certificates
+    security: Any = distributed.Security
+    return security(
+        tls_ca_file=os.fspath(authority),
+        tls_client_cert=os.fspath(certificate),
+        tls_client_key=os.fspath(key),
+        require_encryption=True,
+    )
 
 
 def _set_log_level(level: int) -> None:
@@ -141,6 +188,9 @@ def _dask_options(log_level: int, start_method: str) -> dict[str, Any]:
         "distributed.admin.system-monitor.interval": "5s",
         "distributed.admin.system-monitor.gil.enabled": False,
         "distributed.scheduler.allowed-failures": _MOST_DEATHS,
+        # The port of the dashboard is opened all the same: without routes it answers nobody.
+        "distributed.scheduler.http.routes": [],
+        "distributed.worker.http.routes": [],
         "distributed.worker.daemon": True,
         "distributed.worker.multiprocessing-method": start_method,
         "distributed.comm.timeouts.connect": f"{_CONNECT_S}s",
@@ -149,25 +199,27 @@ def _dask_options(log_level: int, start_method: str) -> dict[str, Any]:
     }
 
 
-def _local_cluster(n_workers: int, scratch: Path, *, log_level: int) -> Any:
+def _local_cluster(n_workers: int, scratch: Path, security: Any, *, log_level: int) -> Any:
     """Workers on this machine; raises ConfigError where none can be started."""
     import distributed
 
     dask_utils: Any = distributed.utils
     dask_utils._forkserver_preload_set = True  # else Dask imports all it knows, pandas too
     dask_cluster: Any = distributed.LocalCluster
-    # Nobody but this machine is listened to, and no port is opened for a dashboard.
+    # Nobody but this machine is listened to, and of it nobody without our certificate.
     try:
         return dask_cluster(
             n_workers=n_workers,
             threads_per_worker=1,
             host="127.0.0.1",
+            protocol="tls://",
+            security=security,
             dashboard_address=None,
             local_directory=str(scratch),
             silence_logs=log_level if log_level > logging.CRITICAL else False,
         )
     except RuntimeError as error:
-        raise ConfigError(f"no worker could be started: {_why_not(error)}") from None
+        raise ConfigError(f"no worker could be started: {_why_not(error, scratch)}") from None
 
 
 def _start_method() -> str:
@@ -195,19 +247,25 @@ def _leave_if_imported_by_a_worker() -> None:
     import multiprocessing
 
     if getattr(multiprocessing.current_process(), "_inheriting", False):
+        with contextlib.suppress(OSError, KeyError):
+            Path(os.environ[_MARK]).touch()
         raise SystemExit(1)
 
 
-def _why_not(error: Exception) -> str:
+def _why_not(error: Exception, scratch: Path) -> str:
     """Why Dask could not start a worker, as far as can be told."""
     main = sys.modules["__main__"]
     script = getattr(main, "__file__", None)
-    if script is not None and getattr(main, "__spec__", None) is None:
+    if (scratch / "imported").exists():
         return (
-            f"workers import {script}, so what it does must stand under "
-            'if __name__ == "__main__": (and nothing above that may fail)'
+            f'workers import {script}, so what it does must stand under if __name__ == "__main__":'
         )
-    return f"Dask says {error}"
+    is_script = script is not None and getattr(main, "__spec__", None) is None
+    where = f", or what {script} does on being imported fails" if is_script else ""
+    return (
+        "it was ended while it started: for want of memory, by somebody, or by a limit of this "
+        f"machine{where} (Dask says: {error})"
+    )
 
 
 def _deaf_to_interrupts() -> Any:

@@ -84,6 +84,7 @@ def run_campaign(
     campaign: Campaign,
     *,
     scheduler: str | None = None,
+    certificates: cluster.Certificates | None = None,
     n_workers: int | None = None,
     progress: Report | None = None,
     loud: bool = False,
@@ -96,6 +97,8 @@ def run_campaign(
         From `campaign_from_toml`.
     scheduler : str, optional
         Address of a Dask scheduler; None: workers on this machine.
+    certificates : (path, path, path), optional
+        For a scheduler by TLS: of its authority, our own, and its key (PEM).
     n_workers : int, optional
         Workers on this machine; None: one per core.
     progress : callable, optional
@@ -134,7 +137,11 @@ def run_campaign(
                 prefix="lightflight-", ignore_cleanup_errors=True
             ) as folder,
             cluster.workers(
-                scheduler=scheduler, n_workers=n_workers, scratch=Path(folder), loud=loud
+                scheduler=scheduler,
+                certificates=certificates,
+                n_workers=n_workers,
+                scratch=Path(folder),
+                loud=loud,
             ) as client,
         ):
             run.drive(client)

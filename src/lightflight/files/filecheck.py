@@ -208,11 +208,44 @@ def damage_as_format_error(path: str | os.PathLike[str]) -> Iterator[None]:
         yield
     except (FileFormatError, ConfigError, ImportError, Warning):  # warnings may be made errors
         raise
+    except MemoryError:
+        raise  # of this machine, not of the file
     except Exception as error:
-        raise FileFormatError(
-            f"cannot be read ({_reason(error)}): the file is damaged; copy or record it again",
-            path=path,
-        ) from error
+        raise FileFormatError(blame(error), path=path) from error
+
+
+_LOCKED = ("unable to lock file", "resource temporarily unavailable")
+_OF_DAMAGE = (ValueError, OSError, EOFError, KeyError, RuntimeError, OverflowError)
+_OF_DAMAGE_BY_NAME = ("error", "BadZipFile")  # of struct, zlib and zipfile
+_OF_PROGRAMS = (NotImplementedError, RecursionError)
+
+
+def blame(error: Exception) -> str:
+    """What was wrong, in words: the file alone where that is sure, else all it may have been.
+
+    Parameters
+    ----------
+    error : Exception
+        What a reader raised.
+
+    Returns
+    -------
+    str
+        A sentence that goes on after the name of the file.
+    """
+    reason = _reason(error)
+    if isinstance(error, BlockingIOError) or any(word in str(error).lower() for word in _LOCKED):
+        return "is locked: another program has it open; close it there, or wait"
+    if isinstance(error, OSError) and error.errno is not None:
+        return f"cannot be read ({reason}): see to the disk, the network or the permissions"
+    if isinstance(error, _OF_DAMAGE) and not isinstance(
+        error, NotImplementedError | RecursionError
+    ):
+        return f"cannot be read ({reason}): the file is damaged; copy or record it again"
+    return (
+        f"cannot be read ({type(error).__name__}: {reason}): a fault of lightflight or of a "
+        "library, or the file is damaged; please report it if others read it"
+    )
 
 
 @contextlib.contextmanager

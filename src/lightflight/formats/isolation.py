@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import signal
 import subprocess
 import sys
 import tempfile
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError, MissingExtraError
 from lightflight.files.children import run_module
-from lightflight.files.filecheck import DEFLATE_MOST, allowed_memory_bytes
+from lightflight.files.filecheck import DEFLATE_MOST, allowed_memory_bytes, blame
 
 TIME_LIMIT_S = 60.0
 """Seconds a reader may take for a small file; large ones get a second per megabyte more."""
@@ -65,7 +66,9 @@ def run_isolated(
             )
         except subprocess.TimeoutExpired:
             raise FileFormatError(
-                f"its reader did not finish in {limit:.0f} s: the file is damaged", path=path
+                f"its reader did not finish in {limit:.0f} s: the file is damaged, or this machine "
+                "has too much to do",
+                path=path,
             ) from None
         # What a library prints stands before the sentence that `_main` writes last.
         last_line = (done.stderr.strip().splitlines() or [""])[-1]
@@ -74,11 +77,16 @@ def run_isolated(
         if done.returncode == _REFUSED:
             raise FileFormatError(last_line, path=path)
         if done.returncode != 0:
-            raise FileFormatError(
-                f"its reader crashed (exit code {done.returncode}): the file is damaged", path=path
-            )
+            raise FileFormatError(_why_it_ended(done.returncode), path=path)
         values = json.loads(Path(folder, "values.json").read_text("utf-8"))
         return _arrays_in(Path(folder)), values
+
+
+def _why_it_ended(code: int) -> str:
+    """In words, why a child did not come to its end."""
+    if code == -getattr(signal, "SIGKILL", 9):
+        return "its reader was ended from outside, as the system does for want of memory: try again"
+    return f"its reader crashed (exit code {code}): the file is damaged, or the reader is at fault"
 
 
 def _arrays_in(folder: Path) -> dict[str, NDArray[Any]]:
@@ -116,13 +124,22 @@ def _main(function: str, path: str, folder: str) -> int:
     except FileFormatError as error:
         sys.stderr.write(f"{error}\n")
         return _REFUSED
-    except Exception as error:  # noqa: BLE001  (whatever the reader of others raises)
-        first_line = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        sys.stderr.write(f"cannot be read ({first_line[:120]}): the file is damaged\n")
+    except MemoryError:
+        sys.stderr.write(
+            "cannot be read: it claims more than a file of its size can hold, or than is free "
+            "(the file is damaged, or memory is short)\n"
+        )
         return _REFUSED
-    for key, array in arrays.items():
-        np.save(Path(folder, f"{key}.npy"), array, allow_pickle=False)
-    Path(folder, "values.json").write_text(json.dumps(values), "utf-8")
+    except Exception as error:  # noqa: BLE001  (whatever the reader of others raises)
+        sys.stderr.write(f"{blame(error)}\n")
+        return _REFUSED
+    try:
+        for key, array in arrays.items():
+            np.save(Path(folder, f"{key}.npy"), array, allow_pickle=False)
+        Path(folder, "values.json").write_text(json.dumps(values), "utf-8")
+    except OSError as error:
+        sys.stderr.write(f"was read, but not passed on: {folder}: {error.strerror}\n")
+        return _REFUSED
     return 0
 
 

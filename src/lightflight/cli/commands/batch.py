@@ -55,6 +55,14 @@ class InterruptedCampaignError(Exception):
     help="Dask scheduler of a cluster whose workers see the same folders.  [default: this machine]",
 )
 @click.option(
+    "--tls",
+    "certificates",
+    nargs=3,
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    metavar="CA CERT KEY",
+    help="Certificates for --scheduler tls://...: of its authority, of this machine, and its key.",
+)
+@click.option(
     "--workers",
     type=click.IntRange(min=1),
     help="Workers on this machine.  [default: one per core]",
@@ -75,6 +83,7 @@ def command(
     *,
     campaign_file: Path,
     scheduler: str | None,
+    certificates: tuple[Path, Path, Path] | None,
     workers: int | None,
     output: Path | None,
     page: bool,
@@ -93,10 +102,12 @@ def command(
     Examples:
       lightflight batch campaign.toml --dry-run
       lightflight batch campaign.toml -o results --workers 8
-      lightflight batch campaign.toml --scheduler tcp://head-node:8786
+      lightflight batch campaign.toml --scheduler tls://head-node:8786 --tls ca.pem me.pem key.pem
     """
     if scheduler is not None and workers is not None:
         raise click.UsageError("--workers is for this machine: a --scheduler has its own")
+    if certificates and scheduler is None:
+        raise click.UsageError("--tls is for a --scheduler: this machine's workers have their own")
     from lightflight.batch.campaign import campaign_from_toml, toml_from_campaign
 
     campaign = campaign_from_toml(campaign_file, assignments=assignments, output=output)
@@ -104,7 +115,7 @@ def command(
         click.echo(toml_from_campaign(campaign).rstrip())
         return
     _check_ready(campaign)
-    table = _run(campaign, scheduler, workers)
+    table = _run(campaign, scheduler, workers, certificates)
     written = _write_results(campaign, table, page=page)
     _report(campaign, table, written, as_json=as_json)
     if table.n_failed == len(table.rows):
@@ -138,13 +149,24 @@ def _check_ready(campaign: Campaign) -> None:
         )
 
 
-def _run(campaign: Campaign, scheduler: str | None, workers: int | None) -> CampaignTable:
+def _run(
+    campaign: Campaign,
+    scheduler: str | None,
+    workers: int | None,
+    certificates: tuple[Path, Path, Path] | None,
+) -> CampaignTable:
     """Table of the campaign; an interruption becomes a sentence that says how to go on."""
     from lightflight.batch.runner import run_campaign
 
     try:
         with _progress() as progress:
-            return run_campaign(campaign, scheduler=scheduler, n_workers=workers, progress=progress)
+            return run_campaign(
+                campaign,
+                scheduler=scheduler,
+                certificates=certificates or None,
+                n_workers=workers,
+                progress=progress,
+            )
     except KeyboardInterrupt:  # the exit code is a shell's for Ctrl-C, the sentence is ours
         raise InterruptedCampaignError(
             "interrupted; what is finished is kept: run the same command again to go on"

@@ -1,0 +1,118 @@
+"""Workers and schedulers: nobody without a certificate hands them anything."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+import lightflight as lf
+from lightflight.batch import cluster
+from lightflight.batch.campaign import campaign_from_toml
+from lightflight.batch.runner import run_campaign
+from lightflight.batch.table import write_table_csv
+from lightflight.errors import ConfigError, MissingExtraError
+from tests.batch.conftest import CAMPAIGN, LAB, recording_at
+
+distributed = pytest.importorskip("distributed")
+pytest.importorskip("cryptography")
+
+
+def certificates(folder: Path) -> tuple[Path, Path, Path]:
+    """As the how-to makes them: one key, its own authority."""
+    security = distributed.Security.temporary()
+    names = ("ca.pem", "cert.pem", "key.pem")
+    values = (security.tls_ca_file, security.tls_client_cert, security.tls_client_key)
+    for name, text in zip(names, values, strict=True):
+        (folder / name).write_text(text)
+    return folder / names[0], folder / names[1], folder / names[2]
+
+
+@pytest.mark.slow
+def test_a_local_cluster_answers_only_who_has_its_certificate(tmp_path):
+    with cluster.workers(n_workers=1, scratch=tmp_path) as client:
+        address = client.scheduler.address
+        assert address.startswith("tls://127.0.0.1:")
+        for port in client.scheduler_info()["services"].values():
+            for page in ("", "info/main/workers.html", "metrics", "json/identity.json"):
+                with pytest.raises(urllib.error.HTTPError, match="404"):
+                    urllib.request.urlopen(f"http://127.0.0.1:{port}/{page}", timeout=5)
+        for stranger in (address, address.replace("tls", "tcp")):
+            with pytest.raises((OSError, TypeError, RuntimeError, ValueError)):
+                distributed.Client(stranger, timeout=2, set_as_default=False)
+        assert cluster.submit(client, os.getpid, name="x").result() != os.getpid()
+
+
+def test_without_cryptography_it_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cryptography", None)
+    with (
+        pytest.raises(MissingExtraError, match=r"needs cryptography: pip install .*\[batch\]"),
+        cluster.workers(n_workers=1, scratch=tmp_path),
+    ):
+        pytest.fail("must not get here")
+
+
+@contextlib.contextmanager
+def _started(*words: str, folder: Path):
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", *words], cwd=folder, start_new_session=True,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+def _free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="POSIX")
+def test_the_recipe_for_a_cluster_with_certificates_of_ones_own(tmp_path):
+    """docs/how-to/campaigns.md: refused without a certificate, with one the same table."""
+    (tmp_path / "lab.toml").write_text(LAB)
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN)
+    for angle in (-4, 4):
+        (tmp_path / f"angle_{angle}").mkdir()
+        lf.write(recording_at(angle, seed=16), tmp_path / f"angle_{angle}" / "run1.h5")
+    ca, cert, key = certificates(tmp_path)
+    tls = ["--tls-ca-file", str(ca), "--tls-cert", str(cert), "--tls-key", str(key)]
+    address = f"tls://127.0.0.1:{_free_port()}"
+    tables = []
+    with (
+        _started("distributed.cli.dask_scheduler", *tls, "--host", address, "--no-dashboard",
+                 folder=tmp_path),
+        _started("distributed.cli.dask_worker", address, *tls, "--nthreads", "1", "--no-dashboard",
+                 folder=tmp_path),
+    ):  # fmt: skip
+        end = time.monotonic() + 60
+        campaign = campaign_from_toml(tmp_path / "campaign.toml")
+        while True:
+            try:
+                table = run_campaign(campaign, scheduler=address, certificates=(ca, cert, key))
+                break
+            except ConfigError:
+                assert time.monotonic() < end, "the scheduler never answered"
+        write_table_csv(table, tmp_path / "a.csv")
+        tables.append((tmp_path / "a.csv").read_bytes())
+        shutil.rmtree(tmp_path / "results")
+        with pytest.raises(ConfigError, match="wants another certificate"):
+            run_campaign(campaign, scheduler=address)
+    write_table_csv(run_campaign(campaign, n_workers=1), tmp_path / "b.csv")
+    assert tables[0] == (tmp_path / "b.csv").read_bytes()
