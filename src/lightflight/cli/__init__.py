@@ -12,6 +12,7 @@ from lightflight._version import __version__
 from lightflight.cli.commands import (
     batch,
     calibrate,
+    check,
     convert,
     demo,
     export,
@@ -36,6 +37,7 @@ A first look, without a lab:
 With a lab:
   lightflight info recording.h5
   lightflight calibrate --code-density bright.h5 --flat flat.h5 -o calibration.h5
+  lightflight check lab.toml recording.h5 --timing calibration.h5
   lightflight reconstruct recording.h5 --lab lab.toml --timing calibration.h5 -o path.h5
   lightflight view path.h5 --recording recording.h5 --timing calibration.h5
 
@@ -60,8 +62,8 @@ def main() -> None:
 
 
 _COMMANDS = (
-    demo, paper, plan, simulate, info, convert, calibrate, reconstruct, batch, view, movie, plot,
-    export, versions,
+    demo, paper, plan, simulate, info, convert, calibrate, check, reconstruct, batch, view, movie,
+    plot, export, versions,
 )  # fmt: skip
 
 for _module in _COMMANDS:

@@ -19,6 +19,8 @@ from lightflight.path.verdict import (
     warning_of,
 )
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint
+from lightflight.reconstruct.legs.direction import search_legs
+from lightflight.reconstruct.legs.plausible import implausible
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
@@ -62,9 +64,26 @@ def examined(
             evidence, hidden = (others, ()) if others else (evidence, hidden)
         light, unseen = _light(fit, sightings, nominal_clock)
         verdict = verdict_from_evidence((*evidence, *light), (*said, *beyond, *unseen, *hidden))
+    if verdict.level is Level.CONTRADICTED:
+        verdict = replace(verdict, findings=(*_mistakes(sightings[0], setting), *verdict.findings))
     if verdict.level is not Level.TRUST:
         warnings.warn(warning_of(verdict), SuspectDataWarning, stacklevel=4)
     return replace(path, verdict=verdict)
+
+
+def _mistakes(sighting: Sighting, setting: Setting) -> tuple[Finding, ...]:
+    """What a user may have told wrong, asked only where something is wrong."""
+    try:
+        legs = search_legs(sighting.arrivals, sighting, setting, None)
+    except NothingFoundError:
+        legs = ()
+    return implausible(
+        setting.camera,
+        setting.source,
+        setting.medium,
+        legs,
+        code_ps=sighting.histograms.bin_width_ps,
+    )
 
 
 def collected(fit: JointFit, sightings: list[Sighting], setting: Setting) -> tuple[Evidence, ...]:

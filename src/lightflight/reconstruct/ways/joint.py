@@ -25,6 +25,7 @@ from lightflight.reconstruct.legs.direction import (
     warn_of_scatter,
 )
 from lightflight.reconstruct.legs.find import ImageLeg
+from lightflight.reconstruct.legs.plausible import refuse_other_units
 from lightflight.reconstruct.model.geometry import PathState, state_of_path
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.ways.request import Request
@@ -99,6 +100,7 @@ def _fit_as_found(request: Request) -> tuple[JointFit, tuple[ImageLeg, ...]]:
     """The fit with as many legs as the data show, and the legs in the picture it began with."""
     sightings, setting = request.sightings, request.setting
     legs = legs_of_straight_light(sightings[0], setting, None)
+    refuse_other_units(setting.camera, setting.source, setting.medium, legs)
     try:
         fit = fit_from_legs(sightings, legs, setting, drop=True)
     except (GeometryError, NothingFoundError) as problem:
@@ -125,6 +127,7 @@ def _fit_as_told(request: Request, n_legs: int) -> tuple[JointFit, tuple[ImageLe
     except (GeometryError, NothingFoundError):
         pass
     legs = legs_of_straight_light(sightings[0], setting, n_legs)
+    refuse_other_units(setting.camera, setting.source, setting.medium, legs)
     try:
         fit = fit_from_legs(sightings, legs, setting, drop=False)
     except (GeometryError, NothingFoundError) as problem:
