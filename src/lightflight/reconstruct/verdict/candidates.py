@@ -17,7 +17,12 @@ from lightflight.camera.model import Camera
 from lightflight.flight import Medium
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.least_squares import TimeData, rows_of_view
-from lightflight.reconstruct.model.geometry import PathState, footprints, line_offsets
+from lightflight.reconstruct.model.geometry import (
+    PathState,
+    arrival_jacobian,
+    footprints,
+    line_offsets,
+)
 from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
 from lightflight.reconstruct.model.picture import LineDataInPicture
 
@@ -182,15 +187,35 @@ class Rows:
 
     def shifted(self, shift_mm: Floats) -> tuple[Floats, Floats]:
         """The same where the whole path stands elsewhere; (3,), mm."""
-        by_time, by_line = (np.stack(part, axis=1) for part in zip(*self._shifts, strict=True))
-        return by_time @ shift_mm, by_line @ shift_mm
+        whole = self.by_vertices.sum(axis=1) @ shift_mm
+        n = len(self.times.leg)
+        return whole[:n], whole[n:]
 
     @cached_property
-    def _shifts(self) -> list[tuple[Floats, Floats]]:
-        """Derivatives by a shift along x, y and z."""
-        step, here = 1e-2, self.state.vertices_mm
-        moved = (replace(self.state, vertices_mm=here + step * axis) for axis in np.eye(3))
-        return [self.change(step, state=state) for state in moved]
+    def by_vertices(self) -> Floats:
+        """(n + 2 L, m, 3): derivatives of `model` by the vertices, ps and px per mm."""
+        state = self.state
+        n, n_lines, m = len(self.times.leg), len(self.lines.leg), len(state.vertices_mm)
+        out = np.zeros((n + n_lines, 3 * m + 1))
+        for view, camera in enumerate(self.cameras):
+            here = rows_of_view(self.times.view, view, n)
+            drawn = rows_of_view(self.lines.view, view, n_lines)
+            out[here] = arrival_jacobian(
+                state,
+                camera=camera,
+                medium=self.medium,
+                legs=self.times.leg[here],
+                rows=self.times.row[here],
+                cols=self.times.col[here],
+            )[1]
+            out[n + drawn] = line_offsets(
+                state,
+                camera=camera,
+                legs=self.lines.leg[drawn],
+                anchors=self.lines.anchors[drawn],
+                focal_px=mean_focal_px(camera),
+            )[1]
+        return out[:, :-1].reshape(-1, m, 3)
 
     def fractions(self) -> tuple[Floats, Floats]:
         """Where along its leg each pulse (n,) and each anchor of a line (2 L,) is."""
@@ -322,13 +347,8 @@ def _posed(axis: int, camera: Camera, step: float) -> Camera:
 
 
 def _source(rows: Rows) -> Candidate:
-    parts = []
-    for axis in range(3):
-        step = 1e-2
-        vertices = rows.state.vertices_mm.copy()
-        vertices[0, axis] += step
-        moved = replace(rows.state, vertices_mm=vertices)
-        parts.append(("source", rows.change(step, state=moved)))
+    n, by_source = len(rows.times.leg), rows.by_vertices[:, 0]
+    parts = [("source", (by_source[:n, axis], by_source[n:, axis])) for axis in range(3)]
     return _candidate(rows, FindingName.SOURCE, parts)
 
 
