@@ -20,6 +20,12 @@ from typing import Any
 
 from lightflight.errors import ConfigError
 
+_MOST_WHOLE = 1 << 63
+_MOST_BYTES = 4 << 20
+_MOST_SHOWN = 120
+_MOST_LEVELS = 16
+"""Tables and lists within each other: a set-up needs four."""
+
 Check = Callable[[Any], Any]
 """Returns the value as it is to be used; raises ValueError with what it must be."""
 
@@ -53,7 +59,11 @@ def _is_number(value: Any) -> bool:
 
 def number(value: Any) -> float:
     """Accept any finite number."""
-    if not _is_number(value) or not math.isfinite(value):
+    try:
+        is_finite = _is_number(value) and math.isfinite(value)
+    except OverflowError:  # a whole number beyond all floats
+        is_finite = False
+    if not is_finite:
         raise ValueError("must be a number")
     return float(value)
 
@@ -62,6 +72,8 @@ def integer(value: Any) -> int:
     """Accept a whole number."""
     if not isinstance(value, int) or isinstance(value, bool):
         raise ValueError("must be a whole number")
+    if abs(value) >= _MOST_WHOLE:
+        raise ValueError("must be a whole number of 64 bits at most")
     return value
 
 
@@ -265,7 +277,7 @@ def checked_table(
         try:
             checked[name] = known[name].check(value)
         except ValueError as error:
-            raise ConfigError(f"{where}: [{section}] {name} {error}, got {value!r}") from None
+            raise ConfigError(f"{where}: [{section}] {name} {error}, got {shown(value)}") from None
     return checked
 
 
@@ -304,12 +316,18 @@ def checked_sections(
             hint = unknown_name_sentence(name, list(sections))
             raise ConfigError(f"{where}: unknown {what} {name!r}; {hint}")
         if not isinstance(value, Mapping):
-            raise ConfigError(f"{where}: {name!r} must be a section, [{name}], got {value!r}")
+            raise ConfigError(f"{where}: {name!r} must be a section, [{name}], got {shown(value)}")
         keys = sections[name]
         checked[name] = (
             dict(value) if keys is None else checked_table(value, keys, section=name, where=where)
         )
     return checked
+
+
+def shown(value: Any) -> str:
+    """A value in a message, shortened where it is long."""
+    text = repr(value)
+    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
 
 
 def table_from_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -331,15 +349,47 @@ def table_from_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
         Where the file is missing, cannot be read, or is not TOML (the text names the line).
     """
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        if Path(path).exists() and not Path(path).is_file():
+            raise ConfigError(f"{path}: cannot be read, it is no regular file: name a set-up file")
+        if Path(path).stat().st_size > _MOST_BYTES:
+            raise ConfigError(f"{path}: is too large for a set-up file")
+        return _table_of(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ConfigError(f"{path}: there is no such set-up file") from None
     except UnicodeDecodeError:
         raise ConfigError(f"{path}: is not a text file: a set-up is written in TOML") from None
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, _TooDeepError) as error:
         raise ConfigError(f"{path}: is not valid TOML: {error}") from None
+
+
+class _TooDeepError(ValueError):
+    """Tables, lists or numbers beyond what a set-up needs."""
+
+
+def _table_of(text: str) -> dict[str, Any]:
+    """Parse TOML; whatever the parser cannot bear is one error of two kinds."""
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        raise
+    # Brackets nested deep, and whole numbers of thousands of digits, are too much for Python.
+    except (RecursionError, ValueError) as error:
+        raise _TooDeepError(
+            f"its nesting or a number is too long ({type(error).__name__})"
+        ) from None
+    level: list[Any] = [table]
+    for _ in range(_MOST_LEVELS):
+        level = [
+            inner
+            for one in level
+            for inner in (one.values() if isinstance(one, dict) else one)
+            if isinstance(inner, dict | list)
+        ]
+    if level:
+        raise _TooDeepError(f"its tables lie more than {_MOST_LEVELS} levels deep")
+    return table
 
 
 def override_table(table: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
@@ -402,6 +452,6 @@ def value_from_text(value: str) -> Any:
     ([1, 2.5], 'pf32')
     """
     try:
-        return tomllib.loads(f"value = {value.strip()}")["value"]
-    except tomllib.TOMLDecodeError:
+        return _table_of(f"value = {value.strip()}")["value"]
+    except (tomllib.TOMLDecodeError, _TooDeepError):
         return value.strip()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import operator
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from lightflight.errors import ConfigError, FileFormatError
 from lightflight.files.filecheck import record_error_as_format_error
 from lightflight.formats.streamed import cube_from
+from lightflight.recording.clock_fields import pixels_of_shape
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording
 
@@ -259,10 +259,10 @@ def checked_shape(shape: Any) -> tuple[int, int]:
         Where it is something else.
     """
     try:
-        # operator.index: 4.0 is no number of rows, and 2e9 none that a camera has.
-        rows, cols = (operator.index(length) for length in shape)
-    except (TypeError, ValueError):
+        rows, cols = pixels_of_shape(shape)
+    except ValueError:
         rows = cols = 0
-    if not (0 < rows < _MOST_PIXELS and 0 < cols < _MOST_PIXELS and rows * cols < _MOST_PIXELS):
+    # No camera has more: the product is a length of arrays.
+    if not 0 < rows * cols < _MOST_PIXELS:
         raise ConfigError(f"hint shape must be (rows, cols), two whole numbers, got {shape!r}")
     return rows, cols

@@ -5,6 +5,9 @@ What each means stands with the records; files keep them under these names.
 
 from __future__ import annotations
 
+import math
+import numbers
+import operator
 from collections.abc import Mapping
 from typing import Any
 
@@ -45,19 +48,77 @@ def check_clock_fields(clock: Mapping[str, Any], *, n_codes: int) -> None:
     """
     for name in ("bin_width_ps", "laser_period_ps", "n_frames", "periods_per_frame"):
         value = clock[name]
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be positive and finite, got {value}")
+        if value is not None and not (_is_finite(value) and value > 0):
+            raise ValueError(f"{name} must be positive and finite, got {value!r}")
     for name in ("n_frames", "periods_per_frame"):
         value = clock[name]
         if value is not None and value != int(value):
             raise ValueError(f"{name} must be a whole number, got {value}")
-    if not np.isfinite(clock["first_edge_ps"]):
-        raise ValueError(f"first_edge_ps must be finite, got {clock['first_edge_ps']}")
+    if not _is_finite(clock["first_edge_ps"]):
+        raise ValueError(f"first_edge_ps must be finite, got {clock['first_edge_ps']!r}")
     if clock["reversed_codes"] and clock["laser_period_ps"] is None:
         raise ValueError(
             "reversed_codes=True needs laser_period_ps: reversed codes count back from the "
             "next laser pulse"
         )
     code = clock["no_photon_code"]
-    if code is not None and (code != int(code) or not 0 <= code < n_codes):
+    if code is not None and not 0 <= whole_number("no_photon_code", code) < n_codes:
         raise ValueError(f"no_photon_code = {code} is not one of the {n_codes} codes")
+
+
+def _is_finite(value: Any) -> bool:
+    """Whether a value is one real number that is neither NaN nor infinite."""
+    is_number = isinstance(value, numbers.Real) or (np.ndim(value) == 0 and hasattr(value, "dtype"))
+    try:
+        return is_number and math.isfinite(value)
+    except (TypeError, ValueError, OverflowError):
+        return False
+
+
+def whole_number(name: str, value: Any) -> int:
+    """A whole number as int: what is used as an index may not be 1.0.
+
+    Parameters
+    ----------
+    name : str
+        What it is, for the message.
+    value : object
+        An int, of Python or NumPy.
+
+    Returns
+    -------
+    int
+        The same.
+
+    Raises
+    ------
+    ValueError
+        For anything else.
+    """
+    try:
+        if isinstance(value, bool | np.bool_):
+            raise TypeError
+        return operator.index(value)
+    except TypeError:
+        raise ValueError(f"{name} must be a whole number, got {value!r}") from None
+
+
+def pixels_of_shape(shape: Any) -> tuple[int, int]:
+    """(rows, cols) as ints; ValueError for what is no shape of a camera."""
+    try:
+        rows, cols = shape
+    except (TypeError, ValueError):
+        raise ValueError(f"shape must be (rows, cols), got {shape!r}") from None
+    rows, cols = whole_number("rows in shape", rows), whole_number("cols in shape", cols)
+    if rows < 1 or cols < 1:
+        raise ValueError(f"shape must be (rows, cols) of at least one pixel, got {shape}")
+    return rows, cols
+
+
+def refuse_masks(name: str, values: Any) -> None:
+    """Raise ValueError for arrays with masked elements: nothing here looks at masks."""
+    if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
+        raise ValueError(
+            f"{name} are masked in places: fill them ({name}.filled(0)) and give "
+            "reconstruct(exclude_mask=) the pixels to leave out"
+        )

@@ -15,7 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight.display import html_from_record
 from lightflight.errors import CalibrationError
-from lightflight.recording.clock_fields import check_clock_fields, clock_fields_of
+from lightflight.recording.clock_fields import (
+    check_clock_fields,
+    clock_fields_of,
+    refuse_masks,
+)
 
 _SLAB_ELEMENTS = 1 << 20
 _MOST_COUNT = 2.0**64
@@ -24,11 +28,7 @@ _MOST_COUNT = 2.0**64
 def _checked_counts(counts: ArrayLike, *, poisson: bool) -> NDArray[Any]:
     """Counts as a read-only array: unsigned integers, or float64 when not Poisson."""
     cube = np.asarray(counts)
-    if isinstance(counts, np.ma.MaskedArray) and np.ma.is_masked(counts):
-        raise ValueError(
-            "counts are masked in places: fill them (counts.filled(0)) and give "
-            "reconstruct(exclude_mask=) the pixels to leave out"
-        )
+    refuse_masks("counts", counts)
     if cube.ndim != 3:
         raise ValueError(
             f"counts must have shape (rows, cols, codes), got shape {cube.shape}: "
@@ -159,6 +159,12 @@ def _check_slab(
         )
 
 
+def _check_sums(counts: NDArray[np.uint64]) -> None:
+    """Raise ValueError where the counts of a pixel add up beyond 64 bits, and would wrap."""
+    if counts.sum(axis=2, dtype=np.float64).max() >= _MOST_COUNT:
+        raise ValueError("the counts of a pixel add up beyond 64 bits: no camera counts so many")
+
+
 @dataclass(frozen=True, eq=False)
 class Histograms:
     """Counts per pixel and TDC code.
@@ -244,6 +250,8 @@ class Histograms:
     def photons(self) -> NDArray[Any]:
         """(rows, cols), counts in all codes that mean a photon."""
         kind = np.uint64 if self.poisson else np.float64
+        if self.counts.dtype == np.uint64:
+            _check_sums(self.counts)
         total: NDArray[Any] = self.counts.sum(axis=2, dtype=kind)
         if self.no_photon_code is not None:
             # All codes less one: no copy of the cube without it is made.

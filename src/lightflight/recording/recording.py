@@ -13,7 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.display import html_from_record
-from lightflight.recording.clock_fields import check_clock_fields, clock_fields_of
+from lightflight.recording.clock_fields import (
+    check_clock_fields,
+    clock_fields_of,
+    pixels_of_shape,
+    refuse_masks,
+    whole_number,
+)
 
 Progress = Callable[[int, int], None]
 """Called now and then with (done, in all), in frames or in photons."""
@@ -117,20 +123,17 @@ class Recording:
     footers: SlicedArray | None = field(default=None, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
-        rows, cols = (int(length) for length in self.shape)
-        if rows < 1 or cols < 1:
-            raise ValueError(f"shape must be (rows, cols) of at least one pixel, got {self.shape}")
-        object.__setattr__(self, "shape", (rows, cols))
-        if not 1 <= self.n_codes <= 1 << 16:
+        object.__setattr__(self, "shape", pixels_of_shape(self.shape))
+        for name in ("frames", "pixel", "code"):
+            refuse_masks(name, getattr(self, name))
+        if not 1 <= whole_number("n_codes", self.n_codes) <= 1 << 16:
             raise ValueError(f"n_codes must be 1 ... 65536, got {self.n_codes}")
         if self.frames is not None:
             _check_frames(self)
         else:
             _check_events(self)
-        if self.n_frames is not None and self.n_frames < 0:
-            raise ValueError(f"n_frames must not be negative, got {self.n_frames}")
         # No frames at all is a recording (of nothing); of histograms the number is then unknown.
-        clock = clock_fields_of(self) | {"n_frames": self.n_frames or None}
+        clock = clock_fields_of(self) | {"n_frames": None if self.n_frames == 0 else self.n_frames}
         check_clock_fields(clock, n_codes=self.n_codes)
 
     _repr_html_ = html_from_record
