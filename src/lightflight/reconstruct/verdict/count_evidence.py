@@ -221,26 +221,34 @@ def _seen(whole: Sighting, fit: JointFit, number: int, std_ps: float) -> _Seen:
     reach = picture.spot_std_px * np.sqrt(2.0 * np.log(max(brightest / _FAINT, 2.0))) + 0.3
     away = np.full((len(rows), n_legs), np.inf)
     arrival, slope = np.full((2, len(rows), n_legs), np.nan)
+    beyond = np.zeros(len(rows), dtype=bool)
     for k, leg in enumerate(picture.legs):
         along, across = leg.along_across(points)
         first, last = leg.span_px
-        near = (np.abs(across) < reach) & (along > first - reach) & (along < last + reach)
+        on_line = np.abs(across) < reach
+        near = on_line & (along > first - reach) & (along < last + reach)
         print_ = footprints(
             state, camera=camera, medium=medium, legs=k, rows=rows[near], cols=cols[near]
         )
         away[near, k] = np.abs(print_.lateral_px)
         arrival[near, k], slope[near, k] = print_.arrival_ps, print_.slope_ps_per_px
+        # A path ends where the first camera's view does; others may see its light beyond.
+        if whole.view > 0 and k == 0:
+            beyond |= on_line & (along < first + reach)
+        if whole.view > 0 and k == n_legs - 1:
+            beyond |= on_line & (along > last - reach)
     two = np.argsort(away, axis=1)[:, :2]
     lit = np.isfinite(np.take_along_axis(away, two, axis=1))
     lit &= np.isfinite(np.take_along_axis(arrival, two, axis=1))
     transit = np.take_along_axis(slope, two, axis=1) * picture.spot_std_px
     own = _own_std_ps(std_ps, transit[lit])
+    kept = ~beyond
     return _Seen(
-        rows,
-        cols,
-        np.where(lit, two, -1),
-        np.where(lit, np.take_along_axis(arrival, two, axis=1), np.nan),
-        np.where(lit, np.hypot(own, transit), np.nan),
+        rows[kept],
+        cols[kept],
+        np.where(lit, two, -1)[kept],
+        np.where(lit, np.take_along_axis(arrival, two, axis=1), np.nan)[kept],
+        np.where(lit, np.hypot(own, transit), np.nan)[kept],
     )
 
 
