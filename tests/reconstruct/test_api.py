@@ -220,7 +220,8 @@ class TestWhatTheDataSay:
 
     def test_a_start_the_camera_does_not_see(self):
         lab = one_leg()
-        for away in ([0.0, 0.0, 3000.0], [9000.0, 0.0, 0.0]):
+        for away in ([0.0, 0.0, 3000.0], [-9000.0, 0.0, 0.0], [0.0, 9000.0, 0.0]):
+            # The source is told as exact and stays: only the rest of the start is away.
             with pytest.raises((GeometryError, NothingFoundError), match=r"leg 1|path|picture"):
                 call(start=lab.vertices_mm + np.array(away))
 

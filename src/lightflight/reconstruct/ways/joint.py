@@ -87,7 +87,8 @@ def fit_of_request(request: Request) -> JointFit:
     """
     sightings, setting, n_legs = request.sightings, request.setting, request.n_legs
     if request.start is not None:
-        state = _state_from_start(request.start, setting)
+        period_ps = sightings[0].histograms.laser_period_ps or 0.0
+        state = _at_exact_source(_state_from_start(request.start, setting), setting, period_ps)
         return fit_joint(sightings, state, setting, legs=None)
     fit, legs = _fit_as_found(request) if n_legs is None else _fit_as_told(request, n_legs)
     # A fifth of a pulse is more than counting and a good clock leave.
@@ -228,6 +229,21 @@ def _state_from_start(start: Any, setting: Setting) -> PathState:
             "a start given as vertices needs a time: give emission_time_ps of the source (with an "
             "emission_time_std_ps), or a LightPath as start"
         )
+    return PathState(vertices, float(time))
+
+
+def _at_exact_source(state: PathState, setting: Setting, period_ps: float) -> PathState:
+    """The start with what is told as exact of its first vertex, which no fit will move."""
+    source = setting.source
+    if source.position_mm is None:
+        return state
+    vertices, time = state.vertices_mm.copy(), state.start_time_ps
+    exact = source.position_std_xyz_mm == 0
+    vertices[0, exact] = np.asarray(source.position_mm, dtype=float)[exact]
+    if source.emission_time_ps is not None and source.emission_time_std_ps == 0:
+        # The start says the lap of the clock, the source the time within it.
+        laps = round((time - source.emission_time_ps) / period_ps) if period_ps > 0 else 0
+        time = source.emission_time_ps + laps * period_ps
     return PathState(vertices, float(time))
 
 
