@@ -30,7 +30,7 @@ EVENTS = {"pixel": np.zeros(3, np.uint16), "code": np.zeros(3, np.uint16)}
         "[camera]\ndistance_mm = " + "9" * 400,
         "[camera]\nshape = [2e9, 2e9]",
         "[camera]\nshape = [" + "9" * 30 + ", 2]",
-        '[recording]\naxes = "pt"\nshape = [2e9, 2e9]',
+        '[recording]\naxes = "yxt"\nshape = [2e9, 2e9]',
     ],
     ids=lambda text: text[:24],
 )

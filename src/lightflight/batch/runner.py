@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import queue
-import tempfile
 import time
 import uuid
 import warnings
@@ -30,6 +29,7 @@ from lightflight.batch.job import (
 )
 from lightflight.batch.table import CampaignTable, row_from_failure, row_from_path
 from lightflight.errors import SuspectDataWarning
+from lightflight.files.litter import temporary_folder
 
 _LOOK_S = 0.2
 """How often the caller is told, while nothing ends, s."""
@@ -133,14 +133,12 @@ def run_campaign(
     run.report()
     if run.left:
         with (
-            tempfile.TemporaryDirectory(
-                prefix="lightflight-", ignore_cleanup_errors=True
-            ) as folder,
+            temporary_folder() as folder,
             cluster.workers(
                 scheduler=scheduler,
                 certificates=certificates,
                 n_workers=n_workers,
-                scratch=Path(folder),
+                scratch=folder,
                 loud=loud,
             ) as client,
         ):

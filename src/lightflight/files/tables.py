@@ -38,14 +38,28 @@ def write_csv(
     names : sequence of str
         Of the columns.
     rows : iterable of iterables of str
-        Cells, in the order of `names`.
+        Cells, in the order of `names`. Texts that a spreadsheet would run start with an apostrophe.
     file : path
         Where to.
     """
     with atomic_path(file) as fresh, fresh.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(names)
-        writer.writerows(rows)
+        writer.writerows([_harmless(cell) for cell in row] for row in rows)
+
+
+_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+
+
+def _harmless(cell: str) -> str:
+    """A cell that no spreadsheet runs: a text that starts like a formula gets an apostrophe."""
+    if not cell.startswith(_FORMULA_STARTS):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell
 
 
 def write_parquet(

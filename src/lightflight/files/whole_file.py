@@ -10,10 +10,15 @@ import errno
 import os
 import shutil
 import stat
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from lightflight.files.litter import maker, sweep
+
+# Of renameat2(2): paths from the current folder on, and "exchange".
+_HERE, _EXCHANGE = -100, 2
 _DISK_ERRORS = {errno.ENOSPC, errno.EFBIG, errno.EIO, getattr(errno, "EDQUOT", errno.ENOSPC)}
 
 
@@ -97,10 +102,11 @@ def _check_target(target: Path, *, directory: bool) -> None:
 
 def _fresh_beside(target: Path, *, directory: bool) -> Path:
     """An empty file or folder in the folder of `target`."""
+    sweep(target.parent, ".lightflight-")
     if directory:
-        return Path(tempfile.mkdtemp(target.suffix, ".lightflight-", target.parent))
+        return Path(tempfile.mkdtemp(target.suffix, f".lightflight-{maker()}-", target.parent))
     # In the folder of the target: within one file system a rename is whole or not at all.
-    handle, name = tempfile.mkstemp(target.suffix, ".lightflight-", target.parent)
+    handle, name = tempfile.mkstemp(target.suffix, f".lightflight-{maker()}-", target.parent)
     os.close(handle)
     return Path(name)
 
@@ -139,8 +145,11 @@ def _replace_folder(fresh: Path, target: Path) -> None:
     if not target.exists():
         fresh.rename(target)
         return
+    if _exchanged(fresh, target):
+        _remove(fresh)  # the old one, now
+        return
     # A folder cannot be renamed over one that holds files: the old one steps aside.
-    aside = Path(tempfile.mkdtemp(target.suffix, ".lightflight-old-", target.parent))
+    aside = Path(tempfile.mkdtemp(target.suffix, f".lightflight-{maker()}-old-", target.parent))
     try:
         target.rename(aside / target.name)
         fresh.rename(target)
@@ -150,6 +159,19 @@ def _replace_folder(fresh: Path, target: Path) -> None:
         raise
     finally:
         _remove(aside)
+
+
+def _exchanged(one: Path, other: Path) -> bool:
+    """Exchange two folders at once, where the system can; a crash finds the one or the other."""
+    if sys.platform != "linux":
+        return False
+    import ctypes
+
+    try:
+        rename = ctypes.CDLL(None).renameat2
+    except (OSError, AttributeError):  # a C library other than GNU's
+        return False
+    return int(rename(_HERE, os.fsencode(one), _HERE, os.fsencode(other), _EXCHANGE)) == 0
 
 
 def _remove(path: Path) -> None:

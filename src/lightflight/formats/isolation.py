@@ -14,7 +14,6 @@ import json
 import signal
 import subprocess
 import sys
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 from lightflight.errors import FileFormatError, MissingExtraError
 from lightflight.files.children import run_module
 from lightflight.files.filecheck import DEFLATE_MOST, allowed_memory_bytes, blame
+from lightflight.files.litter import temporary_folder
 
 TIME_LIMIT_S = 60.0
 """Seconds a reader may take for a small file; large ones get a second per megabyte more."""
@@ -55,12 +55,12 @@ def run_isolated(
     MissingExtraError
         If the reader is not installed.
     """
-    with tempfile.TemporaryDirectory(prefix="lightflight-") as folder:
+    with temporary_folder() as folder:
         limit = TIME_LIMIT_S + path.stat().st_size / _BYTES_PER_S
         try:
             done = run_module(
                 __name__,
-                [function, str(path.resolve()), folder],
+                [function, str(path.resolve()), str(folder)],
                 told=json.dumps(dict(arguments)),
                 time_limit_s=limit,
             )
@@ -78,8 +78,8 @@ def run_isolated(
             raise FileFormatError(last_line, path=path)
         if done.returncode != 0:
             raise FileFormatError(_why_it_ended(done.returncode), path=path)
-        values = json.loads(Path(folder, "values.json").read_text("utf-8"))
-        return _arrays_in(Path(folder)), values
+        values = json.loads((folder / "values.json").read_text("utf-8"))
+        return _arrays_in(folder), values
 
 
 def _why_it_ended(code: int) -> str:
