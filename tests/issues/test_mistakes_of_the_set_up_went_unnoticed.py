@@ -40,6 +40,15 @@ def test_metres_are_refused_in_one_sentence():
             lf.reconstruct(hist, camera=METRES, source=lab.timed, timing=lab.timing, n_legs=n_legs)
 
 
+@pytest.mark.parametrize(("times", "refused"), [(50.0, False), (1000.0, True)])
+def test_steep_legs_are_no_metres(times, refused):
+    """Away from the camera, 2 degrees off the line of sight, light seems 57 times slower."""
+    lab = three_legs()
+    _, legs = recorded(lab)
+    slower = [replace(leg, time_coefficients=leg.time_coefficients * times) for leg in legs]
+    assert ("units" in found(lab.camera, lab.timed, slower)) == refused
+
+
 def test_places_in_metres_and_times_in_ns_are_units():
     lab = three_legs()
     _, legs = recorded(lab)

@@ -224,7 +224,12 @@ def _facts(
         ),
         Fact("one pixel", "pixel_mm", (width, height), f"{width:.4g} x {height:.4g} mm"),
         Fact("light crosses it in", "pixel_flight_ps", flight, f"{flight:.3g} ps"),
-        Fact("recorded, px to px", "pixel_recorded_ps", recorded, f"{recorded:.3g} ps (median)"),
+        Fact(
+            "recorded, px to px",
+            "pixel_recorded_ps",
+            recorded,
+            f"{recorded:.3g} ps on the swiftest leg",
+        ),
         Fact("legs in the picture", "n_legs", len(legs)),
     ]
     if source.position_mm is not None:

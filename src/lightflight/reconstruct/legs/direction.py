@@ -16,11 +16,15 @@ from lightflight.reconstruct.legs.bend import bend_significance
 from lightflight.reconstruct.legs.find import ImageLeg, find_legs
 from lightflight.reconstruct.model.setting import Setting, earliest_arrival_ps
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.timing.pulses.same_camera import scatter_of_neighbours
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
     from lightflight.timing.clock.code_clock import CodeClock
     from lightflight.timing.pulses.arrivals import Arrivals
+
+_CLOCKS_SHARE = 0.3
+"""Pixels of an uncalibrated clock scatter each by itself: by most of what the times miss by."""
 
 
 def _one_medium(medium: Medium) -> bool:
@@ -201,6 +205,9 @@ def warn_of_scatter(
 ) -> None:
     """Say that an uncalibrated clock ruins the times, and that its direction may be wrong too.
 
+    A clock that nobody calibrated scatters neighbouring pixels; where those agree, it is not what
+    the times miss the path by.
+
     Parameters
     ----------
     floor_ps : float
@@ -212,6 +219,16 @@ def warn_of_scatter(
     camera : Camera
         The camera that sees it.
     """
+    neighbours = scatter_of_neighbours(sighting.arrivals, sighting.timing)
+    if neighbours is not None and neighbours[0] < _CLOCKS_SHARE * floor_ps:
+        warnings.warn(
+            f"the times miss the path by {floor_ps:.0f} ps and those of neighbouring pixels agree "
+            f"to {neighbours[0]:.0f} ps, so the clock is not to blame: check source, camera and "
+            "the number of legs",
+            SuspectDataWarning,
+            stacklevel=3,
+        )
+        return
     now = sighting.histograms.reversed_codes
     either_way = bend_significance(legs, sighting, camera) < 6.0
     doubt = (

@@ -136,7 +136,8 @@ def leg_in_picture(state: PathState, leg: int, camera: Camera) -> LegInPicture:
         inside = (row > -2.5) & (row < rows + 1.5) & (col > -2.5) & (col < cols + 1.5)
     if inside.sum() < 2:
         raise GeometryError(
-            f"leg {leg + 1} of the path does not cross the picture: check start, source and camera"
+            f"leg {leg + 1} of the path does not cross the picture: check start, source and camera "
+            "(lightflight check), or whether a leg runs outside of what the camera sees"
         )
     uv = undistorted_px(camera, row[inside][[0, -1]], col[inside][[0, -1]])
     length = float(np.hypot(*(uv[1] - uv[0])))

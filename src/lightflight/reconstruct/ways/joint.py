@@ -5,12 +5,18 @@ Where pulses alone leave much of the path unsaid, the likelihood of all counts h
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.errors import (
+    CalibrationError,
+    GeometryError,
+    LightflightWarning,
+    NothingFoundError,
+)
 from lightflight.path.light_path import LightPath
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.fit.prices import prices_of_fit
@@ -22,12 +28,15 @@ from lightflight.reconstruct.legs.direction import (
     ask_which_way,
     legs_of_straight_light,
     refuse_if_clearer_backwards,
+    search_legs,
     warn_of_scatter,
 )
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.legs.plausible import refuse_other_units
 from lightflight.reconstruct.model.geometry import PathState, state_of_path
 from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.reconstruct.ways.request import Request
 from lightflight.timing.clock.code_clock import CodeClock
 
@@ -138,10 +147,29 @@ def _fit_as_told(request: Request, n_legs: int) -> tuple[JointFit, tuple[ImageLe
 
 
 def _ask_of_the_clock(legs: tuple[ImageLeg, ...], request: Request, problem: Exception) -> None:
-    """Where no path fits: a clock that runs backwards is the likeliest reason, ask that first."""
+    """Where no path fits: ask whether the clock runs backwards, if a path fits then."""
     seen, setting = request.sightings[0], request.setting
     refuse_if_clearer_backwards(legs, seen, setting, request.n_legs)
-    ask_which_way(legs, seen, setting.camera, request.timing, problem)
+    if request.timing is None and _fits_backwards(seen, setting):
+        ask_which_way(legs, seen, setting.camera, request.timing, problem)
+
+
+def _fits_backwards(sighting: Sighting, setting: Setting) -> bool:
+    """Whether a path fits the recording on nominal codes that run the other way."""
+    hist = sighting.histograms
+    turned = replace(hist, reversed_codes=not hist.reversed_codes)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LightflightWarning)
+        try:
+            backwards = sighting_from_histograms(
+                turned, setting, timing=None, background=None, exclude_mask=sighting.blind,
+                least_squares=False,
+            )  # fmt: skip
+            legs = search_legs(backwards.arrivals, backwards, setting, None)
+            fit_from_legs([backwards], legs, setting, drop=True)
+        except (GeometryError, NothingFoundError, CalibrationError):
+            return False
+    return True
 
 
 def path_of_fit(fit: JointFit, request: Request) -> LightPath:
