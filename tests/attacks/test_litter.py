@@ -114,17 +114,8 @@ def test_temporary_folders_of_killed_campaigns_are_taken_away(tmp_path, monkeypa
 
 
 def test_cells_that_a_spreadsheet_would_run_are_quoted(tmp_path):
-    cells = [
-        "=1+1",
-        "+cmd|' /C calc'!A0",
-        "-2+3",
-        "@SUM(A1)",
-        "\t=1",
-        "-4.5",
-        "+1e-9",
-        "-inf",
-        "a=b",
-    ]
+    hostile = ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1"]
+    cells = [*hostile, "-4.5", "+1e-9", "-inf", "a=b"]
     write_csv(["x"], ([cell] for cell in cells), tmp_path / "t.csv")
     with (tmp_path / "t.csv").open(newline="", encoding="utf-8") as file:
         back = [row["x"] for row in csv.DictReader(file)]

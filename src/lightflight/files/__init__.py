@@ -1,7 +1,9 @@
 """Our own files, and what every file is asked before it is believed.
 
-- any file, whole or not at all: `whole_file`; what HDF5 writes to: `disk_file`
-- our versioned HDF5: `store`; Parquet: `parquet`
+- any file, whole or not at all: `whole_file`; what HDF5 writes to: `disk_file`; what killed
+  writers left: `litter`; names that are no UTF-8: `names`
+- our versioned HDF5: `store`, with a digest over everything: `digest`; tables: `tables`
 - set-up files: `toml_tables`
-- checks before memory is taken: `filecheck`
+- checks before memory is taken, and who is to blame for what is raised: `filecheck`
+- how every child process is started: `children`
 """

@@ -376,6 +376,7 @@ def open_record(
     _check_is_hdf5(file_path, path)
     with damage_as_format_error(path), h5py.File(file_path, "r", locking="best-effort") as file:
         version = _check_header(file, path, kind, try_newer=try_newer)
+        refuse_links(file, path, kinds=(h5py.ExternalLink, h5py.SoftLink))
         # What a newer version's digest is over is not known here.
         if version <= SCHEMA_VERSION:
             check_seal(file, file_path)
@@ -501,6 +502,27 @@ def check_dataset(dataset: Any, *, path: str | os.PathLike[str], ours: bool = Tr
     check_memory(chunk, path=path, what=f"a chunk of {what}")
     if dataset.fletcher32 and dataset.id.chunk_iter(_is_cut_short):
         raise FileFormatError(f"a chunk of {what} is cut short: the file is damaged", path=path)
+
+
+def refuse_links(
+    file: h5py.File, path: str | os.PathLike[str], *, kinds: tuple[type, ...] = (h5py.ExternalLink,)
+) -> None:
+    """Raise FileFormatError where something in an HDF5 file is a link, by default to another file.
+
+    Parameters
+    ----------
+    file : h5py.File
+        Opened to be read; no link is followed.
+    path : path
+        The file, for the message.
+    kinds : tuple of type
+        Kinds of links that are refused.
+    """
+    found = file.visititems_links(lambda name, link: name if isinstance(link, kinds) else None)
+    if found is not None:
+        raise FileFormatError(
+            f"holds a link ({found}), which is not followed: copy what it stands for in", path=path
+        )
 
 
 def _is_cut_short(chunk: Any) -> bool | None:

@@ -23,7 +23,13 @@ from numpy.typing import NDArray
 from lightflight._version import __version__
 from lightflight.errors import FileFormatError
 from lightflight.files.filecheck import check_memory, record_error_as_format_error
-from lightflight.files.store import json_text, new_hdf5, read_array, text_attribute
+from lightflight.files.store import (
+    json_text,
+    new_hdf5,
+    read_array,
+    refuse_links,
+    text_attribute,
+)
 from lightflight.formats.cubes import checked_shape
 from lightflight.formats.photon_hdf5_titles import TITLES
 from lightflight.formats.photons import photon_blocks
@@ -74,6 +80,7 @@ def read(
     if not h5py.is_hdf5(path):
         raise FileFormatError("is not an HDF5 file: check the name, or copy it again", path=path)
     with h5py.File(path, "r", locking="best-effort") as file:
+        refuse_links(file, path)
         if not isinstance(file.get("photon_data"), h5py.Group):
             raise FileFormatError("holds no /photon_data of a single spot", path=path)
         photons = file["photon_data"]

@@ -1,0 +1,62 @@
+"""HDF5 that leads elsewhere: links out of a file are refused, by all who would follow them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import lightflight as lf
+from lightflight.errors import ConfigError, FileFormatError
+from tests.files.unsealed import unsealed
+
+read: Any = lf.read
+
+
+@pytest.fixture
+def secret(tmp_path) -> Path:
+    """A file of somebody else that the reader's user may read."""
+    with h5py.File(tmp_path / "secret.h5", "w") as file:
+        file["counts"] = np.full((2, 2, 8), 7, np.uint16)
+        file["photon_data/nanotimes"] = np.arange(5, dtype=np.uint16)
+    return tmp_path / "secret.h5"
+
+
+@pytest.mark.parametrize("link", ["external", "soft"])
+def test_our_own_files_hold_none(tmp_path, secret, link):
+    lf.write(lf.Histograms(np.ones((2, 2, 8), np.uint16)), tmp_path / "x.h5")
+    with unsealed(tmp_path / "x.h5") as file:
+        del file["counts"]
+        away = h5py.ExternalLink("secret.h5", "/counts")
+        file["counts"] = away if link == "external" else h5py.SoftLink("/attributes")
+    with pytest.raises(FileFormatError, match=r"holds a link \(counts\)"):
+        read(tmp_path / "x.h5")
+
+
+def test_photon_hdf5_holds_none_out_of_the_file(tmp_path, secret):
+    with h5py.File(tmp_path / "x.photon.h5", "w") as file:
+        file.attrs["format_name"] = np.bytes_("Photon-HDF5")
+        file["photon_data"] = h5py.ExternalLink("secret.h5", "/photon_data")
+    with pytest.raises(FileFormatError, match=r"holds a link \(photon_data\)"):
+        read(tmp_path / "x.photon.h5")
+
+
+def test_datasets_of_others_behind_a_link_are_not_seen(tmp_path, secret):
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file["away"] = h5py.ExternalLink("secret.h5", "/counts")
+    with pytest.raises(FileFormatError, match="holds no array of numbers"):
+        read(tmp_path / "x.h5", axes="yxt")
+    with pytest.raises(ConfigError, match="is no array of numbers"):
+        read(tmp_path / "x.h5", axes="yxt", dataset="away")
+
+
+def test_virtual_datasets_are_refused(tmp_path, secret):
+    layout = h5py.VirtualLayout((2, 2, 8), "u2")
+    layout[:] = h5py.VirtualSource(secret, "counts", (2, 2, 8))
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file.create_virtual_dataset("cube", layout)
+    with pytest.raises(FileFormatError, match="lies in another file"):
+        read(tmp_path / "x.h5", axes="yxt")
