@@ -214,13 +214,17 @@ def _evidence(
         chi2,
         dof,
         gain,
-        f"counts are not those of the path: {sentence}" if missing else sentence,
+        f"counts are too low where {_words(cause)} would add to them" if missing else sentence,
         _ASK_THE_PIXELS if missing else cause.remedy,
         directions,
         z,
         symptom=missing or cause.symptom,
         data=LIGHT,
     )
+
+
+def _words(cause: Cause) -> str:
+    return cause.name.replace("_", " ")
 
 
 def from_skewed(z: Floats, skewness: Floats) -> Floats:

@@ -108,7 +108,8 @@ def named(evidence: Sequence[Evidence]) -> list[Evidence]:
             group += [e for e in _alike(other, causes) if e.data == LIGHT and e not in group]
     at = CHECK_AT / len(evidence)
     left = [e for e in evidence if e.symptom and _left_by(best, e) < at]
-    unexplained = _best_of_each(sorted(left, key=lambda e: e.p_value))
+    # Of equally clear ones that which says where: it knows what remains.
+    unexplained = _best_of_each(sorted(left, key=lambda e: (e.p_value, np.isnan(e.remains))))
     # Light of one place is no halo, though a halo may be made of it: NaN is not more.
     weak = (
         best is None
