@@ -11,6 +11,7 @@ from __future__ import annotations
 import difflib
 import math
 import os
+import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
@@ -23,6 +24,7 @@ from lightflight.errors import ConfigError
 _MOST_WHOLE = 1 << 63
 _MOST_BYTES = 4 << 20
 _MOST_SHOWN = 120
+_MOST_DOTS = 64
 _MOST_LEVELS = 16
 """Tables and lists within each other: a set-up needs four."""
 
@@ -370,6 +372,10 @@ class _TooDeepError(ValueError):
 
 def _table_of(text: str) -> dict[str, Any]:
     """Parse TOML; whatever the parser cannot bear is one error of two kinds."""
+    # A dotted key takes the parser a time that grows with the square of its parts.
+    words = re.split(r"[^\w.\"'-]+", text.replace(" ", "").replace("\t", ""))
+    if any(word.count(".") > _MOST_DOTS for word in words):
+        raise _TooDeepError(f"a key has more than {_MOST_DOTS} parts")
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError:
