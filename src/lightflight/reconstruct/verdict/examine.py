@@ -62,7 +62,7 @@ def examined(
         if hidden and evidence:
             others = evidence_without_hidden(fit, evidence, sightings, setting)
             evidence, hidden = (others, ()) if others else (evidence, hidden)
-        light, unseen = _light(fit, sightings, nominal_clock)
+        light, unseen = ((), ()) if beyond else _light(fit, sightings, nominal_clock)
         verdict = verdict_from_evidence((*evidence, *light), (*said, *beyond, *unseen, *hidden))
     if verdict.level is Level.CONTRADICTED:
         verdict = replace(verdict, findings=(*_mistakes(sightings[0], setting), *verdict.findings))
