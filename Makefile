@@ -40,7 +40,8 @@ cold: $(VENV)/.installed-dev ## what the first run of each command compiles, and
 # Numba keeps one version's kernels beside the source: these go elsewhere.
 lowest: $(VENV)/.installed-lowest ## contract and format tests with the lowest versions allowed
 	@NUMBA_CACHE_DIR=$(CURDIR)/$(LOWEST)/numba NUMBA_NUM_THREADS=1 $(LOWEST)/bin/python -m pytest $(PYTEST_FLAGS) \
-	  -p no:cacheprovider tests/contracts tests/formats tests/batch/test_table.py
+	  -p no:cacheprovider tests/contracts tests/formats tests/batch/test_table.py \
+	  tests/attacks/test_zarr.py tests/attacks/test_tls.py
 
 check: lint types layers workflows ## ruff, mypy, import-linter, zizmor
 
