@@ -12,8 +12,9 @@ reversed, 2,000 photons in the brightest pixel. The clock is calibrated from a c
 flat recording of the same oracle.
 
 Printed per scene: legs true and found, rms position error in view, the package's own bound
-beside it, pull of the stated errors (rms over points in view; 1 is right), seconds of CPU.
-At the end: what went wrong, by class, with the seeds.
+beside it, pull of the stated errors (rms over points in view; 1 is right), seconds of CPU, the
+verdict. At the end: how often each verdict was given to a right and to a wrong path (wrong: number
+of legs, or a corner more than five stated errors off), and what went wrong, by class, with seeds.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import sys
 import time
 import traceback
 import warnings
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -216,11 +217,11 @@ def package_camera(brute: BruteCamera) -> lf.Camera:
     return lf.Camera(np.array(matrix), np.empty(0), pose, (brute.rows, brute.cols))
 
 
-# ---- verdict ---------------------------------------------------------------------------------
+# ---- outcome ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Outcome:
     """What came out of one scene under one prior."""
 
     found_legs: int = 0
@@ -229,6 +230,15 @@ class Verdict:
     pull: float = float("nan")
     seconds: float = 0.0
     failure: str = ""
+    level: str = "refused"
+    named: tuple[str, ...] = ()
+    off_stds: float = 0.0
+    """How far the worst corner is off, in its stated errors; inf where legs are too many or few."""
+
+    @property
+    def wrong(self) -> bool:
+        """Wrong number of legs, or a corner more than five stated errors off."""
+        return self.off_stds > 5.0
 
 
 def true_times(scene: BruteScene) -> np.ndarray:
@@ -271,7 +281,7 @@ def judged(
     timing: lf.TimingCalibration,
     method: str,
     photons: float,
-) -> Verdict:
+) -> Outcome:
     """Reconstruct one scene and hold it against the truth."""
     scene = case.scene
     camera = package_camera(scene.camera)
@@ -292,7 +302,7 @@ def judged(
             failure = f"{type(error).__name__}: {error}"
         else:
             failure = f"CRASH {type(error).__name__}: {error} at {_place(error)}"
-        return Verdict(seconds=time.process_time() - began, failure=failure)
+        return Outcome(seconds=time.process_time() - began, failure=failure)
     seconds = time.process_time() - began
     rms, pull = compared(case, path)
     bound = _bound(case, source, camera, photons)
@@ -305,7 +315,13 @@ def judged(
         failure = f"far from the bound: {rms:.2f} mm for {bound:.2f}"
     elif not pull < 4.0:
         failure = f"errors understated: pull {pull:.1f}"
-    return Verdict(path.n_legs, rms, bound, pull, seconds, failure)
+    off = float("inf")
+    if path.n_legs == case.n_legs:
+        corners = np.abs(path.vertices_mm - scene.vertices)[1:-1]
+        off = float(np.max(corners / np.maximum(path.vertex_std[1:-1, :3], 1e-9), initial=0.0))
+    named = tuple(str(finding.name) for finding in path.verdict.findings)
+    level = str(path.verdict.level)
+    return Outcome(path.n_legs, rms, bound, pull, seconds, failure, level, named, off)
 
 
 def _bound(case: Case, source: lf.Source, camera: lf.Camera, photons: float) -> float:
@@ -357,7 +373,8 @@ def main() -> None:
     )
     clocks: dict[tuple[bool, float], lf.TimingCalibration] = {}
     failures: dict[str, list[str]] = defaultdict(list)
-    good: dict[str, list[Verdict]] = defaultdict(list)
+    good: dict[str, list[Outcome]] = defaultdict(list)
+    every: dict[str, list[Outcome]] = defaultdict(list)
     print(f"{'seed':>5} {'scene':33s}{'prior':17s}legs  rms mm  bound   pull   s  verdict")
     for seed in seeds:
         case = drawn_case(seed, options.legs)
@@ -384,17 +401,19 @@ def main() -> None:
         for prior, source in zip(PRIORS, sources, strict=True):
             if prior != options.only and (options.only or prior not in PRIORS[:2]):
                 continue
-            verdict = judged(case, counts, source, clocks[key], options.method, options.photons)
+            outcome = judged(case, counts, source, clocks[key], options.method, options.photons)
             print(
-                f"{seed:5d} {case.words()}{prior:17s}{case.n_legs}/{verdict.found_legs} "
-                f"{verdict.rms_mm:8.3f}{verdict.bound_mm:7.3f}{verdict.pull:7.2f}"
-                f"{verdict.seconds:5.1f}  {verdict.failure}",
+                f"{seed:5d} {case.words()}{prior:17s}{case.n_legs}/{outcome.found_legs} "
+                f"{outcome.rms_mm:8.3f}{outcome.bound_mm:7.3f}{outcome.pull:7.2f}"
+                f"{outcome.seconds:5.1f}  {outcome.level} {' '.join(outcome.named)}"
+                f"{'; ' * bool(outcome.failure)}{outcome.failure}",
                 flush=True,
             )
-            if verdict.failure:
-                failures[verdict.failure.split(":")[0]].append(f"{seed} ({prior})")
+            every[prior].append(outcome)
+            if outcome.failure:
+                failures[outcome.failure.split(":")[0]].append(f"{seed} ({prior})")
             else:
-                good[prior].append(verdict)
+                good[prior].append(outcome)
         if options.seed is not None:
             print(np.round(case.scene.vertices, 2).tolist(), true_times(case.scene).round(1))
     for prior, verdicts in good.items():
@@ -404,6 +423,10 @@ def main() -> None:
             f"{prior}: {len(verdicts)} right; rms / bound median {np.median(ratio):.2f}, "
             f"95 % {np.quantile(ratio, 0.95):.2f}; pull {pull:.2f}"
         )
+    for prior, outcomes in every.items():
+        levels = [(o.level, "wrong" if o.wrong else "right") for o in outcomes]
+        words = ", ".join(f"{n} {level} and {held}" for (level, held), n in Counter(levels).items())
+        print(f"{prior}, verdict and path: {words}")
     for kind, where in sorted(failures.items()):
         print(f"FAILED {kind}: {len(where)}: {', '.join(where)}")
 
