@@ -66,7 +66,7 @@ if TYPE_CHECKING:
 @click.option(
     "--flat-pulse",
     type=click.Choice(FLAT_SHAPE_NAMES),
-    help=f"Shape of the flat's pulse: {shapes_in_words()}.  [default: gaussian]",
+    help=f"Shape of the flat's pulse: {shapes_in_words()}.  [default: auto]",
 )
 @path_option(
     "--flat-response",

@@ -315,6 +315,8 @@ def _with_response(
     if flat_shape.response is None:
         return clock
     response = flat_shape.response(flat, clock)
+    if response is None:
+        return clock
     return replace(clock, response_curve=np.stack([response.time_ps, response.density]))
 
 

@@ -39,7 +39,7 @@ def calibrate_timing(
     dark: Histograms | None = None,
     assumed_skew_std_ps: float = 0.0,
     flat_tilt_std_ps: float = 0.0,
-    flat_pulse: FlatPulse = "gaussian",
+    flat_pulse: FlatPulse = "auto",
     flat_arrival_std_ps: float = 0.0,
     scale_std: float = 0.0,
     drift_std_ps: float = 0.0,
@@ -70,11 +70,11 @@ def calibrate_timing(
         How far the flat's beam may have been tilted, as arrival time from edge to edge of the
         array, ps (a sensor 1.6 mm wide: 0.09 ps per degree). The tilt is then fitted; what stays
         unknown of it is a shared error. A screen has no tilt: see `flat_arrival_from_screen_ps`.
-    flat_pulse : "gaussian", "tail", Response, "mean", or (codes,)
+    flat_pulse : "auto", "gaussian", "tail", Response, "mean", or (codes,)
         Shape of the flat's pulse: a Gaussian of each pixel's own width; a Gaussian with an
-        exponential tail, found from the flat; a shape of your own (`Response`). With the latter
-        two, recordings on this clock are fitted by the same shape, and delays are those of its
-        mean. For light that lasts longer than the response (fluorescence): the array's own mean
+        exponential tail, found from the flat; whichever of these two the flat asks for ("auto"); a
+        shape of your own (`Response`). With a tail or a shape, recordings on this clock are fitted
+        by the same, and delays are those of its mean. For light that lasts longer than the response (fluorescence): the array's own mean
         pulse; or the counts of the instrument's response, which is then convolved with an
         exponential decay that is fitted; delays are then those of the onset (half height).
     flat_arrival_std_ps : float

@@ -56,17 +56,23 @@ class FlatShape:
         For `flat_pulse=`; empty where the user gave the shape itself.
     summary : str
         What it is, in the words of `lightflight calibrate --help`.
-    response : Callable[[Histograms, TimingCalibration], Response] or None
+    response : Callable[[Histograms, TimingCalibration], Response or None] or None
         The shape, from the first flat, by which the pulses of flats and recordings on the clock
-        are fitted. None: Gaussians of each pixel's own width.
+        are fitted. None, or none found: Gaussians of each pixel's own width.
     delays : Callable[[Histograms, TimingCalibration, ArrayLike], FlatDelays]
         Delays by one flat alone: the flat, the clock with that response, the arrival time (ps).
     """
 
     name: str
     summary: str
-    response: Callable[[Histograms, TimingCalibration], Response] | None = None
+    response: Callable[[Histograms, TimingCalibration], Response | None] | None = None
     delays: Callable[[Histograms, TimingCalibration, ArrayLike], FlatDelays] = delays_of_pulses
+
+
+def _tail_if_any(flat: Histograms, clock: TimingCalibration) -> Response | None:
+    from lightflight.timing.calibrate.flat_response import tail_of_flat_if_any
+
+    return tail_of_flat_if_any(flat, timing=clock)
 
 
 def _tail(flat: Histograms, clock: TimingCalibration) -> Response:
@@ -82,6 +88,9 @@ def _mean(flat: Histograms, clock: TimingCalibration, arrival_ps: ArrayLike) -> 
 
 
 FLAT_SHAPES = (
+    FlatShape(
+        "auto", "a Gaussian unless the flat shows that it has a tail", response=_tail_if_any
+    ),
     FlatShape("gaussian", "a Gaussian"),
     FlatShape(
         "tail", "one with an exponential tail (then used for the recordings too)", response=_tail
@@ -92,7 +101,7 @@ FLAT_SHAPES = (
         delays=_mean,
     ),
 )
-"""The simplest first."""
+"""The usual one first."""
 
 FLAT_SHAPE_NAMES = tuple(shape.name for shape in FLAT_SHAPES)
 

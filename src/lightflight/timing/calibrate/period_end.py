@@ -7,9 +7,7 @@ a small part of one code, and the period over the codes in it is the width of a 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +22,8 @@ Floats = NDArray[np.float64]
 _BLOCK = 2048
 FARTHEST_FROM_END = 64
 """Codes before the end of the period that the sync may disturb."""
-_GRIDS, _GRID, _SHRINKS = 2, 9, 3.0
-"""Grids in which the end is looked for, their points, and how much narrower the next one is."""
-_END_FINE = 0.01
-"""How finely the end is found, in blurs (or codes, whatever is less): far below its error."""
-_GOLDEN = 0.5 * (5.0**0.5 - 1.0)
+_SURELY = 8.0
+"""Blurs from the end at which a code is full, or empty, to the last digit."""
 _BRIGHTEST = 200
 """Pixels that decide the blur and the stray counts, which are common to all."""
 
@@ -266,6 +261,26 @@ class _Tail:
         edges = np.arange(code[0], code[-1] + 2.0)
         return cls(observed, full.counts(pixels, code), edges, stray)
 
+    def parted(self, low: float, high: float) -> tuple[_Tail, Floats]:
+        """The codes in which an end between two codes shows, and what all others say: (n,).
+
+        Those before are full and those after empty, wherever the end is.
+        """
+        first = max(int(np.searchsorted(self.edges, low, "right")) - 1, 0)
+        last = min(int(np.searchsorted(self.edges, high)) + 1, self.observed.shape[1])
+        inside = slice(first, max(last, first + 1))
+        share = np.where(np.arange(self.observed.shape[1]) < first, 1.0, 0.0) + self.stray
+        mean = self.level * share
+        alone = self.observed * np.log(mean) - mean
+        alone[:, inside] = 0.0
+        near = _Tail(
+            self.observed[:, inside],
+            self.level[:, inside],
+            self.edges[inside.start : inside.stop + 1],
+            self.stray,
+        )
+        return near, alone.sum(axis=1)
+
 
 def _most_likely_blur(tail: _Tail) -> float:
     """Blur that makes the ends of these pixels most likely, codes."""
@@ -283,41 +298,26 @@ def _most_likely_blur(tail: _Tail) -> float:
 def _scan_end(tail: _Tail, blur: float) -> tuple[Floats, Floats]:
     """Most likely end of each pixel and its log-likelihood: (n,), (n,).
 
-    A grid around the end that the summed counts tell finds the peak; golden sections climb it.
+    From the end that the summed counts tell, over grids that shrink threefold each time.
     """
     first, n_codes = tail.edges[0], tail.edges[-1] - tail.edges[0]
     height = tail.level.mean(axis=1)
     summed = tail.observed.sum(axis=1)
     center = first + np.minimum(summed / height, n_codes)
     half = np.minimum(6.0 * np.sqrt(summed + 1.0) / height + 3.0 * blur + 1.0, n_codes)
-    for _ in range(_GRIDS):
-        grid = center + np.linspace(-1.0, 1.0, _GRID)[:, None] * half
-        score = np.array([_end_likelihood(tail, end, blur) for end in grid])
-        center = grid[np.argmax(score, axis=0), np.arange(len(height))]
-        half = half / _SHRINKS
-    sections = int(np.log(_END_FINE * min(blur, 1.0) / half.max()) / np.log(_GOLDEN)) + 1
-    return _golden_sections(
-        partial(_end_likelihood, tail, blur=blur), center - half, center + half, max(sections, 1)
+    pixel = np.arange(len(height))
+    tail, beside = tail.parted(
+        float((center - half).min()) - _SURELY * blur, float((center + half).max()) + _SURELY * blur
     )
-
-
-def _golden_sections(
-    value: Callable[[Floats], Floats], low: Floats, high: Floats, n_sections: int
-) -> tuple[Floats, Floats]:
-    """Where `value` is largest between `low` and `high`, entry by entry; and how large."""
-    left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_left, at_right = value(left), value(right)
-    for _ in range(n_sections):
-        leftward = at_left > at_right
-        low, high = np.where(leftward, low, left), np.where(leftward, right, high)
-        new = np.where(leftward, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
-        at_new = value(new)
-        left, right = np.where(leftward, new, right), np.where(leftward, left, new)
-        at_left, at_right = (
-            np.where(leftward, at_new, at_right),
-            np.where(leftward, at_left, at_new),
-        )
-    return np.where(at_left > at_right, left, right), np.maximum(at_left, at_right)
+    steps = np.linspace(-1.0, 1.0, 9)
+    score = np.empty((len(steps), len(height)))
+    for _ in range(5 + int(np.log(n_codes / min(blur, 1.0)) / np.log(3.0))):
+        for i, step in enumerate(steps):
+            score[i] = _end_likelihood(tail, center + step * half, blur)
+        best = np.argmax(score, axis=0)
+        center = center + steps[best] * half
+        half = half / 3.0
+    return center, score[best, pixel] + beside
 
 
 def _end_likelihood(tail: _Tail, end: Floats, blur: float) -> Floats:
