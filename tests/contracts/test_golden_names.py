@@ -36,6 +36,10 @@ GONE = {
     "['flat_arrival_ps', 'KEYWORD_ONLY', 'None']": (
         "0.0 as before for a lab's flat; a simulated one says itself, as on the command line"
     ),
+    "lightflight calibrate_timing: parameter ['flat_pulse', 'KEYWORD_ONLY', \"'gaussian'\"] became "
+    "['flat_pulse', 'KEYWORD_ONLY', \"'auto'\"]": (
+        "a Gaussian as before, unless the flat shows a tail that a Gaussian would misread"
+    ),
 }
 """Parts that no page listed and that went, or that changed, and what does their work."""
 

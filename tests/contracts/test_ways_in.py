@@ -276,6 +276,6 @@ def test_a_shape_of_the_pulse_is_two_files(tmp_path, home):
     )
     assert touched_in(home) == {"timing/calibrate/wedge.py", registry}
     said = printed_by(ASK_SHAPE, tmp_path, home)
-    assert "[wedge|gaussian|tail|mean]" in " ".join(said)
-    assert "pulse: a wedge, a Gaussian, one with" in " ".join(" ".join(said).split())
+    assert "[wedge|auto|gaussian|tail|mean]" in " ".join(said)
+    assert "pulse: a wedge, a Gaussian unless" in " ".join(" ".join(said).split())
     assert int(said[-1]) == 61
