@@ -77,7 +77,7 @@ def tail_of_flat_if_any(flat: Histograms, *, timing: TimingCalibration) -> Respo
     asked = ~others.ravel()
     dof = float(np.nansum(first.dof[asked]))
     excess = float(np.nansum(first.chi2[asked])) - dof
-    if excess < _SHOWN * np.sqrt(2.0 * dof * np.count_nonzero(asked)):
+    if not asked.any() or excess < _SHOWN * np.sqrt(2.0 * dof * np.count_nonzero(asked)):
         return None
     shape, found = _best_tail(flat, timing, others)
     return _as_wide(shape, first) if found - dof < _MOST_LEFT * excess else None
