@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 from scipy.special import betainc, ndtr
 
+from lightflight import flags
 from lightflight.errors import NothingFoundError
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.joint import JointFit, pulse_std_ps
@@ -42,6 +44,14 @@ _BRIGHT = 0.02
 """Share of the brightest pixel's light from which a pixel is bright."""
 _CLEAR_PX = 2.0
 """Pixels this near to a corner or a tip in the picture see cut footprints, px."""
+_LEAST_SHARE = 0.005
+"""Of the path's light: less than this moves no path by more than its error (haze of 5 % moves one
+of 40,000 photons by 11), and is less than is known of the shape of pulses."""
+_STEEP = 1.0
+"""Where light takes longer through a pixel than the response lasts, as standard deviations, its
+pulse is no Gaussian but what the brightness and the pixel's shape make it."""
+_MOST_LEGS = 3
+"""Legs of which a pixel may see light; more of them never meet within a spot."""
 _QUIET_PS = 6000.0
 """So long before the light there is none; ps."""
 _TABLE_PS = (-1e9, -700.0, 700.0, 3000.0, 1e9)
@@ -64,11 +74,11 @@ class _Seen:
     Attributes
     ----------
     rows, cols : array of int, shape (n,)
-    leg : array of int, shape (n, 2)
-        The two nearest legs; -1: none is near.
-    arrival_ps : array of float, shape (n, 2)
+    leg : array of int, shape (n, s)
+        The nearest legs; -1: none is near.
+    arrival_ps : array of float, shape (n, s)
         When their light comes, ps on the clock; NaN: none.
-    std_ps : array of float, shape (n, 2)
+    std_ps : array of float, shape (n, s)
         Standard deviation of its pulse, ps.
     """
 
@@ -143,7 +153,30 @@ def evidence_from_counts(
     if named:
         explained = max(named, key=lambda pair: pair[0])[1]
     said = _told(fit, sightings)
-    return (*(one for one, _ in tested), _elsewhere([g for g, _ in groups], sums, explained, said))
+    shares = [_share(one, sizes, [g for g, _ in groups]) for one, sizes in tested]
+    matter = [
+        one.quiet() if share < _LEAST_SHARE else one
+        for (one, _), share in zip(tested, shares, strict=True)
+    ]
+    return (*matter, _elsewhere([g for g, _ in groups], sums, explained, said))
+
+
+def _share(one: Evidence, sizes: Floats, groups: list[_Group]) -> float:
+    """Of the path's light, what a test found."""
+    if one.name is not FindingName.UNEXPLAINED_LIGHT:
+        return abs(float(sizes.sum()))
+    off, path = 0.0, 0.0
+    for group in groups:
+        cells, mean = group.pixels.cells, group.pixels.mean
+        middle = 0.5 * (cells.edges_ps[:, 1:] + cells.edges_ps[:, :-1])
+        stretch = np.digitize(middle, _TABLE_PS[1:-1])
+        rest = np.where(cells.live, cells.counts - mean, 0.0)
+        for kind in np.unique(group.of_class):
+            own = group.of_class == kind
+            sums = np.bincount(stretch[own].ravel(), rest[own].ravel())
+            off += float(np.abs(sums).sum())
+        path += float(group.pixels.photons.sum())
+    return off / max(path, 1.0)
 
 
 def _shortest(periods: list[float | None]) -> float | None:
@@ -215,6 +248,7 @@ def _seen(whole: Sighting, fit: JointFit, number: int, std_ps: float) -> _Seen:
     # A pixel without a count may be dead: it has nothing to say.
     silent = whole.histograms.photons.ravel() == 0
     kept = ~(silent | whole.blind.ravel() | _at_ends(fit, whole.view, rows, cols))
+    kept &= ~_cut(whole)
     rows, cols = rows[kept], cols[kept]
     points, n_legs = undistorted_px(camera, rows, cols), len(picture.legs)
     brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
@@ -228,28 +262,45 @@ def _seen(whole: Sighting, fit: JointFit, number: int, std_ps: float) -> _Seen:
         on_line = np.abs(across) < reach
         near = on_line & (along > first - reach) & (along < last + reach)
         print_ = footprints(
-            state, camera=camera, medium=medium, legs=k, rows=rows[near], cols=cols[near]
+            state, camera=camera, medium=medium, legs=k, rows=rows[on_line], cols=cols[on_line]
         )
-        away[near, k] = np.abs(print_.lateral_px)
-        arrival[near, k], slope[near, k] = print_.arrival_ps, print_.slope_ps_per_px
+        # The path runs there and no pulse was found: the recorded range may have ended before.
+        inside = (print_.fraction > 0.0) & (print_.fraction < 1.0)
+        beyond[on_line] |= inside & ~near[on_line]
+        own = near[on_line]
+        away[near, k] = np.abs(print_.lateral_px[own])
+        arrival[near, k], slope[near, k] = print_.arrival_ps[own], print_.slope_ps_per_px[own]
         # A path ends where the first camera's view does; others may see its light beyond.
         if whole.view > 0 and k == 0:
             beyond |= on_line & (along < first + reach)
         if whole.view > 0 and k == n_legs - 1:
             beyond |= on_line & (along > last - reach)
-    two = np.argsort(away, axis=1)[:, :2]
-    lit = np.isfinite(np.take_along_axis(away, two, axis=1))
-    lit &= np.isfinite(np.take_along_axis(arrival, two, axis=1))
-    transit = np.take_along_axis(slope, two, axis=1) * picture.spot_std_px
+    nearest = np.argsort(away, axis=1)[:, :_MOST_LEGS]
+    lit = np.isfinite(np.take_along_axis(away, nearest, axis=1))
+    lit &= np.isfinite(np.take_along_axis(arrival, nearest, axis=1))
+    transit = np.take_along_axis(slope, nearest, axis=1) * picture.spot_std_px
     own = _own_std_ps(std_ps, transit[lit])
-    kept = ~beyond
+    steep = lit & (np.abs(np.nan_to_num(transit)) > _STEEP * own)
+    kept = ~(beyond | steep.any(axis=1))
     return _Seen(
         rows[kept],
         cols[kept],
-        np.where(lit, two, -1)[kept],
-        np.where(lit, np.take_along_axis(arrival, two, axis=1), np.nan)[kept],
+        np.where(lit, nearest, -1)[kept],
+        np.where(lit, np.take_along_axis(arrival, nearest, axis=1), np.nan)[kept],
         np.where(lit, np.hypot(own, transit), np.nan)[kept],
     )
+
+
+def _cut(whole: Sighting) -> NDArray[np.bool_]:
+    """True for pixels with a pulse that the end of the recorded range cuts."""
+    cut = np.zeros(whole.blind.shape, dtype=bool)
+    rows = whole.arrivals.flags & np.uint32(flags.NEAR_GATE_EDGE) > 0
+    cut[whole.arrivals.row[rows].astype(int), whole.arrivals.col[rows].astype(int)] = True
+    # Their neighbours' light begins within the range, too.
+    grown: NDArray[np.bool_] = (
+        binary_dilation(cut, np.ones((5, 5), dtype=bool)) if cut.any() else cut
+    )
+    return grown.ravel()
 
 
 def _own_std_ps(std_ps: float, transit_ps: Floats) -> float:

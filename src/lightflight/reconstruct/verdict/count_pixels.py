@@ -21,6 +21,8 @@ _STEPS = 4
 """Steps of Fisher scoring; the last moves bright pixels by a small part of their errors."""
 _WIDTH_STD = 0.1
 """By how much pulses may differ in width from pixel to pixel, ln."""
+_CLIPS = 4
+"""Rounds in which pixels five deviations above the mean are left out of it."""
 _LEAST_PHOTONS = 1e-3
 _HELD = 1e12
 """Precision of what a pixel does not have: it stays."""
@@ -103,7 +105,13 @@ def _background(cells: Cells, near: NDArray[np.bool_]) -> Floats:
     """(n,), counts per ps away from the pulses, held to all pixels' mean by one count."""
     width = cells.width_ps * ~near
     exposed, counted = width.sum(axis=1), np.sum(cells.counts * ~near, axis=1)
-    mean = (counted.sum() + 1.0) / (exposed.sum() + 1.0)
+    # Pixels lit by something else say nothing of the others' background.
+    usual = np.ones(len(counted), dtype=bool)
+    most = np.median(counted) + 1.0
+    for _ in range(_CLIPS):
+        usual = counted <= most + 5.0 * np.sqrt(most)
+        most = max(float(counted[usual].mean()), 0.1) if usual.any() else most
+    mean = (counted[usual].sum() + 1.0) / (exposed[usual].sum() + 1.0)
     floor: Floats = (counted + 1.0) / (exposed + 1.0 / mean)
     return floor
 

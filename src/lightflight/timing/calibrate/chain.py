@@ -74,9 +74,10 @@ def calibrate_timing(
         Shape of the flat's pulse: a Gaussian of each pixel's own width; a Gaussian with an
         exponential tail, found from the flat; whichever of these two the flat asks for ("auto"); a
         shape of your own (`Response`). With a tail or a shape, recordings on this clock are fitted
-        by the same, and delays are those of its mean. For light that lasts longer than the response (fluorescence): the array's own mean
-        pulse; or the counts of the instrument's response, which is then convolved with an
-        exponential decay that is fitted; delays are then those of the onset (half height).
+        by the same, and delays are those of its mean. For light that lasts longer than the response
+        (fluorescence): the array's own mean pulse; or the counts of the instrument's response,
+        which is then convolved with an exponential decay that is fitted; delays are then those of
+        the onset (half height).
     flat_arrival_std_ps : float
         One-sigma error of `flat_arrival_ps`, alike in all pixels: of the clock's zero, ps. 0: what
         is common to all pixels defines the clock.

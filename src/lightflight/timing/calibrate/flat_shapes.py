@@ -88,9 +88,7 @@ def _mean(flat: Histograms, clock: TimingCalibration, arrival_ps: ArrayLike) -> 
 
 
 FLAT_SHAPES = (
-    FlatShape(
-        "auto", "a Gaussian unless the flat shows that it has a tail", response=_tail_if_any
-    ),
+    FlatShape("auto", "a Gaussian unless the flat shows that it has a tail", response=_tail_if_any),
     FlatShape("gaussian", "a Gaussian"),
     FlatShape(
         "tail", "one with an exponential tail (then used for the recordings too)", response=_tail
