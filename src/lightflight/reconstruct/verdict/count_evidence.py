@@ -50,6 +50,8 @@ of 40,000 photons by 11), and is less than is known of the shape of pulses."""
 _STEEP = 1.0
 """Where light takes longer through a pixel than the response lasts, as standard deviations, its
 pulse is no Gaussian but what the brightness and the pixel's shape make it."""
+_MOST_LOST = 0.5
+"""Share of the path's pixels without which the rest is no picture of the path."""
 _MOST_LEGS = 3
 """Legs of which a pixel may see light; more of them never meet within a spot."""
 _QUIET_PS = 6000.0
@@ -282,6 +284,9 @@ def _seen(whole: Sighting, fit: JointFit, number: int, std_ps: float) -> _Seen:
     own = _own_std_ps(std_ps, transit[lit])
     steep = lit & (np.abs(np.nan_to_num(transit)) > _STEEP * own)
     kept = ~(beyond | steep.any(axis=1))
+    tips = any(tip is not None for tip in fit.tips) and bool(steep.any())
+    n_lit = np.count_nonzero(lit[:, 0] | beyond) + np.count_nonzero(_cut(whole))
+    _check_enough(0 if tips else np.count_nonzero(lit[:, 0] & kept), n_lit)
     return _Seen(
         rows[kept],
         cols[kept],
@@ -289,6 +294,15 @@ def _seen(whole: Sighting, fit: JointFit, number: int, std_ps: float) -> _Seen:
         np.where(lit, np.take_along_axis(arrival, nearest, axis=1), np.nan)[kept],
         np.where(lit, np.hypot(own, transit), np.nan)[kept],
     )
+
+
+def _check_enough(n_left: int, n_lit: int) -> None:
+    """Raises NothingFoundError where too few of the path's pixels can be held to it."""
+    if n_left < (1.0 - _MOST_LOST) * n_lit:
+        raise NothingFoundError(
+            f"in {n_lit - n_left} of {n_lit} pixels of the path its light is cut by the recorded "
+            "range, or drawn out beyond the response"
+        )
 
 
 def _cut(whole: Sighting) -> NDArray[np.bool_]:
