@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lightflight import flags
-from lightflight.errors import NothingFoundError
+from lightflight.errors import NothingFoundError, SuspectDataWarning
 from lightflight.flight import Source
 from lightflight.path.error import path_error
 from lightflight.path.light_path import LightPath

@@ -47,8 +47,8 @@ _CLEAR_PX = 2.0
 _LEAST_SHARE = 0.005
 """Of the path's light: less than this moves no path by more than its error (haze of 5 % moves one
 of 40,000 photons by 11), and is less than is known of the shape of pulses."""
-_STEEP = 1.0
-"""Where light takes longer through a pixel than the response lasts, as standard deviations, its
+_STEEP = 0.5
+"""Where light takes longer through a pixel than half the response, as standard deviations, its
 pulse is no Gaussian but what the brightness and the pixel's shape make it."""
 _MOST_LOST = 0.5
 """Share of the path's pixels without which the rest is no picture of the path."""
