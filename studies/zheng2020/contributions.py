@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.path.error import path_error
-from lightflight.reconstruct.fit.paper import Projection, projection_of_leg
+from lightflight.reconstruct.fit.paper_projection import Projection, projection_of_leg
 from lightflight.reconstruct.legs.find import find_legs
 from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.simulate import Detector, Scene

@@ -25,12 +25,11 @@ from lightflight.flight import Medium
 from lightflight.path.light_path import LightPath
 from lightflight.reconstruct import reconstruct
 from lightflight.reconstruct.fit.paper import (
-    Projection,
     angles_from_arrivals,
     path_from_projections,
     plane_axes,
-    projection_of_leg,
 )
+from lightflight.reconstruct.fit.paper_projection import Projection, projection_of_leg
 from lightflight.reconstruct.legs.find import find_legs
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting

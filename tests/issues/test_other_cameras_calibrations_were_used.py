@@ -31,9 +31,11 @@ def calibrations():
 def test_it_is_refused_with_exit_code_4(calibrations, number):
     scene = paper_scene(pf32((0, 99)[number]))
     hist = lf.simulate(scene, photons_per_pixel=40_000, seed=3)
-    calibrated, equal, _ = scatter_of_neighbours(
+    scatter = scatter_of_neighbours(
         lf.find_arrivals(hist, timing=calibrations[number]), calibrations[number]
     )
+    assert scatter is not None
+    calibrated, equal, _ = scatter
     assert calibrated < 0.05 * equal
     with pytest.raises(CalibrationError, match="of another camera") as refused:
         lf.reconstruct(
@@ -51,7 +53,9 @@ def test_a_clock_without_defects_is_never_taken_for_another():
     for photons in (300.0, 40_000.0):
         hist = lab.recording(2, photons)
         arrivals = lf.find_arrivals(hist, timing=lab.timing)
-        calibrated, equal, _ = scatter_of_neighbours(arrivals, lab.timing)
+        scatter = scatter_of_neighbours(arrivals, lab.timing)
+        assert scatter is not None
+        calibrated, equal, _ = scatter
         assert calibrated == pytest.approx(equal, abs=1e-6)
 
 

@@ -8,7 +8,7 @@ import pytest
 import lightflight as lf
 from benchmarks.check_blind_scenes import (
     PHOTONS,
-    Verdict,
+    Outcome,
     calibration,
     drawn_case,
     judged,
@@ -18,7 +18,7 @@ from lightflight.simulate.presets import ideal, paper_scene
 from tests.oracles.brute_force import expected_counts
 
 
-def verdict_on(seed: int) -> Verdict:
+def verdict_on(seed: int) -> Outcome:
     """How `joint` does on a scene of up to six legs that the brute-force oracle drew."""
     case = drawn_case(seed, most_legs=6)
     scene = case.scene

@@ -285,8 +285,8 @@ def _seen(whole: Sighting, fit: JointFit, number: int, std_ps: float) -> _Seen:
     steep = lit & (np.abs(np.nan_to_num(transit)) > _STEEP * own)
     kept = ~(beyond | steep.any(axis=1))
     tips = any(tip is not None for tip in fit.tips) and bool(steep.any())
-    n_lit = np.count_nonzero(lit[:, 0] | beyond) + np.count_nonzero(_cut(whole))
-    _check_enough(0 if tips else np.count_nonzero(lit[:, 0] & kept), n_lit)
+    n_lit = int(np.count_nonzero(lit[:, 0] | beyond) + np.count_nonzero(_cut(whole)))
+    _check_enough(0 if tips else int(np.count_nonzero(lit[:, 0] & kept)), n_lit)
     return _Seen(
         rows[kept],
         cols[kept],

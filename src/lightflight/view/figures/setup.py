@@ -70,8 +70,7 @@ def setup_figure(
     _draw_axes(ax, camera, far)
     if source.position_mm is not None:
         _draw_source(ax, camera, np.asarray(source.position_mm, dtype=float))
-    frame = {"fill": False, "ec": style.QUIET, "lw": 0.8}
-    ax.add_patch(Rectangle((-0.5, -0.5), cols, rows, **frame))
+    ax.add_patch(Rectangle((-0.5, -0.5), cols, rows, fill=False, ec=style.QUIET, lw=0.8))
     ax.set(xlim=(-0.5 - cols / 4, cols * 1.25 - 0.5), ylim=(rows * 1.25 - 0.5, -0.5 - rows / 4))
     return figure
 
