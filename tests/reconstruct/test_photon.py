@@ -74,6 +74,8 @@ class TestDim:
 
     @pytest.mark.filterwarnings("ignore:the recording contradicts")  # it says so
     @pytest.mark.filterwarnings("ignore:check this path.*converged")
+    # One recording in a hundred is to be checked.
+    @pytest.mark.filterwarnings("ignore:check this path")
     def test_at_the_end_of_the_light_it_is_right_or_says_no(self):
         """Six and eight photons in the brightest pixel, some 200 in all, four recordings each."""
         lab, refusals = one_leg(), []
@@ -150,6 +152,7 @@ class TestOptions:
         pull = (path.legs[0].angle_deg - 5.0) / path.legs[0].angle_std_deg
         assert abs(pull) < 5.0
 
+    @pytest.mark.filterwarnings("ignore:the recording contradicts")  # it does
     def test_wrong_pixels_do_not_pull(self):
         lab = one_leg()
         skew = np.zeros((32, 32))
@@ -170,6 +173,7 @@ class TestOptions:
         clean = fitted(lab).vertex_std[1:3]
         assert (path.vertex_std[1:3] < 1.3 * clean).all()
 
+    @pytest.mark.filterwarnings("ignore:the recording contradicts")  # it does
     def test_a_lamp_that_flashes_does_not_pull(self):
         lab = one_leg()
         counts = np.array(lab.recording(1).counts, dtype=np.int64)
@@ -178,6 +182,8 @@ class TestOptions:
         assert path.n_legs == 1
         assert abs(path.legs[0].angle_deg - 5.0) < 5 * path.legs[0].angle_std_deg
 
+    # Most codes are without any background, as those of no camera are.
+    @pytest.mark.filterwarnings("ignore:the recording contradicts")
     def test_a_pulse_on_the_fold_of_the_period(self):
         """The same recording, codes rolled so that the period ends in the middle of the flight."""
         lab = one_leg()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
@@ -49,17 +50,17 @@ def write_csv(
 
 
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+_NUMBER = re.compile(
+    r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?( [^\W\d_]{1,4}| ?[%°])?|[+-]?(inf|nan)"
+)
+"""A number, with a unit or without: "-4 deg" is a name that calls nothing."""
 
 
 def _harmless(cell: str) -> str:
     """A cell that no spreadsheet runs: a text that starts like a formula gets an apostrophe."""
-    if not cell.startswith(_FORMULA_STARTS):
+    if not cell.startswith(_FORMULA_STARTS) or _NUMBER.fullmatch(cell):
         return cell
-    try:
-        float(cell)
-    except ValueError:
-        return f"'{cell}"
-    return cell
+    return f"'{cell}"
 
 
 def write_parquet(
