@@ -16,6 +16,8 @@ _LEAST_P = 1e-300
 
 CHECK_AT = 0.01
 """Family-wise chance of a false "check"."""
+WITHIN = 9.0
+"""Causes whose gain is within this of the best cannot be told from it."""
 LIGHT = "light"
 """Of tests that rest on counts; all others rest on times and lines."""
 

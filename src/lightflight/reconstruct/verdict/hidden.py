@@ -16,11 +16,9 @@ from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.verdict.evidence import Evidence
+from lightflight.reconstruct.verdict.evidence import WITHIN, Evidence
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry
 
-_WITHIN = 9.0
-"""A cause whose gain is as near as this to the leg's cannot be told from it."""
 _FREED = 3
 """Coordinates of the corner that such a leg brings; it was looked for everywhere, so each costs
 Schwarz's logarithm of the number of data (Ann. Stat. 6, 461, 1978), not one as of a known cause."""
@@ -56,7 +54,7 @@ def evidence_without_hidden(
         np.empty((0, _FREED)),
     )
     others = [one for one in rivals if one.name is not FindingName.UNSEEN_LEG]
-    enough = by_leg.gain - _WITHIN
+    enough = by_leg.gain - WITHIN
     if not any(one.gain > enough for one in others if not one.symptom):
         return ()
     return (by_leg, *others)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from lightflight.path.verdict import BlindSpot, Finding, FindingName, Level, Severity, Verdict
-from lightflight.reconstruct.verdict.evidence import CHECK_AT, LIGHT, Evidence
+from lightflight.reconstruct.verdict.evidence import CHECK_AT, LIGHT, WITHIN, Evidence
 
 Floats = NDArray[np.float64]
 
@@ -26,8 +26,6 @@ _TABLE = 200
 _LEAST_P = 1e-300
 _TAIL = 0.05
 """Below this, drawn p-values are too few: the number of independent tests is taken from here."""
-_WITHIN = 9.0
-"""Causes whose gain is within this of the best cannot be told from it."""
 _MOST_NAMED = 6
 
 
@@ -141,7 +139,7 @@ def _alike(best: Evidence | None, causes: Sequence[Evidence]) -> list[Evidence]:
     """The causes that cannot be told from a best one, it included."""
     if best is None:
         return []
-    return [e for e in causes if e.gain > max(0.0, best.gain - _WITHIN)]
+    return [e for e in causes if e.gain > max(0.0, best.gain - WITHIN)]
 
 
 def _left_by(cause: Evidence | None, symptom: Evidence) -> float:
