@@ -55,8 +55,6 @@ class Examined:
         (3m, p), what these do to the vertices, mm.
     vertex_std_mm : array of float
         (3m,), stated errors of the vertices, mm.
-    in_view : array of bool
-        (m,), True for vertices that are in view, or end a leg that is.
     """
 
     residual: Floats
@@ -64,7 +62,6 @@ class Examined:
     gain: Floats
     vertex_mm: Floats
     vertex_std_mm: Floats
-    in_view: NDArray[np.bool_]
 
     def left_of(self, columns: Floats) -> Floats:
         """What the fit cannot take up of columns (N, k)."""
@@ -149,7 +146,6 @@ def examined_fit(fit: JointFit, solution: Solution, setting: Setting) -> Examine
         gain=gain[:n_free],
         vertex_mm=vertex_mm,
         vertex_std_mm=np.sqrt(np.maximum(np.diag(covariance), 0.0)),
-        in_view=np.ones(m, dtype=bool),
     )
 
 
@@ -217,7 +213,7 @@ def _blind(
         moved = examined.vertex_mm @ (examined.gain @ (hidden * candidate.columns[:, k]))
         by_vertex = np.linalg.norm(moved.reshape(-1, 3), axis=1)
         stated = np.linalg.norm(examined.vertex_std_mm.reshape(-1, 3), axis=1)
-        worst = int(np.argmax(np.where(examined.in_view, by_vertex - stated, -np.inf)))
+        worst = int(np.argmax(by_vertex - stated))
         if by_vertex[worst] > stated[worst]:
             spots.append(
                 BlindSpot(
