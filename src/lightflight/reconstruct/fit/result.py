@@ -201,23 +201,48 @@ def explained(path: LightPath, fit: JointFit | None, sightings: list[Sighting]) 
     Explained or None
         None where the path rests on no single pulse.
     """
+    if fit is not None:
+        return explained_by_fit(fit, sightings)
     table = path.residuals[path.residuals["used"]]
-    if fit is None and not len(table):
+    if not len(table):
         return None
-    n_pulses, photons, n_found, photons_found = len(table), float(table["photons"].sum()), 0, 0.0
+    n_found, photons_found = _found_in(sightings)
+    return Explained(len(table), n_found, float(table["photons"].sum()), photons_found)
+
+
+def explained_by_fit(fit: JointFit, sightings: list[Sighting]) -> Explained:
+    """How much of what was found in the recordings a fit of single pulses explains.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The fit.
+    sightings : list of Sighting
+        Those it was made of.
+
+    Returns
+    -------
+    Explained
+        Of all recordings together.
+    """
     on_path = []
     for number, sighting in enumerate(sightings):
+        # A pulse where two legs meet may stand in both.
+        own = np.unique(fit.times.index[(fit.sighting_of == number) & (fit.times.weight > 0)])
+        on_path.append(sighting.arrivals.photons[own])
+    n_found, photons_found = _found_in(sightings)
+    photons = float(sum(np.nansum(one) for one in on_path))
+    return Explained(sum(map(len, on_path)), n_found, photons, photons_found)
+
+
+def _found_in(sightings: list[Sighting]) -> tuple[int, float]:
+    """Number of usable pulses, and of their photons."""
+    n, photons = 0, 0.0
+    for sighting in sightings:
         found = sighting.usable_pulses
-        n_found += len(found)
-        photons_found += float(np.nansum(sighting.arrivals.photons[found]))
-        if fit is not None:
-            # A pulse where two legs meet may stand in both.
-            own = np.unique(fit.times.index[(fit.sighting_of == number) & (fit.times.weight > 0)])
-            on_path.append(sighting.arrivals.photons[own])
-    if fit is not None:
-        n_pulses = sum(map(len, on_path))
-        photons = float(sum(np.nansum(one) for one in on_path))
-    return Explained(n_pulses, n_found, photons, photons_found)
+        n += len(found)
+        photons += float(np.nansum(sighting.arrivals.photons[found]))
+    return n, photons
 
 
 def on_first_lap(path: LightPath, sighting: Sighting) -> LightPath:

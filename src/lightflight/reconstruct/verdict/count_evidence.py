@@ -15,6 +15,7 @@ from lightflight.errors import NothingFoundError
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.joint import JointFit, pulse_std_ps
 from lightflight.reconstruct.fit.photon import merged
+from lightflight.reconstruct.fit.result import explained_by_fit
 from lightflight.reconstruct.model.geometry import footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.sighting import Sighting
@@ -250,7 +251,8 @@ def _seen(whole: Sighting, fit: JointFit, number: int, std_ps: float) -> _Seen:
     # A pixel without a count may be dead: it has nothing to say.
     silent = whole.histograms.photons.ravel() == 0
     kept = ~(silent | whole.blind.ravel() | _at_ends(fit, whole.view, rows, cols))
-    kept &= ~_cut(whole)
+    cut = _cut(whole)
+    kept &= ~cut
     rows, cols = rows[kept], cols[kept]
     points, n_legs = undistorted_px(camera, rows, cols), len(picture.legs)
     brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
@@ -285,7 +287,7 @@ def _seen(whole: Sighting, fit: JointFit, number: int, std_ps: float) -> _Seen:
     steep = lit & (np.abs(np.nan_to_num(transit)) > _STEEP * own)
     kept = ~(beyond | steep.any(axis=1))
     tips = any(tip is not None for tip in fit.tips) and bool(steep.any())
-    n_lit = int(np.count_nonzero(lit[:, 0] | beyond) + np.count_nonzero(_cut(whole)))
+    n_lit = int(np.count_nonzero(lit[:, 0] | beyond) + np.count_nonzero(cut))
     _check_enough(0 if tips else int(np.count_nonzero(lit[:, 0] & kept)), n_lit)
     return _Seen(
         rows[kept],
@@ -489,16 +491,9 @@ def causes(lags: Floats) -> list[Cause]:
 
 def _told(fit: JointFit, sightings: list[Sighting]) -> str:
     """How many of the pulses, and of their photons, the path explains."""
-    pulses, photons = np.zeros(2), np.zeros(2)
-    for number, sighting in enumerate(sightings):
-        used = fit.times.index[(fit.sighting_of == number) & (fit.times.weight > 0)]
-        for k, rows in enumerate((np.unique(used), sighting.usable_pulses)):
-            pulses[k] += len(rows)
-            photons[k] += float(np.nansum(sighting.arrivals.photons[rows]))
-    share = 100.0 * photons[0] / max(photons[1], 1.0)
-    return (
-        f"{pulses[0]:.0f} of {pulses[1]:.0f} pulses ({share:.3g} % of their light) are the path's"
-    )
+    of = explained_by_fit(fit, sightings)
+    share = 100.0 * of.photons / max(of.photons_found, 1.0)
+    return f"{of.n_pulses} of {of.n_found} pulses ({share:.3g} % of their light) are the path's"
 
 
 def _elsewhere(groups: list[_Group], sums: Sums, explained: Floats, told: str) -> Evidence:
