@@ -389,7 +389,8 @@ def line_offsets(
     Returns
     -------
     offset : array of float, shape (k,)
-        px, positive to the right of the flight in the picture (as `lateral_px`).
+        px, positive to the right of the flight in the picture (as `lateral_px`); NaN for a leg
+        whose picture is no line.
     jacobian : array of float, shape (k, 3m + 1)
         px per mm; the start time does not enter.
     """
@@ -398,11 +399,14 @@ def line_offsets(
     b = (state.vertices_mm[legs + 1] - camera.center_mm) @ rotation
     normal = np.cross(a, b)
     size = np.hypot(normal[:, 0], normal[:, 1])
+    # Seen end-on, or in the camera's own plane: a fit that tries such a step takes it back, since
+    # no cost with NaN is lower.
+    size = np.where(size > 0, size, np.nan)[:, np.newaxis]
     points = np.column_stack((anchors / focal_px, np.ones(len(anchors))))
-    value = np.sum(normal * points, axis=1)
-    offset = focal_px * value / size
-    flat = np.column_stack((normal[:, 0], normal[:, 1], np.zeros(len(legs))))
-    by_normal = focal_px * (points / size[:, np.newaxis] - (value / size**3)[:, np.newaxis] * flat)
+    flat = np.column_stack((normal[:, :2] / size, np.zeros(len(legs))))
+    value = np.sum(normal / size * points, axis=1)
+    offset = focal_px * value
+    by_normal = focal_px * (points - value[:, np.newaxis] * flat) / size
     # d(a x b).g = da.(b x g) + db.(g x a), then back from camera axes to world axes.
     by_start = np.cross(b, by_normal) @ rotation.T
     by_end = np.cross(by_normal, a) @ rotation.T
