@@ -15,16 +15,16 @@ from scipy.stats import gamma, kstest, norm
 
 import lightflight as lf
 from lightflight.path.verdict import FindingName
-from lightflight.reconstruct.sightings import sighting_from_histograms
-from lightflight.reconstruct.verdict import count_causes as light
-from lightflight.reconstruct.verdict.count_cells import Cells, cells_about, lag_edges
-from lightflight.reconstruct.verdict.count_evidence import causes
-from lightflight.reconstruct.verdict.count_pixels import (
+from lightflight.reconstruct.model import light
+from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
+from lightflight.reconstruct.model.counted import (
     Pulses,
     cumulated,
     dark_pixels,
     lit_pixels,
 )
+from lightflight.reconstruct.sightings import sighting_from_histograms
+from lightflight.reconstruct.verdict.count_evidence import causes
 from lightflight.reconstruct.verdict.count_tests import (
     Cause,
     Columns,

@@ -6,5 +6,7 @@
 - lines, brightness and spot of legs as the counts show them: `picture`, `lateral`; the brightness
   along a leg as a spline: `strength`
 - expected counts with derivatives: `forward`, `footing`
+- counts of single pixels about a pulse, whatever the path: `cells`, `counted`; what light beside
+  a plain flight adds to them: `light`
 - errors that all pixels share, of camera and medium: `shared`
 """

@@ -1,7 +1,7 @@
 """Score tests on the counts: is there light that a plain flight has no place for?
 
-Counts about the arrival of the path's light (`count_cells`) are held against what each pixel takes
-up by itself (`count_pixels`). A cause adds columns C to the expected counts (`count_causes`). With
+Counts about the arrival of the path's light (`model.cells`) are held against what each pixel takes
+up by itself (`model.counted`). A cause adds columns C to the expected counts (`model.light`). With
 W the inverse variance of the counts (Poisson, and what the clock leaves unknown of its codes) and
 C' what the pixels cannot take up of C, the score S = C'^T W (counts - expected) has the covariance
 I = C'^T W C' where all is well, and S^T I^-1 S is what freeing the cause would gain.
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.path.verdict import FindingName
-from lightflight.reconstruct.verdict.count_pixels import Pixels
+from lightflight.reconstruct.model.counted import Pixels
 from lightflight.reconstruct.verdict.evidence import LIGHT, Evidence
 
 Floats = NDArray[np.float64]

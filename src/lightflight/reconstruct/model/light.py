@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from lightflight.reconstruct.verdict.count_cells import Cells
-from lightflight.reconstruct.verdict.count_pixels import Pixels, cumulated
+from lightflight.reconstruct.model.cells import Cells
+from lightflight.reconstruct.model.counted import Pixels, cumulated
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

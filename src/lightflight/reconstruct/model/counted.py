@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from lightflight.reconstruct.verdict.count_cells import Cells
+from lightflight.reconstruct.model.cells import Cells
 
 Floats = NDArray[np.float64]
 

@@ -1,0 +1,227 @@
+"""The pixels of a recording about a path, and which of its legs light each of them, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+
+from lightflight import flags
+from lightflight.errors import NothingFoundError
+from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.photon import merged
+from lightflight.reconstruct.model.cells import cells_about, lag_edges
+from lightflight.reconstruct.model.counted import Pixels, dark_pixels
+from lightflight.reconstruct.model.geometry import footprints
+from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.sighting import Sighting
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+FINE_STDS, FINE_GROWTH = 0.8, 1.3
+"""Width of a cell about a pulse, in its standard deviations, and growth of the next ones."""
+COARSE_STDS, COARSE_GROWTH = 2.0, 1.6
+"""The same where no light is expected."""
+_FAINT = 0.02
+"""Photons of a pixel beyond which it counts as lit, at most: those less bright are left out."""
+_CLEAR_PX = 2.0
+"""Pixels this near to a corner or a tip in the picture see cut footprints, px."""
+_STEEP = 0.5
+"""Where light takes longer through a pixel than half the response, as standard deviations, its
+pulse is no Gaussian but what the brightness and the pixel's shape make it."""
+_MOST_LOST = 0.5
+"""Share of the path's pixels without which the rest is no picture of the path."""
+_MOST_LEGS = 3
+"""Legs of which a pixel may see light; more of them never meet within a spot."""
+_QUIET_PS = 6000.0
+"""So long before the light there is none; ps."""
+_BESIDE_PX = 5.0
+"""Dark pixels nearer to the path than this are a class of their own, px."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Pixels of one recording, and the legs near each.
+
+    Attributes
+    ----------
+    rows, cols : array of int, shape (n,)
+    leg : array of int, shape (n, s)
+        The nearest legs; -1: none is near.
+    arrival_ps : array of float, shape (n, s)
+        When their light comes, ps on the clock; NaN: none.
+    std_ps : array of float, shape (n, s)
+        Standard deviation of its pulse, ps.
+    """
+
+    rows: Indices
+    cols: Indices
+    leg: Indices
+    arrival_ps: Floats
+    std_ps: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Pixels of one kind, fitted.
+
+    Attributes
+    ----------
+    pixels : Pixels
+        Their counts and unknowns.
+    points_px : array of int, shape (n, 2)
+        (row, column).
+    reference_ps : array of float, shape (n,)
+        Arrival time at which their lags are zero, ps on the clock.
+    of_class : array of int, shape (n,)
+        0: bright; 1: beside the path; 2: near it; 3: far from it.
+    """
+
+    pixels: Pixels
+    points_px: Indices
+    reference_ps: Floats
+    of_class: Indices
+
+
+def alike(sightings: list[Sighting]) -> Iterator[tuple[Sighting, int]]:
+    """Recordings by one camera on one clock as one, and the number of the first of them."""
+    left = list(range(len(sightings)))
+    while left:
+        first = sightings[left[0]]
+        own = [
+            k
+            for k in left
+            if sightings[k].view == first.view and sightings[k].timing is first.timing
+        ]
+        yield merged([sightings[k] for k in own]), own[0]
+        left = [k for k in left if k not in own]
+
+
+def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float) -> Seen:
+    """Which legs light which pixels, and when."""
+    camera = fit.solution.cameras[whole.view]
+    picture, state, medium = fit.pictures[number], fit.solution.state, fit.solution.medium
+    rows, cols = (index.ravel() for index in np.indices(camera.shape))
+    # A pixel without a count may be dead: it has nothing to say.
+    silent = whole.histograms.photons.ravel() == 0
+    kept = ~(silent | whole.blind.ravel() | _at_ends(fit, whole.view, rows, cols))
+    cut = _cut(whole)
+    kept &= ~cut
+    rows, cols = rows[kept], cols[kept]
+    points, n_legs = undistorted_px(camera, rows, cols), len(picture.legs)
+    brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
+    reach = picture.spot_std_px * np.sqrt(2.0 * np.log(max(brightest / _FAINT, 2.0))) + 0.3
+    away = np.full((len(rows), n_legs), np.inf)
+    arrival, slope = np.full((2, len(rows), n_legs), np.nan)
+    beyond = np.zeros(len(rows), dtype=bool)
+    for k, leg in enumerate(picture.legs):
+        along, across = leg.along_across(points)
+        first, last = leg.span_px
+        on_line = np.abs(across) < reach
+        near = on_line & (along > first - reach) & (along < last + reach)
+        print_ = footprints(
+            state, camera=camera, medium=medium, legs=k, rows=rows[on_line], cols=cols[on_line]
+        )
+        # The path runs there and no pulse was found: the recorded range may have ended before.
+        inside = (print_.fraction > 0.0) & (print_.fraction < 1.0)
+        beyond[on_line] |= inside & ~near[on_line]
+        own = near[on_line]
+        away[near, k] = np.abs(print_.lateral_px[own])
+        arrival[near, k], slope[near, k] = print_.arrival_ps[own], print_.slope_ps_per_px[own]
+        # A path ends where the first camera's view does; others may see its light beyond.
+        if whole.view > 0 and k == 0:
+            beyond |= on_line & (along < first + reach)
+        if whole.view > 0 and k == n_legs - 1:
+            beyond |= on_line & (along > last - reach)
+    nearest = np.argsort(away, axis=1)[:, :_MOST_LEGS]
+    lit = np.isfinite(np.take_along_axis(away, nearest, axis=1))
+    lit &= np.isfinite(np.take_along_axis(arrival, nearest, axis=1))
+    transit = np.take_along_axis(slope, nearest, axis=1) * picture.spot_std_px
+    own = _own_std_ps(std_ps, transit[lit])
+    steep = lit & (np.abs(np.nan_to_num(transit)) > _STEEP * own)
+    kept = ~(beyond | steep.any(axis=1))
+    tips = any(tip is not None for tip in fit.tips) and bool(steep.any())
+    n_lit = int(np.count_nonzero(lit[:, 0] | beyond) + np.count_nonzero(cut))
+    _check_enough(0 if tips else int(np.count_nonzero(lit[:, 0] & kept)), n_lit)
+    return Seen(
+        rows[kept],
+        cols[kept],
+        np.where(lit, nearest, -1)[kept],
+        np.where(lit, np.take_along_axis(arrival, nearest, axis=1), np.nan)[kept],
+        np.where(lit, np.hypot(own, transit), np.nan)[kept],
+    )
+
+
+def _check_enough(n_left: int, n_lit: int) -> None:
+    """Raises NothingFoundError where too few of the path's pixels can be held to it."""
+    if n_left < (1.0 - _MOST_LOST) * n_lit:
+        raise NothingFoundError(
+            f"in {n_lit - n_left} of {n_lit} pixels of the path its light is cut by the recorded "
+            "range, or drawn out beyond the response"
+        )
+
+
+def _cut(whole: Sighting) -> NDArray[np.bool_]:
+    """True for pixels with a pulse that the end of the recorded range cuts."""
+    cut = np.zeros(whole.blind.shape, dtype=bool)
+    rows = whole.arrivals.flags & np.uint32(flags.NEAR_GATE_EDGE) > 0
+    cut[whole.arrivals.row[rows].astype(int), whole.arrivals.col[rows].astype(int)] = True
+    # Their neighbours' light begins within the range, too.
+    grown: NDArray[np.bool_] = (
+        binary_dilation(cut, np.ones((5, 5), dtype=bool)) if cut.any() else cut
+    )
+    return grown.ravel()
+
+
+def _own_std_ps(std_ps: float, transit_ps: Floats) -> float:
+    """Standard deviation of laser and detector, ps, from that of pulses as they are recorded."""
+    usual = float(np.median(np.abs(transit_ps))) if len(transit_ps) else 0.0
+    return float(np.sqrt(max(std_ps**2 - usual**2, 0.1 * std_ps**2)))
+
+
+def _at_ends(fit: JointFit, view: int, rows: Indices, cols: Indices) -> NDArray[np.bool_]:
+    """True for pixels about a corner or a tip in the picture: they see cut footprints."""
+    corners = fit.solution.state.vertices_mm[1:-1]
+    places = [tip for tip in fit.tips if tip is not None and view == 0]
+    if len(corners):
+        row, col = fit.solution.cameras[view].pixels_from_points(corners)
+        places += list(np.column_stack((row, col)))
+    near = np.zeros(len(rows), dtype=bool)
+    for row, col in places:
+        near |= np.hypot(rows - row, cols - col) < _CLEAR_PX
+    return near
+
+
+def dark_group(
+    whole: Sighting, seen: Seen, near: Indices, far: Indices, std_ps: float, nominal: bool
+) -> Group | None:
+    """Pixels that no leg lights, held about the time of the nearest that one does."""
+    if not len(far):
+        return None
+    points = np.column_stack((seen.rows, seen.cols)).astype(float)
+    lit, dark = points[near], points[far]
+    squared = np.sum(dark**2, axis=1)[:, np.newaxis] - 2.0 * dark @ lit.T + np.sum(lit**2, axis=1)
+    nearest = np.argmin(squared, axis=1)
+    reference = seen.arrival_ps[near, 0][nearest]
+    lags = lag_edges(std_ps, COARSE_STDS * std_ps, COARSE_GROWTH, whole.histograms.laser_period_ps)
+    cells = cells_about(whole, seen.rows[far], seen.cols[far], reference, lags, nominal=nominal)
+    distance = np.sqrt(np.maximum(squared[np.arange(len(far)), nearest], 0.0))
+    return Group(dark_pixels(cells), dark.astype(np.int64), reference, 2 + (distance > _BESIDE_PX))
+
+
+def dispersion_of(pixels: Pixels) -> float:
+    """Variance of quiet cells over Poisson's, where it is larger than chance brings."""
+    quiet = pixels.cells.live & (pixels.cells.edges_ps[:, 1:] < -_QUIET_PS)
+    quiet &= pixels.weight > 0.0
+    n = int(quiet.sum())
+    if not n:
+        return 1.0
+    squared = (pixels.cells.counts - pixels.mean)[quiet] ** 2 * pixels.weight[quiet]
+    # Poisson's own fourth moment: few counts scatter more than many.
+    chance = np.sqrt(float(np.sum(2.0 + 1.0 / np.maximum(pixels.mean[quiet], 1e-9)))) / n
+    ratio = float(squared.sum()) / n
+    return ratio if ratio > 1.0 + 3.0 * chance else 1.0
