@@ -120,14 +120,15 @@ def likelihood(
     outer = local.jacobian
     # Two plain products instead of one einsum over four indices.
     half = own.kept[:, :-1, :-1] @ outer
+    follow = own.inverse @ own.crossed[:, :-1].swapaxes(1, 2)
     size = outer.shape[2]
     total = outer.reshape(-1, size).T @ half.reshape(-1, size)
     return Likelihood(
         value=value + own.log_prior[0] + own.log_prior[1],
-        score=np.einsum("nap,na->p", outer, own.kept_score[:, :-1]),
+        score=outer.reshape(-1, size).T @ own.kept_score[:, :-1].ravel(),
         # Rounding leaves it a hair unsymmetric, which eigenvalue routines take ill.
         information=0.5 * (total + total.T),
-        nuisance_gain=-np.einsum("nij,naj,nap->nip", own.inverse, own.crossed[:, :-1], outer),
+        nuisance_gain=-follow @ outer,
         nuisance_step=own.step,
         nuisance_std=np.sqrt(np.maximum(np.diagonal(own.inverse, axis1=1, axis2=2), 0.0)),
         fisher=information,
@@ -192,13 +193,13 @@ def _pixels_own(
     own[:, legs, legs] += firm
     own_score[:, 2:] -= log_photons_shift * firm
     inverse = np.linalg.inv(own).astype(np.float64, copy=False)
-    step = np.einsum("nij,nj->ni", inverse, own_score)
+    step = (inverse @ own_score[..., np.newaxis])[..., 0]
     return _PixelsOwn(
         inverse=inverse,
         crossed=crossed,
         step=step,
-        kept=information - np.einsum("nai,nij,nbj->nab", crossed, inverse, crossed),
-        kept_score=score - np.einsum("nai,ni->na", crossed, step),
+        kept=information - crossed @ inverse @ crossed.swapaxes(1, 2),
+        kept_score=score - (crossed @ step[..., np.newaxis])[..., 0],
         log_prior=(
             -0.5 * float(np.sum(delay_shift_ps**2 * precision)),
             -0.5 * float(np.sum(log_photons_shift**2 * firm)),
