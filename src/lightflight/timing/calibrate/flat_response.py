@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from lightflight.recording.histograms import Histograms
 from lightflight.timing.clock.calibration import TimingCalibration
 from lightflight.timing.clock.response import Response
+from lightflight.timing.pulses.fits import misfit_of_shapes
 from lightflight.timing.pulses.pulses import Pulses, fit_pulses
 
 Floats = NDArray[np.float64]
@@ -108,14 +109,13 @@ def _best_tail(
             std_ps=1.0, tail_ps=float(np.exp(x[0])), tail_share=float(1.0 / (1.0 + np.exp(-x[1])))
         )
 
+    misfit_of = misfit_of_shapes(flat, timing, ~others)
+
     def misfit(x: Floats) -> float:
         # Out there a tail is absent, or all there is: nothing holds the simplex.
         if abs(x[0]) > 3.0 or abs(x[1]) > 8.0:
             return np.inf
-        fits = fit_pulses(
-            flat, timing=timing, max_pulses=1, response=with_tail(x), exclude_mask=others
-        )
-        return float(np.nansum(fits.chi2[~others.ravel()]))
+        return misfit_of(with_tail(x))
 
     # A long tail of few photons, and one of half: a simplex finds the dip that it begins near.
     starts = (np.array([0.7, -2.0]), np.array([0.0, 0.0]))

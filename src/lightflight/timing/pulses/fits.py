@@ -295,6 +295,28 @@ def _fit_singles(
 
     Their columns are together in memory: from here on columns are looked at, not rows.
     """
+    pixels, starts, results = _looked_through(job, wanted, model)
+
+    def fit_left(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
+        some = pixels[part]
+        bins = job.bins(some, counts, lower, upper, results[2][kernel.EXPOSURE])
+        found = fit(bins, starts[some], model)
+        _write_singles(found, some, results)
+        if model.poisson:
+            search = splitting.Search(bins, model, math.nan, 0.0, job.double_code[some])
+            residual = splitting.residual_far_from_pulses(search, found.theta)
+            results[2][kernel.RESIDUAL, some] = residual
+
+    job.run(fit_left, pixels, BATCH_CODES)
+    n = len(wanted)
+    values, covariance, table = results
+    return values[:, :n].T, covariance[..., :n].T, table[:, :n].T
+
+
+def _looked_through(
+    job: _Job, wanted: NDArray[np.bool_], model: Model
+) -> tuple[NDArray[np.int64], Floats, tuple[Floats, Floats, Floats]]:
+    """Pixels whose pulse was found and not fitted, where to start (n, 4), results of the others."""
     results = _room_for_results(len(wanted))
     starts, left = np.empty((len(wanted), 4)), np.zeros(len(wanted), dtype=bool)
     fits = model.poisson and model.shape.shape[1] == 0
@@ -314,22 +336,51 @@ def _fit_singles(
         left[rest[:n_left]] = True
 
     job.run(find)
-    pixels = np.flatnonzero(left)
+    return np.flatnonzero(left), starts[:, _ORDER], results
 
-    def fit_left(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
+
+def misfit_of_shapes(
+    hist: Histograms, timing: CodeClock, todo: NDArray[np.bool_]
+) -> Callable[[Response], float]:
+    """Function that gives the summed chi-square of one pulse of a shape in each of some pixels.
+
+    As many calls of `fit_pulses` would, but pulses are looked for, and codes laid out, once.
+
+    Parameters
+    ----------
+    hist : Histograms
+        Counts per pixel and code.
+    timing : CodeClock
+        Calibrated clock.
+    todo : array of bool, shape (rows, cols)
+        True where a pixel takes part.
+
+    Returns
+    -------
+    callable
+        Pearson's chi2 over all bins, of a `Response`.
+    """
+    job = _Job(hist, clock_of(hist, timing), None, pile_up_of(hist), threads=1)
+
+    def model_of(shape: Floats) -> Model:
+        return Model(hist.poisson, sampled=False, counted=hist.poisson, shape=shape)
+
+    # Any shape but the Gaussian: the kernel then finds pulses and fits none.
+    pixels, starts, results = _looked_through(job, todo.ravel(), model_of(np.empty((3, 2))))
+    parts: list[tuple[Bins, Floats]] = []
+
+    def lay_out(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
         some = pixels[part]
         bins = job.bins(some, counts, lower, upper, results[2][kernel.EXPOSURE])
-        found = fit(bins, starts[some][:, _ORDER], model)
-        _write_singles(found, some, results)
-        if model.poisson:
-            search = splitting.Search(bins, model, math.nan, 0.0, job.double_code[some])
-            residual = splitting.residual_far_from_pulses(search, found.theta)
-            results[2][kernel.RESIDUAL, some] = residual
+        parts.append((bins, starts[some]))
 
-    job.run(fit_left, pixels, BATCH_CODES)
-    n = len(wanted)
-    values, covariance, table = results
-    return values[:, :n].T, covariance[..., :n].T, table[:, :n].T
+    job.run(lay_out, pixels, BATCH_CODES)
+
+    def misfit(response: Response) -> float:
+        model = model_of(response.table())
+        return sum(float(np.nansum(fit(bins, start, model).chi2)) for bins, start in parts)
+
+    return misfit
 
 
 def _write_singles(
