@@ -8,6 +8,7 @@ turns nothing). Both are decided by likelihood, with thresholds far beyond chanc
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -110,6 +111,38 @@ def fit_from_legs(
             "mask the pixels that do not belong to the flight"
         ) from first_problem
     raise first_problem
+
+
+def fit_from_brightest(
+    sightings: list[Sighting], legs: tuple[ImageLeg, ...], setting: Setting
+) -> JointFit | None:
+    """Joint fit from the brightest legs that make a path, where all of them make none.
+
+    What a wall, a window or a second pulse shows of the flight runs along lines of its own, as long
+    as legs and dimmer: it is left out here, and the verdict says that the path leaves light.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+    legs : tuple of ImageLeg
+        Legs as found in the picture, in the order of flight.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    JointFit or None
+        None where not even one leg makes a path.
+    """
+    photons = sightings[0].arrivals.photons
+    order = np.argsort([-float(photons[leg.members].sum()) for leg in legs], kind="stable")
+    for n in range(len(legs) - 1, 0, -1):
+        chain = tuple(legs[k] for k in sorted(order[:n]))
+        fit = fit_or_reason(partial(fit_from_legs, sightings, chain, setting, drop=False))
+        if not isinstance(fit, NoFit):
+            return fit
+    return None
 
 
 def revised(sightings: list[Sighting], fit: JointFit, setting: Setting) -> JointFit:

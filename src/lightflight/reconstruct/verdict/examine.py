@@ -38,6 +38,10 @@ from lightflight.reconstruct.verdict.hidden import (
 )
 from lightflight.reconstruct.verdict.judge import verdict_from_evidence
 
+_DIM = 0.25
+"""Of the brightest leg's light per pixel: a reflection or a second pulse mostly holds a tenth, a
+leg behind mirrors half and more."""
+
 
 def examined(
     path: LightPath,
@@ -77,11 +81,14 @@ def _mistakes(sighting: Sighting, setting: Setting) -> tuple[Finding, ...]:
         legs = search_legs(sighting.arrivals, sighting, setting, None)
     except NothingFoundError:
         legs = ()
+    # Another pulse's light runs along legs of its own, which lead back to no source.
+    light = [float(sighting.arrivals.photons[leg.members].sum()) / leg.n_pixels for leg in legs]
+    bright = tuple(k for k, own in enumerate(light) if own > _DIM * max(light))
     return implausible(
         setting.camera,
         setting.source,
         setting.medium,
-        legs,
+        tuple(legs[k] for k in bright),
         code_ps=sighting.histograms.bin_width_ps,
     )
 

@@ -21,7 +21,12 @@ from lightflight.path.light_path import LightPath
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.fit.prices import prices_of_fit
 from lightflight.reconstruct.fit.result import path_from_fit
-from lightflight.reconstruct.fit.revise import fit_from_legs, revised, with_n_legs
+from lightflight.reconstruct.fit.revise import (
+    fit_from_brightest,
+    fit_from_legs,
+    revised,
+    with_n_legs,
+)
 from lightflight.reconstruct.fit.statements import statements_from_covariance
 from lightflight.reconstruct.fit.unclaimed import from_unclaimed_legs, with_unclaimed_legs
 from lightflight.reconstruct.legs.direction import (
@@ -99,15 +104,20 @@ def fit_of_request(request: Request) -> JointFit:
         period_ps = sightings[0].histograms.laser_period_ps or 0.0
         state = _at_exact_source(_state_from_start(request.start, setting), setting, period_ps)
         return fit_joint(sightings, state, setting, legs=None)
-    fit, legs = _fit_as_found(request) if n_legs is None else _fit_as_told(request, n_legs)
+    fit, legs = (
+        _fit_as_found(request, brightest=True) if n_legs is None else _fit_as_told(request, n_legs)
+    )
     # A fifth of a pulse is more than counting and a good clock leave.
     if request.timing is None and fit.floor_ps > 0.2 * pulse_std_ps(sightings):
         warn_of_scatter(fit.floor_ps, legs, sightings[0], setting.camera)
     return fit
 
 
-def _fit_as_found(request: Request) -> tuple[JointFit, tuple[ImageLeg, ...]]:
-    """The fit with as many legs as the data show, and the legs in the picture it began with."""
+def _fit_as_found(request: Request, *, brightest: bool) -> tuple[JointFit, tuple[ImageLeg, ...]]:
+    """The fit with as many legs as the data show, and the legs in the picture it began with.
+
+    `brightest`: without the dimmer ones where all of them make no path.
+    """
     sightings, setting = request.sightings, request.setting
     legs = legs_of_straight_light(sightings[0], setting, None)
     refuse_other_units(setting.camera, setting.source, setting.medium, legs)
@@ -116,6 +126,10 @@ def _fit_as_found(request: Request) -> tuple[JointFit, tuple[ImageLeg, ...]]:
     except (GeometryError, NothingFoundError) as problem:
         _ask_of_the_clock(legs, request, problem)
         longer = from_unclaimed_legs(sightings, legs, setting)
+        shorter = fit_from_brightest(sightings, legs, setting) if brightest and not longer else None
+        if shorter is not None:
+            # What is left over has just been found to make no path with these legs.
+            return revised(sightings, shorter, setting), legs
         if longer is None:
             raise
         fit = longer
@@ -131,7 +145,7 @@ def _fit_as_told(request: Request, n_legs: int) -> tuple[JointFit, tuple[ImageLe
     """
     sightings, setting = request.sightings, request.setting
     try:
-        found, legs = _fit_as_found(request)
+        found, legs = _fit_as_found(request, brightest=False)
         if found.solution.state.n_legs <= n_legs:
             return with_n_legs(sightings, found, setting, n_legs), legs
     except (GeometryError, NothingFoundError):
