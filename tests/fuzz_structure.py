@@ -245,7 +245,10 @@ def _renamed(file: h5py.File, name: str, rng: np.random.Generator) -> None:
 
 
 def _linked(file: h5py.File, name: str, rng: np.random.Generator) -> None:
-    """A link to itself, to its group, to nothing, to another file, or data that lie elsewhere."""
+    """A link to itself, to its group, to nothing, to another file, or data that lie elsewhere.
+
+    `fuzz_process.Surroundings` sees who reads those.
+    """
     shape, dtype = file[name].shape, file[name].dtype
     del file[name]
     match int(rng.integers(6)):
@@ -256,15 +259,15 @@ def _linked(file: h5py.File, name: str, rng: np.random.Generator) -> None:
         case 2:
             file[name] = h5py.SoftLink("/nowhere")
         case 3:
-            file[name] = h5py.ExternalLink("/etc/passwd", "/x")
+            file[name] = h5py.ExternalLink("../secret.h5", "/x")
         case 4:
             layout = h5py.VirtualLayout(shape or (4,), np.dtype("u2"))
-            layout[...] = h5py.VirtualSource("/dev/zero", "x", shape or (4,))
+            layout[...] = h5py.VirtualSource("../secret.h5", "x", shape or (4,))
             file.create_virtual_dataset(name, layout)
         case _:
             kind = dtype if dtype.kind in "iuf" else np.dtype("u1")
             size = int(np.prod(shape or (1,))) * kind.itemsize
-            outside = [("/etc/passwd", 0, max(1, size))]
+            outside = [("../secret", 0, max(1, size))]
             file.create_dataset(name, shape or (1,), kind, external=outside)
 
 

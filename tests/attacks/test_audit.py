@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests import fuzz_readers
+from tests import fuzz_readers, fuzz_seeds
 from tests.attacks.length import at_length
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="files are made for POSIX")
@@ -51,7 +51,7 @@ def test_reading_asks_python_for_nothing_but_to_read(tmp_path, watched):
     """Sound files, and mutants of each; the same in every run (seed 16)."""
     (tmp_path / "made").mkdir()
     rng = np.random.default_rng(16)
-    for seed in fuzz_readers.seeds(tmp_path / "made"):
+    for seed in fuzz_seeds.seeds(tmp_path / "made"):
         sound = fuzz_readers.placed(tmp_path / "sound", seed, seed.content)
         told = {"hints": dict(seed.hints), "reads": seed.reads}
         first = watched.answer(sound=str(sound), **told)
@@ -59,7 +59,7 @@ def test_reading_asks_python_for_nothing_but_to_read(tmp_path, watched):
         assert first["elsewhere"] == [], seed.name
         again = watched.answer(path=str(sound), **told)
         assert (again["outcome"], again["seen"]) == ("read", []), seed.name
-        for _ in range(at_length(1 if seed.isolated else 4, 60)):
+        for _ in range(at_length(1, 5) if seed.isolated else at_length(4, 60)):
             content = fuzz_readers.mutated_file(seed, rng)
             path = fuzz_readers.placed(tmp_path / "now", seed, content)
             if path is not None:

@@ -103,7 +103,7 @@ def _is_own(path: Any) -> bool:
 
 
 def _read(path: str, hints: dict[str, Any], reads: str) -> str:
-    from tests.fuzz_readers import _try_to_read
+    from tests.fuzz_process import _try_to_read
 
     return _try_to_read(path, hints, reads)
 

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 import lightflight as lf
-from tests import fuzz_readers
+from tests import fuzz_process, fuzz_readers, fuzz_seeds
 from tests.fuzz_bytes import mutated
 
 
 def test_the_valid_files_are_valid(tmp_path):
     """A mutation says something only where the file was read before it."""
     (tmp_path / "made").mkdir()
-    for seed in fuzz_readers.seeds(tmp_path / "made"):
+    for seed in fuzz_seeds.seeds(tmp_path / "made"):
         path = fuzz_readers.placed(tmp_path / "now", seed, seed.content)
         assert path is not None
-        record: Any = fuzz_readers._read(str(path), seed.hints, seed.reads)
+        record: Any = fuzz_process._read(str(path), seed.hints, seed.reads)
         if seed.reads == "recording":
             assert lf.histogram(record).counts.sum() > 0, seed.name
 
@@ -51,7 +51,7 @@ def test_the_watch_sees_what_it_is_there_for(tmp_path, monkeypatch):
     good = tmp_path / "x.npy"
     np.save(good, np.ones((2, 2, 4), np.uint16))
     hints = {"axes": "yxt"}
-    reader = fuzz_readers.Reader()
+    reader = fuzz_process.Reader()
     try:
         assert reader.outcome(good, hints) == "read"
         assert reader.outcome(tmp_path / "absent.npy", hints) == "refused"
