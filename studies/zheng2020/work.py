@@ -18,6 +18,7 @@ from threading import Event
 from typing import Any
 
 from lightflight._version import __version__
+from lightflight.files.children import safe_children
 from lightflight.files.whole_file import atomic_path
 from lightflight.path.light_path import LightPath
 
@@ -88,12 +89,14 @@ def _done(units: list[Unit], place: Path, seed: int, workers: int) -> Iterator[U
             _do(unit, place, seed)
             yield unit
         return
-    # spawn: a fork of a process that has used Numba's threads may hang
-    pool = ProcessPoolExecutor(
-        min(workers, len(units)), mp_context=get_context("spawn"), initializer=_one_thread
-    )
-    try:
+    # The pool starts a process that watches over it; workers are started while units are handed in.
+    with safe_children():
+        # spawn: a fork of a process that has used Numba's threads may hang
+        pool = ProcessPoolExecutor(
+            min(workers, len(units)), mp_context=get_context("spawn"), initializer=_one_thread
+        )
         running = {pool.submit(_do_unless_stopped, unit, place, seed): unit for unit in units}
+    try:
         for done in as_completed(running):
             done.result()
             yield running[done]

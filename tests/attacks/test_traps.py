@@ -15,6 +15,7 @@ from tests.attacks.traps import lay_traps, run_there, sprung, the_command
 from tests.formats.made_by_hand import ptu_bytes, sdt_bytes
 
 SOURCE = Path(__file__).parents[2] / "src" / "lightflight"
+STUDIES = SOURCE.parents[1] / "studies"
 
 
 @pytest.fixture
@@ -88,6 +89,30 @@ def test_workers_of_campaigns_run_none_of_them(trapped):
     assert str(trapped) not in done.stdout
 
 
+UNITS = """
+import sys
+first = sys.path.pop(0)
+import concurrent.futures.process, multiprocessing.popen_spawn_posix, platform
+import multiprocessing.resource_tracker
+from studies.zheng2020.work import Unit, results_of_units
+sys.path.insert(0, first)
+if __name__ == "__main__":
+    assert first == ""
+    units = [Unit(name, platform.python_build) for name in "ab"]
+    results_of_units(units, "kept", seed=1, workers=2)
+"""
+
+
+@pytest.mark.slow
+def test_workers_of_studies_run_none_of_them(trapped):
+    """Their work fails (it takes no seed); what they import before shows."""
+    done = run_there(
+        trapped, sys.executable, "-c", UNITS, PYTHONPATH=f"{SOURCE.parent}:{STUDIES.parent}"
+    )
+    assert "unexpected keyword argument" in done.stderr
+    assert sprung(trapped) == []
+
+
 def test_what_is_kept_of_the_path(tmp_path, monkeypatch):
     here, told, other = (tmp_path / name for name in ("here", "told", "other"))
     for folder in (here, told, other):
@@ -118,9 +143,20 @@ def test_processes_are_started_in_one_place():
         "files/children.py": "the place itself",
         "formats/isolation.py": "catches TimeoutExpired",
     }
-    found = {
-        file.relative_to(SOURCE).as_posix()
-        for file in SOURCE.rglob("*.py")
-        if any(word in file.read_text("utf-8") for word in starters)
+    assert _files_with(SOURCE, starters) == set(allowed)
+    assert _files_with(STUDIES, starters) == set()
+
+
+def test_pools_of_processes_are_started_with_the_safe_path():
+    starters = ("get_context", "ProcessPool", "forkserver", "LocalCluster(")
+    for folder in (SOURCE, STUDIES):
+        for name in _files_with(folder, starters):
+            assert "with safe_children()" in (folder / name).read_text("utf-8"), name
+
+
+def _files_with(folder: Path, words: tuple[str, ...]) -> set[str]:
+    return {
+        file.relative_to(folder).as_posix()
+        for file in folder.rglob("*.py")
+        if any(word in file.read_text("utf-8") for word in words)
     }
-    assert found == set(allowed)
