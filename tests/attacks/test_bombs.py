@@ -14,6 +14,7 @@ import struct
 import subprocess
 import sys
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -138,37 +139,48 @@ def _npy_head(shape: tuple[int, ...]) -> bytes:
     return out.getvalue()
 
 
-def bombs(folder: Path) -> dict[str, tuple[Path, dict[str, Any]]]:
-    """Files of some kilobytes that stand for 8 GiB or more."""
-    shape, axes = (1 << 12, 1 << 10, 1 << 10), {"axes": "yxt"}
-    found: dict[str, tuple[Path, dict[str, Any]]] = {}
-    found["npy"] = (_holes(folder / "b.npy", _npy_head(shape), 1 << 33), axes)
+_BOMB = (1 << 12, 1 << 10, 1 << 10)
+
+
+def _npy_bomb(folder: Path) -> tuple[Path, dict[str, Any]]:
+    return _holes(folder / "b.npy", _npy_head(_BOMB), 1 << 33), {"axes": "yxt"}
+
+
+def _hdf5_bomb(folder: Path) -> tuple[Path, dict[str, Any]]:
     with h5py.File(folder / "b.h5", "w") as file:
-        file.create_dataset("cube", shape, "u2", chunks=(64, 1024, 1024), compression="gzip")
-        one = np.zeros((64, 1024, 1024), "u2")
-        for first in range(0, at_length(64, 4096), 64):
-            file["cube"][first : first + 64] = one
-    found["hdf5"] = (folder / "b.h5", axes)
-    found["text"] = (folder / "b.txt.gz", {"shape": [1 << 15, 1 << 15]})
+        cube = file.create_dataset("cube", _BOMB, "u2", chunks=(64, 1024, 1024), compression=9)
+        packed = zlib.compress(bytes(64 << 21), 9)
+        for first in range(0, at_length(64, _BOMB[0]), 64):
+            cube.id.write_direct_chunk((first, 0, 0), packed)
+    return folder / "b.h5", {"axes": "yxt"}
+
+
+def _text_bomb(folder: Path) -> tuple[Path, dict[str, Any]]:
     line = b"0 " * 1000 + b"\n"
     lines = b"".join(b"Pixel %d\n%s" % (k, line) for k in range(200))
-    found["text"][0].write_bytes(gzip.compress(lines))
-    header = struct.pack("<IIII", 6, 8, 6, 0) + struct.pack("<IIiii", 5, 12, *shape) + bytes(4)
+    (folder / "b.txt.gz").write_bytes(gzip.compress(lines))
+    return folder / "b.txt.gz", {"shape": [1 << 15, 1 << 15]}
+
+
+def _mat_bomb(folder: Path) -> tuple[Path, dict[str, Any]]:
+    header = struct.pack("<IIII", 6, 8, 6, 0) + struct.pack("<IIiii", 5, 12, *_BOMB) + bytes(4)
     name = struct.pack("<II", 1, 4) + b"cube" + bytes(4)
     body = header + name + struct.pack("<II", 9, 0xFFFFFFF8)
     head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM"
-    mat = head + struct.pack("<II", 14, len(body)) + body
-    (folder / "b.mat").write_bytes(mat)
-    found["mat"] = (folder / "b.mat", axes)
-    return found
+    (folder / "b.mat").write_bytes(head + struct.pack("<II", 14, len(body)) + body)
+    return folder / "b.mat", {"axes": "yxt"}
 
 
-@pytest.mark.parametrize("kind", ["npy", "hdf5", "text", "mat"])
+_BOMBS = {"npy": _npy_bomb, "hdf5": _hdf5_bomb, "text": _text_bomb, "mat": _mat_bomb}
+"""Files of some kilobytes that stand for 8 GiB or more."""
+
+
+@pytest.mark.parametrize("kind", _BOMBS)
 def test_what_stands_for_more_than_half_of_the_memory_is_refused_at_once(
     tmp_path, kind, monkeypatch
 ):
     monkeypatch.setattr(filecheck, "free_memory_bytes", lambda: 1 << 32)
-    path, hints = bombs(tmp_path)[kind]
+    path, hints = _BOMBS[kind](tmp_path)
     before = _resident()
     with pytest.raises(FileFormatError) as caught:
         read(path, **hints)
