@@ -38,13 +38,10 @@ cold: $(VENV)/.installed-dev ## what the first run of each command compiles, and
 	@NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/cold_start.py --quick
 
 # Numba keeps one version's kernels beside the source: these go elsewhere.
-# HDF5 of the lowest h5py dies of 2 in 2,000 damaged files (docs/explanation/threats.md): those are
-# tried with today's alone.
 lowest: $(VENV)/.installed-lowest ## contract and format tests with the lowest versions allowed
 	@NUMBA_CACHE_DIR=$(CURDIR)/$(LOWEST)/numba NUMBA_NUM_THREADS=1 $(LOWEST)/bin/python -m pytest $(PYTEST_FLAGS) \
 	  -p no:cacheprovider tests/contracts tests/formats tests/batch/test_table.py \
-	  tests/attacks/test_zarr.py tests/attacks/test_tls.py \
-	  --deselect tests/formats/test_fuzz.py::test_damaged_files_are_refused_in_one_sentence
+	  tests/attacks/test_zarr.py tests/attacks/test_tls.py
 
 check: lint types layers workflows ## ruff, mypy, import-linter, zizmor
 
