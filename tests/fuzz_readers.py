@@ -131,9 +131,12 @@ def run(
     keep: Path | None = None,
     only: str | None = None,
     vendors: float = 1.0,
+    first: int = 0,
     report: Callable[[str], None] = lambda text: None,
 ) -> tuple[dict[str, dict[str, int]], list[Finding]]:
     """Read `n_files` mutated files; those of vendors' readers `vendors` times as often.
+
+    The `first` ones are passed over: an earlier run of the same seed has read them.
 
     Returns
     -------
@@ -152,6 +155,10 @@ def run(
         known: dict[str, str | None] = {}
         for number, mutant in enumerate(_mutants(folder, n_files, seed, only, vendors)):
             one = mutant.seed
+            if number % 1000 == 999:
+                report(f"{number + 1} files, {len(findings)} findings")
+            if number < first:
+                continue
             if one.name not in known:
                 sound = placed(folder / "now", one, one.content)
                 assert sound is not None
@@ -223,6 +230,7 @@ def main() -> int:
         "--vendors", type=float, default=55.0, help="so many times as many for vendors' readers"
     )
     parser.add_argument("--only", help="part of a name of a valid file")
+    parser.add_argument("--first", type=int, default=0, help="go on from there")
     parser.add_argument("--keep", type=Path, help="folder for the files of findings")
     options = parser.parse_args()
     start = time.monotonic()
@@ -234,6 +242,7 @@ def main() -> int:
         keep=options.keep,
         only=options.only,
         vendors=options.vendors,
+        first=options.first,
         report=_say,
     )
     for name, count in sorted(tally.items()):

@@ -106,7 +106,9 @@ def _done(units: list[Unit], place: Path, seed: int, workers: int) -> Iterator[U
 
 def _one_thread() -> None:
     """One thread per process: there are as many processes as there is room for."""
-    import numba
+    import lightflight._kernels  # noqa: F401  (takes care of where Numba looks for settings)
+
+    import numba  # isort: skip
 
     numba.set_num_threads(1)
 

@@ -89,6 +89,21 @@ def test_workers_of_campaigns_run_none_of_them(trapped):
     assert str(trapped) not in done.stdout
 
 
+def test_settings_that_lie_there_are_not_those_of_libraries(tmp_path):
+    """Numba would load pickles from the folder it names, Matplotlib run what it calls LaTeX."""
+    (tmp_path / ".numba_config.yaml").write_text(f"cache_dir: {tmp_path}/cache\n")
+    (tmp_path / "matplotlibrc").write_text("text.usetex: True\nanimation.ffmpeg_path: ./evil\n")
+    asked = (
+        "import lightflight.view.style as style, lightflight._kernels.jit as jit, os, sys\n"
+        "jit.numba.core.config.reload_config()\n"
+        "print(jit.numba.config.CACHE_DIR == os.environ.get('NUMBA_CACHE_DIR', ''))\n"
+        "print(style.mpl.rcParams['text.usetex'], style.mpl.rcParams['animation.ffmpeg_path'])\n"
+        "print(os.getcwd() == sys.argv[1])"
+    )
+    done = run_there(tmp_path, sys.executable, "-P", "-c", asked, os.fspath(tmp_path))
+    assert done.stdout.split() == ["True", "False", "ffmpeg", "True"], done.stderr
+
+
 UNITS = """
 import sys
 first = sys.path.pop(0)

@@ -13,12 +13,16 @@ newcomer's first command waits for is their compilation, each function 0.1 s and
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import event
 from numba.extending import register_jitable
+
+# Numba asks the current folder again before each compilation: see `elsewhere`.
+numba.core.config._config_fname = os.devnull
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -21,7 +21,10 @@ Everything is loaded when it is first used: importing this package costs nothing
 
 from typing import TYPE_CHECKING
 
+from lightflight.elsewhere import import_elsewhere
 from lightflight._lazy import lazy_names
+
+import_elsewhere("matplotlib", "matplotlibrc")
 
 if TYPE_CHECKING:
     from lightflight.path.second_view import camera_towards, observe
