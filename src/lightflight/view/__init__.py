@@ -21,8 +21,8 @@ Everything is loaded when it is first used: importing this package costs nothing
 
 from typing import TYPE_CHECKING
 
-from lightflight.elsewhere import import_elsewhere
 from lightflight._lazy import lazy_names
+from lightflight.elsewhere import import_elsewhere
 
 import_elsewhere("matplotlib", "matplotlibrc")
 
