@@ -365,9 +365,9 @@ class Camera:
         x, y : array of float, shape (...)
             Right and down, at unit depth; NaN for points on or behind the plane of the pupil.
         """
-        x, y, z = np.moveaxis(self._camera_points(points_mm), -1, 0)
-        depth = np.where(z > 0.0, z, np.nan)
-        return x / depth, y / depth
+        points = self._camera_points(points_mm)
+        depth = np.where(points[..., 2] > 0.0, points[..., 2], np.nan)
+        return points[..., 0] / depth, points[..., 1] / depth
 
     def pixels_from_normalized(
         self, x: ArrayLike, y: ArrayLike
@@ -444,10 +444,10 @@ class Camera:
         right, down, forward = self.world_from_camera[:3, :3].T
         # How the place in the image plane moves, (..., 3), and how the lens bends that, (..., 2).
         x_by_point, y_by_point = (right - x * forward) / z, (down - y * forward) / z
-        x_by_plane, y_by_plane = np.moveaxis(self._lens.jacobian(x[..., 0], y[..., 0]), -2, 0)
+        by_plane = self._lens.jacobian(x[..., 0], y[..., 0])
         k = self.matrix
-        row_by_plane = k[1, 1] * y_by_plane
-        col_by_plane = k[0, 0] * x_by_plane + k[0, 1] * y_by_plane
+        row_by_plane = k[1, 1] * by_plane[..., 1, :]
+        col_by_plane = k[0, 0] * by_plane[..., 0, :] + k[0, 1] * by_plane[..., 1, :]
         return np.stack(
             [
                 by_plane[..., :1] * x_by_point + by_plane[..., 1:] * y_by_point

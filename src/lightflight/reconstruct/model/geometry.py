@@ -344,6 +344,18 @@ def _add_travelled(jacobian: Floats, vertices: Floats, legs: Indices, per_path: 
     jacobian[:, :-1] += travelled[legs]
 
 
+def cross(a: Floats, b: Floats) -> Floats:
+    """(..., 3), a x b; `np.cross`, which also takes other axes, spends most of a fit on them."""
+    return np.stack(
+        (
+            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
+            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
+            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
+        ),
+        axis=-1,
+    )
+
+
 def travelled_jacobian(vertices: Floats) -> Floats:
     """d(path length up to vertex k) / d(vertices); (m, 3m)."""
     m = len(vertices)
@@ -397,7 +409,7 @@ def line_offsets(
     rotation = camera.world_from_camera[:3, :3]
     a = (state.vertices_mm[legs] - camera.center_mm) @ rotation
     b = (state.vertices_mm[legs + 1] - camera.center_mm) @ rotation
-    normal = np.cross(a, b)
+    normal = cross(a, b)
     size = np.hypot(normal[:, 0], normal[:, 1])
     # Seen end-on, or in the camera's own plane: a fit that tries such a step takes it back, since
     # no cost with NaN is lower.
@@ -408,8 +420,8 @@ def line_offsets(
     offset = focal_px * value
     by_normal = focal_px * (points - value[:, np.newaxis] * flat) / size
     # d(a x b).g = da.(b x g) + db.(g x a), then back from camera axes to world axes.
-    by_start = np.cross(b, by_normal) @ rotation.T
-    by_end = np.cross(by_normal, a) @ rotation.T
+    by_start = cross(b, by_normal) @ rotation.T
+    by_end = cross(by_normal, a) @ rotation.T
     jacobian = np.zeros((len(legs), 3 * len(state.vertices_mm) + 1))
     _add_vertex(jacobian, legs, by_start)
     _add_vertex(jacobian, legs + 1, by_end)

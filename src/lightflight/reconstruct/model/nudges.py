@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.flight import Medium
-from lightflight.reconstruct.model.geometry import Footprint, PathState
+from lightflight.reconstruct.model.geometry import Footprint, PathState, cross
 from lightflight.reconstruct.model.image_plane import mean_focal_px
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
@@ -60,7 +60,7 @@ class Nudges:
     def as_moves(self, state: PathState) -> Floats:
         """Moves of the state (3m + 1, k) that look to the camera like its own; the lens stays."""
         out = state.vertices_mm - self.camera.center_mm
-        moves = -np.cross(self.turn_rad[:, np.newaxis], out) - self.shift_mm[:, np.newaxis]
+        moves = -cross(self.turn_rad[:, np.newaxis], out) - self.shift_mm[:, np.newaxis]
         return np.vstack((moves.reshape(len(self), out.size).T, np.zeros(len(self))))
 
     def arrivals(
