@@ -27,6 +27,7 @@ import traceback
 import warnings
 from collections import Counter, defaultdict
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -183,6 +184,7 @@ def histograms(counts: np.ndarray, clock: BruteClock) -> lf.Histograms:
     )
 
 
+@cache
 def calibration(clock: BruteClock, tail: float) -> lf.TimingCalibration:
     """Clock from even light (1 M counts) and a collimated flash at FLAT_PS (400,000)."""
     rng = np.random.default_rng([7, clock.reversed, tail > 0.0])

@@ -2,6 +2,7 @@
 
 import importlib.util
 import itertools
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -32,26 +33,32 @@ def file(data_dir):
     return path
 
 
+@pytest.fixture(scope="module")
+def legs_of(example, file):
+    """Legs in the picture of a recording, by its name; found once."""
+    return cache(lambda name: example.legs_in_picture(file, name)[2])
+
+
 @pytest.mark.parametrize(
     ("name", "fewest", "most"),
     [("LinearFiber", 1, 1), ("LinearFiber_vertical", 1, 1), ("CurveFiber", 2, 6)],
 )
-def test_legs_follow_the_seven_view_track(example, file, name, fewest, most):
-    _, _, legs = example.legs_in_picture(file, name)
+def test_legs_follow_the_seven_view_track(example, file, legs_of, name, fewest, most):
+    legs = legs_of(name)
     assert fewest <= len(legs) <= most
     track = example.read_track(file, name)
     assert np.median(example.distance_to_legs_px(track, legs)) <= 1.5
 
 
-def test_apparent_speed_of_the_straight_fibre(example, file):
-    _, _, (leg,) = example.legs_in_picture(file, "LinearFiber")
+def test_apparent_speed_of_the_straight_fibre(example, file, legs_of):
+    (leg,) = legs_of("LinearFiber")
     cell = example.read_track(file, "LinearFiber").cell_px
     speed_x = leg.apparent_speed_px_per_ps * leg.direction_px[0] * cell
     assert speed_x == pytest.approx(-1.206, rel=0.03)
 
 
-def test_the_arch_turns_one_way(example, file):
-    _, _, legs = example.legs_in_picture(file, "CurveFiber")
+def test_the_arch_turns_one_way(legs_of):
+    legs = legs_of("CurveFiber")
     headings = np.unwrap([np.arctan2(leg.direction_px[1], leg.direction_px[0]) for leg in legs])
     turns = np.diff(headings)
     assert (turns > 0).all() or (turns < 0).all()

@@ -1,6 +1,7 @@
 """Legs that the search in the picture leaves out, told by light that no other leg explains."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 import lightflight as lf
 from benchmarks.check_blind_scenes import (
     PHOTONS,
+    Case,
     Outcome,
     calibration,
     drawn_case,
@@ -18,11 +20,18 @@ from lightflight.simulate.presets import ideal, paper_scene
 from tests.oracles.brute_force import expected_counts
 
 
-def verdict_on(seed: int) -> Outcome:
-    """How `joint` does on a scene of up to six legs that the brute-force oracle drew."""
+@cache
+def recorded(seed: int) -> tuple[Case, np.ndarray]:
+    """A scene of up to six legs and what the brute-force oracle counts of it."""
     case = drawn_case(seed, most_legs=6)
+    mean = expected_counts(case.scene, brightest=PHOTONS)
+    return case, np.random.default_rng([seed, 99]).poisson(mean)
+
+
+def verdict_on(seed: int) -> Outcome:
+    """How `joint` does on it."""
+    case, counts = recorded(seed)
     scene = case.scene
-    counts = np.random.default_rng([seed, 99]).poisson(expected_counts(scene, brightest=PHOTONS))
     source = lf.Source(scene.vertices[0], emission_time_ps=scene.emission_time, pulse_fwhm_ps=68.0)
     return judged(case, counts, source, calibration(scene.clock, scene.tail), "joint", PHOTONS)
 
