@@ -6,9 +6,9 @@ rows of the joint fit (`least_squares.Solution.rows`) by that parameter.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from lightflight.reconstruct.model.geometry import (
 )
 from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
 from lightflight.reconstruct.model.picture import LineDataInPicture
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 Floats = NDArray[np.float64]
 
@@ -130,26 +131,18 @@ class Rows:
         column[n : n + len(by_line)] = self.lines.whitening @ by_line
         return column
 
-    def model(
-        self,
-        *,
-        state: PathState | None = None,
-        cameras: tuple[Camera, ...] | None = None,
-        medium: Medium | None = None,
-    ) -> Floats:
-        """(n + 2 L,): arrival times, ps, and how far the path's lines are from those seen, px."""
-        state = self.state if state is None else state
-        medium = self.medium if medium is None else medium
+    def model(self, cameras: tuple[Camera, ...]) -> Floats:
+        """(n + 2 L,): arrival times, ps, and how far lines are off, px, as other cameras see."""
         n, n_lines = len(self.times.leg), len(self.lines.leg)
         out = np.zeros(n + n_lines)
         for view, told in enumerate(self.cameras):
-            camera = told if cameras is None else cameras[view]
+            camera = cameras[view]
             here = rows_of_view(self.times.view, view, n)
             drawn = rows_of_view(self.lines.view, view, n_lines)
             out[here] = footprints(
-                state,
+                self.state,
                 camera=camera,
-                medium=medium,
+                medium=self.medium,
                 legs=self.times.leg[here],
                 rows=self.times.row[here],
                 cols=self.times.col[here],
@@ -158,7 +151,7 @@ class Rows:
             if camera is not told:
                 anchors = undistorted_px(camera, *_pixels_of(told, anchors))
             out[n + drawn] = line_offsets(
-                state,
+                self.state,
                 camera=camera,
                 legs=self.lines.leg[drawn],
                 anchors=anchors,
@@ -166,74 +159,92 @@ class Rows:
             )[0]
         return out
 
-    @cached_property
-    def _as_it_is(self) -> Floats:
-        """`model` with nothing else off."""
-        return self.model()
-
-    def change(
-        self,
-        step: float,
-        *,
-        state: PathState | None = None,
-        cameras: tuple[Camera, ...] | None = None,
-        medium: Medium | None = None,
-    ) -> tuple[Floats, Floats]:
-        """Derivatives of times (n,) and lines (2 L,) by what is off by `step` in the argument."""
-        off = self.model(state=state, cameras=cameras, medium=medium)
-        changed = (off - self._as_it_is) / step
+    def change(self, step: float, *, cameras: tuple[Camera, ...]) -> tuple[Floats, Floats]:
+        """Derivatives of times (n,) and lines (2 L,) by what is off by `step` in the cameras."""
+        changed = (self.model(cameras) - self.traced.model) / step
         n = len(self.times.leg)
         return changed[:n], changed[n:]
 
-    def shifted(self, shift_mm: Floats) -> tuple[Floats, Floats]:
-        """The same where the whole path stands elsewhere; (3,), mm."""
-        whole = self.by_vertices.sum(axis=1) @ shift_mm
+    def moved(self, moves_mm: Floats) -> tuple[Floats, Floats]:
+        """The same where each vertex (m, 3) moves, mm; (3,): all alike."""
+        moves_mm = np.broadcast_to(moves_mm, self.state.vertices_mm.shape)
+        whole = self.traced.by_vertices @ moves_mm.ravel()
         n = len(self.times.leg)
         return whole[:n], whole[n:]
 
     @cached_property
-    def by_vertices(self) -> Floats:
-        """(n + 2 L, m, 3): derivatives of `model` by the vertices, ps and px per mm."""
+    def traced(self) -> Traced:
+        """The model as it is, and what follows from where each pulse's light comes from."""
         state = self.state
-        n, n_lines, m = len(self.times.leg), len(self.lines.leg), len(state.vertices_mm)
-        out = np.zeros((n + n_lines, 3 * m + 1))
+        n, n_lines = len(self.times.leg), len(self.lines.leg)
+        model, by_vertices = np.zeros(n + n_lines), np.zeros((n + n_lines, state.vertices_mm.size))
+        fraction, distance = np.zeros((2, n))
         for view, camera in enumerate(self.cameras):
             here = rows_of_view(self.times.view, view, n)
             drawn = rows_of_view(self.lines.view, view, n_lines)
-            out[here] = arrival_jacobian(
+            print_, by_time = arrival_jacobian(
                 state,
                 camera=camera,
                 medium=self.medium,
                 legs=self.times.leg[here],
                 rows=self.times.row[here],
                 cols=self.times.col[here],
-            )[1]
-            out[n + drawn] = line_offsets(
+            )
+            offset, by_line = line_offsets(
                 state,
                 camera=camera,
                 legs=self.lines.leg[drawn],
                 anchors=self.lines.anchors[drawn],
                 focal_px=mean_focal_px(camera),
-            )[1]
-        return out[:, :-1].reshape(-1, m, 3)
+            )
+            model[here], model[n + drawn] = print_.arrival_ps, offset
+            by_vertices[here], by_vertices[n + drawn] = by_time[:, :-1], by_line[:, :-1]
+            fraction[here], distance[here] = print_.fraction, print_.distance_mm
+        steps = np.linalg.norm(np.diff(state.vertices_mm, axis=0), axis=1)
+        before = np.append(0.0, np.cumsum(steps))[self.times.leg]
+        return Traced(
+            model, by_vertices, fraction, before + fraction * steps[self.times.leg], distance
+        )
 
-    def fractions(self) -> tuple[Floats, Floats]:
-        """Where along its leg each pulse (n,) and each anchor of a line (2 L,) is."""
-        times, lines = self.times, self.lines
-        n, n_lines = len(times.leg), len(lines.leg)
-        out = np.zeros(n + n_lines)
+    def line_fractions(self) -> Floats:
+        """(2 L,), where along its leg each anchor of a line is."""
+        lines = self.lines
+        out = np.zeros(len(lines.leg))
         for view, camera in enumerate(self.cameras):
-            here, drawn = rows_of_view(times.view, view, n), rows_of_view(lines.view, view, n_lines)
+            drawn = rows_of_view(lines.view, view, len(out))
             row, col = _pixels_of(camera, lines.anchors[drawn])
-            out[np.concatenate((here, n + drawn))] = footprints(
+            out[drawn] = footprints(
                 self.state,
                 camera=camera,
                 medium=self.medium,
-                legs=np.concatenate((times.leg[here], lines.leg[drawn])),
-                rows=np.concatenate((times.row[here], row)),
-                cols=np.concatenate((times.col[here], col)),
+                legs=lines.leg[drawn],
+                rows=row,
+                cols=col,
             ).fraction
-        return out[:n], out[n:]
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Traced:
+    """Times and lines of `Rows` as the path has them.
+
+    Attributes
+    ----------
+    model : array of float, shape (n + 2 L,)
+        Arrival times, ps, and distances of lines, px.
+    by_vertices : array of float, shape (n + 2 L, 3 m)
+        Their derivatives, per mm.
+    fraction : array of float, shape (n,)
+        Where along its leg the light of each pulse comes from.
+    out_mm, back_mm : array of float, shape (n,)
+        How far it flew out, and back to the camera, mm.
+    """
+
+    model: Floats
+    by_vertices: Floats
+    fraction: Floats
+    out_mm: Floats
+    back_mm: Floats
 
 
 def _pixels_of(camera: Camera, anchors: Floats) -> tuple[Floats, Floats]:
@@ -268,9 +279,9 @@ def geometry_candidates(
         of_times(FindingName.CLOCK_SCALE, counted_ps),
         of_times(FindingName.WALK, *_brightness(photons)),
         _index(rows),
-        _of_cameras(rows, FindingName.FOCAL_LENGTH, [("focal_length", _zoomed)]),
-        _of_cameras(rows, FindingName.DISTORTION, [("distortion", _stretched)]),
-        _of_cameras(rows, FindingName.POSE, list(_poses())),
+        _of_lenses(rows, FindingName.FOCAL_LENGTH, _zoomed),
+        _of_lenses(rows, FindingName.DISTORTION, _stretched),
+        _pose(rows),
         _source(rows),
         _curved(rows),
     ]
@@ -298,25 +309,38 @@ def _candidate(
 
 
 def _index(rows: Rows) -> Candidate:
-    step = 1e-5
-    path = replace(rows.medium, path_group_index=rows.medium.path_group_index + step)
-    back = replace(rows.medium, return_group_index=rows.medium.return_group_index + step)
-    parts = [("index", rows.change(step, medium=medium)) for medium in (path, back)]
+    still = np.zeros(len(rows.lines.leg))
+    ways = (rows.traced.out_mm, rows.traced.back_mm)
+    parts = [("index", (way / SPEED_OF_LIGHT_MM_PER_PS, still)) for way in ways]
     return _candidate(rows, FindingName.INDEX, parts)
 
 
-def _of_cameras(
-    rows: Rows, name: FindingName, moves: list[tuple[str, Callable[[Camera, float], Camera]]]
+def _of_lenses(
+    rows: Rows, name: FindingName, moved: Callable[[Camera, float], Camera]
 ) -> Candidate:
-    """A cause within the cameras, each by itself."""
+    """A cause within the lenses, each by itself."""
     parts = []
     for view, camera in enumerate(rows.cameras):
-        for kind, moved in moves:
-            step = _STEP * PLAUSIBLE[kind].size
-            cameras = list(rows.cameras)
-            cameras[view] = moved(camera, step)
-            parts.append((kind, rows.change(step, cameras=tuple(cameras))))
+        step = _STEP * PLAUSIBLE[name].size
+        cameras = list(rows.cameras)
+        cameras[view] = moved(camera, step)
+        parts.append((str(name), rows.change(step, cameras=tuple(cameras))))
     return _candidate(rows, name, parts)
+
+
+def _pose(rows: Rows) -> Candidate:
+    """Each camera turned about its centre, and shifted: the path moves the other way for it."""
+    n, n_lines, parts = len(rows.times.leg), len(rows.lines.leg), []
+    for view, camera in enumerate(rows.cameras):
+        own = np.zeros(n), np.zeros(n_lines)
+        for each, of_view in zip(own, (rows.times.view, rows.lines.view), strict=True):
+            each[rows_of_view(of_view, view, len(each))] = 1.0
+        away = rows.state.vertices_mm - camera.center_mm
+        turns = [("pose turn", np.cross(away, axis)) for axis in np.eye(3)]
+        for kind, moves in (*turns, *(("pose shift", -axis) for axis in np.eye(3))):
+            by_time, by_line = rows.moved(moves)
+            parts.append((kind, (own[0] * by_time, own[1] * by_line)))
+    return _candidate(rows, FindingName.POSE, parts)
 
 
 def _zoomed(camera: Camera, share: float) -> Camera:
@@ -336,25 +360,15 @@ def _stretched(camera: Camera, corner_px: float) -> Camera:
     return replace(camera, distortion=terms)
 
 
-def _poses() -> Iterator[tuple[str, Callable[[Camera, float], Camera]]]:
-    for axis in range(6):
-        kind = "pose turn" if axis < 3 else "pose shift"
-        yield kind, partial(_posed, axis)
-
-
-def _posed(axis: int, camera: Camera, step: float) -> Camera:
-    return camera.perturbed(step * np.eye(6)[axis])
-
-
 def _source(rows: Rows) -> Candidate:
-    n, by_source = len(rows.times.leg), rows.by_vertices[:, 0]
-    parts = [("source", (by_source[:n, axis], by_source[n:, axis])) for axis in range(3)]
+    m = len(rows.state.vertices_mm)
+    parts = [("source", rows.moved(np.eye(m, 1) * axis)) for axis in np.eye(3)]
     return _candidate(rows, FindingName.SOURCE, parts)
 
 
 def _curved(rows: Rows) -> Candidate:
     """Each leg bowed in the picture and in depth: half a sine, with so large a sagitta."""
-    f_time, f_line = rows.fractions()
+    f_time, f_line = rows.traced.fraction, rows.line_fractions()
     center = rows.cameras[0].center_mm
     parts = []
     for leg in range(rows.state.n_legs):
@@ -364,7 +378,7 @@ def _curved(rows: Rows) -> Candidate:
         depth = away - (away @ along) * along
         depth = depth / max(float(np.linalg.norm(depth)), 1e-12)
         for direction in (np.cross(along, depth), depth):
-            by_time, by_line = rows.shifted(direction)
+            by_time, by_line = rows.moved(direction)
             parts.append(
                 (
                     "curved_leg",
@@ -379,7 +393,7 @@ def _curved(rows: Rows) -> Candidate:
 
 def _unseen(rows: Rows) -> Candidate:
     """At each corner, what follows starts elsewhere or later than the leg before ends."""
-    by_shift = [rows.shifted(np.eye(3)[axis]) for axis in range(3)]
+    by_shift = [rows.moved(np.eye(3)[axis]) for axis in range(3)]
     parts = []
     for corner in range(1, rows.state.n_legs):
         late, drawn = rows.times.leg >= corner, rows.lines.leg >= corner
@@ -391,7 +405,7 @@ def _unseen(rows: Rows) -> Candidate:
 
 def _waves(rows: Rows) -> list[Floats]:
     """Cosines along the seen part of each leg, of one period and more."""
-    fraction, _ = rows.fractions()
+    fraction = rows.traced.fraction
     found = []
     for leg in range(rows.state.n_legs):
         here = rows.times.leg == leg
