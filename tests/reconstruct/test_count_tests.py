@@ -297,6 +297,28 @@ class TestJudge:
             found.append(family_p_value(tests))
         assert kstest(found, "uniform").pvalue > 1e-3
 
+    @pytest.mark.parametrize("silent_below", [0.0, 4.0, 100.0])
+    def test_silent_tests_take_no_share_of_the_budget(self, silent_below):
+        """4 tests of times beside 20 of light that speak from some size on: uniform (1e-3).
+
+        What is beyond the size from which all speak is held against all 24. 200 draws.
+        """
+        rng = np.random.default_rng(22)
+
+        def one(z, k):
+            return Evidence(
+                FindingName.HAZE, z**2, 1, 0.0, "", "", np.eye(24)[:, k : k + 1], np.array([z]),
+                data="pulses" if k < 4 else LIGHT, silent_below=0.0 if k < 4 else silent_below,
+            )  # fmt: skip
+
+        found = [
+            family_p_value([one(z, k) for k, z in enumerate(rng.normal(size=24))])
+            for _ in range(200)
+        ]
+        assert kstest(found, "uniform").pvalue > 1e-3
+        loud = [one(12.0 if k == 9 else 0.0, k) for k in range(24)]
+        assert family_p_value(loud) == pytest.approx(24 * loud[9].p_value, rel=0.3)
+
     def test_light_that_times_do_not_explain_is_named_too(self):
         pose = Evidence(
             FindingName.POSE, 900.0, 1, 899.0, "", "", np.eye(4)[:, :1], np.array([30.0])

@@ -7,7 +7,8 @@ test: none depends on brightness along the legs, on the path's times or on the c
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,36 @@ _SQRT_2PI = float(np.sqrt(2.0 * np.pi))
 
 
 @dataclass(frozen=True, eq=False)
+class Shape:
+    """How a pulse lies about its mean, in its own standard deviations.
+
+    Attributes
+    ----------
+    table : array of float, shape (3, m)
+        Of the flat's pulse (`timing.response.Response.table`): place, share before it, density;
+        (3, 0): a Gaussian.
+    """
+
+    table: Floats
+
+    def before(self, z: Floats) -> Floats:
+        """Share of the pulse that came before places in standard deviations."""
+        share: Floats = np.interp(z, *self.table[:2]) if self.table.size else ndtr(z)
+        return share
+
+    def density(self, z: Floats) -> Floats:
+        """Density there, per standard deviation."""
+        density: Floats = np.exp(-0.5 * z**2) / _SQRT_2PI
+        if self.table.size:
+            place, _, table = self.table
+            density = np.interp(z, place, table, left=0.0, right=0.0)
+        return density
+
+
+GAUSSIAN = Shape(np.empty((3, 0)))
+
+
+@dataclass(frozen=True, eq=False)
 class Pulses:
     """Where the light of the nearest legs is expected in n pixels; s legs at most in one.
 
@@ -39,10 +70,13 @@ class Pulses:
         Expected time after the pixel's reference, ps; NaN where there is no further leg.
     std_ps : array of float, shape (n, s)
         Expected standard deviation, ps.
+    shape : Shape
+        Of all of them.
     """
 
     late_ps: Floats
     std_ps: Floats
+    shape: Shape = GAUSSIAN
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +106,8 @@ class Pixels:
     std_ps : array of float, shape (n, s)
         Standard deviation, ps.
     background_per_ps : array of float, shape (n,)
+    shape : Shape
+        Of their pulses.
     """
 
     cells: Cells
@@ -84,11 +120,15 @@ class Pixels:
     late_ps: Floats
     std_ps: Floats
     background_per_ps: Floats
+    shape: Shape
 
     def of(self, kept: NDArray[np.bool_]) -> Pixels:
         """Some of the pixels."""
-        arrays = {f.name: getattr(self, f.name)[kept] for f in fields(self) if f.name != "cells"}
-        return Pixels(self.cells.of(kept), **arrays)
+        whole = {f.name: getattr(self, f.name) for f in fields(self)}
+        arrays: dict[str, Any] = {
+            name: array[kept] for name, array in whole.items() if isinstance(array, np.ndarray)
+        }
+        return replace(self, cells=self.cells.of(kept), **arrays)
 
     def left_of(self, columns: Floats) -> tuple[Floats, Floats]:
         """What the pixels' unknowns cannot take up of columns (n, m, k), and its score (k,)."""
@@ -175,7 +215,7 @@ def lit_pixels(cells: Cells, pulses: Pulses, *, dispersion: float = 1.0) -> Pixe
     most = cells.counts.sum(axis=1)[:, np.newaxis] + 1.0
     steps = _STEPS if s else 2
     for step in range(steps):
-        mean, slopes = _expected(cells, width, late, std, unknown)
+        mean, slopes = _expected(cells, width, late, std, unknown, pulses.shape)
         variance = dispersion * mean + (cells.width_error * mean) ** 2
         weight = np.divide(1.0, variance, out=np.zeros_like(mean), where=cells.live & (mean > 0.0))
         pull = (center - unknown) * prior
@@ -200,11 +240,12 @@ def lit_pixels(cells: Cells, pulses: Pulses, *, dispersion: float = 1.0) -> Pixe
         late + unknown[:, s : 2 * s],
         std * np.exp(unknown[:, -2:-1]),
         unknown[:, -1],
+        pulses.shape,
     )
 
 
 def _expected(
-    cells: Cells, width: Floats, late: Floats, std: Floats, unknown: Floats
+    cells: Cells, width: Floats, late: Floats, std: Floats, unknown: Floats, shape: Shape
 ) -> tuple[Floats, Floats]:
     """Mean counts (n, m) and their derivatives by the unknowns (n, m, q)."""
     s = late.shape[1]
@@ -214,9 +255,9 @@ def _expected(
         lit = np.flatnonzero(unknown[:, k] > 0.0)
         own = std[lit, k : k + 1] * np.exp(unknown[lit, -2:-1])
         z = (cells.edges_ps[lit] - late[lit, k : k + 1] - unknown[lit, s + k : s + k + 1]) / own
-        density = np.exp(-0.5 * z**2) / _SQRT_2PI
+        density = shape.density(z)
         photons = unknown[lit, k : k + 1]
-        share = np.diff(ndtr(z), axis=1) * cells.live[lit]
+        share = np.diff(shape.before(z), axis=1) * cells.live[lit]
         mean[lit] += photons * share
         slopes[lit, :, k] = share
         slopes[lit, :, s + k] = -photons / own * np.diff(density, axis=1)

@@ -12,7 +12,12 @@ from lightflight.path.light_path import LightPath
 from lightflight.path.verdict import Finding, FindingName, Severity
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.verdict.evidence import Evidence, evidence_from_deviate, sigma_from_p
+from lightflight.reconstruct.verdict.evidence import (
+    AT_MOST,
+    Evidence,
+    evidence_from_deviate,
+    sigma_from_p,
+)
 
 _USUAL_POOR = 0.02
 """Share of the pulses on an undisturbed path that carry POOR_FIT: at most this."""
@@ -36,6 +41,7 @@ def evidence_from_flags(fit: JointFit, sightings: list[Sighting]) -> tuple[Evide
             sentence=f"{poor} of {n} pulses on the path do not have the shape of the laser's pulse",
             remedy="look at the pixels that the flag poor_fit marks: haze, tails, second pulses",
             symptom=True,
+            silent_below=AT_MOST,
         ),
     )
 

@@ -24,7 +24,9 @@ from lightflight.reconstruct.fit.result import explained_by_fit
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.cells import cells_about, lag_edges
 from lightflight.reconstruct.model.counted import (
+    GAUSSIAN,
     Pulses,
+    Shape,
     dark_pixels,
     lit_pixels,
 )
@@ -36,7 +38,13 @@ from lightflight.reconstruct.verdict.count_tests import (
     evidence_from_sums,
     summed,
 )
-from lightflight.reconstruct.verdict.evidence import CHECK_AT, LIGHT, Evidence, sigma_from_p
+from lightflight.reconstruct.verdict.evidence import (
+    AT_MOST,
+    CHECK_AT,
+    LIGHT,
+    Evidence,
+    sigma_from_p,
+)
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -45,7 +53,8 @@ _BRIGHT = 0.02
 """Share of the brightest pixel's light from which a pixel is bright."""
 _LEAST_SHARE = 0.005
 """Of the path's light: less than this moves no path by more than its error (haze of 5 % moves one
-of 40,000 photons by 11), and is less than is known of the shape of pulses."""
+of 40,000 photons by 11), and is less than is known of the shape of pulses. With a third more the
+same recordings are trusted, and the same causes named."""
 _TABLE_PS = (-1e9, -700.0, 700.0, 3000.0, 1e9)
 """Stretches of time that the table of classes of pixels is summed over, ps."""
 _N_CLASSES = 4
@@ -91,36 +100,15 @@ def evidence_from_counts(
     if not groups:
         raise NothingFoundError("no two usable pixels lie on the path")
     sums = summed([(group.pixels, columns) for group, columns in groups])
-    tested = evidence_from_sums(sums, causes(lags))
+    tested = evidence_from_sums(sums, causes(lags), least_size=_LEAST_SHARE)
     explained = np.zeros(len(sums.score))
     named = [(one.gain, sizes) for one, sizes in tested if one.gain > 0.0 and not one.symptom]
     if named:
         explained = max(named, key=lambda pair: pair[0])[1]
     said = _told(fit, sightings)
-    shares = [_share(one, sizes, [g for g, _ in groups]) for one, sizes in tested]
-    matter = [
-        one.quiet() if share < _LEAST_SHARE else one
-        for (one, _), share in zip(tested, shares, strict=True)
-    ]
-    return (*matter, _elsewhere([g for g, _ in groups], sums, explained, said))
-
-
-def _share(one: Evidence, sizes: Floats, groups: list[Group]) -> float:
-    """Of the path's light, what a test found."""
-    if one.name is not FindingName.UNEXPLAINED_LIGHT:
-        return abs(float(sizes.sum()))
-    off, path = 0.0, 0.0
-    for group in groups:
-        cells, mean = group.pixels.cells, group.pixels.mean
-        middle = 0.5 * (cells.edges_ps[:, 1:] + cells.edges_ps[:, :-1])
-        stretch = np.digitize(middle, _TABLE_PS[1:-1])
-        rest = np.where(cells.live, cells.counts - mean, 0.0)
-        for kind in np.unique(group.of_class):
-            own = group.of_class == kind
-            sums = np.bincount(stretch[own].ravel(), rest[own].ravel())
-            off += float(np.abs(sums).sum())
-        path += float(group.pixels.photons.sum())
-    return off / max(path, 1.0)
+    return (
+        *(one for one, _ in tested), _elsewhere([g for g, _ in groups], sums, explained, said),
+    )  # fmt: skip
 
 
 def _shortest(periods: list[float | None]) -> float | None:
@@ -144,7 +132,12 @@ def _with_columns(
         return []
     reference = seen.arrival_ps[near, 0]
     about = cells_about(whole, seen.rows[near], seen.cols[near], reference, fine, nominal=nominal)
-    pulses = Pulses(seen.arrival_ps[near] - reference[:, np.newaxis], seen.std_ps[near])
+    response = whole.timing.response
+    pulses = Pulses(
+        seen.arrival_ps[near] - reference[:, np.newaxis],
+        seen.std_ps[near],
+        GAUSSIAN if response is None else Shape(response.table()),
+    )
     dark = dark_group(whole, seen, near, far, std_ps, nominal)
     dispersion = 1.0 if dark is None else dispersion_of(dark.pixels)
     if dark is not None and dispersion > 1.0:
@@ -197,6 +190,8 @@ def _columns(group: Group, beam: light.Beam, lags: Floats, whole: Sighting) -> C
         ]
         used = n_own + np.arange(n_spread)
     table = light.classes(cells, group.of_class, np.array(_TABLE_PS), size)
+    # As much light as all of the path's is the unit, as of the others.
+    table *= beam.photons.sum() / np.maximum(table.sum(axis=(0, 1)), 1e-9)
     n_lags = len(_TABLE_PS) - 1
     kinds = np.unique(group.of_class)
     parts += [table[:, :, kind * n_lags : (kind + 1) * n_lags] for kind in kinds]
@@ -318,6 +313,7 @@ def _elsewhere(groups: list[Group], sums: Sums, explained: Floats, told: str) ->
         symptom=True,
         data=LIGHT,
         remains=sigma_from_p(rest.p_value) ** 2,
+        silent_below=AT_MOST,
     )
 
 

@@ -163,27 +163,31 @@ def summed(groups: Sequence[tuple[Pixels, Columns]]) -> Sums:
     return Sums(score, 0.5 * (information + information.T), tuple(kept))
 
 
-def evidence_from_sums(sums: Sums, causes: Sequence[Cause]) -> list[tuple[Evidence, Floats]]:
-    """The test of each cause that would leave a trace, and the sizes (K,) that it asks for."""
+def evidence_from_sums(
+    sums: Sums, causes: Sequence[Cause], *, least_size: float = 0.0
+) -> list[tuple[Evidence, Floats]]:
+    """The test of each cause that would leave a trace, and the sizes (K,) that it asks for.
+
+    Tests are silent up to the chi-square that `least_size` of their clearest column would bring.
+    """
     values, vectors = np.linalg.eigh(sums.information)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     found: list[tuple[Evidence, Floats]] = []
-    before: tuple[int, ...] = ()
     for cause in causes:
         own = list(cause.columns)
         signal, mixing = _signal(cause.plausible**2 * sums.information[np.ix_(own, own)])
         if not len(signal):
             continue
         along = cause.plausible * mixing / signal
-        raw = sums.score[own] @ along
-        # Neighbours may ask the same of the same columns, for another reason.
-        if cause.columns != before:
-            skewness = sums.skewness(own, along)
-        before = cause.columns
-        z = from_skewed(raw, skewness)
+        z = raw = sums.score[own] @ along
+        silent_below = least_size**2 * float(sums.information[own, own].max())
+        if raw @ raw >= silent_below:
+            z = from_skewed(raw, sums.skewness(own, along))
         sizes = np.zeros(len(sums.score))
         sizes[own] = along @ raw
-        found.append((_evidence(cause, raw, z, root[own].T @ along, signal, mixing), sizes))
+        found.append(
+            (_evidence(cause, raw, z, root[own].T @ along, signal, mixing, silent_below), sizes)
+        )
     return found
 
 
@@ -198,12 +202,19 @@ def _signal(information: Floats) -> tuple[Floats, Floats]:
 
 
 def _evidence(
-    cause: Cause, raw: Floats, z: Floats, directions: Floats, signal: Floats, mixing: Floats
+    cause: Cause,
+    raw: Floats,
+    z: Floats,
+    directions: Floats,
+    signal: Floats,
+    mixing: Floats,
+    silent_below: float,
 ) -> Evidence:
     shrunk = signal**2 / (1.0 + signal**2)
     sizes = cause.plausible * (mixing @ (raw * shrunk / signal))
     chi2, dof = float(z @ z), len(z)
     gain = float(raw @ (shrunk * raw)) - len(cause.columns)
+    gain = min(gain, 0.0) if chi2 < silent_below else gain
     # Light can be added, not taken away: less than none is no cause, but counts are not as they
     # should be.
     missing = sizes.sum() <= 0.0 and not cause.symptom
@@ -220,6 +231,7 @@ def _evidence(
         z,
         symptom=missing or cause.symptom,
         data=LIGHT,
+        silent_below=silent_below,
     )
 
 

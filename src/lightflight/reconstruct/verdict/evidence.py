@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ CHECK_AT = 0.01
 """Family-wise chance of a false "check"."""
 WITHIN = 9.0
 """Causes whose gain is within this of the best cannot be told from it."""
+AT_MOST = 9.0
+"""Chi-square below which a test is silent whose chance is only known to be at most so large (few
+counts, a usual share): it takes no more of the budget than 3 sigma, which raise no alarm alone."""
 LIGHT = "light"
 """Of tests that rest on counts; all others rest on times and lines."""
 
@@ -54,6 +57,8 @@ class Evidence:
     remains : float
         Of a symptom: chi-square left when the best cause of the same data is freed; NaN: to be
         worked out from `directions`.
+    silent_below : float
+        Chi-square that a misfit of no account may bring; the test speaks from there on.
     """
 
     name: FindingName
@@ -68,18 +73,19 @@ class Evidence:
     blind: tuple[BlindSpot, ...] = ()
     data: str = field(default="pulses", kw_only=True)
     remains: float = field(default=float("nan"), kw_only=True)
-
-    def quiet(self) -> Evidence:
-        """The same as a test that found nothing: it still counts among the tests."""
-        return replace(
-            self, chi2=min(self.chi2, float(self.dof)), gain=min(self.gain, 0.0),
-            deviates=np.zeros_like(self.deviates),
-        )  # fmt: skip
+    silent_below: float = field(default=0.0, kw_only=True)
 
     @property
     def p_value(self) -> float:
-        """Chance of a chi-square as large where all is well."""
+        """Chance of a chi-square as large where all is well; 1 where the test is silent."""
+        if self.chi2 < self.silent_below:
+            return 1.0
         return float(max(chdtrc(self.dof, self.chi2), _LEAST_P))
+
+    @property
+    def speaks(self) -> float:
+        """Chance that the test says anything where all is well."""
+        return float(chdtrc(self.dof, self.silent_below))
 
     @property
     def sigma(self) -> float:
@@ -93,7 +99,16 @@ def sigma_from_p(p_value: float) -> float:
 
 
 def evidence_from_deviate(
-    name: FindingName, z: float, *, sentence: str, remedy: str, symptom: bool = False
+    name: FindingName,
+    z: float,
+    *,
+    sentence: str,
+    remedy: str,
+    symptom: bool = False,
+    silent_below: float = 0.0,
 ) -> Evidence:
     """Evidence of one number that is N(0, 1) where all is well, from data of its own."""
-    return Evidence(name, z**2, 1, z**2 - 1.0, sentence, remedy, np.empty((0, 1)), symptom=symptom)
+    return Evidence(
+        name, z**2, 1, z**2 - 1.0, sentence, remedy, np.empty((0, 1)), symptom=symptom,
+        silent_below=silent_below,
+    )  # fmt: skip

@@ -25,7 +25,9 @@ _TABLE = 200
 """Points of a table of chances: straight lines between them err by 1e-3 of a chance."""
 _LEAST_P = 1e-300
 _TAIL = 0.05
-"""Below this, drawn p-values are too few: the number of independent tests is taken from here."""
+"""Below this, drawn p-values are too few: how far tests are alike is taken from here."""
+_SELDOM = 1e-3
+"""Tests that speak less often are rarely drawn: they count as independent, which says no less."""
 _MOST_NAMED = 6
 
 
@@ -51,22 +53,32 @@ def verdict_from_evidence(evidence: Sequence[Evidence], noticed: Sequence[Findin
 def family_p_value(evidence: Sequence[Evidence]) -> float:
     """Chance that the smallest p-value of all these tests is as small where all is well."""
     smallest = min(one.p_value for one in evidence)
-    together = [one for one in evidence if one.directions.shape[0]]
-    alone = len(evidence) - len(together)
-    passed = alone * float(np.log1p(-min(smallest, 1.0 - 1e-16)))
+    together = [one for one in evidence if one.directions.shape[0] and one.speaks > _SELDOM]
+    passed = _log_all_above(smallest, [one for one in evidence if one not in together])
     for data in dict.fromkeys(one.data for one in together):
-        passed += _log_passed(smallest, _drawn_smallest([e for e in together if e.data == data]))
+        passed += _log_passed(smallest, [e for e in together if e.data == data])
     return float(-np.expm1(passed))
 
 
-def _log_passed(p_value: float, drawn: Floats) -> float:
-    """Log of the chance that correlated tests all stay above a p-value, from drawn smallest."""
+def _log_all_above(p_value: float, tests: Sequence[Evidence]) -> float:
+    """Log of the chance that independent tests all stay above a p-value.
+
+    A test that is silent up to some size is not below it more often than it speaks.
+    """
+    speak = np.array([one.speaks for one in tests])
+    return float(np.log1p(-np.minimum(np.minimum(p_value, speak), 1.0 - 1e-16)).sum())
+
+
+def _log_passed(p_value: float, together: Sequence[Evidence]) -> float:
+    """The same of correlated tests, from drawn smallest p-values."""
+    drawn = _drawn_smallest(together)
     tail = float(np.quantile(drawn, _TAIL))
     if p_value >= tail:
         above = int(np.count_nonzero(drawn > p_value))
         return float(np.log(max(float(above), 0.5) / len(drawn)))
-    independent = np.log1p(-_TAIL) / np.log1p(-tail)
-    return float(independent * np.log1p(-p_value))
+    independent = _log_all_above(tail, together)
+    alike = np.log1p(-_TAIL) / min(independent, float(np.log1p(-_TAIL)))
+    return float(alike * _log_all_above(p_value, together))
 
 
 def _drawn_smallest(together: Sequence[Evidence]) -> Floats:
@@ -78,6 +90,7 @@ def _drawn_smallest(together: Sequence[Evidence]) -> Floats:
     drawn = np.random.default_rng(1914).normal(size=(_DRAWS, root.shape[1])) @ root.T
     dof = np.array([one.directions.shape[1] for one in together])
     chi2 = np.add.reduceat(drawn**2, np.cumsum(dof) - dof, axis=1)
+    chi2[chi2 < np.array([one.silent_below for one in together])] = 0.0
     # Of tests of equal freedom the largest chi-square is the least likely one.
     by_dof = [_log_chances(int(k), chi2[:, dof == k].max(axis=1)) for k in np.unique(dof)]
     smallest: Floats = np.exp(np.min(by_dof, axis=0))
