@@ -193,6 +193,46 @@ def _resident() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
+_CRUMBS = (4, 4, 1 << 21)
+"""67 MB of counts in eight million chunks of which none is stored: minutes, and 32 GB by HDF5."""
+
+
+@pytest.mark.parametrize("name", ["x.h5", "x.mat", "x.zarr"])
+def test_what_is_cut_into_more_pieces_than_are_there_is_refused_at_once(tmp_path, name):
+    if name == "x.zarr":
+        zarr = pytest.importorskip("zarr")
+        zarr.create_array(str(tmp_path / name), shape=_CRUMBS, chunks=(4, 1, 1), dtype="u2")
+    else:
+        with h5py.File(tmp_path / name, "w", userblock_size=512) as file:
+            file.create_dataset("cube", _CRUMBS, "u2", chunks=(4, 1, 1))
+        if name == "x.mat":
+            content = (tmp_path / name).read_bytes()[128:]
+            (tmp_path / name).write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM" + content)
+    with pytest.raises(FileFormatError, match=r"8388608 (pieces|chunks)"):
+        read(tmp_path / name, axes="yxt")
+
+
+def test_many_pieces_are_read_few_at_a_time(tmp_path, monkeypatch):
+    """The same values, however they are cut; HDF5 alone would take 4 kB for each piece."""
+    from lightflight.files import chunked
+
+    values = np.random.default_rng(16).integers(0, 99, (8, 50, 60)).astype(np.uint16)
+    keys: Any = [(), slice(None), slice(1, 5), slice(2, 2), 3, (slice(0, 2), 1)]
+    monkeypatch.setattr(chunked, "_MOST_AT_ONCE", 50)
+    for chunks in ((2, 3, 4), (1, 1, 1), (8, 1, 60)):
+        with h5py.File(tmp_path / "x.h5", "w") as file:
+            cube = file.create_dataset("cube", data=values, chunks=chunks)
+            for key in keys:
+                np.testing.assert_array_equal(chunked.read_in_parts(cube, key), values[key])
+    monkeypatch.undo()
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file.create_dataset("cube", (4, 4, 1 << 16), "u2", chunks=(4, 1, 1))
+    (tmp_path / "small").mkdir()
+    taken, _, said = measured(tmp_path / "x.h5", {"axes": "yxt"}, _hdf5(tmp_path / "small", values))
+    assert said == ""
+    assert taken < 200e6, "a quarter of a million pieces"
+
+
 def test_what_starves_is_no_bomb(tmp_path):
     """A ratio alone is no reason: 16 million counts of which nine are not zero."""
     cube = np.zeros((64, 64, 4096), np.uint16)

@@ -65,11 +65,11 @@ def test_arrays_that_cannot_be_read_safely(tmp_path, monkeypatch):
     with pytest.raises(FileFormatError, match="lies in another file"):
         read(tmp_path / "away.h5", axes="yxt")
     with h5py.File(tmp_path / "huge.h5", "w") as file:
-        file.create_dataset("x", (1 << 20, 1 << 20, 1 << 10), "u1", chunks=(64, 64, 64))
+        file.create_dataset("x", (1 << 17, 1 << 17, 1 << 10), "u1", chunks=(1 << 10, 1 << 10, 64))
         file.create_dataset(
             "wide", (1 << 10, 1 << 10, 1 << 10), "u1", chunks=(1 << 10, 1 << 10, 512)
         )
-    with pytest.raises(FileFormatError, match=r"needs 1.13e\+06 GB of memory"):
+    with pytest.raises(FileFormatError, match=r"needs 1.8e\+04 GB of memory"):
         read(tmp_path / "huge.h5", dataset="x", axes="yxt")
     with h5py.File(tmp_path / "text.h5", "w") as file:
         file["names"] = np.array([b"a", b"b"])

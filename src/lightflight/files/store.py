@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
+from lightflight.files.chunked import check_chunks, read_in_parts
 from lightflight.files.digest import check_seal, seal
 from lightflight.files.disk_file import DiskFile, interrupts_to
 from lightflight.files.filecheck import (
@@ -418,8 +419,7 @@ def is_ours(file: h5py.File) -> bool:
 def text_attribute(node: Any, name: str) -> str | None:
     """Text of a fixed-length attribute.
 
-    A text of variable length is never read: in a damaged file the HDF5 library can loop for ever
-    over where such texts are kept.
+    A text of variable length is never read: over a damaged one the HDF5 library can loop for ever.
 
     Parameters
     ----------
@@ -462,7 +462,7 @@ def read_array(dataset: Any, *, path: str | os.PathLike[str]) -> NDArray[Any]:
     check_dataset(dataset, path=path)
     size = dataset.size * dataset.dtype.itemsize
     check_memory(size, path=path, what=f"array {dataset.name!r} {dataset.shape}")
-    values: NDArray[Any] = np.asarray(dataset[()])
+    values = read_in_parts(dataset)
     values = values.astype(values.dtype.newbyteorder("="), copy=False)
     if values.dtype.kind == "S":
         values = np.strings.decode(values, "utf-8")
@@ -498,6 +498,7 @@ def check_dataset(dataset: Any, *, path: str | os.PathLike[str], ours: bool = Tr
     # Files of others may leave out chunks that are empty: a ratio alone is no reason.
     if ours:
         check_claim(size, dataset.id.get_storage_size(), path=path, what=what, most=DEFLATE_MOST)
+    check_chunks(dataset, path=path)
     chunk = math.prod(dataset.chunks or (0,)) * dataset.dtype.itemsize
     check_memory(chunk, path=path, what=f"a chunk of {what}")
     if dataset.fletcher32 and dataset.id.chunk_iter(_is_cut_short):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
+from lightflight.files.chunked import read_in_parts
 from lightflight.files.store import text_attribute
 from lightflight.files.whole_file import atomic_path
 from lightflight.formats.cubes import (
@@ -164,7 +165,7 @@ def _opened_v73(path: Path) -> tuple[_Shapes, _Load, dict[str, str]]:
         }
         shapes = {name: node.shape[::-1] for name, node in nodes.items() if not is_text[name]}
         texts = {
-            name: "".join(map(chr, np.ravel(node[()])))
+            name: "".join(map(chr, np.ravel(read_in_parts(node))))
             for name, node in nodes.items()
             if is_text[name] and node.dtype == np.uint16 and node.size < 1 << 20
         }

@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.files.chunked import read_in_parts
 from lightflight.files.filecheck import (
     ANY_MOST,
     check_claim,
@@ -96,7 +97,7 @@ class StoredArray:
     def __getitem__(self, key: Any) -> NDArray[Any]:
         """Part of it, read now."""
         with damage_as_format_error(self.path), h5py.File(self.path, "r") as file:
-            return np.asarray(file[self.name][key], self.dtype)
+            return np.asarray(read_in_parts(file[self.name], key), self.dtype)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """All of it, after checking that it fits into memory."""
