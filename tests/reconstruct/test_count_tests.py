@@ -233,7 +233,8 @@ class TestScore:
         rng = np.random.default_rng(15)
         cells = table(rng, 0.0, background=1e-3)
         pixels = dark_pixels(cells)
-        left, _ = pixels.left_of(cells.width_ps[:, :, np.newaxis])
+        even = Columns(cells.width_ps[:, :, np.newaxis], np.arange(1), 1)
+        left = summed([(pixels, even)]).groups[0].columns
         assert np.abs(left).max() < 0.2 * np.abs(cells.width_ps).max()
 
 

@@ -130,16 +130,6 @@ class Pixels:
         }
         return replace(self, cells=self.cells.of(kept), **arrays)
 
-    def left_of(self, columns: Floats) -> tuple[Floats, Floats]:
-        """What the pixels' unknowns cannot take up of columns (n, m, k), and its score (k,)."""
-        weighted = self.weight[:, :, np.newaxis] * columns
-        taken = self.inverse @ (np.swapaxes(self.slopes, 1, 2) @ weighted)
-        left = columns - self.slopes @ taken
-        residual = (self.weight * (self.cells.counts - self.mean)).ravel()
-        score = residual @ left.reshape(residual.size, -1)
-        score = score - np.einsum("nqk,nq->k", taken, self.pull)
-        return left, score
-
 
 def _background(cells: Cells, near: NDArray[np.bool_]) -> Floats:
     """(n,), counts per ps away from the pulses, held to all pixels' mean by one count."""

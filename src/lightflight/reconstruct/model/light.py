@@ -160,14 +160,17 @@ def glare(cells: Cells, reference_ps: Floats, beam: Beam, n_pixels: int) -> Floa
 
 
 def classes(cells: Cells, of_class: Indices, lags_ps: Floats, size: Floats) -> Floats:
-    """(n, m, classes x lags): counts of one class of pixels in one stretch of time, by `size`."""
+    """(n, m, classes x lags): counts of one class of pixels in one stretch of time, by `size`.
+
+    Of the classes that there are, in their order.
+    """
     middle = 0.5 * (cells.edges_ps[:, 1:] + cells.edges_ps[:, :-1])
     stretch = np.clip(np.searchsorted(lags_ps, middle) - 1, 0, len(lags_ps) - 2)
     n_lags = len(lags_ps) - 1
-    out = np.zeros((*middle.shape, (int(of_class.max()) + 1) * n_lags))
-    which = of_class[:, np.newaxis] * n_lags + stretch
-    np.put_along_axis(out, which[:, :, np.newaxis], size[:, :, np.newaxis], axis=2)
-    return _in_cells(cells, out)
+    kinds, kind = np.unique(of_class, return_inverse=True)
+    which = kind[:, np.newaxis] * n_lags + stretch
+    own = which[:, :, np.newaxis] == np.arange(len(kinds) * n_lags)
+    return _in_cells(cells, own * size[:, :, np.newaxis])
 
 
 def _in_cells(cells: Cells, columns: Floats) -> Floats:

@@ -31,6 +31,8 @@ Floats = NDArray[np.float64]
 
 _STEP = 1e-3
 """Steps of numerical derivatives, in plausible sizes."""
+_AHEAD = 1e-4
+"""Share of a leg by which the direction of its picture is told."""
 _TREND_WAVES = 3
 """Waves along each leg that a trend is looked for in, beside the slopes that the path takes up."""
 
@@ -131,39 +133,33 @@ class Rows:
         column[n : n + len(by_line)] = self.lines.whitening @ by_line
         return column
 
-    def model(self, cameras: tuple[Camera, ...]) -> Floats:
-        """(n + 2 L,): arrival times, ps, and how far lines are off, px, as other cameras see."""
-        n, n_lines = len(self.times.leg), len(self.lines.leg)
-        out = np.zeros(n + n_lines)
-        for view, told in enumerate(self.cameras):
-            camera = cameras[view]
-            here = rows_of_view(self.times.view, view, n)
-            drawn = rows_of_view(self.lines.view, view, n_lines)
-            out[here] = footprints(
-                self.state,
-                camera=camera,
-                medium=self.medium,
-                legs=self.times.leg[here],
-                rows=self.times.row[here],
-                cols=self.times.col[here],
-            ).arrival_ps
-            anchors = self.lines.anchors[drawn]
-            if camera is not told:
-                anchors = undistorted_px(camera, *_pixels_of(told, anchors))
-            out[n + drawn] = line_offsets(
-                self.state,
-                camera=camera,
-                legs=self.lines.leg[drawn],
-                anchors=anchors,
-                focal_px=mean_focal_px(camera),
-            )[0]
-        return out
+    def seen_by(self, view: int, other: Camera) -> tuple[Floats, Floats]:
+        """By how much times (n,), ps, and lines (2 L,), px, are off if a view has another camera.
 
-    def change(self, step: float, *, cameras: tuple[Camera, ...]) -> tuple[Floats, Floats]:
-        """Derivatives of times (n,) and lines (2 L,) by what is off by `step` in the cameras."""
-        changed = (self.model(cameras) - self.traced.model) / step
-        n = len(self.times.leg)
-        return changed[:n], changed[n:]
+        To first order: light that the other camera sees farther along a leg comes from before.
+        """
+        camera, state = self.cameras[view], self.state
+        by_time, by_line = np.zeros(len(self.times.leg)), np.zeros(len(self.lines.leg))
+        here = rows_of_view(self.times.view, view, len(by_time))
+        drawn = rows_of_view(self.lines.view, view, len(by_line))
+        leg, legs = self.times.leg[here], self.lines.leg[drawn]
+        step = np.diff(state.vertices_mm, axis=0)[leg]
+        points = state.vertices_mm[leg] + self.traced.fraction[here, np.newaxis] * step
+        seen = np.array(camera.pixels_from_points(points))
+        ahead = np.array(camera.pixels_from_points(points + _AHEAD * step)) - seen
+        away = np.array(other.pixels_from_points(points)) - seen
+        along = np.sum(away * ahead, axis=0) / np.maximum(np.hypot(*ahead), 1e-12)
+        by_time[here] = -self.traced.slope_ps_per_px[here] * along
+        anchors, places = self.lines.anchors[drawn], _pixels_of(camera, self.lines.anchors[drawn])
+        there = undistorted_px(other, *places)
+        for sign, eye, points_px in ((-1.0, camera, anchors), (1.0, other, there)):
+            by_line[drawn] += (
+                sign
+                * line_offsets(
+                    state, camera=eye, legs=legs, anchors=points_px, focal_px=mean_focal_px(eye)
+                )[0]
+            )
+        return by_time, by_line
 
     def moved(self, moves_mm: Floats) -> tuple[Floats, Floats]:
         """The same where each vertex (m, 3) moves, mm; (3,): all alike."""
@@ -174,11 +170,11 @@ class Rows:
 
     @cached_property
     def traced(self) -> Traced:
-        """The model as it is, and what follows from where each pulse's light comes from."""
+        """What follows from where each pulse's light comes from."""
         state = self.state
         n, n_lines = len(self.times.leg), len(self.lines.leg)
-        model, by_vertices = np.zeros(n + n_lines), np.zeros((n + n_lines, state.vertices_mm.size))
-        fraction, distance = np.zeros((2, n))
+        by_vertices = np.zeros((n + n_lines, state.vertices_mm.size))
+        fraction, distance, slope = np.zeros((3, n))
         for view, camera in enumerate(self.cameras):
             here = rows_of_view(self.times.view, view, n)
             drawn = rows_of_view(self.lines.view, view, n_lines)
@@ -190,21 +186,20 @@ class Rows:
                 rows=self.times.row[here],
                 cols=self.times.col[here],
             )
-            offset, by_line = line_offsets(
+            by_vertices[here] = by_time[:, :-1]
+            by_vertices[n + drawn] = line_offsets(
                 state,
                 camera=camera,
                 legs=self.lines.leg[drawn],
                 anchors=self.lines.anchors[drawn],
                 focal_px=mean_focal_px(camera),
-            )
-            model[here], model[n + drawn] = print_.arrival_ps, offset
-            by_vertices[here], by_vertices[n + drawn] = by_time[:, :-1], by_line[:, :-1]
+            )[1][:, :-1]
             fraction[here], distance[here] = print_.fraction, print_.distance_mm
+            slope[here] = print_.slope_ps_per_px
         steps = np.linalg.norm(np.diff(state.vertices_mm, axis=0), axis=1)
         before = np.append(0.0, np.cumsum(steps))[self.times.leg]
-        return Traced(
-            model, by_vertices, fraction, before + fraction * steps[self.times.leg], distance
-        )
+        out_mm = before + fraction * steps[self.times.leg]
+        return Traced(by_vertices, fraction, slope, out_mm, distance)
 
     def line_fractions(self) -> Floats:
         """(2 L,), where along its leg each anchor of a line is."""
@@ -230,19 +225,19 @@ class Traced:
 
     Attributes
     ----------
-    model : array of float, shape (n + 2 L,)
-        Arrival times, ps, and distances of lines, px.
     by_vertices : array of float, shape (n + 2 L, 3 m)
-        Their derivatives, per mm.
+        Derivatives of arrival times, ps, and distances of lines, px, per mm.
     fraction : array of float, shape (n,)
         Where along its leg the light of each pulse comes from.
+    slope_ps_per_px : array of float, shape (n,)
+        How times grow along the leg's picture.
     out_mm, back_mm : array of float, shape (n,)
         How far it flew out, and back to the camera, mm.
     """
 
-    model: Floats
     by_vertices: Floats
     fraction: Floats
+    slope_ps_per_px: Floats
     out_mm: Floats
     back_mm: Floats
 
@@ -322,9 +317,8 @@ def _of_lenses(
     parts = []
     for view, camera in enumerate(rows.cameras):
         step = _STEP * PLAUSIBLE[name].size
-        cameras = list(rows.cameras)
-        cameras[view] = moved(camera, step)
-        parts.append((str(name), rows.change(step, cameras=tuple(cameras))))
+        by_time, by_line = rows.seen_by(view, moved(camera, step))
+        parts.append((str(name), (by_time / step, by_line / step)))
     return _candidate(rows, name, parts)
 
 

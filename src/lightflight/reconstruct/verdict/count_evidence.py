@@ -194,7 +194,7 @@ def _columns(group: Group, beam: light.Beam, lags: Floats, whole: Sighting) -> C
     table *= beam.photons.sum() / np.maximum(table.sum(axis=(0, 1)), 1e-9)
     n_lags = len(_TABLE_PS) - 1
     kinds = np.unique(group.of_class)
-    parts += [table[:, :, kind * n_lags : (kind + 1) * n_lags] for kind in kinds]
+    parts.append(table)
     first = n_own + n_spread + kinds[:, np.newaxis] * n_lags
     used = np.concatenate((used, (first + np.arange(n_lags)).ravel()))
     return Columns(np.concatenate(parts, axis=2), used, n_own + n_spread + _N_CLASSES * n_lags)

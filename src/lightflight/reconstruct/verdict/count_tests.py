@@ -18,10 +18,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.model.counted import Pixels
-from lightflight.reconstruct.verdict.evidence import LIGHT, Evidence
+from lightflight.reconstruct.verdict.evidence import LIGHT, SELDOM, Evidence
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -37,20 +38,38 @@ class Left:
 
     Attributes
     ----------
-    used : array of int, shape (k,)
-        The columns that are not zero in this group.
-    columns : array of float, shape (k, cells)
-        What is left of them.
-    weight : array of float, shape (cells,)
-        Inverse variance of the counts.
-    mean : array of float, shape (cells,)
-        Expected counts.
+    pixels : Pixels
+        Of the group.
+    added : Columns
+        The columns as causes have them.
+    taken : array of float, shape (n, q, k)
+        What the pixels' unknowns take up of them.
     """
 
-    used: Indices
-    columns: Floats
-    weight: Floats
-    mean: Floats
+    pixels: Pixels
+    added: Columns
+    taken: Floats
+
+    @property
+    def used(self) -> Indices:
+        """(k,), the columns that are not zero in this group."""
+        return self.added.used
+
+    @property
+    def weight(self) -> Floats:
+        """(cells,), inverse variance of the counts."""
+        return self.pixels.weight.ravel()
+
+    @property
+    def mean(self) -> Floats:
+        """(cells,), expected counts."""
+        return self.pixels.mean.ravel()
+
+    @cached_property
+    def columns(self) -> Floats:
+        """(k, cells), what is left of them."""
+        left = self.added.values - self.pixels.slopes @ self.taken
+        return np.ascontiguousarray(left.reshape(-1, len(self.used)).T)
 
     def along(self, own: Sequence[int], mixing: Floats) -> Floats:
         """(j, cells): sums of the columns `own` (c,), each by its row of `mixing` (c, j)."""
@@ -75,6 +94,13 @@ class Sums:
     score: Floats
     information: Floats
     groups: tuple[Left, ...]
+
+    @cached_property
+    def root(self) -> Floats:
+        """(K, K), of which the information is the square."""
+        values, vectors = np.linalg.eigh(self.information)
+        root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
+        return root
 
     def skewness(self, own: Sequence[int], mixing: Floats) -> Floats:
         """(j,), of unit-variance sums of the columns `own` (c,) by `mixing` (c, j)."""
@@ -153,13 +179,18 @@ def summed(groups: Sequence[tuple[Pixels, Columns]]) -> Sums:
     score, information = np.zeros(size), np.zeros((size, size))
     kept = []
     for pixels, columns in groups:
-        used = columns.used
-        left, own = pixels.left_of(columns.values)
-        flat = np.ascontiguousarray(left.reshape(-1, len(used)).T)
-        weight = pixels.weight.ravel()
-        score[used] += own
-        information[np.ix_(used, used)] += (flat * weight) @ columns.values.reshape(flat.T.shape)
-        kept.append(Left(used, flat, weight, pixels.mean.ravel()))
+        used, k = columns.used, len(columns.used)
+        weighted = pixels.weight[:, :, np.newaxis] * columns.values
+        shared = np.swapaxes(pixels.slopes, 1, 2) @ weighted
+        taken = pixels.inverse @ shared
+        rest = (pixels.weight * (pixels.cells.counts - pixels.mean))[:, :, np.newaxis]
+        pull = np.swapaxes(pixels.slopes, 1, 2) @ rest + pixels.pull[:, :, np.newaxis]
+        score[used] += rest.ravel() @ columns.values.reshape(-1, k)
+        score[used] -= pull.ravel() @ taken.reshape(-1, k)
+        information[np.ix_(used, used)] += weighted.reshape(-1, k).T @ columns.values.reshape(
+            -1, k
+        ) - shared.reshape(-1, k).T @ taken.reshape(-1, k)
+        kept.append(Left(pixels, columns, taken))
     return Sums(score, 0.5 * (information + information.T), tuple(kept))
 
 
@@ -170,8 +201,6 @@ def evidence_from_sums(
 
     Tests are silent up to the chi-square that `least_size` of their clearest column would bring.
     """
-    values, vectors = np.linalg.eigh(sums.information)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
     found: list[tuple[Evidence, Floats]] = []
     for cause in causes:
         own = list(cause.columns)
@@ -181,13 +210,15 @@ def evidence_from_sums(
         along = cause.plausible * mixing / signal
         z = raw = sums.score[own] @ along
         silent_below = least_size**2 * float(sums.information[own, own].max())
+        directions = np.empty((0, len(raw)))
         if raw @ raw >= silent_below:
             z = from_skewed(raw, sums.skewness(own, along))
+        if raw @ raw >= silent_below or chdtrc(len(raw), silent_below) > SELDOM:
+            directions = sums.root[own].T @ along
         sizes = np.zeros(len(sums.score))
         sizes[own] = along @ raw
-        found.append(
-            (_evidence(cause, raw, z, root[own].T @ along, signal, mixing, silent_below), sizes)
-        )
+        one = _evidence(cause, raw, z, directions, signal, mixing, silent_below)
+        found.append((one, sizes))
     return found
 
 

@@ -21,6 +21,9 @@ WITHIN = 9.0
 AT_MOST = 9.0
 """Chi-square below which a test is silent whose chance is only known to be at most so large (few
 counts, a usual share): it takes no more of the budget than 3 sigma, which raise no alarm alone."""
+SELDOM = 1e-3
+"""Silent tests that speak less often where all is well count as independent of all others: their
+directions are not asked for."""
 LIGHT = "light"
 """Of tests that rest on counts; all others rest on times and lines."""
 

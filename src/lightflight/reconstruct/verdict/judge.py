@@ -26,8 +26,6 @@ _TABLE = 200
 _LEAST_P = 1e-300
 _TAIL = 0.05
 """Below this, drawn p-values are too few: how far tests are alike is taken from here."""
-_SELDOM = 1e-3
-"""Tests that speak less often are rarely drawn: they count as independent, which says no less."""
 _MOST_NAMED = 6
 
 
@@ -53,7 +51,7 @@ def verdict_from_evidence(evidence: Sequence[Evidence], noticed: Sequence[Findin
 def family_p_value(evidence: Sequence[Evidence]) -> float:
     """Chance that the smallest p-value of all these tests is as small where all is well."""
     smallest = min(one.p_value for one in evidence)
-    together = [one for one in evidence if one.directions.shape[0] and one.speaks > _SELDOM]
+    together = [one for one in evidence if one.directions.shape[0]]
     passed = _log_all_above(smallest, [one for one in evidence if one not in together])
     for data in dict.fromkeys(one.data for one in together):
         passed += _log_passed(smallest, [e for e in together if e.data == data])

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve
+from scipy.linalg import cho_solve, solve_triangular
 
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.geometry import Footprint, footprints
@@ -141,13 +141,18 @@ def _strongest(alike: Floats, rest: Floats, noise: Floats) -> tuple[float, Float
     None where no rest is the most likely.
     """
     best, found = -np.inf, None
-    for strength in _STRENGTHS:
-        for grain in _GRAINS:
+    for grain in _GRAINS:
+        last = -np.inf
+        for strength in _STRENGTHS:
             covariance = strength**2 * alike + np.diag(noise + grain**2)
             factor: Floats = np.linalg.cholesky(covariance).astype(np.float64, copy=False)
-            scaled = np.linalg.solve(factor, rest)
+            scaled = solve_triangular(factor, rest, lower=True, check_finite=False)
             likely = -0.5 * float(scaled @ scaled) - float(np.log(np.diag(factor)).sum())
             if likely > best:
                 best = likely
                 found = (strength**2, factor) if strength > 0.0 else None
+            # One maximum: beyond it nothing is gained.
+            if likely < last:
+                break
+            last = likely
     return found
