@@ -36,7 +36,16 @@ _REAL_STARTS = 10
 
 _LATE = "its reader did not finish in"
 
-_FIRST_USE = ("import", "compile", "exec", "marshal", "ctypes", "socket.gethostname", "os.fork")
+_FIRST_USE = (
+    "import",
+    "compile",
+    "exec",
+    "marshal",
+    "ctypes",
+    "socket.gethostname",
+    "socket.__new__",
+    "os.fork",
+)
 """Events that the first file of a format brings about; `tests/attacks/test_audit.py` is strict."""
 
 

@@ -7,6 +7,7 @@ import os
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -72,3 +73,24 @@ def test_a_campaign_with_it_loses_no_row(folder, monkeypatch):
     with Path("results/table.csv").open(encoding="utf-8") as file:
         (row,) = csv.DictReader(file)
     assert (row["recording"], row["status"]) == (r"angle_4/caf\xe9.h5", "done")
+
+
+HOSTILE = ("a$x_{$.h5", "[red]b.h5", "c\x1b[31m.h5", "-o.h5", "d\nnew.h5", "=1+1.h5")
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_no_name_and_no_setting_is_obeyed(tmp_path, name, monkeypatch):
+    """Formulas of figures, markup of tables, commands of terminals: shown as they are."""
+    monkeypatch.chdir(tmp_path)
+    settings = {"comment": "\x1b]0;owned\x07 [red]x[/b] $\\frac{$", "[/b]": "\x9b2J"}
+    hist = lf.Histograms(np.ones((4, 4, 8), np.uint16), bin_width_ps=55.0, settings=settings)
+    lf.write(hist, tmp_path / name)
+    done = CliRunner().invoke(main, ["info", f"./{name}", "--plot", "x.png"])
+    assert done.exit_code == 0, done.output
+    assert not {"\x1b", "\x07", "\x9b"} & set(done.output)
+    assert r"\x1b]0;owned\x07 [red]x[/b] $\frac{$" in done.output
+    (tmp_path / name).write_bytes(b"no recording")
+    done = CliRunner().invoke(main, ["info", f"./{name}"])
+    assert done.exit_code == 3
+    assert "\x1b" not in done.output
+    assert len(done.output.splitlines()) == 1

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from lightflight.files.names import harmless
+
 if TYPE_CHECKING:
     from lightflight.path.verdict import Verdict
 
@@ -131,7 +133,14 @@ def _console(*, stderr: bool = False) -> Any:
 
     stream = sys.stderr if stderr else sys.stdout
     # A pipe has no width of its own; 80 columns would cut tables that nobody asked to cut.
-    return Console(file=stream, highlight=False, width=None if stream.isatty() else 132)
+    return Console(
+        file=stream, highlight=False, markup=False, width=None if stream.isatty() else 132
+    )
+
+
+def _shown(text: str) -> str:
+    """Lines without what a terminal would obey."""
+    return "\n".join(map(harmless, text.split("\n")))
 
 
 def print_table(
@@ -162,7 +171,8 @@ def print_table(
     for i, column in enumerate(columns):
         table.add_column(column, justify="left" if i < n_text_columns else "right", overflow="fold")
     for row in rows:
-        table.add_row(*(Text(cell if isinstance(cell, str) else plain(cell)) for cell in row))
+        texts = (cell if isinstance(cell, str) else plain(cell) for cell in row)
+        table.add_row(*(Text(_shown(text)) for text in texts))
     _console().print(table)
 
 
@@ -223,7 +233,8 @@ def print_facts(facts: Iterable[Fact], *, title: str | None = None) -> None:
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
     for fact in facts:
-        table.add_row(fact.label, Text(plain(fact.value) if fact.text is None else fact.text))
+        text = plain(fact.value) if fact.text is None else fact.text
+        table.add_row(Text(_shown(fact.label)), Text(_shown(text)))
     _console().print(table)
 
 
@@ -239,7 +250,7 @@ def print_sentences(sentences: Iterable[str]) -> None:
 
     console = _console()
     for sentence in sentences:
-        console.print(Text(sentence), soft_wrap=not console.is_terminal)
+        console.print(Text(_shown(sentence)), soft_wrap=not console.is_terminal)
 
 
 _COLORS = {"trust": "green", "check": "yellow", "contradicted": "red"}
@@ -321,7 +332,7 @@ def step(what: str, *, always: bool = False) -> Iterator[Progress]:
     Progress
         To be called with (done, in all) by work that knows how far it is.
     """
-    started = time.perf_counter()
+    what, started = harmless(what), time.perf_counter()
     reporting = _live(what) if sys.stderr.isatty() else _quiet(what, always=always)
     with reporting as report:
         yield report
@@ -336,7 +347,7 @@ def _live(what: str) -> Iterator[Progress]:
 
     columns = (
         SpinnerColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=24),
         TimeElapsedColumn(),
     )

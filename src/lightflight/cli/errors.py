@@ -15,6 +15,8 @@ from typing import Any, TextIO
 
 import click
 
+from lightflight.files.names import harmless
+
 EXIT_CODES = {
     0: "done",
     1: "a fault of lightflight itself: please report it",
@@ -115,7 +117,7 @@ def show_warnings_in_one_line(stream: TextIO) -> None:
     shown: set[str] = set()
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-        text = one_line(str(message))
+        text = harmless(one_line(str(message)))
         if text not in shown:
             shown.add(text)
             print(f"warning: {text}", file=stream)
@@ -144,7 +146,7 @@ class _ToStderr(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print one."""
-        click.echo(record.getMessage(), err=True)
+        click.echo(harmless(record.getMessage()), err=True)
 
 
 @contextmanager
@@ -208,5 +210,5 @@ class SpeakingGroup(click.Group):
                 if debug and not isinstance(error, click.ClickException | click.Abort):
                     traceback.print_exception(error)
                 text, code = sentence_and_code(error)
-                click.echo(f"lightflight: {text}", err=True)
+                click.echo(f"lightflight: {harmless(text)}", err=True)
         sys.exit(code if isinstance(code, int) else 0)

@@ -245,6 +245,17 @@ def robust_limit(values: ArrayLike, *, percentile: float = 98.0, floor: float = 
     return max(float(np.percentile(finite, percentile)), floor)
 
 
+def words(text: str) -> str:
+    r"""A name or sentence that came with a file, as Matplotlib shows it as it is.
+
+    Examples
+    --------
+    >>> print(words("5$.h5"))
+    5\$.h5
+    """
+    return text.replace("$", r"\$")
+
+
 def title(ax: Axes, text: str, note: str = "", *, stacked: bool = False) -> None:
     """Bold title at the left, and a quiet second part at the right (or below it, if `stacked`)."""
     pad = STYLE["axes.titlepad"]

@@ -285,7 +285,7 @@ def _draw_numbers(timing: TimingCalibration, ax: Axes) -> None:
     ]
     text = "\n".join(lines)
     for note in timing.notes:
-        text += "\n\n" + "\n".join(textwrap.wrap(note, 42))
+        text += "\n\n" + "\n".join(textwrap.wrap(style.words(note), 42))
     # A clipped sentence is worse than none: the rest is in the record.
     kept = text.split("\n")[:17]
     if len(kept) < len(text.split("\n")):

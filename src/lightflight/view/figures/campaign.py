@@ -54,7 +54,9 @@ def _label_places(ax: Axes, groups: Sequence[Repeats], places: Floats, *, told: 
         return
     ax.set_xlabel("group")
     if len(groups) <= _MOST_NAMES:
-        ax.set_xticks(places, [group.name or str(k + 1) for k, group in enumerate(groups)])
+        ax.set_xticks(
+            places, [style.words(group.name) or str(k + 1) for k, group in enumerate(groups)]
+        )
 
 
 @style.styled
@@ -188,7 +190,7 @@ def campaign_figure(
     heading = title or f"{n} {'path' if n == 1 else 'paths'} of {len(groups)} {scenes}"
     told = ", ".join(f"{n} {level}" for level, n in (verdicts or {}).items() if n)
     heading = f"{heading}: {told}" if told else heading
-    figure.suptitle(heading, x=0.01, ha="left", fontsize=10, fontweight="bold")
+    figure.suptitle(style.words(heading), x=0.01, ha="left", fontsize=10, fontweight="bold")
     style.title(above, "Against the set-point")
     style.title(figure.axes[1], "Repeats")
     style.title(below, "What is left", "thick: photons; thin: with what repeats share")

@@ -150,7 +150,8 @@ def _write_headline(figure: Figure, path: LightPath, headline: str | None) -> No
     badge = _badge(figure, path)
     figure.add_artist(
         Annotation(
-            headline, (1.0, 0.5), xycoords=badge, xytext=(9, 0), textcoords="offset points",
+            style.words(headline), (1.0, 0.5), xycoords=badge, xytext=(9, 0),
+            textcoords="offset points",
             fontsize=14, fontweight="bold", va="center", annotation_clip=False,
         )
     )  # fmt: skip
@@ -187,7 +188,7 @@ def _why(path: LightPath) -> str:
     clearly = f" ({first.sigma:.2g} \u03c3)" if first.sigma else ""
     more = f", and {others} more" if others else ""
     room = _MOST_LETTERS - len(share) - len(clearly) - len(more)
-    said = first.sentence
+    said = style.words(first.sentence)
     said = said if len(said) <= room else said[: room - 1].rstrip() + "\u2026"
     return f"{share}{said}{clearly}{more}"
 

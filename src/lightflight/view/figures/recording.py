@@ -125,5 +125,5 @@ def recording_figure(hist: Histograms, *, title: str = "") -> Figure:
     draw_counts(hist, left)
     draw_code_sum(hist, right)
     if title:
-        figure.suptitle(title, x=0.01, ha="left", fontsize=9, fontweight="bold")
+        figure.suptitle(style.words(title), x=0.01, ha="left", fontsize=9, fontweight="bold")
     return figure

@@ -64,7 +64,7 @@ def setup_figure(
     width, height = pixel_sides_mm(camera, source)
     far = distance_mm(camera, source)
     note = f"field of view {cols * width:.4g} x {rows * height:.4g} mm at {far:.4g} mm"
-    ax.set_title(f"{title}\n{note}" if title else note, loc="left", fontsize=8)
+    ax.set_title(f"{style.words(title)}\n{note}" if title else note, loc="left", fontsize=8)
     for number, leg in enumerate(legs, start=1):
         _draw_leg(ax, camera, leg, number)
     _draw_axes(ax, camera, far)

@@ -215,7 +215,9 @@ class _RecordingStage(Stage):
     def __init__(self, slices: TimeSlices, size_px: tuple[int, int], title: str) -> None:
         super().__init__(size_px, inches_wide=_INCHES_WIDE)
         self.slices = slices
-        self.figure.text(0.04, 0.95, title or "The recording", fontsize=13, fontweight="bold")
+        self.figure.text(
+            0.04, 0.95, style.words(title) or "The recording", fontsize=13, fontweight="bold"
+        )
         picture = self.figure.add_axes((0.10, 0.30, 0.80, 0.60))
         sums = self.figure.add_axes((0.10, 0.08, 0.86, 0.13))
         quiet = _quiet(np.moveaxis(slices.counts, 0, 2))
