@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 
 import lightflight as lf
+from lightflight.batch.campaign import campaign_from_toml
+from lightflight.batch.runner import run_campaign
 from lightflight.errors import ConfigError, FileFormatError
+from tests.batch.conftest import CAMPAIGN, LAB, recording_at
 from tests.files.unsealed import unsealed
 
 read: Any = lf.read
@@ -60,3 +63,19 @@ def test_virtual_datasets_are_refused(tmp_path, secret):
         file.create_virtual_dataset("cube", layout)
     with pytest.raises(FileFormatError, match="lies in another file"):
         read(tmp_path / "x.h5", axes="yxt")
+
+
+@pytest.mark.parametrize("link", ["table.csv", "paths", "paths/angle_4_a.h5", "index_pages"])
+def test_campaigns_write_through_none(tmp_path, link):
+    """A folder of results that came by mail, and leads to somebody's own files."""
+    (tmp_path / "lab.toml").write_text(LAB)
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN)
+    (tmp_path / "angle_4").mkdir()
+    lf.write(recording_at(4, seed=16), tmp_path / "angle_4" / "a.h5")
+    (tmp_path / "mine").mkdir()
+    place = tmp_path / "results" / link
+    place.parent.mkdir(parents=True)
+    place.symlink_to(tmp_path / "mine")
+    with pytest.raises(FileFormatError, match=rf"holds a link \({link}\)"):
+        run_campaign(campaign_from_toml(tmp_path / "campaign.toml"))
+    assert list((tmp_path / "mine").iterdir()) == []

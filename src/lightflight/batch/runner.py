@@ -28,7 +28,7 @@ from lightflight.batch.job import (
     jobs_from_campaign,
 )
 from lightflight.batch.table import CampaignTable, row_from_failure, row_from_path
-from lightflight.errors import SuspectDataWarning
+from lightflight.errors import FileFormatError, SuspectDataWarning
 from lightflight.files.litter import temporary_folder
 
 _LOOK_S = 0.2
@@ -120,6 +120,7 @@ def run_campaign(
     FileFormatError
         Where calibration or background cannot be read.
     """
+    _refuse_links(campaign.output)
     jobs = jobs_from_campaign(campaign)
     (campaign.output / "paths").mkdir(parents=True, exist_ok=True)
     rows: dict[int, dict[str, Any]] = {}
@@ -146,6 +147,25 @@ def run_campaign(
     with contextlib.suppress(OSError):  # it holds what a failed recording left, for the next run
         (campaign.output / "parts").rmdir()
     return CampaignTable(tuple(rows[i] for i in range(len(jobs))))
+
+
+_OURS = ["table.csv", "table.parquet", "summary.png", "index.html", "paths", "parts", "index_pages"]
+"""What a campaign writes into its folder."""
+
+
+def _refuse_links(folder: Path) -> None:
+    """Raise FileFormatError where a result would be written through a link, to somewhere else."""
+    pending = [folder / name for name in _OURS]
+    while pending:
+        place = pending.pop()
+        if place.is_symlink():
+            raise FileFormatError(
+                f"holds a link ({place.relative_to(folder)}), through which nothing is written: "
+                "take it away, or name another folder",
+                path=folder,
+            )
+        if place.is_dir():
+            pending += place.iterdir()
 
 
 @dataclass(eq=False)
