@@ -17,7 +17,8 @@ from lightflight.camera.calibration import (
     fit_camera,
 )
 from lightflight.camera.fit import LensModel, View, pose_error_from_step, system
-from lightflight.camera.model import Camera, rotation_from_vector
+from lightflight.camera.model import Camera
+from lightflight.camera.rigid import rotation_from_vector
 from lightflight.errors import GeometryError, SuspectDataWarning
 
 LENS = (-0.2, 0.05, 0.001, -0.002, 0.01)

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lightflight.camera.model import Camera, rotation_from_vector
+from lightflight.camera.model import Camera
+from lightflight.camera.rigid import rotation_from_vector
 from lightflight.errors import GeometryError
 
 # One lens per length OpenCV knows, each strong enough to move a corner by pixels.

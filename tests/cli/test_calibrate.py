@@ -191,7 +191,7 @@ def test_a_camera_from_the_real_map_of_a_pf32(run, data_dir, tmp_path):
 
 def test_a_camera_from_pictures_of_a_board(run, tmp_path):
     cv2 = pytest.importorskip("cv2")
-    from lightflight.camera.model import rotation_from_vector
+    from lightflight.camera.rigid import rotation_from_vector
     from tests.camera.test_calibration import board_picture
 
     matrix = np.array([[300.0, 0, 162.0], [0, 300.0, 117.0], [0, 0, 1.0]])

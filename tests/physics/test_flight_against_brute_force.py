@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lightflight.camera.model import Camera, rotation_from_vector
+from lightflight.camera.model import Camera
+from lightflight.camera.rigid import rotation_from_vector
 from lightflight.flight import (
     Medium,
     apparent_speed_from_direction,

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from lightflight.camera.model import Camera, rotation_from_vector
+from lightflight.camera.model import Camera
+from lightflight.camera.rigid import rotation_from_vector
 from lightflight.flight import Medium
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.timing.pulses.arrivals import Arrivals

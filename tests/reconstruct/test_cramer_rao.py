@@ -9,7 +9,8 @@ import pytest
 from scipy.stats import exponnorm
 
 from lightflight._kernels.photon_score import photon_score
-from lightflight.camera.model import Camera, rotation_from_vector
+from lightflight.camera.model import Camera
+from lightflight.camera.rigid import rotation_from_vector
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
 from lightflight.reconstruct.limits.bounds import Bounds, bounds

@@ -1,6 +1,7 @@
 """The camera: which ray each pixel looks along, how its place is found.
 
-- the record and its projection: `model` (`Camera`); its distortion: `lens`
+- the record and its projection: `model` (`Camera`); its distortion: `lens`, its place and turn:
+  `rigid`
 - a camera from points of known place: `calibration` (`calibrate_camera`), solved by `fit` from
   the first answers of `pose`
 """

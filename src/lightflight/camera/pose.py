@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.camera.model import rotation_from_vector
+from lightflight.camera.rigid import rotation_from_vector
 
 Floats = NDArray[np.float64]
 

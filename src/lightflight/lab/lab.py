@@ -27,7 +27,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.camera.model import LENS_ERRORS, Camera, pose_covariance_from_stds
+from lightflight.camera.model import LENS_ERRORS, Camera
+from lightflight.camera.rigid import pose_covariance_from_stds
 from lightflight.errors import ConfigError, SuspectDataWarning
 from lightflight.files import toml_tables as config
 from lightflight.flight import Medium, Source

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightflight.camera.model import Camera, pose_towards
+from lightflight.camera.model import Camera
+from lightflight.camera.rigid import pose_towards
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, arrival_time_from_viewing_angle
 from lightflight.path.light_path import LightPath
