@@ -457,8 +457,14 @@ def first_draw_ms(browser: Any, file: Path, mark: str) -> float:
     page.goto(file.as_uri())
     while not page.evaluate(f"performance.getEntriesByName('{mark}').length"):
         page.wait_for_timeout(30)
-    took: float = page.evaluate(f"performance.getEntriesByName('{mark}')[0].startTime")
+    took = mark_ms(page, mark)
     context.close()
+    return took
+
+
+def mark_ms(page: Any, mark: str) -> float:
+    """When an open page set a performance mark, from the start of its navigation."""
+    took: float = page.evaluate(f"performance.getEntriesByName('{mark}')[0].startTime")
     return took
 
 
@@ -490,9 +496,10 @@ def test_a_large_scene_is_drawn_soon_and_stays_small(chromium: Any, tmp_path: Pa
         encoding="utf-8",
     )
     base = min(first_draw_ms(chromium, empty, "drawn") for _ in range(2))
-    ours = min(first_draw_ms(chromium, file, "lightflight-first-draw") for _ in range(2))
-    assert ours <= 3.0 * base, f"{ours:.0f} ms against {base:.0f} ms of an empty page"
     opened = br.OpenPage(chromium, file)
+    mark = "lightflight-first-draw"
+    ours = min(mark_ms(opened.page, mark), first_draw_ms(chromium, file, mark))
+    assert ours <= 3.0 * base, f"{ours:.0f} ms against {base:.0f} ms of an empty page"
     opened.slide(20_000.0)
     opened.shot("page_1280_large")
     opened.close()
