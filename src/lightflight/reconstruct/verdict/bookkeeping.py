@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import bdtrc
+from numpy.typing import NDArray
+from scipy.special import bdtrc, ndtr
 
 from lightflight import flags
 from lightflight.path.light_path import LightPath
 from lightflight.path.verdict import Finding, FindingName, Severity
 from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.result import path_from_fit
+from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.verdict.evidence import (
     AT_MOST,
@@ -18,6 +21,8 @@ from lightflight.reconstruct.verdict.evidence import (
     evidence_from_deviate,
     sigma_from_p,
 )
+
+Floats = NDArray[np.float64]
 
 _USUAL_POOR = 0.02
 """Share of the pulses on an undisturbed path that carry POOR_FIT: at most this."""
@@ -43,6 +48,34 @@ def evidence_from_flags(fit: JointFit, sightings: list[Sighting]) -> tuple[Evide
             symptom=True,
             silent_below=AT_MOST,
         ),
+    )
+
+
+def evidence_of_own_errors(
+    path: LightPath, fit: JointFit, sightings: list[Sighting], setting: Setting
+) -> Evidence:
+    """Whether a path not made by the joint fit keeps within its errors of the path that is.
+
+    Of angles and corners that which is farthest off, in its own stated error and the other's.
+    """
+    other = path_from_fit(fit, sightings, setting, method="joint")
+
+    def numbers(one: LightPath) -> Floats:
+        angles = [(leg.angle_deg, leg.angle_std_deg) for leg in one.legs]
+        corners = np.dstack((one.vertices_mm, one.vertex_std[:, :3]))[1:-1].reshape(-1, 2)
+        return np.concatenate((np.array(angles), corners))
+
+    (own, std), (best, best_std) = numbers(path).T, numbers(other).T
+    pulls = np.abs(own - best) / np.maximum(np.hypot(std, best_std), 1e-12)
+    off_mm = float(np.linalg.norm(path.vertices_mm - other.vertices_mm, axis=1)[1:].max())
+    # As many chances as numbers; that corners follow from angles makes it a little too mild.
+    p_value = -np.expm1(len(pulls) * np.log1p(-2.0 * min(float(ndtr(-pulls.max())), 0.5 - 1e-9)))
+    return evidence_from_deviate(
+        FindingName.SCATTER,
+        sigma_from_p(float(p_value)),
+        sentence=f"all pulses fitted together lead elsewhere by {off_mm:.2g} mm: "
+        f"{pulls.max():.2g} of the stated errors",
+        remedy="use method='joint'",
     )
 
 

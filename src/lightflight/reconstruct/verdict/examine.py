@@ -27,6 +27,7 @@ from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.verdict.bookkeeping import (
     beyond_the_tests,
     evidence_from_flags,
+    evidence_of_own_errors,
     noticed,
 )
 from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
@@ -56,6 +57,7 @@ def examined(
 
     `fit` is the joint fit of the same recordings; None: it is made here, from the path.
     """
+    own = fit is not None
     fit = _fit_about(path, sightings, setting) if fit is None else fit
     said = noticed(path, sightings, nominal_clock=nominal_clock, n_legs=n_legs)
     verdict = Verdict(Level.CHECK, (*said, *NOT_EXAMINED.findings))
@@ -66,6 +68,8 @@ def examined(
         if hidden and evidence:
             others = evidence_without_hidden(fit, evidence, sightings, setting)
             evidence, hidden = (others, ()) if others else (evidence, hidden)
+        if not own and not beyond:
+            evidence = (*evidence, evidence_of_own_errors(path, fit, sightings, setting))
         light, unseen = ((), ()) if beyond else _light(fit, sightings, nominal_clock)
         verdict = verdict_from_evidence((*evidence, *light), (*said, *beyond, *unseen, *hidden))
     if verdict.level is Level.CONTRADICTED:
