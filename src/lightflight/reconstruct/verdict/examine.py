@@ -38,6 +38,7 @@ from lightflight.reconstruct.verdict.hidden import (
     findings_of_hidden,
 )
 from lightflight.reconstruct.verdict.judge import verdict_from_evidence
+from lightflight.reconstruct.verdict.lost import evidence_from_lost_legs
 
 _DIM = 0.25
 """Of the brightest leg's light per pixel: a reflection or a second pulse mostly holds a tenth, a
@@ -63,9 +64,10 @@ def examined(
     verdict = Verdict(Level.CHECK, (*said, *NOT_EXAMINED.findings))
     if fit is not None:
         beyond = beyond_the_tests(fit, sightings)
-        evidence = () if beyond else collected(fit, sightings, setting)
-        hidden = findings_of_hidden(fit) if n_legs is None else ()
-        if hidden and evidence:
+        lost = () if beyond else evidence_from_lost_legs(fit, sightings, setting)
+        evidence = () if beyond else collected(fit, lost, sightings, setting)
+        hidden = findings_of_hidden(fit, told=n_legs is not None)
+        if hidden and evidence and not lost and n_legs is None:
             others = evidence_without_hidden(fit, evidence, sightings, setting)
             evidence, hidden = (others, ()) if others else (evidence, hidden)
         if not own and not beyond:
@@ -97,10 +99,15 @@ def _mistakes(sighting: Sighting, setting: Setting) -> tuple[Finding, ...]:
     )
 
 
-def collected(fit: JointFit, sightings: list[Sighting], setting: Setting) -> tuple[Evidence, ...]:
-    """All tests of one recording and its path."""
+def collected(
+    fit: JointFit, lost: tuple[Evidence, ...], sightings: list[Sighting], setting: Setting
+) -> tuple[Evidence, ...]:
+    """All tests of one recording and its path; `lost`: those that took fits of their own."""
+    by_fit = {one.name for one in lost}
+    by_score = evidence_from_geometry(fit, sightings, setting)
     return (
-        *evidence_from_geometry(fit, sightings, setting),
+        *(one for one in by_score if one.name not in by_fit),
+        *lost,
         *evidence_from_flags(fit, sightings),
     )
 

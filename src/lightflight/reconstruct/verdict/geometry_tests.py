@@ -257,24 +257,25 @@ def _of_pulses(fit: JointFit, sightings: list[Sighting], name: str) -> Floats:
 
 
 def _counted_ps(fit: JointFit, sightings: list[Sighting]) -> Floats:
-    """(n,) delay that the clock counted for each pulse, signed as arrival times are.
-
-    As measured: a column made of it must be that of the model, or noise explains itself.
-    """
+    """(n,) `counted_ps` of each pulse of the fit."""
     out = np.zeros(len(fit.times.leg))
     for number, sighting in enumerate(sightings):
         here = fit.sighting_of == number
-        rows = fit.times.row[here].astype(int)
-        cols = fit.times.col[here].astype(int)
-        delay = (
-            sighting.arrivals.arrival_ps[fit.times.index[here]]
-            + sighting.timing.skew_ps[rows, cols]
-        )
-        period = sighting.arrivals.laser_period_ps
-        if sighting.histograms.reversed_codes and period is not None:
-            delay = delay - period
-        out[here] = delay
+        out[here] = counted_ps(sighting)[fit.times.index[here]]
     return out
+
+
+def counted_ps(sighting: Sighting) -> Floats:
+    """(n,) delay that the clock counted for each pulse, signed as arrival times are, ps.
+
+    As measured: a column made of it must be that of the model, or noise explains itself.
+    """
+    arrivals = sighting.arrivals
+    delay: Floats = arrivals.arrival_ps + sighting.timing.skew_ps[arrivals.row, arrivals.col]
+    period = arrivals.laser_period_ps
+    if sighting.histograms.reversed_codes and period is not None:
+        delay = delay - period
+    return delay
 
 
 def _repeats(fit: JointFit, sightings: list[Sighting]) -> Floats:

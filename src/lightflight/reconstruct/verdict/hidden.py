@@ -8,6 +8,7 @@ flight without that leg is asked what else would explain it.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path.verdict import Finding, FindingName, Severity
@@ -60,19 +61,19 @@ def evidence_without_hidden(
     return (by_leg, *others)
 
 
-def findings_of_hidden(fit: JointFit) -> tuple[Finding, ...]:
-    """What is to be said of a path with a leg that was found without a pulse."""
-    if _without_hidden(fit) is None:
+def findings_of_hidden(fit: JointFit, *, told: bool) -> tuple[Finding, ...]:
+    """What is to be said of a path with a leg that no pulse speaks for, told or found."""
+    empty = np.flatnonzero(pulses_of_legs(fit) == 0)
+    if not len(empty):
         return ()
-    return (
-        Finding(
-            FindingName.UNSEEN_LEG,
-            _SENTENCE,
-            0.0,
-            _REMEDY,
-            Severity.CHECK,
-        ),
-    )
+    sentence = f"no pulse speaks for leg {empty[0] + 1} of the path" if told else _SENTENCE
+    return (Finding(FindingName.UNSEEN_LEG, sentence, 0.0, _REMEDY, Severity.CHECK),)
+
+
+def pulses_of_legs(fit: JointFit) -> NDArray[np.intp]:
+    """(n_legs,), how many pulses each leg of the path holds."""
+    held = fit.times.leg[fit.times.weight > 0]
+    return np.bincount(held, minlength=fit.solution.state.n_legs)
 
 
 def _excess(fit: JointFit, evidence: tuple[Evidence, ...]) -> float:
@@ -84,7 +85,7 @@ def _excess(fit: JointFit, evidence: tuple[Evidence, ...]) -> float:
 def _without_hidden(fit: JointFit) -> PathState | None:
     """The path without its first or last leg, where no pulse speaks for that one."""
     state = fit.solution.state
-    pulses = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=state.n_legs)
+    pulses = pulses_of_legs(fit)
     if state.n_legs < 2 or (pulses[0] and pulses[-1]):
         return None
     corner = 1 if not pulses[0] else state.n_legs - 1

@@ -1,0 +1,117 @@
+"""Legs that lost all their pulses: which cause would give them back?
+
+Where something told is far off (water told as air) the fit may keep two legs and place the third
+where none of its light can be. Tests of the pulses that are left see nothing of it: what is wrong
+lies in those that are not. So each cause is freed within its plausible size in a fit of its own,
+from the legs in the picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.errors import NothingFoundError
+from lightflight.path.verdict import FindingName
+from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.least_squares import OUTLIER
+from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.fit.revise import fit_from_legs
+from lightflight.reconstruct.legs.direction import search_legs
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.shared import PLAUSIBLE, freed
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.verdict.evidence import Evidence
+from lightflight.reconstruct.verdict.geometry_tests import REMEDIES, counted_ps
+from lightflight.reconstruct.verdict.hidden import pulses_of_legs
+
+Floats = NDArray[np.float64]
+
+_NUMBERS = {
+    FindingName.INDEX: 2,
+    FindingName.FOCAL_LENGTH: 1,
+    FindingName.DISTORTION: 1,
+    FindingName.POSE: 6,
+    FindingName.SOURCE: 3,
+}
+"""Causes that `free=` names, and how many numbers each frees."""
+_REGAINED = 0.05
+"""A leg outside the picture has no pulses to regain, one of three in it has half of those that the
+others hold: of the pulses on the path."""
+_OF_CLOCK = (FindingName.CLOCK_OFFSET, FindingName.CLOCK_SCALE)
+
+
+def evidence_from_lost_legs(
+    fit: JointFit, sightings: list[Sighting], setting: Setting
+) -> tuple[Evidence, ...]:
+    """What freeing each cause gains where a leg has lost its pulses; () where none has."""
+    if pulses_of_legs(fit).all():
+        return ()
+    try:
+        legs = search_legs(sightings[0].arrivals, sightings[0], setting, None)
+    except NothingFoundError:
+        return ()
+    found, before = [], _cost(fit, sightings)
+    for name, n_freed, there, seen in _freed_one_by_one(sightings, setting):
+        trial = fit_or_reason(partial(fit_from_legs, seen, legs, there, drop=False))
+        if isinstance(trial, NoFit) or not pulses_of_legs(trial).all():
+            continue
+        fall = before - _cost(trial, seen)
+        more = int(trial.times.weight.sum() - fit.times.weight.sum())
+        if more < _REGAINED * fit.times.weight.sum():
+            continue
+        what = name.replace("_", " ")
+        found.append(
+            Evidence(
+                name,
+                max(fall, 0.0),
+                n_freed,
+                fall - n_freed,
+                f"with the {what} fitted {more} more pulses lie on the path",
+                REMEDIES[name],
+                np.empty((0, n_freed)),
+            )
+        )
+    return tuple(found)
+
+
+def _freed_one_by_one(
+    sightings: list[Sighting], setting: Setting
+) -> Iterator[tuple[FindingName, int, Setting, list[Sighting]]]:
+    """Cause, how many numbers it frees, and setting and recordings with it free."""
+    # Out and back by themselves: light may run through water and be seen through air.
+    apart = replace(setting, medium=replace(setting.medium, index_correlation=0.0))
+    for name, n_freed in _NUMBERS.items():
+        yield name, n_freed, freed(apart, (), (), (name,))[0], sightings
+    for name in _OF_CLOCK:
+        size = PLAUSIBLE[name]
+        seen = [
+            _with_mode(o, size * (counted_ps(o) if name is FindingName.CLOCK_SCALE else 1.0))
+            for o in sightings
+        ]
+        yield name, 1, setting, seen
+
+
+def _with_mode(sighting: Sighting, column_ps: Floats | float) -> Sighting:
+    """The recording with one more error that its clock's pulses share; (n,), ps."""
+    arrivals = sighting.arrivals
+    column = np.broadcast_to(column_ps, arrivals.arrival_ps.shape)
+    modes = np.column_stack((arrivals.shared_modes_ps, column))
+    return replace(sighting, arrivals=replace(arrivals, shared_modes_ps=modes))
+
+
+def _cost(fit: JointFit, sightings: list[Sighting]) -> float:
+    """Chi-square of all pulses by their stated errors, of lines and of what is shared.
+
+    A pulse that takes no part costs what it may at most.
+    """
+    times, solution = fit.times, fit.solution
+    used = times.weight > 0
+    squared = solution.residual_ps[used] ** 2 / (times.photon_var + times.pixel_var)[used]
+    left = sum(len(o.usable_pulses) for o in sightings) - np.count_nonzero(used)
+    shared = np.concatenate((solution.modes, solution.shared))
+    return float(squared.sum() + OUTLIER**2 * left + solution.line_chi2 + shared @ shared)
