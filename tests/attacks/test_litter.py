@@ -4,64 +4,33 @@ from __future__ import annotations
 
 import csv
 import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 
-import lightflight as lf
 from lightflight.files import litter
 from lightflight.files.tables import write_csv
 from lightflight.files.whole_file import atomic_path
 from tests.attacks.length import at_length
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="processes are looked up by POSIX")
-read: Any = lf.read
-
-WRITER = """
-import sys, numpy as np, lightflight as lf
-cube = np.random.default_rng(int(sys.argv[2])).integers(0, 9, (64, 64, 256)).astype(np.uint16)
-hist = lf.Histograms(cube)
-if sys.argv[1].endswith("zarr"):
-    import zarr
-lf.write(lf.Histograms(cube[:1, :1]), "warm" + sys.argv[1])
-print("ready", flush=True)
-for _ in range(100):
-    lf.write(hist, sys.argv[1])
-"""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["x.h5", "x.npz", "x.zarr"])
-def test_whoever_is_killed_loses_nothing_and_leaves_nothing(tmp_path, name, monkeypatch):
-    """Kills at random moments of endless writing (seed 16): 4 of each kind, at length 34."""
-    if name == "x.zarr":
-        pytest.importorskip("zarr")
-    rng = np.random.default_rng(16)
-    first = rng.integers(0, 9, (64, 64, 256)).astype(np.uint16)
-    lf.write(lf.Histograms(first), tmp_path / name)
-    known = {first.tobytes()}
-    for number in range(at_length(4, 34)):
-        known.add(
-            np.random.default_rng(number).integers(0, 9, (64, 64, 256)).astype("u2").tobytes()
-        )
-        process = subprocess.Popen(
-            [sys.executable, "-c", WRITER, name, str(number)], cwd=tmp_path,
-            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-        )  # fmt: skip
-        assert process.stdout.readline() == "ready\n"
-        time.sleep(rng.uniform(0, 0.4))
-        process.send_signal(signal.SIGKILL)
-        process.communicate()
-        assert read(tmp_path / name).counts.tobytes() in known
-    monkeypatch.setattr(litter, "_swept", set())
-    lf.write(lf.Histograms(first), tmp_path / name)
-    assert sorted(entry.name for entry in tmp_path.iterdir()) == sorted([name, f"warm{name}"])
+@pytest.mark.timeout(7200)
+def test_whoever_is_killed_loses_nothing_and_leaves_nothing(tmp_path):
+    """Three kills of two commands; at length 100 of each command that writes, and a table."""
+    words = [f"--kills={at_length(3, 100)}", f"--large-mb={at_length(0, 300)}"]
+    only = ["--only=x.h5 -> out.h5"] if at_length(1, 0) else []
+    path = os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, sys.path)])
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "tests.attacks.kills", *words, *only], text=True,
+        capture_output=True, check=False, env={**os.environ, "PYTHONPATH": path},
+    )  # fmt: skip
+    sys.stdout.write(done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def _of(folder: Path, process: int, *, machine: str | None = None, more: str = "") -> Path:

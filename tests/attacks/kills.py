@@ -1,0 +1,451 @@
+"""Kill -9 each writing command at random moments: nothing lost, nothing half, nothing left.
+
+    python -m tests.attacks.kills --kills 100
+
+Each command first runs undisturbed, over what an earlier run has written. Then it runs again and
+again with one of two inputs in turn, and is killed at any moment of that; what it writes must be
+that of the one or of the other, whole. At the end it runs once more: beside its outputs nothing
+may lie there, nor in the temporary folder. Commands branch off a process that has everything
+imported, so that kills fall into the work; `batch` is started as users start it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from click.testing import CliRunner
+
+import lightflight as lf
+from lightflight.cli import main
+from lightflight.errors import FileFormatError
+from lightflight.files import litter
+
+_ROOT = Path(__file__).parents[2]
+LAB = """
+[camera]
+shape = [16, 16]
+distance_mm = 535.0
+field_of_view_mm = [245.0, 245.0]
+center_mm = [187.5, 37.5]
+[source]
+position_mm = [0.0, 0.0, 0.0]
+[scene]
+vertices_mm = [[0, 0, 0], [375, 25, 50]]
+[detector]
+preset = "pf32"
+"""
+CAMPAIGN = """
+[campaign]
+output = "results"
+timing = "../in/calibration.h5"
+[[campaign.groups]]
+name = "one"
+recordings = ["../in/a.h5", "../in/b.h5"]
+n_legs = 1
+"""
+
+
+COMMANDS = """
+convert ../in/{}.h5 -o out.h5
+convert ../in/{}.h5 -o out.zarr
+convert ../in/{}.h5 -o out.npz
+convert ../in/{}.h5 -o out.mat
+convert ../in/events-{}.h5 -o out.photon.h5
+convert ../in/events-{}.h5 -o out.csv -o out.parquet
+convert ../in/frames-{}.bin --hint shape=[16,16] --hint n_codes=1024 -o out.bin
+convert ../in/{}.ptu -o out.h5
+calibrate --code-density ../in/dense-{}.h5 --flat ../in/flat.h5 -o out.h5 --plot out.png
+calibrate camera ../in/{}.csv --shape 16 16 -o out.toml
+reconstruct ../in/{}.h5 --lab ../in/lab.toml --timing ../in/calibration.h5 -o out.h5 -o out.csv
+export ../in/path-{}.h5 -o out.csv -o out.mat -o out.vtu -o out.glb -o out.parquet
+view ../in/path-{}.h5 -o out.html
+plot ../in/path-{}.h5 -o out.png -o out.pdf -o out.svg
+movie ../in/path-{}.h5 --size 160x160 --fps 5 -o out.gif
+simulate --lab ../in/lab.toml --seed {:d} -o out.h5
+"""
+LARGE = """
+convert ../in/large-{}.bin --hint shape=[64,64] --hint n_codes=1024 -o out.h5
+convert ../in/large-{}.npy --hint axes=yxt -o out.zarr -o out.npz
+calibrate --code-density ../in/large-{}.h5 --flat ../in/large-flat.h5 -o out.h5
+"""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command that writes."""
+
+    text: str
+    """As in a shell; `{}` becomes "a" or "b", the one or the other input."""
+
+    @property
+    def outputs(self) -> list[str]:
+        """Files that it writes."""
+        words = self.text.split()
+        return [after for word, after in pairwise(words) if word in ("-o", "--plot")]
+
+    @property
+    def name(self) -> str:
+        """What it is called in the table."""
+        first = self.text.replace("../in/", "").replace("-{}", "").replace("{}", "x")
+        return f"{' '.join(first.split()[:2])} -> {' '.join(self.outputs)}"
+
+    @property
+    def replaces(self) -> bool:
+        """Recordings are never replaced: those are written where nothing is."""
+        return not self.text.startswith(("convert", "simulate"))
+
+    def words(self, one: str) -> list[str]:
+        """What to call it with, for the one or the other input."""
+        return self.text.replace("{}", one).replace("{:d}", str("ab".index(one))).split()
+
+
+def commands(*, large: bool) -> list[Command]:
+    """All commands that write files, and some of them with large ones."""
+    lines = (COMMANDS + (LARGE if large else "")).splitlines()
+    return [Command(line) for line in lines if line]
+
+
+# --- inputs -----------------------------------------------------------------------------
+
+
+def call(words: str) -> None:
+    """A command in this process; what it says is not heard."""
+    result = CliRunner().invoke(main, words.split())
+    assert result.exit_code == 0, (words, result.output)
+
+
+def make_inputs(folder: Path, asked: str, *, large_bytes: int) -> None:
+    """Two of each input that is `asked` for, in a folder `in`, made the same way every time."""
+    from tests.formats.made_by_hand import ptu_bytes
+
+    here = folder / "in"
+    here.mkdir()
+    (here / "lab.toml").write_text(LAB)
+    rng = np.random.default_rng(16)
+    points = rng.uniform((0, -80, 0), (375, 150, 60), (2, 40, 3))
+    camera = lf.Camera.facing_plane(
+        (16, 16), distance_mm=535.0, field_of_view_mm=(245.0, 245.0), center_mm=(187.5, 37.5)
+    )
+    lab = f"simulate --lab {here}/lab.toml"
+    clock = any(name in asked for name in ("dense-", "calibration.h5", "path-"))
+    if clock:
+        call(f"{lab} --kind flat --photons 100000 -o {here}/flat.h5")
+    for number, one in enumerate("ab"):
+        call(f"{lab} --seed {number} -o {here}/{one}.h5")
+        dense = f"--kind code_density --photons 100000 -o {here}/dense-{one}.h5"
+        events = f"--kind events --photons 500 -o {here}/events-{one}.h5"
+        for words in ([dense] if clock else []) + ([events] if "events-" in asked else []):
+            call(f"{lab} --seed {number} {words}")
+        rng.integers(0, 1024, (3000, 16, 16)).astype("<u2").tofile(here / f"frames-{one}.bin")
+        (here / f"{one}.ptu").write_bytes(ptu_bytes(rng.integers(0, 3000, 20_000)))
+        pixels = np.array(camera.pixels_from_points(points[number])).T
+        rows = np.hstack([points[number], pixels + rng.normal(0, 0.05, (40, 2))])
+        lines = ["x_mm,y_mm,z_mm,row,col", *(",".join(map(str, row)) for row in rows)]
+        (here / f"{one}.csv").write_text("\n".join(lines))
+    if clock:
+        dense = f"{here}/dense-a.h5"
+        call(f"calibrate --code-density {dense} --flat {here}/flat.h5 -o {here}/calibration.h5")
+    for one in "ab" if "path-" in asked else "":
+        call(
+            f"reconstruct {here}/{one}.h5 --lab {here}/lab.toml --timing {here}/calibration.h5"
+            f" --n-legs 1 -o {here}/path-{one}.h5"
+        )
+    if large_bytes:
+        _make_large(here, large_bytes, rng)
+
+
+def _make_large(here: Path, n_bytes: int, rng: np.random.Generator) -> None:
+    n_frames = n_bytes // (64 * 64 * 2)
+    clock: dict[str, Any] = {"bin_width_ps": 55.0, "laser_period_ps": 50_000.0}
+    for one in "ab":
+        frames = np.where(
+            rng.random((n_frames, 64, 64)) < 0.04, rng.integers(8, 908, (n_frames, 64, 64)), 0
+        ).astype("<u2")
+        frames.tofile(here / f"large-{one}.bin")
+        cube = rng.poisson(3.0, (n_bytes // (64 * 1024 * 2), 64, 1024)).astype(np.uint16)
+        np.save(here / f"large-{one}.npy", cube)
+        dense = rng.poisson(100.0, (128, n_bytes // (128 * 1024 * 2), 1024)).astype(np.uint16)
+        dense[..., 909:] = 0
+        lf.write(lf.Histograms(dense, **clock), here / f"large-{one}.h5")
+    pulse = 500 * np.exp(-0.5 * ((np.arange(1024) - 500) / 3.0) ** 2) + 1.0
+    lf.write(
+        lf.Histograms(rng.poisson(np.broadcast_to(pulse, dense.shape)).astype(np.uint16), **clock),
+        here / "large-flat.h5",
+    )
+
+
+# --- what is whole ----------------------------------------------------------------------
+
+
+def content(path: Path) -> str:
+    """A digest of what an output says, without when and by which process it was written.
+
+    Raises
+    ------
+    Exception
+        Where it is not whole.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        if path.suffix == ".h5" and not path.name.endswith(".photon.h5"):
+            return _of_record(path)
+        if path.suffix in (".npz", ".mat", ".zarr") or path.name.endswith(".photon.h5"):
+            with suppress(FileFormatError):
+                found: Any = lf.read(path)
+                return hashlib.sha256(lf.histogram(found).counts.tobytes()).hexdigest()
+    # The first words of a MATLAB file say when it was written.
+    start = 128 if path.suffix == ".mat" else 0
+    return hashlib.sha256(path.read_bytes()[start:]).hexdigest()
+
+
+def _of_record(path: Path) -> str:
+    """Of one of our own files, whose own digest is seen to first."""
+    from lightflight.files.store import load_record
+
+    with h5py.File(path) as file:
+        assert "digest" in file.attrs
+        kind = np.bytes_(file.attrs["kind"]).decode()
+        names: list[str] = []
+        file.visititems(lambda name, one: names.append(name) if hasattr(one, "shape") else None)
+        parts = [name.encode() + np.asarray(file[name][()]).tobytes() for name in sorted(names)
+                 if name != "attributes"]  # fmt: skip
+    load_record(path, kind=kind)
+    return hashlib.sha256(b"".join(parts)).hexdigest()
+
+
+# --- kills ------------------------------------------------------------------------------
+
+
+@dataclass
+class Tally:
+    """What became of one command."""
+
+    name: str
+    seconds: float = 0.0
+    kills: int = 0
+    old: int = 0
+    new: int = 0
+    lost: int = 0
+    half: int = 0
+    litter: int = 0
+    swept: int = 0
+
+    def line(self) -> str:
+        """A row of the table."""
+        found = (self.kills, self.old, self.new, self.swept, self.lost, self.half, self.litter)
+        return f"| {self.name} | {self.seconds:.2g} | " + " | ".join(map(str, found)) + " |"
+
+
+HEAD = (
+    "| command | s | kills | as before | new, whole | swept | lost | half | left after the next |\n"
+    "|---|---|---|---|---|---|---|---|---|"
+)
+
+
+def branched(words: list[str], after_s: float | None) -> bool:
+    """Run a command in a branch of this process; True where it was killed before its end."""
+    sys.stdout.flush()
+    pid = os.fork()
+    if pid == 0:
+        code = 1
+        with suppress(BaseException):
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            for stream in (0, 1) if after_s is None else (0, 1, 2):
+                os.dup2(nowhere, stream)
+            litter._swept.clear()
+            result = CliRunner().invoke(main, words)
+            code = result.exit_code
+            if code:
+                os.write(2, result.output.encode())
+        os._exit(code)
+    if after_s is not None:
+        time.sleep(after_s)
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+    _, status = os.waitpid(pid, 0)
+    assert after_s is not None or status == 0, words
+    return os.WIFSIGNALED(status)
+
+
+def litter_in(folder: Path, known: Iterable[str]) -> list[str]:
+    """What lies there beside what should."""
+    return sorted(entry.name for entry in folder.iterdir() if entry.name not in set(known))
+
+
+def killed_at_random(
+    command: Command, folder: Path, n_kills: int, rng: np.random.Generator
+) -> Tally:
+    """Kill one command so many times; `folder` holds `in`, and `tmp` for temporary files."""
+    here = folder / "work"
+    shutil.rmtree(here, ignore_errors=True)
+    here.mkdir()
+    os.chdir(here)
+    tally, whole = Tally(command.name), {name: set[str]() for name in command.outputs}
+    words = [command.words(one) for one in "ab"]
+    for one in (*words, *words):
+        _remove(command, here)
+        start = time.monotonic()
+        branched(one, None)
+        tally.seconds = time.monotonic() - start
+        for name in command.outputs:
+            whole[name].add(content(here / name))
+    before = {name: content(here / name) for name in command.outputs}
+    tries = 0
+    while tally.kills < n_kills and tries < 10 * n_kills + 20:
+        tries += 1
+        before = _remove(command, here) or before
+        known = set(litter_in(here, command.outputs) + litter_in(folder / "tmp", ()))
+        was_killed = branched(words[tries % 2], rng.uniform(0, 1.05 * tally.seconds))
+        tally.kills += was_killed
+        tally.swept += len(known - set(litter_in(here, ()) + litter_in(folder / "tmp", ())))
+        for name in command.outputs:
+            now = _state(here / name, whole[name])
+            is_old = now == before[name]
+            if now == "half" or (now == "lost" and not is_old):
+                setattr(tally, now, getattr(tally, now) + 1)
+            elif was_killed:
+                tally.old += is_old
+                tally.new += not is_old
+            before[name] = now
+    _remove(command, here)
+    branched(words[0], None)
+    left = litter_in(here, command.outputs) + litter_in(folder / "tmp", ())
+    tally.litter = len(left)
+    return tally
+
+
+def _remove(command: Command, here: Path) -> dict[str, str]:
+    """Make room for a recording, which replaces nothing; what is there now, then."""
+    if command.replaces:
+        return {}
+    for name in command.outputs:
+        shutil.rmtree(here / name) if (here / name).is_dir() else (here / name).unlink(True)
+    return dict.fromkeys(command.outputs, "lost")
+
+
+def _state(path: Path, whole: set[str]) -> str:
+    if not path.exists():
+        return "lost"
+    try:
+        now = content(path)
+    except Exception:  # noqa: BLE001  (whatever a reader says of half a file)
+        return "half"
+    return now if now in whole else "half"
+
+
+# --- campaigns --------------------------------------------------------------------------
+
+
+def campaigns_killed_at_random(folder: Path, n_kills: int, rng: np.random.Generator) -> Tally:
+    """The same for `batch`, in processes of its own, of which the first is killed."""
+    here = folder / "work"
+    shutil.rmtree(here, ignore_errors=True)
+    here.mkdir()
+    (here / "campaign.toml").write_text(LAB.split("[scene]")[0] + CAMPAIGN)
+    tally = Tally("batch")
+    outputs = ("table.csv", "table.parquet", "summary.png")
+    results = here / "results"
+    start = time.monotonic()
+    _campaign(folder, None)
+    tally.seconds = time.monotonic() - start
+    whole = {name: {content(results / name)} for name in outputs}
+    tries = 0
+    while tally.kills < n_kills and tries < 10 * n_kills + 20:
+        tries += 1
+        if tries % 2:  # from nothing, or over what is there
+            shutil.rmtree(results)
+        known = set(litter_in(folder / "tmp", ()))
+        was_killed = _campaign(folder, rng.uniform(0, tally.seconds))
+        tally.kills += was_killed
+        tally.swept += len(known - set(litter_in(folder / "tmp", ())))
+        for name in outputs:
+            now = _state(results / name, whole[name])
+            if now == "half" or (now == "lost" and not tries % 2):
+                setattr(tally, now, getattr(tally, now) + 1)
+            elif was_killed:
+                tally.new += now != "lost"
+                tally.old += now == "lost"
+        _campaign(folder, None)
+        tally.lost += sum(_state(results / name, whole[name]) != next(iter(whole[name]))
+                          for name in outputs)  # fmt: skip
+        left = [one.name for one in results.rglob(".lightflight-*")]
+        tally.litter += len(left + litter_in(folder / "tmp", ()))
+    return tally
+
+
+def _campaign(folder: Path, after_s: float | None) -> bool:
+    told = [str(_ROOT), *filter(None, sys.path)]
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", "lightflight", "batch", "campaign.toml", "--workers", "2"],
+        cwd=folder / "work", stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(told), "TMPDIR": str(folder / "tmp")},
+    )  # fmt: skip
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(after_s)
+    if process.poll() is None:
+        process.kill()
+    return process.wait() == -signal.SIGKILL
+
+
+def run(
+    n_kills: int, *, large_bytes: int, only: str = "", seed: int = 16,
+    report: Callable[[str], None] = lambda text: None,
+) -> list[Tally]:  # fmt: skip
+    """Kill each command so many times, in a temporary folder."""
+    rng, found, home = np.random.default_rng(seed), [], Path.cwd()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "tmp").mkdir()
+        chosen = [one for one in commands(large=large_bytes > 0) if only in one.name]
+        asked = " ".join([one.text for one in chosen] + ([CAMPAIGN] if only in "batch" else []))
+        make_inputs(folder, asked, large_bytes=large_bytes if "large" in asked else 0)
+        before, tempfile.tempdir = tempfile.tempdir, str(folder / "tmp")
+        try:
+            for command in chosen:
+                found.append(killed_at_random(command, folder, n_kills, rng))
+                report(found[-1].line())
+            if only in "batch":
+                found.append(campaigns_killed_at_random(folder, -(-n_kills // 5), rng))
+                report(found[-1].line())
+        finally:
+            os.chdir(home)
+            tempfile.tempdir = before
+    return found
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
+def _main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--kills", type=int, default=100, help="of each command")
+    parser.add_argument("--large-mb", type=int, default=300, help="size of the large files")
+    parser.add_argument("--only", default="", help="part of a command's name")
+    options = parser.parse_args()
+    _say(HEAD)
+    found = run(options.kills, large_bytes=options.large_mb * 1_000_000, only=options.only,
+                report=_say)  # fmt: skip
+    return 1 if any(one.lost or one.half or one.litter for one in found) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main())
