@@ -22,6 +22,8 @@ _STEPS = 4
 """Steps of Fisher scoring; the last moves bright pixels by a small part of their errors."""
 _WIDTH_STD = 0.1
 """By how much pulses may differ in width from pixel to pixel, ln."""
+_FLIGHT_STD = 0.03
+"""Half the variance that flight through a footprint may add to a pulse, in the pulse's own."""
 _CLIPS = 4
 """Rounds in which pixels five deviations above the mean are left out of it."""
 _LEAST_PHOTONS = 1e-3
@@ -32,7 +34,7 @@ _SQRT_2PI = float(np.sqrt(2.0 * np.pi))
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """How a pulse lies about its mean, in its own standard deviations.
+    """How a pulse lies about its place, in its own standard deviations.
 
     Attributes
     ----------
@@ -55,6 +57,12 @@ class Shape:
             place, _, table = self.table
             density = np.interp(z, place, table, left=0.0, right=0.0)
         return density
+
+    def widening(self, z: Floats) -> Floats:
+        """What flight adds to `before`, per half its variance in the pulse's own."""
+        place, _, table = self.table
+        slope: Floats = np.interp(z, place, np.gradient(table, place), left=0.0, right=0.0)
+        return slope
 
 
 GAUSSIAN = Shape(np.empty((3, 0)))
@@ -83,7 +91,8 @@ class Pulses:
 class Pixels:
     """n pixels with their unknowns fitted: photons and delay of s legs, ln width, background.
 
-    These are q = 2 s + 2.
+    These are q = 2 s + 2; for pulses that are no Gaussians one more, before the width: what
+    flight through the footprint adds (half its variance, in the pulse's own).
 
     Attributes
     ----------
@@ -192,11 +201,15 @@ def lit_pixels(cells: Cells, pulses: Pulses, *, dispersion: float = 1.0) -> Pixe
     close &= ~absent[:, np.newaxis]
     start = _background(cells, np.asarray(close.any(axis=2)))
     above = np.where(close, (cells.counts - start[:, np.newaxis] * width)[:, :, np.newaxis], 0.0)
-    unknown, prior = np.zeros((2, n, 2 * s + 2))
+    # A Gaussian that flight widens is a wider one; another shape becomes one of its own.
+    changes = bool(s and pulses.shape.table.size)
+    unknown, prior = np.zeros((2, n, 2 * s + 2 + changes))
     unknown[:, :s] = np.where(absent, 0.0, np.maximum(above.sum(axis=1), 0.5))
     unknown[:, -1] = start
     prior[:, :s] = np.where(absent, _HELD, 0.0)
     prior[:, s : 2 * s] = np.where(absent, _HELD, std**-2.0)
+    if changes:
+        prior[:, -3] = _FLIGHT_STD**-2.0
     prior[:, -2] = _WIDTH_STD**-2.0 if s else _HELD
     prior[:, -1] = start**-2.0
     center = np.zeros_like(unknown)
@@ -239,7 +252,8 @@ def _expected(
 ) -> tuple[Floats, Floats]:
     """Mean counts (n, m) and their derivatives by the unknowns (n, m, q)."""
     s = late.shape[1]
-    slopes = np.zeros((*width.shape, 2 * s + 2))
+    slopes = np.zeros((*width.shape, unknown.shape[1]))
+    changes = unknown.shape[1] > 2 * s + 2
     mean = unknown[:, -1:] * width
     for k in range(s):
         lit = np.flatnonzero(unknown[:, k] > 0.0)
@@ -247,7 +261,12 @@ def _expected(
         z = (cells.edges_ps[lit] - late[lit, k : k + 1] - unknown[lit, s + k : s + k + 1]) / own
         density = shape.density(z)
         photons = unknown[lit, k : k + 1]
-        share = np.diff(shape.before(z), axis=1) * cells.live[lit]
+        before = shape.before(z)
+        if changes:
+            wider = shape.widening(z)
+            before = before + unknown[lit, -3:-2] * wider
+            slopes[lit, :, -3] += photons * np.diff(wider, axis=1)
+        share = np.diff(before, axis=1) * cells.live[lit]
         mean[lit] += photons * share
         slopes[lit, :, k] = share
         slopes[lit, :, s + k] = -photons / own * np.diff(density, axis=1)
