@@ -18,6 +18,7 @@ import lightflight as lf
 from lightflight.files.store import SCHEMA_VERSION
 from lightflight.flight import event_times_from_vertices
 from lightflight.path.tables import RESIDUAL_DTYPE, Goodness
+from lightflight.timing.clock.response import Response
 
 FOLDER = Path(__file__).resolve().parents[1] / "tests" / "data"
 CLOCK = {
@@ -76,6 +77,14 @@ def known_calibration() -> lf.TimingCalibration:
     )
 
 
+def known_calibration_with_tail() -> lf.TimingCalibration:
+    """The same, of a flat whose pulses have a tail: schema 2 of calibrations."""
+    shape = Response.with_tail(std_ps=60.0, tail_ps=120.0, tail_share=0.25)
+    sparse = slice(None, None, 25)
+    curve = np.stack([shape.time_ps[sparse], shape.density[sparse]])
+    return replace(known_calibration(), response_curve=curve, response_place_ps=2.5)
+
+
 def main() -> None:
     """Write the files of the current version."""
     FOLDER.mkdir(exist_ok=True)
@@ -92,8 +101,12 @@ def main() -> None:
             continue
         lf.write(record, path, provenance={"command": "tools/make_schema_files.py"})
         print(f"{path.name}: {path.stat().st_size} bytes")
-    for name, result in (("path", known_path()), ("calibration", known_calibration())):
-        path = FOLDER / f"{name}_schema_{SCHEMA_VERSION}.h5"
+    for name, version, result in (
+        ("path", SCHEMA_VERSION, known_path()),
+        ("calibration", 1, known_calibration()),
+        ("calibration", 2, known_calibration_with_tail()),
+    ):
+        path = FOLDER / f"{name}_schema_{version}.h5"
         if path.exists():
             print(f"{path.name} exists and stays as it is")
             continue

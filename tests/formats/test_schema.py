@@ -18,6 +18,7 @@ from tools.make_schema_files import (
     CLOCK,
     SETTINGS,
     known_calibration,
+    known_calibration_with_tail,
     known_frames,
     known_path,
 )
@@ -109,3 +110,12 @@ def test_a_group_where_an_array_should_be(tmp_path):
         file.create_group("pixel")
     with pytest.raises(FileFormatError, match="'pixel' is not an array"):
         read(tmp_path / "x.h5")
+
+
+def test_the_tail_of_a_calibration_is_read():
+    expected = known_calibration_with_tail()
+    clock = lf.TimingCalibration.load(FOLDER / "calibration_schema_2.h5")
+    np.testing.assert_allclose(clock.response_curve, expected.response_curve, rtol=1e-12)
+    assert clock.response_place_ps == expected.response_place_ps
+    # Files of schema 1 say no place: their pulses stand at the mean.
+    assert lf.TimingCalibration.load(FOLDER / "calibration_schema_1.h5").response_place_ps is None

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from lightflight import flags as fl
 from lightflight.recording.histograms import Histograms
@@ -106,7 +107,10 @@ def test_the_flat_tells_its_tail_and_data_use_it(rng, tmp_path):
     shape = timing.response
     true = Response.with_tail(std_ps=STD, tail_ps=TAIL, tail_share=SHARE)
     assert timing.response_std_ps.mean() == pytest.approx(true.std_ps, rel=0.05)
-    assert abs(shape.table()[1] - np.interp(shape.table()[0], *true.table()[:2])).max() < 0.02
+    assert (
+        abs(shape.table()[1] - np.interp(shape.table()[0], *true.anchored().table()[:2])).max()
+        < 0.02
+    )
     later = late_pulses(rng, np.full(64, 4500.0), 20_000, skew_ps=skew)
     arrivals = find_arrivals(later, timing=timing)
     error = arrivals.arrival_ps - 4500.0
@@ -150,3 +154,27 @@ def test_measured_curves_that_cannot_be(rng):
             fit_pulses(hist, response=curve)
     with pytest.raises(ValueError, match="least squares"):
         fit_pulses(hist, response=Response.gaussian(), method="least_squares")
+
+
+@pytest.mark.parametrize(("share", "tail_ps"), [(0.25, 250.0), (1.0, 60.0)])
+def test_a_pulse_that_flight_widens_stays_where_it_is(share, tail_ps):
+    """Counts without noise: what is left is the bias. About its mean the same shape lags by ps."""
+    edges = np.arange(0.0, 12_000.0, WIDTH)
+    fine = np.arange(-2000.0, 10_000.0, 1.0)
+    shape = Response.with_tail(std_ps=68.0, tail_ps=tail_ps, tail_share=share)
+    density = np.interp(fine, shape.time_ps, shape.density, left=0.0, right=0.0)
+    place = {}
+    for name, pulse in (("mean", shape), ("anchor", shape.anchored())):
+        for wider_ps in (0.0, 18.0):
+            seen = gaussian_filter1d(density, wider_ps) if wider_ps else density
+            come = np.interp(edges, fine + 0.5 + 3000.0, np.cumsum(seen) / seen.sum())
+            counts = np.rint(3e7 * np.diff(come) + 3000.0).astype(np.uint32)
+            hist = Histograms(counts[None, None], bin_width_ps=WIDTH, laser_period_ps=50_000.0)
+            place[name, wider_ps] = fit_pulses(hist, response=pulse, max_pulses=1).delay_ps[0]
+    assert abs(place["anchor", 18.0] - place["anchor", 0.0]) < 0.1
+    lag = place["mean", 18.0] - place["mean", 0.0]
+    assert lag > (1.0 if share < 1.0 else 0.1)
+
+
+def test_a_symmetric_shape_is_anchored_in_its_middle():
+    assert Response.gaussian(60.0).anchored().place_ps == pytest.approx(0.0, abs=0.01)

@@ -317,7 +317,12 @@ def _with_response(
     response = flat_shape.response(flat, clock)
     if response is None:
         return clock
-    return replace(clock, response_curve=np.stack([response.time_ps, response.density]))
+    response = response.anchored()
+    return replace(
+        clock,
+        response_curve=np.stack([response.time_ps, response.density]),
+        response_place_ps=response.place_ps,
+    )
 
 
 def delays_of_flats(

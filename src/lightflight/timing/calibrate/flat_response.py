@@ -50,7 +50,7 @@ def tail_of_flat(flat: Histograms, *, timing: TimingCalibration) -> Response:
     first = fit_pulses(flat, timing=timing, max_pulses=1, response=Response.gaussian())
     others = _all_but_brightest(first, flat.shape)
     shape, _ = _best_tail(flat, timing, others)
-    return _as_wide(shape, first)
+    return _as_wide(shape, flat, timing, others)
 
 
 def tail_of_flat_if_any(flat: Histograms, *, timing: TimingCalibration) -> Response | None:
@@ -81,7 +81,9 @@ def tail_of_flat_if_any(flat: Histograms, *, timing: TimingCalibration) -> Respo
     if not asked.any() or excess < _SHOWN * np.sqrt(2.0 * dof * np.count_nonzero(asked)):
         return None
     shape, found = _best_tail(flat, timing, others)
-    return _as_wide(shape, first) if found - dof < _MOST_LEFT * excess else None
+    if found - dof >= _MOST_LEFT * excess:
+        return None
+    return _as_wide(shape, flat, timing, others)
 
 
 def _all_but_brightest(pulses: Pulses, shape: tuple[int, int]) -> NDArray[np.bool_]:
@@ -92,8 +94,11 @@ def _all_but_brightest(pulses: Pulses, shape: tuple[int, int]) -> NDArray[np.boo
     return others
 
 
-def _as_wide(shape: Response, pulses: Pulses) -> Response:
+def _as_wide(
+    shape: Response, flat: Histograms, timing: TimingCalibration, others: NDArray[np.bool_]
+) -> Response:
     """The shape with the width of the array's median pulse."""
+    pulses = fit_pulses(flat, timing=timing, max_pulses=1, response=shape, exclude_mask=others)
     middle = float(np.median(pulses.std_ps[pulses.usable]))
     return Response(shape.time_ps * (middle / shape.std_ps), shape.density)
 

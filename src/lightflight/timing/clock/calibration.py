@@ -60,9 +60,10 @@ _ARRAY_FIELDS = {
 }  # fmt: skip
 """Per-pixel arrays of a calibration and how many axes they have beyond (rows, cols)."""
 
-_SCHEMA = 1
+_SCHEMA = 2
+"""1: pulses stand at the mean of their shape; 2: at `response_place_ps`."""
 
-_LATER_FIELDS = {"code_length_std", "response_curve"}
+_LATER_FIELDS = {"code_length_std", "response_curve", "response_place_ps"}
 """Fields that files of earlier versions do not have."""
 
 
@@ -139,6 +140,9 @@ class TimingCalibration:
     response_curve : array of float, shape (2, m)
         Time (ps) and density of the shape that the flat's pulse was fitted with, and a recording's
         will be; no columns: a Gaussian.
+    response_place_ps : float or None
+        Time of `response_curve` that is the place of a pulse (`Response.anchored`), ps; None, and
+        in files of earlier versions: its mean.
     notes : tuple of str
         What was measured, what is nominal, and what that costs, in sentences.
     provenance : mapping of str
@@ -207,6 +211,8 @@ class TimingCalibration:
 
     code_length_std: float = field(default=0.0, kw_only=True)
 
+    response_place_ps: float | None = field(default=None, kw_only=True)
+
     def __post_init__(self) -> None:
         rows_cols = tuple(self.shape)
         for name, extra in _ARRAY_FIELDS.items():
@@ -244,7 +250,9 @@ class TimingCalibration:
         """Shape of the flat's pulse; None: a Gaussian."""
         from lightflight.timing.clock.response import Response
 
-        return Response(*self.response_curve) if self.response_curve.shape[1] else None
+        if not self.response_curve.shape[1]:
+            return None
+        return Response(*self.response_curve, place_ps=self.response_place_ps)
 
     @property
     def n_phases(self) -> int:
@@ -483,7 +491,8 @@ class TimingCalibration:
                 arrays[item.name] = value
             else:
                 attributes[item.name] = list(value) if isinstance(value, tuple) else value
-        attributes["calibration_schema"] = _SCHEMA
+        # Where no place is given, nothing has changed: earlier versions may go on reading.
+        attributes["calibration_schema"] = 1 if self.response_place_ps is None else _SCHEMA
         attributes["provenance"] = dict(self.provenance)
         save_record(path, kind="calibration", arrays=arrays, attributes=attributes)
 
@@ -511,9 +520,9 @@ class TimingCalibration:
 
         arrays, attributes = load_record(path, kind="calibration")
         schema = attributes.get("calibration_schema")
-        if schema != _SCHEMA:
+        if schema not in range(1, _SCHEMA + 1):
             raise FileFormatError(
-                f"calibration schema {schema} is unknown here (this version reads {_SCHEMA}): "
+                f"calibration schema {schema} is unknown here (this version reads 1 to {_SCHEMA}): "
                 "update lightflight or calibrate again",
                 path=path,
             )

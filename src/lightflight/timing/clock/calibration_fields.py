@@ -8,11 +8,11 @@ from typing import Any
 
 _NUMBERS = (
     "first_edge_ps", "bin_width_ps", "laser_period_ps", "scale_std", "assumed_skew_std_ps",
-    "code_length_std",
+    "code_length_std", "response_place_ps",
 )  # fmt: skip
 _CODES = ("n_codes", "first_live_code", "no_photon_code")
 _YES_OR_NO = ("reversed_codes", "period_end_seen")
-_OR_NONE = ("laser_period_ps", "no_photon_code")
+_OR_NONE = ("laser_period_ps", "no_photon_code", "response_place_ps")
 _POSITIVE = ("bin_width_ps", "laser_period_ps", "n_codes")
 
 

@@ -179,7 +179,8 @@ def fit_pulses(
         Shape of the pulse: a `Response` (`lightflight.timing.clock.response`), or the counts of a
         measured one, (codes,), on the nominal codes. None: that of `timing`, where its flat was
         fitted with one, else a Gaussian. `std_ps` is then the standard deviation of the shape,
-        stretched about its mean to fit; `delay_ps` its mean.
+        stretched about its place to fit; `delay_ps` that place (the mean, unless the calibration
+        found a better one, see `Response.anchored`).
     exclude_mask
         (rows, cols), True where a pixel is not to be used.
     threads
