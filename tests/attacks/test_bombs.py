@@ -314,3 +314,22 @@ def test_an_archive_within_its_checksum_alone_is_read(tmp_path):
         archive.writestr("cube.npy", content)
     with pytest.raises(FileFormatError, match="the archive holds 128"):
         read(tmp_path / "x.npz", axes="yxt")
+
+
+def test_pictures_and_lists_of_numbers_are_bounded_too(tmp_path, monkeypatch):
+    from lightflight.cli.commands.calibrate import _array_from_file
+    from lightflight.formats.point_tables import picture_from_file
+
+    cv2 = pytest.importorskip("cv2")
+    cv2.imwrite(str(tmp_path / "x.png"), np.zeros((4000, 4000), np.uint8))
+    monkeypatch.setattr(filecheck, "free_memory_bytes", lambda: 200_000_000)
+    with pytest.raises(FileFormatError, match=r"a picture \(4000, 4000\) needs"):
+        picture_from_file(tmp_path / "x.png")
+    (tmp_path / "x.txt.gz").write_bytes(gzip.compress(b"1 2 3\n" * 1000))
+    with pytest.raises(FileFormatError, match="holds no array of numbers"):
+        _array_from_file(tmp_path / "x.txt.gz")
+    os.mkfifo(tmp_path / "pipe.txt")
+    with pytest.raises(FileFormatError, match="is a pipe or device"):
+        _array_from_file(tmp_path / "pipe.txt")
+    (tmp_path / "x.csv").write_text("1,2\n3,4\n")
+    assert _array_from_file(tmp_path / "x.csv").shape == (2, 2)

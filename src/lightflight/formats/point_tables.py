@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError, optional_package
+from lightflight.files.filecheck import check_memory, readable_file
 
 Floats = NDArray[np.float64]
 
@@ -152,9 +153,10 @@ def picture_from_file(path: Path) -> Floats:
         "cv2",
         otherwise="reading pictures of boards needs OpenCV: pip install 'lightflight[camera]'",
     )
-    if not path.is_file():
-        raise FileFormatError("no such file: give pictures of a board", path=path)
+    readable_file(path)
     picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if picture is None:
         raise FileFormatError("is no picture that OpenCV can read", path=path)
+    # OpenCV itself stops at a gigabyte of pixels.
+    check_memory(8 * picture.size, path=path, what=f"a picture {picture.shape}")
     return np.asarray(picture, dtype=np.float64)

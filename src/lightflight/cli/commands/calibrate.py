@@ -279,17 +279,25 @@ def _arrival_from_text(text: str) -> Any:
         return _array_from_file(Path(text))
 
 
+_MOST_TEXT_BYTES = 1 << 26
+
+
 def _array_from_file(path: Path) -> Any:
     """Numbers of a .npy file or a text file."""
     import numpy as np
 
     from lightflight.errors import FileFormatError
+    from lightflight.files.filecheck import readable_file
     from lightflight.formats.numpy_files import arrays_from_file
 
     if path.suffix.lower() == ".npy":
         return arrays_from_file(path)[""]
+    if readable_file(path).stat().st_size > _MOST_TEXT_BYTES:
+        raise FileFormatError("is too large for a list of numbers: save it as .npy", path=path)
     try:
-        return np.loadtxt(path, delimiter="," if path.suffix.lower() == ".csv" else None)
+        # Opened here: by its name, NumPy would unpack a .gz of any size.
+        with path.open(encoding="utf-8") as text:
+            return np.loadtxt(text, delimiter="," if path.suffix.lower() == ".csv" else None)
     except ValueError as error:
         raise FileFormatError(f"holds no array of numbers ({error})", path=path) from error
 
