@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from lightflight.timing.clock.code_clock import CodeClock
     from lightflight.timing.pulses.arrivals import Arrivals
 
+MUCH_SCATTER = 0.2
+"""A fifth of a pulse is more than counting and a good clock leave."""
 _CLOCKS_SHARE = 0.3
 """Pixels of an uncalibrated clock scatter each by itself: by most of what the times miss by."""
 
@@ -198,6 +200,33 @@ def ask_which_way(
         "no path fits these arrival times, and without a calibration they do not show which way "
         f"the codes run: give timing=, or try reversed_codes={not now} (the recording says {now})"
     ) from problem
+
+
+def refuse_if_clock_scatters(sighting: Sighting, std_ps: float) -> None:
+    """Refuse an unknown source on a clock that nobody calibrated, where its pixels disagree.
+
+    Depth then rests on the bend of the arrival curves alone: 7 mm for each ps that a pixel errs.
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, on the nominal clock and with its pulses found.
+    std_ps : float
+        Typical standard deviation of a pulse, ps.
+
+    Raises
+    ------
+    CalibrationError
+        Where neighbouring pixels disagree by more than `MUCH_SCATTER` of a pulse, and their errors.
+    """
+    neighbours = scatter_of_neighbours(sighting.arrivals, sighting.timing)
+    # Five errors: where light is starved, counting scatters as much.
+    if neighbours is not None and neighbours[0] > max(MUCH_SCATTER * std_ps, 5.0 * neighbours[2]):
+        raise CalibrationError(
+            "neither the source nor the clock is known, and the times of neighbouring pixels "
+            f"scatter by {neighbours[0]:.0f} ps: no depth can be told; calibrate the clock "
+            "(timing=), or give the source's place and time"
+        )
 
 
 def warn_of_scatter(

@@ -30,9 +30,11 @@ from lightflight.reconstruct.fit.revise import (
 from lightflight.reconstruct.fit.statements import statements_from_covariance
 from lightflight.reconstruct.fit.unclaimed import from_unclaimed_legs, with_unclaimed_legs
 from lightflight.reconstruct.legs.direction import (
+    MUCH_SCATTER,
     ask_which_way,
     legs_of_straight_light,
     refuse_if_clearer_backwards,
+    refuse_if_clock_scatters,
     search_legs,
     warn_of_scatter,
 )
@@ -104,11 +106,12 @@ def fit_of_request(request: Request) -> JointFit:
         period_ps = sightings[0].histograms.laser_period_ps or 0.0
         state = _at_exact_source(_state_from_start(request.start, setting), setting, period_ps)
         return fit_joint(sightings, state, setting, legs=None)
+    if request.timing is None and setting.source.position_mm is None:
+        refuse_if_clock_scatters(sightings[0], pulse_std_ps(sightings))
     fit, legs = (
         _fit_as_found(request, brightest=True) if n_legs is None else _fit_as_told(request, n_legs)
     )
-    # A fifth of a pulse is more than counting and a good clock leave.
-    if request.timing is None and fit.floor_ps > 0.2 * pulse_std_ps(sightings):
+    if request.timing is None and fit.floor_ps > MUCH_SCATTER * pulse_std_ps(sightings):
         warn_of_scatter(fit.floor_ps, legs, sightings[0], setting.camera)
     return fit
 
