@@ -6,7 +6,7 @@ import re
 
 from lightflight.cli.errors import EXIT_CODES, NotTrustedError
 from lightflight.path.verdict import FindingName, Level
-from lightflight.reconstruct.verdict.candidates import PLAUSIBLE
+from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from tests.docs.pages import DOCS, ROOT
 
 TEXT = (DOCS / "explanation" / "verdict.md").read_text(encoding="utf-8")

@@ -34,7 +34,7 @@ FREE_NAMES = (
     "source", "emission_time", "pose", "focal_length", "distortion", "index", "clock_offset",
     "clock_scale", "clock_drift",
 )  # fmt: skip
-"""What `reconstruct(free=)` takes; their plausible sizes are `model.shared.PLAUSIBLE`."""
+"""What `reconstruct(free=)` takes; their plausible sizes are `model.sizes.PLAUSIBLE`."""
 
 __getattr__, __dir__ = lazy_names(
     __name__,

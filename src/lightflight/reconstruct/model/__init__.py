@@ -8,5 +8,5 @@
 - expected counts with derivatives: `forward`, `footing`
 - counts of single pixels about a pulse, whatever the path: `cells`, `counted`; what light beside
   a plain flight adds to them: `light`
-- errors that all pixels share, of camera and medium: `shared`
+- errors that all pixels share, of camera and medium: `shared`; how large is plausible: `sizes`
 """

@@ -68,3 +68,9 @@ def along_across(points: Floats, origin_px: Floats, direction_px: Floats) -> tup
 def mean_focal_px(camera: Camera) -> float:
     """Geometric mean of the two focal lengths, px."""
     return float(np.sqrt(abs(camera.matrix[0, 0] * camera.matrix[1, 1])))
+
+
+def radial_of_corner(camera: Camera, corner_px: float) -> float:
+    """By how much k1 is larger where a corner of the picture is seen so much farther out, px."""
+    corner = float(np.hypot(*camera.shape)) / 2.0
+    return corner_px / (corner * (corner / mean_focal_px(camera)) ** 2)

@@ -16,11 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.flight import INDEX_SLACK_STDS, Medium
+from lightflight.reconstruct import FREE_NAMES
 from lightflight.reconstruct.model.forward import Layout, Light, Local, Pixels, local_variables
 from lightflight.reconstruct.model.geometry import PathState, vertex_time_jacobian
-from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.image_plane import (
+    mean_focal_px,
+    radial_of_corner,
+    undistorted_px,
+)
 from lightflight.reconstruct.model.nudges import Nudges, nudge_between
 from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.timing.clock.calibration import TimingCalibration
 from lightflight.timing.clock.shared_modes import with_shared_errors
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
@@ -34,29 +40,6 @@ Floats = NDArray[np.float64]
 
 NUDGE = 1e-3
 """Step of a shared error for its derivative, in its own standard deviations."""
-
-PLAUSIBLE = {
-    "source": 10.0,
-    "emission_time": 500.0,
-    "pose": 5.0,
-    "focal_length": 0.05,
-    "distortion": 0.3,
-    "index": 0.34,
-    "clock_offset": 500.0,
-    "clock_scale": 0.01,
-    "clock_drift": 100.0,
-}
-"""One-sigma sizes that nobody would be surprised by, and what a freed thing may be off by.
-
-source: mm, a ruler and a mirror's thickness. emission_time: ps, ten centimetres of cable. pose: mm,
-and 1 deg; a tripod knocked. focal_length: share; what is printed on a lens. distortion: k1 of a
-cheap wide lens that nobody calibrated. index: water where air was told. clock_offset: ps, a cable
-or a trigger level. clock_scale: share; 0.7 % between dead codes absorbed and lost, and a warm
-camera. clock_drift: ps over all repeats, an hour of warming up.
-"""
-
-_PLAUSIBLE_TURN_DEG = 1.0
-"""Of a pose, beside its mm."""
 
 MEDIUM = -1
 """Stands for the medium where a camera is counted."""
@@ -380,7 +363,7 @@ def freed(
     recordings : sequence of Histograms
         Those recordings.
     free : iterable of str
-        Of `PLAUSIBLE`.
+        Of `FREE_NAMES`.
 
     Returns
     -------
@@ -395,19 +378,19 @@ def freed(
         For another name.
     """
     wanted = {free} if isinstance(free, str) else set(free)
-    unknown = sorted(wanted - set(PLAUSIBLE))
+    unknown = sorted(wanted - set(FREE_NAMES))
     if unknown:
-        raise ValueError(f"free: {unknown[0]!r} is none of {', '.join(PLAUSIBLE)}")
+        raise ValueError(f"free: {unknown[0]!r} is none of {', '.join(FREE_NAMES)}")
     source, medium = setting.source, setting.medium
     if "source" in wanted:
-        std = np.maximum(source.position_std_xyz_mm, PLAUSIBLE["source"])
+        std = np.maximum(source.position_std_xyz_mm, PLAUSIBLE["source"].size)
         source = replace(source, position_std_mm=tuple(std.tolist()))
     if "emission_time" in wanted:
-        std_ps = max(source.emission_time_std_ps, PLAUSIBLE["emission_time"])
+        std_ps = max(source.emission_time_std_ps, PLAUSIBLE["source time"].size)
         source = replace(source, emission_time_std_ps=std_ps)
     if "index" in wanted:
         stds = (medium.path_group_index_std, medium.return_group_index_std)
-        out, back = (max(std, PLAUSIBLE["index"]) for std in stds)
+        out, back = (max(std, PLAUSIBLE["index"].size) for std in stds)
         medium = replace(medium, path_group_index_std=out, return_group_index_std=back)
     cameras = [_freed_camera(camera, wanted) for camera in setting.cameras]
     widened = replace(
@@ -421,12 +404,15 @@ def freed(
 def _freed_camera(camera: Camera, wanted: set[str]) -> Camera:
     changes: dict[str, object] = {}
     if "pose" in wanted:
-        std = np.repeat([np.radians(_PLAUSIBLE_TURN_DEG), PLAUSIBLE["pose"]], 3)
+        std = np.repeat([PLAUSIBLE["pose turn"].size, PLAUSIBLE["pose shift"].size], 3)
         told = np.zeros((6, 6)) if camera.pose_covariance is None else camera.pose_covariance
         changes["pose_covariance"] = told + np.diag(std**2)
-    for name, key in (("focal_length", "focal_std_fraction"), ("distortion", "distortion_std")):
-        if name in wanted:
-            changes[key] = max(getattr(camera, key), PLAUSIBLE[name])
+    if "focal_length" in wanted:
+        size = PLAUSIBLE["focal_length"].size
+        changes["focal_std_fraction"] = max(camera.focal_std_fraction, size)
+    if "distortion" in wanted:
+        size = radial_of_corner(camera, PLAUSIBLE["distortion"].size)
+        changes["distortion_std"] = max(camera.distortion_std, size)
     return replace(camera, **changes) if changes else camera  # type: ignore[arg-type]
 
 
@@ -434,9 +420,9 @@ def _freed_clock(
     clock: CodeClock | None, hist: Histograms, wanted: set[str], when: float
 ) -> CodeClock | None:
     """The clock with wider errors; `when`: the recording's middle as a share of all repeats."""
-    offset = PLAUSIBLE["clock_offset"] if "clock_offset" in wanted else 0.0
-    scale = PLAUSIBLE["clock_scale"] if "clock_scale" in wanted else 0.0
-    drift = PLAUSIBLE["clock_drift"] * when if "clock_drift" in wanted else 0.0
+    offset = PLAUSIBLE["clock_offset"].size if "clock_offset" in wanted else 0.0
+    scale = PLAUSIBLE["clock_scale"].size if "clock_scale" in wanted else 0.0
+    drift = PLAUSIBLE["clock_drift"].size * when if "clock_drift" in wanted else 0.0
     if not (offset or scale or drift):
         return clock
     clock = TimingCalibration.nominal(hist) if clock is None else clock

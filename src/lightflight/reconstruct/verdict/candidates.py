@@ -7,7 +7,7 @@ rows of the joint fit (`least_squares.Solution.rows`) by that parameter.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -23,8 +23,13 @@ from lightflight.reconstruct.model.geometry import (
     footprints,
     line_offsets,
 )
-from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.image_plane import (
+    mean_focal_px,
+    radial_of_corner,
+    undistorted_px,
+)
 from lightflight.reconstruct.model.picture import LineDataInPicture
+from lightflight.reconstruct.model.sizes import PLAUSIBLE, Plausible
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 Floats = NDArray[np.float64]
@@ -35,42 +40,6 @@ _AHEAD = 1e-4
 """Share of a leg by which the direction of its picture is told."""
 _TREND_WAVES = 3
 """Waves along each leg that a trend is looked for in, beside the slopes that the path takes up."""
-
-
-@dataclass(frozen=True)
-class Plausible:
-    """One-sigma size that a parameter may be off by before it is no explanation, and its unit."""
-
-    size: float
-    unit: str
-
-
-PLAUSIBLE: dict[str, Plausible] = {
-    # A ruler slips by centimetres, a number is typed for another bench.
-    "source": Plausible(30.0, "mm"),
-    "pose shift": Plausible(20.0, "mm"),
-    "pose turn": Plausible(0.1, "rad"),
-    # A field of view read off a screen, a zoom ring that moved.
-    "focal_length": Plausible(0.1, "of itself"),
-    # A wide-angle lens that nobody calibrated: some px at the corner.
-    "distortion": Plausible(3.0, "px at the corner"),
-    # Air told for water (0.33) or fibre (0.47), or the other way round.
-    "index": Plausible(0.5, ""),
-    # Cables and triggers; another cable is 500 ps for 10 cm.
-    "clock_offset": Plausible(500.0, "ps"),
-    # Another temperature, another supply voltage; a nominal code width is off by a few percent.
-    "clock_scale": Plausible(0.02, "of itself"),
-    "clock_drift": Plausible(200.0, "ps"),
-    # What comparators of single-photon detectors are known for between dark and bright.
-    "walk": Plausible(50.0, "ps"),
-    # A beam that a lens of air (a heat haze, a jet) or a bent fibre turns.
-    "curved_leg": Plausible(20.0, "mm sagitta"),
-    # A mirror outside the picture.
-    "unseen_leg": Plausible(200.0, "mm"),
-    "unseen_leg time": Plausible(1000.0, "ps"),
-    "trend": Plausible(200.0, "ps"),
-}
-"""By what a cause is judged to be no explanation; documented on the page of the verdict."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,20 +307,12 @@ def _pose(rows: Rows) -> Candidate:
 
 
 def _zoomed(camera: Camera, share: float) -> Camera:
-    matrix = camera.matrix.copy()
-    matrix[[0, 1], [0, 1]] *= 1.0 + share
-    return replace(camera, matrix=matrix)
+    return camera.with_lens_moved(focal_share=share, radial=0.0)
 
 
 def _stretched(camera: Camera, corner_px: float) -> Camera:
-    """The camera with its first radial term larger, by what moves a corner of the picture so."""
-    rows, cols = camera.shape
-    corner = np.hypot(rows / 2, cols / 2)
-    slope = corner / mean_focal_px(camera)
-    terms = np.zeros(max(4, len(camera.distortion)))
-    terms[: len(camera.distortion)] = camera.distortion
-    terms[0] += corner_px / (corner * slope**2)
-    return replace(camera, distortion=terms)
+    radial = radial_of_corner(camera, corner_px)
+    return camera.with_lens_moved(focal_share=0.0, radial=radial)
 
 
 def _source(rows: Rows) -> Candidate:

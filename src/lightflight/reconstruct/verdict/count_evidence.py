@@ -31,6 +31,7 @@ from lightflight.reconstruct.model.counted import (
     lit_pixels,
 )
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.verdict.count_tests import (
     Cause,
     Columns,
@@ -209,7 +210,7 @@ def causes(lags: Floats) -> list[Cause]:
         Cause(
             FindingName.HAZE,
             late,
-            0.3,
+            PLAUSIBLE["haze"].size,
             "{size:.2g} of the light on the path comes late, by some {each}",
             "thin out the haze; if a flat recording shows the same tail it is the detector's",
             labels=labels,
@@ -217,7 +218,7 @@ def causes(lags: Floats) -> list[Cause]:
         Cause(
             FindingName.SHAPE,
             late,
-            0.3,
+            PLAUSIBLE["haze"].size,
             "pulses have a tail: {size:.2g} of their light, by some {each}",
             "calibrate with a flat of the same laser and --flat-pulse tail",
             labels=labels,
@@ -228,7 +229,7 @@ def causes(lags: Floats) -> list[Cause]:
         Cause(
             FindingName.OTHER_PULSE,
             (at + j,),
-            0.3,
+            PLAUSIBLE["other_pulse"].size,
             "a second pulse of some {size:.1g} of the light, {each} from the path's",
             "look for a reflection in windows and filters, or a second pulse of the laser",
             labels=(f"{lag:+.0f} ps",),
@@ -240,7 +241,7 @@ def causes(lags: Floats) -> list[Cause]:
         Cause(
             FindingName.PILE_UP,
             (at,),
-            0.3,
+            PLAUSIBLE["pile_up"].size,
             "{size:.2g} of the brightest pixel's photons are hidden by earlier ones",
             "record dimmer, or state n_frames and periods_per_frame",
         )
@@ -251,7 +252,7 @@ def causes(lags: Floats) -> list[Cause]:
         Cause(
             FindingName.HALO,
             tuple(range(at, at + n_halo)),
-            0.3,
+            PLAUSIBLE["halo"].size,
             "{size:.2g} of the light lies about the path, over {each}",
             "clean and focus the lens, stop it down, shade it from the beam's ends",
             labels=(*(f"{px:g} px" for px in light.HALO_PX), f"{light.HALO_PX[-1]:g} px and late"),
@@ -262,7 +263,7 @@ def causes(lags: Floats) -> list[Cause]:
         Cause(
             FindingName.GLARE,
             (at, at + 1),
-            0.3,
+            PLAUSIBLE["glare"].size,
             "{size:.2g} of the light lies over the whole picture{each}",
             "shade the lens and cover bright walls, or mask the pixels off the path",
             labels=("", ", late by ns"),

@@ -23,8 +23,9 @@ from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.fit.revise import fit_from_legs
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.shared import PLAUSIBLE, freed
+from lightflight.reconstruct.model.shared import freed
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.reconstruct.verdict.geometry_tests import REMEDIES, counted_ps
 from lightflight.reconstruct.verdict.hidden import pulses_of_legs
@@ -88,7 +89,7 @@ def _freed_one_by_one(
     for name, n_freed in _NUMBERS.items():
         yield name, n_freed, freed(apart, (), (), (name,))[0], sightings
     for name in _OF_CLOCK:
-        size = PLAUSIBLE[name]
+        size = PLAUSIBLE[name].size
         seen = [
             _with_mode(o, size * (counted_ps(o) if name is FindingName.CLOCK_SCALE else 1.0))
             for o in sightings

@@ -1,0 +1,62 @@
+"""How far off a thing may be before it is no explanation: one table for verdict and `free=`.
+
+The page of the verdict shows it. A cause that would need a larger size is ranked later, by the
+square of what it needs; a thing that is freed has this size as its prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Plausible:
+    """One-sigma size that nobody would be surprised by, and its unit.
+
+    Attributes
+    ----------
+    size : float
+        In that unit.
+    unit : str
+        As it is shown.
+    """
+
+    size: float
+    unit: str
+
+
+_LIGHT = Plausible(0.3, "of the light")
+
+PLAUSIBLE: dict[str, Plausible] = {
+    # A ruler slips by centimetres, a number is typed for another bench.
+    "source": Plausible(30.0, "mm"),
+    # Ten centimetres of cable.
+    "source time": Plausible(500.0, "ps"),
+    "pose shift": Plausible(20.0, "mm"),
+    "pose turn": Plausible(0.1, "rad"),
+    # A field of view read off a screen, a zoom ring that moved.
+    "focal_length": Plausible(0.1, "of itself"),
+    # A wide-angle lens that nobody calibrated: some px at the corner.
+    "distortion": Plausible(3.0, "px at the corner"),
+    # Air told for water (0.33) or fibre (0.47), or the other way round.
+    "index": Plausible(0.5, ""),
+    # Cables and triggers; another cable is 500 ps for 10 cm.
+    "clock_offset": Plausible(500.0, "ps"),
+    # Another temperature, another supply voltage; a nominal code width is off by a few percent.
+    "clock_scale": Plausible(0.02, "of itself"),
+    "clock_drift": Plausible(200.0, "ps"),
+    # What comparators of single-photon detectors are known for between dark and bright.
+    "walk": Plausible(50.0, "ps"),
+    # A beam that a lens of air (a heat haze, a jet) or a bent fibre turns.
+    "curved_leg": Plausible(20.0, "mm sagitta"),
+    # A mirror outside the picture.
+    "unseen_leg": Plausible(200.0, "mm"),
+    "unseen_leg time": Plausible(1000.0, "ps"),
+    "trend": Plausible(200.0, "ps"),
+    # More would be seen by eye.
+    "haze": _LIGHT,
+    "halo": _LIGHT,
+    "glare": _LIGHT,
+    "other_pulse": _LIGHT,
+    "pile_up": Plausible(0.3, "of the brightest pixel's photons"),
+}
