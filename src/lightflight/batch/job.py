@@ -18,7 +18,7 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from lightflight._version import __version__
 from lightflight.batch.campaign import Campaign
@@ -34,6 +34,9 @@ from lightflight.recording.counting import histogram
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording
 from lightflight.timing.clock.calibration import TimingCalibration
+
+if TYPE_CHECKING:
+    from lightflight.timing.clock.code_clock import CodeClock
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -316,13 +319,13 @@ def finish(job: Job, hist: Histograms, said: list[str]) -> None:
     from lightflight.reconstruct import reconstruct
 
     lab = job.lab
-    # `reconstruct` names the record that people have; any `CodeClock` will do.
-    timing: Any = None if job.timing is None else timing_from_file(job.timing)
+    timing: CodeClock | None = None
+    if job.timing is not None:
+        whole = timing_from_file(job.timing)
+        timing = whole if job.codes is None else TimingWindow.of(whole, codes=job.codes)
     background = None
     if job.background is not None:
         background = histogram(read_recording(job.background, lab), codes=job.codes)
-    if timing is not None and job.codes is not None:
-        timing = TimingWindow.of(timing, codes=job.codes)
     with caught_warnings() as more:
         path = reconstruct(
             hist,

@@ -40,6 +40,7 @@ from lightflight.recording.recording import Recording, SlicedArray
 from lightflight.timing.clock.calibration import TimingCalibration
 
 if TYPE_CHECKING:
+    from lightflight.timing.clock.code_clock import CodeClock
     from lightflight.timing.pulses.arrivals import Arrivals
 
 SORTED_KIND, TILE_KIND = "sorted piece", "fitted tile"
@@ -332,7 +333,7 @@ def _pulses_of_tile(job: Job, hist: Histograms, rows: tuple[int, int]) -> dict[s
     from lightflight.reconstruct.model.sighting import blind_pixels
     from lightflight.timing.pulses.arrivals import find_arrivals
 
-    timing: Any
+    timing: CodeClock
     if job.timing is None:
         timing = TimingCalibration.nominal(hist)
     else:

@@ -224,7 +224,7 @@ def fit_pulses(
 def _check_options(
     method: str,
     max_pulses: int,
-    response: Any,
+    response: Response | ArrayLike | None,
     threads: int,
 ) -> None:
     if method not in METHODS:

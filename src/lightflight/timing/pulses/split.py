@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -297,7 +296,9 @@ def residual_far_from_pulses(search: Search, theta: Floats) -> Floats:
     return np.asarray(residual.log_excess - np.log(search.bins.n))
 
 
-def _with_one_more(theta: Floats, time: Floats, photons: Floats, std: Floats, period: float) -> Any:
+def _with_one_more(
+    theta: Floats, time: Floats, photons: Floats, std: Floats, period: float
+) -> Floats:
     """Start of a fit with a further pulse: theta, the new pulse in the same period, std."""
     n_pulses = theta.shape[1] // 2 - 1
     time = theta[:, 0] + wrapped(time - theta[:, 0], period)
