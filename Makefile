@@ -12,6 +12,8 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check
 # takes over tests that the other has still to do: by pytest's default, one idles for the last tenth.
 PYTEST_FLAGS ?= -n 2 --dist worksteal
 export MPLBACKEND := Agg
+# Tests start hundreds of processes: without byte code each compiles the package and its tests again.
+test quick lowest cold fuzz attack: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
 .PHONY: help demo paper paper-quick test quick lowest cold check lint types layers workflows speed docs format fuzz attack clean install install-dev python-is-new-enough
