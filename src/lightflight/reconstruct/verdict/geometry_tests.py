@@ -275,17 +275,17 @@ def _of_single_pixels(
         for leg in range(solution.state.n_legs)
     ]
     squared = np.concatenate(differences) ** 2
-    if not len(squared):
-        return ()
     chi2, dof = float(squared.sum()), len(squared)
-    excess = chi2 / dof - 1.0
+    # Uneven light is worth a tenth: no test of its own for less than a clock's.
+    if chi2 <= (1.0 + _CLOCKS) * dof:
+        return ()
     return (
         Evidence(
             FindingName.CALIBRATION,
             chi2,
             dof,
             # A delay for each pixel would take up what all pulses scatter by.
-            excess * int(np.count_nonzero(times.weight)) if excess > _CLOCKS else 0.0,
+            (chi2 / dof - 1.0) * int(np.count_nonzero(times.weight)),
             f"neighbouring pixels disagree by {np.sqrt(chi2 / dof):.2g} times their stated errors",
             REMEDIES[FindingName.CALIBRATION],
             np.empty((0, dof)),
