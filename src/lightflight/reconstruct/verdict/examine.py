@@ -108,18 +108,21 @@ def collected(
     return (
         *(one for one in by_score if one.name not in by_fit),
         *lost,
-        *evidence_from_flags(fit, sightings),
     )
 
 
 def _light(
     fit: JointFit, sightings: list[Sighting], nominal_clock: bool
 ) -> tuple[tuple[Evidence, ...], tuple[Finding, ...]]:
-    """Tests of the counts; where there can be none, the finding that says why."""
+    """Tests of the counts; where there can be none, of flags, and the finding that says why.
+
+    A fit of one pulse is also poor where another leg's light is too weak to be a second one:
+    tests of the counts expect it there.
+    """
     try:
         return evidence_from_counts(fit, sightings, nominal=nominal_clock), ()
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError) as reason:
-        return (), (
+        return evidence_from_flags(fit, sightings), (
             Finding(
                 FindingName.NOT_EXAMINED,
                 f"haze, halos, glare and other light were not looked for: {reason}",
