@@ -32,6 +32,7 @@ from lightflight.reconstruct.fit.membership import (
     stacked_lines,
     time_data,
 )
+from lightflight.reconstruct.fit.uneven import uneven_light
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.freedom import Freedom
 from lightflight.reconstruct.model.geometry import Indices, PathState
@@ -190,7 +191,24 @@ def fit_joint(
         if passed > 0 and not more and _settled(before, solution, freedom):
             break
     assert result is not None
-    return result
+    return _with_uneven_light(result, sightings, setting)
+
+
+def _with_uneven_light(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
+    """The fit with times corrected for light that is uneven within knots, and its errors."""
+    uneven = uneven_light(fit, sightings, setting)
+    if not uneven.columns_ps.shape[1]:
+        return fit
+    times = replace(
+        fit.times,
+        footprint_ps=fit.times.footprint_ps + uneven.late_ps,
+        modes_ps=np.hstack((fit.times.modes_ps, uneven.columns_ps)),
+        weight=np.ones_like(fit.times.weight),
+    )
+    solution, times, floor = _solve_robustly(
+        fit.solution.state, times, fit.lines, fit.freedom, setting
+    )
+    return replace(fit, solution=solution, times=times, floor_ps=floor)
 
 
 def _members_of_legs(legs: tuple[ImageLeg, ...], n_pulses: int) -> Indices:

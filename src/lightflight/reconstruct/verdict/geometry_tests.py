@@ -31,7 +31,6 @@ from lightflight.reconstruct.verdict.candidates import (
 )
 from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.reconstruct.verdict.freed import STRAIGHT, fit_freed
-from lightflight.reconstruct.verdict.uneven import uneven_light
 
 Floats = NDArray[np.float64]
 
@@ -84,7 +83,7 @@ def evidence_from_geometry(
     fit: JointFit, sightings: list[Sighting], setting: Setting
 ) -> tuple[Evidence, ...]:
     """All that times and lines of a joint fit say of what was held fixed."""
-    times, solution = stated_fit(fit, sightings, setting)
+    times, solution = fit.times, stated_solution(fit, setting)
     examined = examined_fit(fit, solution, setting)
     rows = Rows(
         solution.state,
@@ -114,30 +113,21 @@ def evidence_from_geometry(
     return (*weighed, _scatter(fit, times, solution), *clock)
 
 
-def stated_fit(
-    fit: JointFit, sightings: list[Sighting], setting: Setting
-) -> tuple[TimeData, Solution]:
-    """The fit's pulses with all errors that are known of, and its solution with these alone.
+def stated_solution(fit: JointFit, setting: Setting) -> Solution:
+    """The fit's solution with all errors that are known of, and these alone.
 
     Not with the error floor, which takes up any misfit.
     """
-    uneven = uneven_light(fit, sightings, setting)
-    if fit.floor_ps == 0.0 and not uneven.columns_ps.shape[1]:
-        return fit.times, fit.solution
-    times = replace(
-        fit.times,
-        footprint_ps=fit.times.footprint_ps + uneven.late_ps,
-        modes_ps=np.hstack((fit.times.modes_ps, uneven.columns_ps)),
-    )
-    solution = fit_path(
+    if fit.floor_ps == 0.0:
+        return fit.solution
+    return fit_path(
         fit.solution.state,
-        times,
+        fit.times,
         fit.lines,
         fit.freedom,
         cameras=setting.cameras,
         medium=setting.medium,
     )
-    return times, solution
 
 
 def examined_fit(fit: JointFit, solution: Solution, setting: Setting) -> Examined:

@@ -11,18 +11,21 @@ errors are columns of errors that pulses share.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
-from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.geometry import Footprint, footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.lateral import LineFit
 from lightflight.reconstruct.model.picture import LegInPicture
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+
+if TYPE_CHECKING:
+    from lightflight.reconstruct.fit.joint import JointFit
 
 Floats = NDArray[np.float64]
 
