@@ -377,7 +377,8 @@ def test_a_calibrated_clock_is_trusted():
 def test_how_much_light_is_the_paths_is_said():
     verdict = verdict_of(0, "glint")
     said = next(f.sentence for f in verdict.findings if f.name == "unexplained_light")
-    assert "267 of 291 pulses" in said
+    # Ten pulses lie in the wings of the spot, where the path gives a thousandth of its light.
+    assert "257 of 291 pulses" in said
     assert "photons in pixel (3, 20)" in said
 
 

@@ -88,8 +88,8 @@ class TestClosedForms:
         lower = np.arange(0.0, 2000.0, width)[np.newaxis]
         score, information = np.zeros((1, 4)), np.zeros((1, 4, 4))
         photon_score(
-            np.zeros_like(lower), lower, lower + width, np.ones((1, 1)), 0.0,
-            np.empty((3, 0)),
+            np.zeros_like(lower), lower, lower + width, np.ones((1, 1)),
+            np.empty((0, 0)), 0.0, np.empty((3, 0)),
             np.full((1, 1), np.log(photons)), np.full((1, 1), 1000.3), np.full((1, 1), std),
             np.full(1, np.log(1e-12)), np.ones(1, dtype=bool), True, score, information,
         )  # fmt: skip

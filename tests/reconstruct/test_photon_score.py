@@ -10,7 +10,7 @@ from lightflight._kernels.photon_score import photon_score
 from lightflight.timing.clock.response import Response
 
 PERIOD, CODES = 50_000.0, 64
-ALL_OPEN, GAUSSIAN = np.ones((1, 1)), np.empty((3, 0))
+ALL_OPEN, GAUSSIAN, NO_OTHER = np.ones((1, 1)), np.empty((3, 0)), np.empty((0, 0))
 
 
 class TestOnePixel:
@@ -18,7 +18,7 @@ class TestOnePixel:
 
     @staticmethod
     def evaluated(counts, lower, upper, variables, *, period=PERIOD, outside=True, expected=False,
-                  open_share=ALL_OPEN, shape=GAUSSIAN):  # fmt: skip
+                  open_share=ALL_OPEN, shape=GAUSSIAN, other=NO_OTHER):  # fmt: skip
         n_legs = (len(variables) - 1) // 3
         log_photons, delay, log_std = (variables[k:-1:3][np.newaxis] for k in range(3))
         score, information = np.zeros((1, len(variables))), np.zeros((1, *(len(variables),) * 2))
@@ -28,6 +28,7 @@ class TestOnePixel:
             lower[np.newaxis],
             upper[np.newaxis],
             open_share,
+            other,
             period,
             shape,
             np.ascontiguousarray(log_photons),
@@ -186,7 +187,7 @@ class TestOnePixel:
         score, information = np.zeros((1, 7)), np.zeros((1, 7, 7))
         value = plain(
             counts[np.newaxis].astype(float), lower[np.newaxis], upper[np.newaxis], ALL_OPEN,
-            PERIOD, GAUSSIAN,
+            NO_OTHER, PERIOD, GAUSSIAN,
             variables[np.newaxis, 0:-1:3], variables[np.newaxis, 1:-1:3],
             np.exp(variables[np.newaxis, 2:-1:3]), variables[-1:], np.array([True]), False,
             score, information,

@@ -85,6 +85,7 @@ def photon_score(
     lower: Floats,
     upper: Floats,
     open_share: Floats,
+    other: Floats,
     period: float,
     shape: Floats,
     log_photons: Floats,
@@ -99,7 +100,8 @@ def photon_score(
     """Fill `score` (n, 3 L + 1) and Fisher `information` (n, 3 L + 1, 3 L + 1); log-likelihood.
 
     counts, lower, upper: (n, codes); open_share: (n, codes or 1), counts per photon that came (1
-    without pile-up); shape: of the pulse, see `shape_at`, (3, 0) for a Gaussian;
+    without pile-up); other: (n, codes), counts expected of light that is no leg's, or (0, 0);
+    shape: of the pulse, see `shape_at`, (3, 0) for a Gaussian;
     log_photons, delays, stds: (n, L), NaN delay: leg absent.
     Codes outside every window are one term with the background alone, left out where
     `use_outside` is False (something else flashes there). Values compare between parameters even
@@ -130,6 +132,10 @@ def photon_score(
             live = seen * width
             mean = rate * live
             inside = False
+            if other.shape[0] > 0:
+                # A code with other light of consequence is a term of its own.
+                inside = abs(other[p, k]) > 0.01 * mean and use_outside[p]
+                mean = max(mean + other[p, k], 0.5 * mean)
             for q in range(n_legs):
                 gradient[3 * q] = 0.0
                 gradient[3 * q + 1] = 0.0

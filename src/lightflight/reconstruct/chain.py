@@ -163,4 +163,5 @@ def path_from_sightings(
     # A start given by the user says the lap too: the path stays where it was put.
     path = path if start is not None else on_first_lap(path, sightings[0])
     path = replace(path, explained=explained(path, fit, sightings))
-    return examined(path, fit, sightings, setting, nominal_clock=timing is None, n_legs=n_legs)
+    seen = sightings if fit is None else list(fit.sightings)
+    return examined(path, fit, seen, setting, nominal_clock=timing is None, n_legs=n_legs)

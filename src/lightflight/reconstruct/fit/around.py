@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,8 @@ class Seen:
         When their light comes, ps on the clock; NaN: none.
     std_ps : array of float, shape (n, s)
         Standard deviation of its pulse, ps.
+    away_px : array of float, shape (n, s)
+        Distance from its line, px.
     """
 
     rows: Indices
@@ -63,6 +65,11 @@ class Seen:
     leg: Indices
     arrival_ps: Floats
     std_ps: Floats
+    away_px: Floats
+
+    def of(self, kept: Indices) -> Seen:
+        """Some of the pixels."""
+        return Seen(**{each.name: getattr(self, each.name)[kept] for each in fields(self)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +94,8 @@ class Group:
     of_class: Indices
 
 
-def alike(sightings: list[Sighting]) -> Iterator[tuple[Sighting, int]]:
-    """Recordings by one camera on one clock as one, and the number of the first of them."""
+def alike(sightings: list[Sighting]) -> Iterator[tuple[Sighting, list[int]]]:
+    """Recordings by one camera on one clock as one, and their numbers."""
     left = list(range(len(sightings)))
     while left:
         first = sightings[left[0]]
@@ -97,7 +104,7 @@ def alike(sightings: list[Sighting]) -> Iterator[tuple[Sighting, int]]:
             for k in left
             if sightings[k].view == first.view and sightings[k].timing is first.timing
         ]
-        yield merged([sightings[k] for k in own]), own[0]
+        yield merged([sightings[k] for k in own]), own
         left = [k for k in left if k not in own]
 
 
@@ -153,6 +160,7 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         np.where(lit, nearest, -1)[kept],
         np.where(lit, np.take_along_axis(arrival, nearest, axis=1), np.nan)[kept],
         np.where(lit, np.hypot(own, transit), np.nan)[kept],
+        np.take_along_axis(away, nearest, axis=1)[kept],
     )
 
 

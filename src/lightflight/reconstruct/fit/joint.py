@@ -36,6 +36,7 @@ from lightflight.reconstruct.fit.uneven import uneven_light
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.freedom import Freedom
 from lightflight.reconstruct.model.geometry import Indices, PathState
+from lightflight.reconstruct.model.light import Strengths
 from lightflight.reconstruct.model.picture import (
     LineDataInPicture,
     Picture,
@@ -86,6 +87,10 @@ class JointFit:
         Where the light begins and stops within the picture; pulses about these took no part.
     freedom : Freedom
         What the last fit could move, and the priors on it.
+    sightings : tuple of Sighting
+        The recordings whose pulses these are.
+    strengths : tuple of Strengths
+        Of diffuse light, by camera and clock; empty: the pulses are as they were found.
     """
 
     solution: Solution
@@ -98,6 +103,8 @@ class JointFit:
     floor_ps: float
     tips: Tips
     freedom: Freedom
+    sightings: tuple[Sighting, ...]
+    strengths: tuple[Strengths, ...] = ()
 
 
 def pulse_std_ps(sightings: list[Sighting]) -> float:
@@ -183,6 +190,7 @@ def fit_joint(
             floor_ps=floor,
             tips=tips,
             freedom=freedom,
+            sightings=tuple(sightings),
         )
         told = sum(tip is not None for tip in cut)
         cut = known_tips(cut, cut_tips(solution, times, floor, setting))
@@ -209,6 +217,59 @@ def _with_uneven_light(fit: JointFit, sightings: list[Sighting], setting: Settin
         fit.solution.state, times, fit.lines, fit.freedom, setting
     )
     return replace(fit, solution=solution, times=times, floor_ps=floor)
+
+
+def fitted_again(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
+    """The same pulses with other times, errors and modes: of these recordings, row by row.
+
+    Parameters
+    ----------
+    fit : JointFit
+        Of the recordings as they were.
+    sightings : list of Sighting
+        With rows of arrivals as before; those without a time take no part.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    JointFit
+        With the same lines, and feet weighted as before.
+
+    Raises
+    ------
+    NothingFoundError
+        Where too few pulses are left.
+    """
+    parts, kept = [], []
+    for number, sighting in enumerate(sightings):
+        here = np.flatnonzero(fit.sighting_of == number)
+        here = here[np.isfinite(sighting.arrival_ps[fit.times.index[here]])]
+        leg, feet = fit.times.leg[here], fit.times.footprint_ps[here]
+        parts.append(time_data(sighting, fit.times.index[here], leg, feet))
+        kept.append(here)
+    times = stacked(parts, mode_columns(sightings))
+    # Errors of uneven light stand behind those of the clock, and stay.
+    first = max((own.stop for own in mode_columns(list(fit.sightings)).values()), default=0)
+    uneven = fit.times.modes_ps[np.concatenate(kept), first:]
+    times = replace(times, modes_ps=np.hstack((times.modes_ps, uneven)))
+    _check_enough(times, fit.freedom.basis.shape[1])
+    solution, times, floor = _solve_robustly(
+        fit.solution.state, times, fit.lines, fit.freedom, setting
+    )
+    return replace(
+        fit,
+        solution=solution,
+        times=times,
+        sighting_of=np.repeat(np.arange(len(parts)), [len(part.leg) for part in parts]),
+        floor_ps=floor,
+        sightings=tuple(sightings),
+    )
+
+
+def moved_stds(before: JointFit, after: JointFit) -> float:
+    """Largest step from one path to another of the same freedom, in the second's errors."""
+    return float(np.max(_step_stds(before.solution.state, after.solution, after.freedom)))
 
 
 def _members_of_legs(legs: tuple[ImageLeg, ...], n_pulses: int) -> Indices:
@@ -257,6 +318,11 @@ def _pulses_of_legs(
 
 def _settled(before: PathState, solution: Solution, freedom: Freedom) -> bool:
     """True where a pass moved the path by a small part of its errors: the next would not."""
+    return bool(np.all(_step_stds(before, solution, freedom) < _STILL))
+
+
+def _step_stds(before: PathState, solution: Solution, freedom: Freedom) -> Floats:
+    """(p,), how far each freedom of the path moved, in its errors."""
     moved = np.append(
         (solution.state.vertices_mm - before.vertices_mm).ravel(),
         solution.state.start_time_ps - before.start_time_ps,
@@ -265,7 +331,8 @@ def _settled(before: PathState, solution: Solution, freedom: Freedom) -> bool:
     step = np.linalg.lstsq(freedom.basis, moved, rcond=None)[0]
     own = solution.covariance[: len(step), : len(step)]
     std = np.sqrt(np.maximum(np.diag(own), 1e-300))
-    return bool(np.all(np.abs(step) < _STILL * std))
+    stds: Floats = np.abs(step) / std
+    return stds
 
 
 def _as_found(

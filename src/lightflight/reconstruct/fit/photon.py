@@ -83,7 +83,12 @@ def merged(sightings: list[Sighting]) -> Sighting:
         counts=counts.astype(np.uint64),
         n_frames=sum(known) if len(known) == len(frames) else None,
     )
-    return replace(first, histograms=whole, blind=blind)
+    diffuse = first.diffuse
+    if diffuse is not None:
+        diffuse = diffuse.times(
+            float(counts.sum()) / max(float(first.histograms.photons.sum()), 1.0)
+        )
+    return replace(first, histograms=whole, blind=blind, diffuse=diffuse)
 
 
 def without_outliers(sighting: Sighting, rough: LightPath, std_ps: float, tips: Tips) -> Sighting:
@@ -242,6 +247,9 @@ def pixels_near_path(
     rows, cols, near, points = rows[keep], cols[keep], near[keep], points[keep]
     timing = sighting.timing
     pixel_var, modes_ps = clock_errors(timing, rows, cols, near, state, camera, setting.medium)
+    if sighting.diffuse is not None:
+        more = sighting.diffuse.modes_of_legs(rows, cols, camera.shape, near.shape[1])
+        modes_ps = np.concatenate((modes_ps, more), axis=2)
     return Pixels(
         rows=rows,
         cols=cols,
@@ -280,6 +288,13 @@ def codes_of_pixels(
     # A second flash would be fitted as background, and the background be wrong.
     strange = _pixels_with_strangers(sighting, state, setting, std_ps)
     response = sighting.timing.response
+    other = np.empty((0, 0))
+    if sighting.diffuse is not None:
+        skew = found.skew_ps[:, np.newaxis]
+        other = sighting.diffuse.counts(
+            pixels.rows, pixels.cols, (found.lower_ps - skew, found.upper_ps - skew),
+            float(sighting.histograms.laser_period_ps or 0.0), setting.camera.shape,
+        )  # fmt: skip
     return CodeCounts(
         counts=found.counts,
         lower_ps=found.lower_ps,
@@ -290,6 +305,7 @@ def codes_of_pixels(
             sighting.histograms, pixels.rows, pixels.cols, (found.lower_ps, found.upper_ps)
         ),
         shape=np.empty((3, 0)) if response is None else response.table(),
+        other=other,
     )
 
 

@@ -239,7 +239,9 @@ def _found_in(sightings: list[Sighting]) -> tuple[int, float]:
     """Number of usable pulses, and of their photons."""
     n, photons = 0, 0.0
     for sighting in sightings:
-        found = sighting.usable_pulses
+        # Those that hold too little of a leg's light to have its time were found, too.
+        arrivals = sighting.arrivals
+        found = np.flatnonzero(flags.is_usable(arrivals.flags) & np.isfinite(arrivals.arrival_ps))
         n += len(found)
         photons += float(np.nansum(sighting.arrivals.photons[found]))
     return n, photons

@@ -7,6 +7,7 @@ test: none depends on brightness along the legs, on the path's times or on the c
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -17,6 +18,9 @@ from scipy.special import ndtr
 from lightflight.reconstruct.model.cells import Cells
 
 Floats = NDArray[np.float64]
+
+Tails = Sequence[tuple[float, float]]
+"""Shares of a pulse that are late by exponential waits of a mean, ps."""
 
 _STEPS = 4
 """Steps of Fisher scoring; the last moves bright pixels by a small part of their errors."""
@@ -139,6 +143,12 @@ class Pixels:
         }
         return replace(self, cells=self.cells.of(kept), **arrays)
 
+    def taken_of(self, columns: Floats) -> Floats:
+        """By how much the pixels' unknowns take up columns (n, m, k); (n, q, k)."""
+        weighted = self.weight[:, :, np.newaxis] * columns
+        taken: Floats = self.inverse @ (np.swapaxes(self.slopes, 1, 2) @ weighted)
+        return taken
+
 
 def _background(cells: Cells, near: NDArray[np.bool_]) -> Floats:
     """(n,), counts per ps away from the pulses, held to all pixels' mean by one count."""
@@ -155,7 +165,7 @@ def _background(cells: Cells, near: NDArray[np.bool_]) -> Floats:
     return floor
 
 
-def dark_pixels(cells: Cells, *, dispersion: float = 1.0) -> Pixels:
+def dark_pixels(cells: Cells, *, dispersion: float = 1.0, other: Floats | float = 0.0) -> Pixels:
     """Pixels that no leg lights: their background is all that they expect.
 
     Parameters
@@ -164,6 +174,8 @@ def dark_pixels(cells: Cells, *, dispersion: float = 1.0) -> Pixels:
         Their counts.
     dispersion : float, optional
         Variance of counts over that of Poisson's.
+    other : array of float, shape (n, m), optional
+        Counts that are expected of light which is no leg's.
 
     Returns
     -------
@@ -172,10 +184,17 @@ def dark_pixels(cells: Cells, *, dispersion: float = 1.0) -> Pixels:
     """
     n = len(cells.counts)
     empty = np.empty((n, 0))
-    return lit_pixels(cells, Pulses(empty, empty), dispersion=dispersion)
+    return lit_pixels(cells, Pulses(empty, empty), dispersion=dispersion, other=other)
 
 
-def lit_pixels(cells: Cells, pulses: Pulses, *, dispersion: float = 1.0) -> Pixels:
+def lit_pixels(
+    cells: Cells,
+    pulses: Pulses,
+    *,
+    dispersion: float = 1.0,
+    tails: Tails = (),
+    other: Floats | float = 0.0,
+) -> Pixels:
     """Fit the unknowns of each pixel to its own counts.
 
     Parameters
@@ -186,6 +205,10 @@ def lit_pixels(cells: Cells, pulses: Pulses, *, dispersion: float = 1.0) -> Pixe
         Where light is expected.
     dispersion : float, optional
         Variance of counts over that of Poisson's.
+    tails : Tails, optional
+        Shares of every pulse that are late.
+    other : array of float, shape (n, m), optional
+        Counts that are expected of light which is no leg's.
 
     Returns
     -------
@@ -200,7 +223,8 @@ def lit_pixels(cells: Cells, pulses: Pulses, *, dispersion: float = 1.0) -> Pixe
     close = np.abs(middle[:, :, np.newaxis] - late[:, np.newaxis]) < 3.5 * std[:, np.newaxis]
     close &= ~absent[:, np.newaxis]
     start = _background(cells, np.asarray(close.any(axis=2)))
-    above = np.where(close, (cells.counts - start[:, np.newaxis] * width)[:, :, np.newaxis], 0.0)
+    beside = start[:, np.newaxis] * width + other
+    above = np.where(close, (cells.counts - beside)[:, :, np.newaxis], 0.0)
     # A Gaussian that flight widens is a wider one; another shape becomes one of its own.
     changes = bool(s and pulses.shape.table.size)
     unknown, prior = np.zeros((2, n, 2 * s + 2 + changes))
@@ -218,7 +242,7 @@ def lit_pixels(cells: Cells, pulses: Pulses, *, dispersion: float = 1.0) -> Pixe
     most = cells.counts.sum(axis=1)[:, np.newaxis] + 1.0
     steps = _STEPS if s else 2
     for step in range(steps):
-        mean, slopes = _expected(cells, width, late, std, unknown, pulses.shape)
+        mean, slopes = _expected(cells, width, late, std, unknown, pulses.shape, tails, other)
         variance = dispersion * mean + (cells.width_error * mean) ** 2
         weight = np.divide(1.0, variance, out=np.zeros_like(mean), where=cells.live & (mean > 0.0))
         pull = (center - unknown) * prior
@@ -248,32 +272,67 @@ def lit_pixels(cells: Cells, pulses: Pulses, *, dispersion: float = 1.0) -> Pixe
 
 
 def _expected(
-    cells: Cells, width: Floats, late: Floats, std: Floats, unknown: Floats, shape: Shape
+    cells: Cells,
+    width: Floats,
+    late: Floats,
+    std: Floats,
+    unknown: Floats,
+    shape: Shape,
+    tails: Tails,
+    other: Floats | float,
 ) -> tuple[Floats, Floats]:
     """Mean counts (n, m) and their derivatives by the unknowns (n, m, q)."""
     s = late.shape[1]
     slopes = np.zeros((*width.shape, unknown.shape[1]))
     changes = unknown.shape[1] > 2 * s + 2
-    mean = unknown[:, -1:] * width
+    # Other light may come out less than none, counts may not.
+    mean = np.maximum(unknown[:, -1:] * width + other, 0.5 * unknown[:, -1:] * width)
     for k in range(s):
         lit = np.flatnonzero(unknown[:, k] > 0.0)
         own = std[lit, k : k + 1] * np.exp(unknown[lit, -2:-1])
         z = (cells.edges_ps[lit] - late[lit, k : k + 1] - unknown[lit, s + k : s + k + 1]) / own
-        density = shape.density(z)
+        come, density, bend = _pulse(z, own, shape, tails)
         photons = unknown[lit, k : k + 1]
-        before = shape.before(z)
         if changes:
             wider = shape.widening(z)
-            before = before + unknown[lit, -3:-2] * wider
+            come = come + unknown[lit, -3:-2] * wider
             slopes[lit, :, -3] += photons * np.diff(wider, axis=1)
-        share = np.diff(before, axis=1) * cells.live[lit]
+        share = np.diff(come, axis=1) * cells.live[lit]
         mean[lit] += photons * share
         slopes[lit, :, k] = share
         slopes[lit, :, s + k] = -photons / own * np.diff(density, axis=1)
-        slopes[lit, :, -2] -= photons * np.diff(z * density, axis=1)
+        slopes[lit, :, -2] += photons * np.diff(bend, axis=1)
     slopes[:, :, -1] = width
     slopes *= (cells.live * cells.open_share)[:, :, np.newaxis]
     return mean * cells.open_share, slopes
+
+
+def _pulse(z: Floats, std: Floats, shape: Shape, tails: Tails) -> tuple[Floats, Floats, Floats]:
+    """Share F of a pulse before z, std dF/dt and dF/d ln std: what place and width follow.
+
+    Tails are those of a Gaussian; late by an exponential wait w it has F' = (Phi - F) / w, and
+    whatever a Gaussian is drawn out by, d/d ln std = std^2 F'' (it spreads as heat does).
+    """
+    density = shape.density(z)
+    if not tails:
+        return shape.before(z), density, -z * density
+    prompt = shape.before(z)
+    held = 1.0 - sum(share for share, _ in tails)
+    come, slope, bend = held * prompt, held * density, -held * z * density
+    for share, wait in tails:
+        ratio = std / wait
+        gone = _late_part(z, ratio)
+        come = come + share * (prompt - gone)
+        slope = slope + share * ratio * gone
+        bend = bend + share * ratio * (density - ratio * gone)
+    return come, slope, bend
+
+
+def _late_part(z: Floats, ratio: Floats) -> Floats:
+    """Share of a Gaussian that an exponential wait of std / ratio still keeps back at z."""
+    # Where the exponential is large the share below it is nothing: the product stays finite.
+    kept: Floats = np.exp(np.minimum(ratio * (0.5 * ratio - z), 500.0)) * ndtr(z - ratio)
+    return kept
 
 
 def _inverse(information: Floats, prior: Floats) -> Floats:
@@ -293,8 +352,5 @@ def cumulated(edges_ps: Floats, late_ps: Floats, std_ps: Floats, wait_ps: float)
     prompt: Floats = ndtr(z)
     if wait_ps <= 0.0:
         return prompt
-    ratio = (std_ps / wait_ps)[:, np.newaxis]
-    # Where the exponential is large the share below it is nothing: the product stays finite.
-    late = np.exp(np.minimum(ratio * (0.5 * ratio - z), 500.0)) * ndtr(z - ratio)
-    share: Floats = prompt - late
+    share: Floats = prompt - _late_part(z, (std_ps / wait_ps)[:, np.newaxis])
     return share

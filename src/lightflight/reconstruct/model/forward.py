@@ -2,14 +2,15 @@
 
 Expected counts of pixel p in code k are
 
-    lambda_pk = o_pk (sum_legs N_p [F(e_(k+1)) - F(e_k)] + b_p w_pk),
+    lambda_pk = o_pk (sum_legs N_p [F(e_(k+1)) - F(e_k)] + b_p w_pk) + d_pk,
 
 F the pulse (laser, response, transit over the footprint; a Gaussian, or the shape the flat was
 fitted with) about the footprint's mean arrival time plus the pixel's delay, e the true code edges
-modulo the period, o_pk the share of laser periods that no earlier photon had closed. N_p is the
-strength of the light along the leg under the spot. The integral along the leg is collapsed into
-its zeroth, first and second moment (photons, mean time, variance), which is exact for a Gaussian
-spot and a curve that bends little within it; corners cut the footprint.
+modulo the period, o_pk the share of laser periods that no earlier photon had closed, d_pk diffuse
+light as `fit.diffuse` measured it. N_p is the strength of the light along the leg under the spot.
+The integral along the leg is collapsed into its zeroth, first and second moment (photons, mean
+time, variance), which is exact for a Gaussian spot and a curve that bends little within it; corners
+cut the footprint.
 
 Takes a path and the brightness along it, gives what every pixel expects and how that follows a
 handful of parameters; `likelihood` holds it against the counts.
@@ -127,6 +128,8 @@ class CodeCounts:
         Counts in a code per photon that came (pile-up); None: all are counted.
     shape : array of float
         Shape of a pulse (`timing.response.Response.table`); (3, 0): a Gaussian.
+    other : array of float, shape (n, codes) or (0, 0)
+        Counts expected of light that is no leg's.
     """
 
     counts: Floats
@@ -136,6 +139,7 @@ class CodeCounts:
     use_outside: NDArray[np.bool_]
     open_share: Floats | None = None
     shape: Floats = field(default_factory=lambda: np.empty((3, 0)))
+    other: Floats = field(default_factory=lambda: np.empty((0, 0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,14 +6,14 @@ other pulses, pile-up) or by the light of all bright pixels about them (halo, gl
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from lightflight.reconstruct.model.cells import Cells
-from lightflight.reconstruct.model.counted import Pixels, cumulated
+from lightflight.reconstruct.model.counted import Pixels, Tails, cumulated
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -31,15 +31,50 @@ EARLIEST_PS, LATEST_PS = -3000.0, 6000.0
 _NEAREST_STDS = 1.5
 """Nearer to the own pulse than this another one only moves and widens it."""
 _STEPS_OF_TIME = 120
+_GRID_PS = (1500.0, 1500.0, 25.0)
+_GRID_LATE_PS = (1500.0, 20_000.0, 250.0)
+"""From, to and step of the times about a pulse between which diffuse light is a straight line."""
+
+
+N_LATE = len(LATE_PS)
+WIDE_PX = HALO_PX[1:]
+"""Nearer than 2 px to a leg's line a halo cannot be told from brightness."""
+LABELS = (
+    *(f"late by {wait:g} ps" for wait in LATE_PS),
+    *(f"about the path by {reach:g} px" for reach in WIDE_PX),
+    f"about the path by {WIDE_PX[-1]:g} px and late by {HALO_LATE_PS:g} ps",
+    "over the picture",
+    f"over the picture and late by {GLARE_LATE_PS:g} ps",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Strengths:
+    """Diffuse light, as shares of the path's
+
+    Attributes
+    ----------
+    value : array of float, shape (k,)
+        In the order of `LABELS`; may be negative by chance.
+    covariance : array of float, shape (k, k)
+    """
+
+    value: Floats
+    covariance: Floats
+
+    @property
+    def tails(self) -> Tails:
+        """Of each pulse: share that is late, and its mean wait, ps."""
+        return tuple(zip(self.value[:N_LATE].tolist(), LATE_PS, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class Beam:
-    """The bright pixels: where the light is that halo and glare spread.
+    """Where the light is that halo and glare spread, and when: bright pixels, or places of legs.
 
     Attributes
     ----------
-    points_px : array of int, shape (k, 2)
+    points_px : array of float, shape (k, 2)
         (row, column).
     leg : array of int, shape (k,)
         The leg that lights each.
@@ -50,20 +85,162 @@ class Beam:
         Standard deviation of a pulse, ps.
     """
 
-    points_px: Indices
+    points_px: Floats
     leg: Indices
     arrival_ps: Floats
     photons: Floats
     std_ps: float
 
+    def of(self, kept: NDArray[np.bool_]) -> Beam:
+        """Some of the places."""
+        return Beam(
+            self.points_px[kept],
+            self.leg[kept],
+            self.arrival_ps[kept],
+            self.photons[kept],
+            self.std_ps,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Diffuse:
+    """Diffuse light of one recording: how strong, and of which light; n pixels with s legs each.
+
+    Attributes
+    ----------
+    strengths : Strengths
+    beam : Beam
+        The light that is spread.
+    rows, cols : array of int, shape (n,)
+        Pixels that the path lights.
+    leg : array of int, shape (n, s)
+        Which legs; -1: none.
+    arrival_ps : array of float, shape (n, s)
+        When their light comes, ps on the clock.
+    photons, std_ps : array of float, shape (n, s)
+        Light of each, late light and all, and the width of its pulse, ps.
+    modes_ps : array of float, shape (n, s, k)
+        How those times follow what is left unknown of the strengths, one-sigma columns.
+    """
+
+    strengths: Strengths
+    beam: Beam
+    rows: Indices
+    cols: Indices
+    leg: Indices
+    arrival_ps: Floats
+    photons: Floats
+    std_ps: Floats
+    modes_ps: Floats
+
+    def times(self, factor: float) -> Diffuse:
+        """The same of a recording `factor` times as long."""
+        beam = replace(self.beam, photons=factor * self.beam.photons)
+        return replace(self, beam=beam, photons=factor * self.photons)
+
+    def at_pixels(self, rows: Indices, cols: Indices, shape: tuple[int, int]) -> Indices:
+        """(m,), which of the n pixels each of some others is; -1: none."""
+        place = np.full(shape, -1)
+        place[self.rows, self.cols] = np.arange(len(self.rows))
+        at: Indices = place[rows, cols]
+        return at
+
+    def modes_of_legs(
+        self, rows: Indices, cols: Indices, shape: tuple[int, int], n_legs: int
+    ) -> Floats:
+        """(m, L, k), modes of some pixels; zero where the path gives them no light."""
+        at = self.at_pixels(rows, cols, shape)
+        modes = np.zeros((len(rows), n_legs, self.modes_ps.shape[2]))
+        for k in range(self.leg.shape[1]):
+            own = np.flatnonzero((at >= 0) & (self.leg[at, k] >= 0))
+            modes[own, self.leg[at[own], k]] = self.modes_ps[at[own], k]
+        return modes
+
+    def counts(
+        self,
+        rows: Indices,
+        cols: Indices,
+        intervals_ps: tuple[Floats, Floats],
+        period_ps: float,
+        shape: tuple[int, int],
+    ) -> Floats:
+        """(m, codes), counts expected of it in codes from `intervals_ps`, on the clock of arrivals.
+
+        Light that is late is counted here, and what is prompt with the path: late light tells
+        hardly when it left.
+        """
+        at, value = self.at_pixels(rows, cols, shape), self.strengths.value
+        points = np.column_stack((rows, cols))
+        middle = 0.5 * float(np.min(self.beam.arrival_ps) + np.max(self.beam.arrival_ps))
+        reference = np.where(at >= 0, np.nan_to_num(self.arrival_ps[at, 0], nan=middle), middle)
+        lags = np.concatenate(
+            (np.arange(-_GRID_PS[0], _GRID_PS[1], _GRID_PS[2]), np.arange(*_GRID_LATE_PS))
+        )
+        edges = np.tile(lags, (len(rows), 1))
+        nothing = np.zeros((len(rows), len(lags) - 1))
+        cells = Cells(edges, nothing, nothing == 0.0, nothing, nothing + 1.0)
+        found = spread_light(cells, points, reference, self.beam, shape) @ value[N_LATE:]
+        for k in range(self.leg.shape[1]):
+            own = np.flatnonzero((at >= 0) & (self.photons[at, k] > 0.0))
+            late = self.arrival_ps[at[own], k] - reference[own]
+            std, photons = self.std_ps[at[own], k], self.photons[at[own], k, np.newaxis]
+            for share, wait in self.strengths.tails:
+                by_edge = cumulated(edges[own], late, std, wait)
+                found[own] += share * photons * np.diff(by_edge, axis=1)
+        before = np.concatenate((np.zeros((len(rows), 1)), np.cumsum(found, axis=1)), axis=1)
+        out = np.empty(intervals_ps[0].shape)
+        for i in range(len(rows)):
+            low, up = (each[i] - reference[i] for each in intervals_ps)
+            if period_ps > 0.0:
+                lap = period_ps * np.floor((low + _GRID_PS[0]) / period_ps)
+                low, up = low - lap, up - lap
+            out[i] = np.interp(up, lags, before[i]) - np.interp(low, lags, before[i])
+        return out
+
+
+def spread_light(
+    cells: Cells, points_px: Indices, reference_ps: Floats, beam: Beam, shape: tuple[int, int]
+) -> Floats:
+    """(n, m, 5): halo over `WIDE_PX` and late, glare at once and late, per share of the light.
+
+    Parameters
+    ----------
+    cells : Cells
+        Of n pixels.
+    points_px : array of int, shape (n, 2)
+        (row, column).
+    reference_ps : array of float, shape (n,)
+        Arrival time at which their lags are zero, ps on the clock.
+    beam : Beam
+        Light that is spread; what lies outside of the picture makes no glare in it.
+    shape : (int, int)
+        Of the picture.
+
+    Returns
+    -------
+    array of float, shape (n, m, 5)
+    """
+    row, col = beam.points_px.T
+    seen = (row > -0.5) & (row < shape[0] - 0.5) & (col > -0.5) & (col < shape[1] - 0.5)
+    if not seen.any():
+        return np.zeros((*cells.counts.shape, len(LABELS) - N_LATE))
+    wide = halo(cells, points_px, reference_ps, beam, shape)[:, :, 1:]
+    over = glare(cells, reference_ps, beam.of(seen), shape[0] * shape[1])
+    return np.concatenate((wide, over), axis=2)
+
 
 def late_light(pixels: Pixels) -> Floats:
-    """(n, m, 3): the light of a pixel's first leg late by each of `LATE_PS`, its own taken off."""
-    edges, late = pixels.cells.edges_ps, pixels.late_ps[:, 0]
-    std, photons = pixels.std_ps[:, 0], pixels.photons[:, :1]
-    prompt = cumulated(edges, late, std, 0.0)
-    parts = [np.diff(cumulated(edges, late, std, wait) - prompt, axis=1) for wait in LATE_PS]
-    return _in_cells(pixels.cells, photons[:, :, np.newaxis] * np.stack(parts, axis=2))
+    """(n, m, 3): the light of a pixel's legs late by each of `LATE_PS`, their own taken off."""
+    edges = pixels.cells.edges_ps
+    out = np.zeros((*pixels.cells.counts.shape, len(LATE_PS)))
+    for k in range(pixels.photons.shape[1]):
+        lit = np.flatnonzero(pixels.photons[:, k] > 0.0)
+        late, std = pixels.late_ps[lit, k], pixels.std_ps[lit, k]
+        prompt = cumulated(edges[lit], late, std, 0.0)
+        for j, wait in enumerate(LATE_PS):
+            by_edge = cumulated(edges[lit], late, std, wait) - prompt
+            out[lit, :, j] += pixels.photons[lit, k : k + 1] * np.diff(by_edge, axis=1)
+    return _in_cells(pixels.cells, out)
 
 
 def other_lags(lags_ps: Floats, std_ps: float) -> Floats:
@@ -119,12 +296,13 @@ def halo(
         own = beam.leg == leg
         center = float(np.median(beam.arrival_ps[own]))
         gap = beam.arrival_ps[own] - center
-        moments = np.zeros((3, *shape))
-        for power in range(3):
-            moments[(power, *beam.points_px[own].T)] = beam.photons[own] * gap**power
+        moments = beam.photons[own] * gap ** np.arange(3)[:, np.newaxis]
         for j, reach in enumerate(HALO_PX):
-            down, across = (_blur(size, reach) for size in shape)
-            light, first, second = (down @ moments @ across)[:, row, col]
+            down, across = (
+                _blur(size, beam.points_px[own, axis], reach) for axis, size in enumerate(shape)
+            )
+            light, first, second = ((down * one) @ across.T for one in moments)
+            light, first, second = light[row, col], first[row, col], second[row, col]
             # Where a leg's halo is a ten-thousandth of its brightest it is none.
             lit = np.flatnonzero(light > 1e-4 * float(light.max(initial=1e-300)))
             mean, square = first[lit] / light[lit], second[lit] / light[lit]
@@ -137,9 +315,9 @@ def halo(
     return _in_cells(cells, out)
 
 
-def _blur(size: int, reach_px: float) -> Floats:
-    """(size, size): share of the light of each row that a Gaussian spreads to each other."""
-    gap = np.subtract.outer(np.arange(size), np.arange(size)) / reach_px
+def _blur(size: int, places: Floats, reach_px: float) -> Floats:
+    """(size, k): share of the light at each place that a Gaussian spreads to each row."""
+    gap = np.subtract.outer(np.arange(size), places) / reach_px
     share: Floats = np.exp(-0.5 * gap**2) / (reach_px * np.sqrt(2.0 * np.pi))
     return share
 

@@ -105,6 +105,7 @@ def likelihood(
         codes.lower_ps,
         codes.upper_ps,
         np.ones((n, 1)) if codes.open_share is None else codes.open_share,
+        codes.other,
         codes.period_ps,
         codes.shape,
         local.log_photons + log_photons_shift,

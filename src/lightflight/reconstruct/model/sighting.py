@@ -15,6 +15,7 @@ from lightflight.timing.pulses.amplitudes import amplitudes_at_times
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
+    from lightflight.reconstruct.model.light import Diffuse
     from lightflight.recording.histograms import Histograms
     from lightflight.timing.clock.code_clock import CodeClock
     from lightflight.timing.pulses.arrivals import Arrivals
@@ -44,6 +45,8 @@ class Sighting:
         True where the pixel's counts are not to be used.
     view : int
         Which of the setting's cameras recorded it.
+    diffuse : Diffuse or None
+        Light that no leg sends straight to a pixel; None: it was not looked for.
     """
 
     histograms: Histograms
@@ -52,6 +55,7 @@ class Sighting:
     arrival_ps: Floats
     blind: NDArray[np.bool_]
     view: int = 0
+    diffuse: Diffuse | None = None
 
     @property
     def usable_pulses(self) -> Indices:

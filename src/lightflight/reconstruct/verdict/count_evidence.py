@@ -96,8 +96,8 @@ def evidence_from_counts(
     fine = lag_edges(std, FINE_STDS * std, FINE_GROWTH, _shortest(periods))
     lags = light.other_lags(fine, std)
     groups: list[tuple[Group, Columns]] = []
-    for whole, first in alike(sightings):
-        groups += _with_columns(whole, fit, first, std, fine, lags, nominal)
+    for whole, own in alike(sightings):
+        groups += _with_columns(whole, fit, own[0], std, fine, lags, nominal)
     if not groups:
         raise NothingFoundError("no two usable pixels lie on the path")
     sums = summed([(group.pixels, columns) for group, columns in groups])
@@ -153,7 +153,7 @@ def _with_columns(
         if own.any()
     ]
     beam = light.Beam(
-        points[bright],
+        points[bright].astype(float),
         seen.leg[near][bright, 0],
         reference[bright] + lit.late_ps[bright, 0],
         lit.photons[bright, 0],

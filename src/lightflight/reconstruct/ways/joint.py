@@ -18,6 +18,7 @@ from lightflight.errors import (
     NothingFoundError,
 )
 from lightflight.path.light_path import LightPath
+from lightflight.reconstruct.fit.diffuse import with_diffuse
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.fit.prices import prices_of_fit
 from lightflight.reconstruct.fit.result import path_from_fit
@@ -105,12 +106,13 @@ def fit_of_request(request: Request) -> JointFit:
     if request.start is not None:
         period_ps = sightings[0].histograms.laser_period_ps or 0.0
         state = _at_exact_source(_state_from_start(request.start, setting), setting, period_ps)
-        return fit_joint(sightings, state, setting, legs=None)
+        return with_diffuse(fit_joint(sightings, state, setting, legs=None), setting)
     if request.timing is None and setting.source.position_mm is None:
         refuse_if_clock_scatters(sightings[0], pulse_std_ps(sightings))
     fit, legs = (
         _fit_as_found(request, brightest=True) if n_legs is None else _fit_as_told(request, n_legs)
     )
+    fit = with_diffuse(fit, setting)
     if request.timing is None and fit.floor_ps > MUCH_SCATTER * pulse_std_ps(sightings):
         warn_of_scatter(fit.floor_ps, legs, sightings[0], setting.camera)
     return fit
@@ -206,7 +208,7 @@ def path_of_fit(fit: JointFit, request: Request) -> LightPath:
     """
     path = path_from_fit(
         fit,
-        request.sightings,
+        list(fit.sightings),
         request.setting,
         method="joint",
         statements=_statements_of_path(fit, request.timing),
@@ -222,7 +224,7 @@ def _by_all_counts(fit: JointFit, request: Request, path: LightPath) -> LightPat
     its light is not seen. Where the light begins or stops in the picture, the pulses there took no
     part. Counts that no single pulse claims speak for both.
     """
-    sightings, setting = request.sightings, request.setting
+    sightings, setting = list(fit.sightings), request.setting
     why = _why_all_counts(fit)
     if not why or setting.others or not all(o.histograms.poisson for o in sightings):
         return path

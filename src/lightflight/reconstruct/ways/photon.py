@@ -45,21 +45,19 @@ def path_by_photon(request: Request) -> tuple[LightPath, JointFit | None]:
     """
     # Where no pixel can be fitted alone there is no joint fit that could tell of the tips.
     tips: Tips = (None, None)
-    fit, shared = None, None
+    fit, shared, sightings = None, None, request.sightings
     try:
         fit = fit_of_request(request)
         path, tips = path_of_fit(fit, request), fit.tips
-        shared = fit.solution.shared
-        std_ps = pulse_std_ps(request.sightings)
+        shared, sightings = fit.solution.shared, list(fit.sightings)
+        std_ps = pulse_std_ps(sightings)
     except NothingFoundError:
         # Only the likelihood of all counts can go on from here; the joint fit rests on single
         # pulses.
         if request.start is not None:
             raise
         path, std_ps = _pooled_path(request)
-    path = photon_path(
-        request.sightings, request.setting, path, std_ps=std_ps, tips=tips, shared=shared
-    )
+    path = photon_path(sightings, request.setting, path, std_ps=std_ps, tips=tips, shared=shared)
     return path, fit
 
 

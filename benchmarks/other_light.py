@@ -1,0 +1,220 @@
+"""What light beside the path does to it, against the bound of the model that has a place for it.
+
+    python benchmarks/other_light.py                                  # all worlds, 10 seeds
+    python benchmarks/other_light.py --worlds none,haze_500ps:0.2 --legs 1 --runs 3
+    python benchmarks/other_light.py --json now.jsonl --before then.jsonl    # paired with another
+
+Worlds of the tests' own forward model, source and emission time told as exact, 40,000 photons in
+the brightest pixel, even light, number of legs not told; run k is world 288 + k. Each row: share
+of paths with the right number of legs, and of these
+
+error / bound   rms, whitened by the Cramer-Rao bound of the same world with the strength of its
+                other light free (`tests/oracles/worlds/fisher.py`); three legs: of the corners
+                between legs, one leg: of its direction
+pull            rms, whitened by the stated errors
+stated / bound  rms
+mm              median error
+
+`--before` holds rows of the same seeds by another version: errors over those. `--json`
+holds one line for each recording; a run that was cut short goes on from there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+import warnings
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import lightflight as lf
+from tests.oracles.worlds.border import record, what_the_user_tells
+from tests.oracles.worlds.defects import DEFECTS
+from tests.oracles.worlds.fisher import fisher
+from tests.oracles.worlds.random_worlds import random_world
+from tests.oracles.worlds.world import World
+
+WORLDS = (
+    "none:0", "haze_500ps:0.05", "haze_500ps:0.2", "haze_500ps:0.5", "haze_150ps:0.05",
+    "haze_150ps:0.2", "haze_150ps:0.5", "prompt_halo_8px:0.2", "veiling_glare:0.05",
+    "wall_60mm:0.1", "wall_15mm:0.1",
+)  # fmt: skip
+FREE = {"haze": "haze", "prompt": "halo", "veiling": "glare", "wall": "wall"}
+"""By the first word of a world's name: the parameter that the bound leaves free."""
+FIRST = 288
+
+Row = dict[str, Any]
+
+
+def world_of(name: str, n_legs: int, seed: int) -> World:
+    plain = random_world(seed, n_legs)
+    defect, _, strength = name.partition(":")
+    if defect == "none":
+        return plain
+    if defect == "wall_15mm":
+        # As `wall_60mm`, nearer: light that comes 100 ps later, a pulse's width.
+        nearer = DEFECTS["wall_60mm"].applied(plain, float(strength))
+        return nearer.but(wall_depth_mm=nearer.wall_depth_mm - 45.0)
+    return DEFECTS[defect].applied(plain, float(strength))
+
+
+def across(world: World) -> np.ndarray:
+    """(k, 2 or 3 n): what is compared, as rows over x, y, z of the vertices in question."""
+    if world.n_legs > 1:
+        return np.eye(3 * (world.n_legs - 1))
+    ahead = world.vertices[1] - world.vertices[0]
+    return np.linalg.svd(ahead[np.newaxis])[2][1:]
+
+
+def error_and_covariance(path: lf.LightPath, world: World) -> tuple[np.ndarray, np.ndarray]:
+    """Error (k,) in mm of what is compared, and its stated covariance (k, k)."""
+    frame = across(world)
+    if world.n_legs > 1:
+        inner = np.arange(4 * len(path.vertices_mm)).reshape(-1, 4)[1:-1, :3].ravel()
+        off = (path.vertices_mm - world.vertices)[1:-1].ravel()
+        return frame @ off, path.covariance[np.ix_(inner, inner)]
+    # The path ends where the view does: its direction is carried on to the world's vertex.
+    step, truth = np.diff(path.vertices_mm, axis=0)[0], np.diff(world.vertices, axis=0)[0]
+    longer = float(truth @ truth / (step @ truth))
+    last = frame @ path.covariance[4:7, 4:7] @ frame.T
+    return frame @ (longer * step - truth), longer**2 * last
+
+
+def bound_of(world: World, name: str) -> np.ndarray:
+    """(k, k), least covariance of what is compared."""
+    word = FREE.get(name.partition("_")[0])
+    known = fisher(world, also={word: math.inf} if word else None)
+    vertices = range(1, world.n_legs) if world.n_legs > 1 else range(1, 2)
+    own = [known.names.index(f"{axis}{k}") for k in vertices for axis in "xyz"]
+    frame = across(world)
+    return frame @ known.covariance[np.ix_(own, own)] @ frame.T
+
+
+def result_of(name: str, n_legs: int, method: str, seed: int) -> Row:
+    world = world_of(name, n_legs, seed)
+    hist, told = record(world, seed), what_the_user_tells(world)
+    start = time.process_time()
+    try:
+        path = lf.reconstruct(hist, method=method, **told)
+    except (ValueError, RuntimeError) as refused:
+        return {"says": f"{type(refused).__name__}: {refused}"}
+    spent = time.process_time() - start
+    row: Row = {"level": str(path.verdict.level), "cpu_s": spent, "legs_found": path.n_legs}
+    row["named"] = [str(finding.name) for finding in path.verdict.findings]
+    if path.n_legs == n_legs:
+        error, stated = error_and_covariance(path, world)
+        row["error"], row["stated"] = error.tolist(), stated.tolist()
+    return row
+
+
+def done_in(file: Path | None) -> list[Row]:
+    if file is None or not file.exists():
+        return []
+    return [json.loads(line) for line in file.read_text("utf-8").splitlines() if line]
+
+
+def key_of(row: Row) -> tuple[Any, ...]:
+    return tuple(row[name] for name in ("world", "n_legs", "method", "seed"))
+
+
+def run(cells: list[Row], file: Path | None) -> list[Row]:
+    done = {key_of(row): row for row in done_in(file)}
+    rows = []
+    for cell in cells:
+        row = done.get(key_of(cell))
+        if row is None:
+            name, n_legs, method, seed = key_of(cell)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                if method == "bound":
+                    found = {"bound": bound_of(world_of(name, n_legs, seed), name).tolist()}
+                else:
+                    found = result_of(name, n_legs, method, seed)
+            row = cell | found
+            if file is not None:
+                with file.open("a", encoding="utf-8") as out:
+                    out.write(json.dumps(row) + "\n")
+        rows.append(row)
+    return rows
+
+
+def rms(values: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if values else float("nan")
+
+
+def whitened(error: np.ndarray, covariance: np.ndarray) -> float:
+    return float(np.sqrt(error @ np.linalg.solve(covariance, error) / len(error)))
+
+
+def line_of(own: list[Row], bounds: dict[Any, np.ndarray], before: dict[Any, Row]) -> str:
+    right = [row for row in own if "error" in row]
+    found: dict[str, list[float]] = {"bound": [], "pull": [], "stated": [], "mm": []}
+    now, then = [], []
+    for row in right:
+        error, stated = np.array(row["error"]), np.array(row["stated"])
+        found["mm"].append(float(np.abs(error).max()))
+        found["pull"].append(whitened(error, stated))
+        least = bounds.get(key_of(row | {"method": "bound"}))
+        if least is not None:
+            found["bound"].append(whitened(error, least))
+            ratio = np.trace(np.linalg.solve(least, stated)) / len(error)
+            found["stated"].append(float(np.sqrt(ratio)))
+        other = before.get(key_of(row), {})
+        if "error" in other and least is not None:
+            now.append(whitened(error, least))
+            then.append(whitened(np.array(other["error"]), least))
+    middle = float(np.median(found["mm"])) if right else float("nan")
+    trusted = sum(row.get("level") == "trust" for row in own)
+    cpu = float(np.median([row.get("cpu_s", np.nan) for row in own]))
+    paired = f"{rms(now) / rms(then):8.3f}" if then else ""
+    return (
+        f"{len(right):3d}/{len(own):<3d} {rms(found['bound']):10.2f} {rms(found['pull']):7.2f} "
+        f"{rms(found['stated']):8.2f} {middle:9.3f} {trusted:6d} {cpu:6.2f} {paired}"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--worlds", default=",".join(WORLDS), help="name:strength, by comma")
+    parser.add_argument("--legs", default="1,3")
+    parser.add_argument("--methods", default="joint,photon")
+    parser.add_argument("--runs", type=int, default=10)
+    parser.add_argument("--first", type=int, default=FIRST, help="seed of the first world")
+    parser.add_argument("--json", type=Path, help="one line for each recording; goes on from there")
+    parser.add_argument("--bounds", type=Path, help="where bounds are kept, which last")
+    parser.add_argument("--before", type=Path, help="rows of another version, to pair with")
+    options = parser.parse_args()
+    seeds = range(options.first, options.first + options.runs)
+    kinds = list(product(options.worlds.split(","), [int(n) for n in options.legs.split(",")]))
+
+    def cells_of(methods: list[str]) -> list[Row]:
+        return [
+            {"world": name, "n_legs": n_legs, "method": method, "seed": seed}
+            for name, n_legs in kinds
+            for method in methods
+            for seed in seeds
+        ]
+
+    rows = run(cells_of(options.methods.split(",")), options.json)
+    least = run(cells_of(["bound"]), options.bounds or options.json)
+    bounds = {key_of(row): np.array(row["bound"]) for row in least}
+    before = {key_of(row): row for row in done_in(options.before)}
+    head = "right     error/bnd    pull stat/bnd  mm (med.)  trust  cpu s now/before"
+    print(f"{'world':22s} {'':14s} {head}")
+    for (name, n_legs), method in product(kinds, options.methods.split(",")):
+        own = [row for row in rows if key_of(row)[:3] == (name, n_legs, method)]
+        print(f"{name:22s} {n_legs} legs {method:7s} {line_of(own, bounds, before)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,409 @@
+"""Diffuse light: its strengths from the counts, and the times of pulses without it.
+
+Light that is late (haze, a tail of the response) draws a pulse out, a halo about the path and glare
+over the picture lie under it. The strengths of all of these are linear in the counts,
+
+    mean = sum_legs N [(1 - sum_i h_i) F + sum_i h_i F * E_i] + sum_j g_j G_j + b w,
+
+F the pulse, E_i exponential waits, G_j the light of all legs spread over the picture. Each pixel's
+own N, time, width and background are eliminated (A - C B^-1 C^T), so the strengths found tell
+nothing that the times of pulses tell: those times follow the strengths by B^-1 C, and what is left
+unknown of the strengths enters the path's fit as errors that all pulses share, with unit priors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight import flags
+from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.reconstruct.fit.around import (
+    FINE_GROWTH,
+    FINE_STDS,
+    Group,
+    Seen,
+    alike,
+    dark_group,
+    pixels_about_path,
+)
+from lightflight.reconstruct.fit.joint import (
+    JointFit,
+    fit_joint,
+    fitted_again,
+    moved_stds,
+    pulse_std_ps,
+)
+from lightflight.reconstruct.model import light
+from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
+from lightflight.reconstruct.model.counted import (
+    Pixels,
+    Pulses,
+    dark_pixels,
+    lit_pixels,
+)
+from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.strength import span_of_knots
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+PLAUSIBLE = 0.3
+"""Prior of each strength, share of the path's light: no lab has more, and no less is refused."""
+_MOST_PATHS = 3
+"""Most times that strengths are measured about a path that they have moved far."""
+_FAR_STDS = 1.0
+"""Pulses are told apart anew where the path moves by more than this many of its errors."""
+_MOST_ROUNDS = 12
+_STILL = 0.1
+"""A round that moves the strengths by less than this many of their errors was the last."""
+_LINEAR = 0.01
+"""Strengths below this move times in proportion: pixels are not fitted again (error: a square)."""
+_LONGEST = 0.3
+"""Most that one strength moves in a round: far from its value a step in proportion is too long."""
+_LEAST_LIT = 1e-3
+"""Of the brightest pixel's light: pixels that a leg is to give less hold none of its pulses."""
+_LEAST_SHARE = 0.5
+"""A pulse is a leg's where at least this share of the light about it is."""
+_CORE_STDS = 1.5
+"""Half width of what counts as about a pulse, in its standard deviations."""
+_GATE_STDS = 4.0
+"""A pulse this near to the expected time is the one that was measured, in standard deviations."""
+_FAR_PX = 25.0
+"""Light this far outside of the picture reaches it no more, px."""
+_PLACES = 400
+"""Places along a leg from which its light is spread."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """Times of the path's pulses with diffuse light at its place; n pixels, s legs each.
+
+    Attributes
+    ----------
+    expected_ps : array of float, shape (n, s)
+        When the light of the nearest legs should come, ps on the clock; NaN: no further leg.
+    late_ps : array of float, shape (n, s)
+        How much later it came.
+    variance_ps2 : array of float, shape (n, s)
+        Of that time.
+    share : array of float, shape (n, s)
+        Of the light about each pulse, that of its leg.
+    diffuse : Diffuse
+        What was found, with pixels, widths, and how the times follow it.
+    """
+
+    expected_ps: Floats
+    late_ps: Floats
+    variance_ps2: Floats
+    share: Floats
+    diffuse: light.Diffuse
+
+
+def with_diffuse(fit: JointFit, setting: Setting) -> JointFit:
+    """The fit with the strengths of diffuse light free; as it was where those cannot be told.
+
+    Pulses of a named or measured shape, nominal codes and scaled intensities are left as they are:
+    what a Gaussian with a tail is would not be known of them.
+
+    Parameters
+    ----------
+    fit : JointFit
+        Of pulses as they were found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    JointFit
+        Of the same pulses, but for those that are mostly other light.
+    """
+    plain = list(fit.sightings)
+    if not all(_gaussian(o) for o in plain):
+        return fit
+    try:
+        for _ in range(_MOST_PATHS):
+            clear, strengths = without_diffuse(plain, fit)
+            better = fitted_again(fit, clear, setting)
+            far = moved_stds(fit, better) > _FAR_STDS
+            if far:
+                better = fit_joint(clear, better.solution.state, setting, legs=None)
+            fit = replace(better, strengths=strengths)
+            if not far:
+                break
+    except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
+        return fit
+    return fit
+
+
+def _gaussian(sighting: Sighting) -> bool:
+    """Whether pulses are Gaussians, and the codes' widths are known."""
+    arrivals = sighting.arrivals
+    nominal = bool(np.all(arrivals.flags & np.uint32(flags.UNCALIBRATED)))
+    return sighting.histograms.poisson and sighting.timing.response is None and not nominal
+
+
+def without_diffuse(
+    sightings: list[Sighting], fit: JointFit
+) -> tuple[list[Sighting], tuple[light.Strengths, ...]]:
+    """The recordings with the times of the path's pulses as they are without diffuse light.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+    fit : JointFit
+        The path.
+
+    Returns
+    -------
+    sightings : list of Sighting
+        Pulses that are mostly other light have no time; all others, errors that they share.
+    strengths : tuple of Strengths
+        Of each camera and clock.
+
+    Raises
+    ------
+    NothingFoundError
+        Where too few pixels show a whole pulse, or no strengths explain them.
+    """
+    found, strengths = list(sightings), []
+    std = pulse_std_ps(found)
+    for whole, own in alike(found):
+        seen = pixels_about_path(whole, fit, own[0], std)
+        reach = fit.pictures[own[0]].spot_std_px * np.sqrt(-2.0 * np.log(_LEAST_LIT))
+        about = seen.leg[:, 0] >= 0
+        lit = np.flatnonzero(about & (seen.away_px[:, 0] < reach))
+        # The wings of a spot are neither dark nor known well enough to be told from a halo.
+        wing, far = np.flatnonzero(about & (seen.away_px[:, 0] >= reach)), np.flatnonzero(~about)
+        if not len(lit):
+            raise NothingFoundError("no usable pixel lies on the path")
+        beam = beam_of_path(fit, own[0], whole, std)
+        cells = _cells(whole, seen, lit, std)
+        dark = dark_group(whole, seen, lit, far, std, False)
+        pulses = Pulses(seen.arrival_ps[lit] - seen.arrival_ps[lit, :1], seen.std_ps[lit])
+        wide = _wide(cells, seen, lit, beam, whole)
+        found_here, pixels, step = _strengths(cells, pulses, wide, dark, beam, whole)
+        strengths.append(found_here)
+        for number in own:
+            part, step_here, cells_here = 1.0, step, cells
+            if len(own) > 1:
+                # Each repeat by itself, in the light that all of them show.
+                part = found[number].histograms.photons.sum() / whole.histograms.photons.sum()
+                cells_here = _cells(found[number], seen, lit, std)
+                other = part * (wide @ found_here.value[light.N_LATE :])
+                pixels = lit_pixels(cells_here, pulses, tails=found_here.tails, other=other)
+                step_here = np.zeros_like(step)
+            bright = replace(beam, photons=part * beam.photons)
+            one = _measured(
+                pixels, pulses, part * wide, found_here, bright, step_here, seen.of(lit)
+            )
+            clear = _without_wings(found[number], seen.of(wing))
+            found[number] = _corrected(clear, one)
+    return found, tuple(strengths)
+
+
+def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> light.Beam:
+    """Places along the legs, in the picture and about it, with the light that they give.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path.
+    number : int
+        The recording whose picture of the path is taken.
+    whole : Sighting
+        All recordings alike.
+    std_ps : float
+        Typical standard deviation of a pulse, ps.
+
+    Returns
+    -------
+    Beam
+        Outside of the picture a leg is as bright as where it leaves it.
+    """
+    camera, picture = fit.solution.cameras[whole.view], fit.pictures[number]
+    state, medium = fit.solution.state, fit.solution.medium
+    times, parts = state.vertex_times_ps(medium), []
+    for k, (leg, of) in enumerate(zip(picture.legs, picture.fits, strict=True)):
+        share = (np.arange(_PLACES) + 0.5) / _PLACES
+        points = state.vertices_mm[k] + share[:, np.newaxis] * np.diff(state.vertices_mm, axis=0)[k]
+        row, col = camera.pixels_from_points(points)
+        way = np.linalg.norm(points - camera.center_mm, axis=1)
+        arrival = times[k] + share * (times[k + 1] - times[k])
+        arrival = arrival + medium.return_group_index * way / SPEED_OF_LIGHT_MM_PER_PS
+        along = leg.along_across(undistorted_px(camera, row, col))[0]
+        # The picture knows the strength as far as it shows the leg.
+        strength = np.exp(of.spline(np.clip(along, *span_of_knots(of.spline.t))))
+        length = np.abs(np.gradient(along))
+        rows, cols = camera.shape
+        with np.errstate(invalid="ignore"):
+            near = (np.abs(row - 0.5 * rows) < 0.5 * rows + _FAR_PX) & (
+                np.abs(col - 0.5 * cols) < 0.5 * cols + _FAR_PX
+            )
+        near &= np.isfinite(arrival + strength + length)
+        light_of = np.sqrt(2.0 * np.pi) * picture.spot_std_px * strength * length
+        parts.append(
+            (row[near], col[near], np.full(int(near.sum()), k), arrival[near], light_of[near])
+        )
+    row, col, leg_of, arrival, photons = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return light.Beam(np.column_stack((row, col)), leg_of, arrival, photons, std_ps)
+
+
+def _cells(whole: Sighting, seen: Seen, lit: Indices, std_ps: float) -> Cells:
+    """Counts of the pixels `lit` about the time of their nearest leg."""
+    fine = lag_edges(std_ps, FINE_STDS * std_ps, FINE_GROWTH, whole.histograms.laser_period_ps)
+    rows, cols, reference = seen.rows[lit], seen.cols[lit], seen.arrival_ps[lit, 0]
+    return cells_about(whole, rows, cols, reference, fine, nominal=False)
+
+
+def _wide(cells: Cells, seen: Seen, at: Indices, beam: light.Beam, whole: Sighting) -> Floats:
+    """(n, m, k - 3): halo and glare in cells of the pixels `at`."""
+    points = np.column_stack((seen.rows[at], seen.cols[at]))
+    return light.spread_light(cells, points, seen.arrival_ps[at, 0], beam, whole.blind.shape)
+
+
+def _strengths(
+    cells: Cells,
+    pulses: Pulses,
+    wide: Floats,
+    dark: Group | None,
+    beam: light.Beam,
+    whole: Sighting,
+) -> tuple[light.Strengths, Pixels, Floats]:
+    """Strengths, the pixels as they were fitted last, and the step since then (k,)."""
+    size = light.N_LATE + wide.shape[2]
+    value, prior = np.zeros(size), np.full(size, PLAUSIBLE**-2.0)
+    beside = (
+        None
+        if dark is None
+        else light.spread_light(
+            dark.pixels.cells, dark.points_px, dark.reference_ps, beam, whole.blind.shape
+        )
+    )
+    for _ in range(_MOST_ROUNDS):
+        now = light.Strengths(value, np.zeros((size, size)))
+        pixels = lit_pixels(cells, pulses, tails=now.tails, other=wide @ value[light.N_LATE :])
+        columns = np.concatenate((light.late_light(pixels), wide), axis=2)
+        information, score = _known(pixels, columns)
+        if dark is not None and beside is not None:
+            empty = dark_pixels(dark.pixels.cells, other=beside @ value[light.N_LATE :])
+            more = _known(empty, beside)
+            information[light.N_LATE :, light.N_LATE :] += more[0]
+            score[light.N_LATE :] += more[1]
+        total = information + np.diag(prior)
+        step = np.linalg.solve(total, score - prior * value)
+        moved = float(step @ total @ step)
+        step = step / max(1.0, float(np.abs(step).max()) / _LONGEST)
+        value = value + step
+        if np.abs(value).max() < _LINEAR or moved < _STILL**2:
+            return light.Strengths(value, np.linalg.inv(total)), pixels, step
+        # Of pulses with tails the width of a Gaussian is not that of their core.
+        wider = np.nanmedian((pixels.std_ps / pulses.std_ps)[:, 0])
+        pulses = replace(pulses, std_ps=pulses.std_ps * wider)
+    raise NothingFoundError("the strengths of diffuse light do not settle")
+
+
+def _known(pixels: Pixels, columns: Floats) -> tuple[Floats, Floats]:
+    """Information (k, k) on sizes of columns (n, m, k), and score (k,), pixels' own eliminated."""
+    taken, size = pixels.taken_of(columns), columns.shape[2]
+    left = columns - pixels.slopes @ taken
+    residual = pixels.weight * (pixels.cells.counts - pixels.mean)
+    score = np.einsum("nm,nmk->k", residual, left) - np.einsum("nqk,nq->k", taken, pixels.pull)
+    flat = left.reshape(-1, size)
+    information = (flat * pixels.weight.reshape(-1, 1)).T @ columns.reshape(-1, size)
+    return 0.5 * (information + information.T), score
+
+
+def _measured(
+    pixels: Pixels,
+    pulses: Pulses,
+    wide: Floats,
+    strengths: light.Strengths,
+    beam: light.Beam,
+    step: Floats,
+    seen: Seen,
+) -> _Measured:
+    """Times of the path's pulses, `step` (k,) after the one at which the pixels were fitted."""
+    s = pulses.late_ps.shape[1]
+    own = slice(s, 2 * s)
+    columns = np.concatenate((light.late_light(pixels), wide), axis=2)
+    taken = pixels.taken_of(columns)[:, own]
+    shift = np.nan_to_num(pixels.late_ps - pulses.late_ps) - taken @ step
+    variance = np.diagonal(pixels.inverse[:, own, own], axis1=1, axis2=2)
+    # Times were held near the expected ones by the pulse's width: that is no measurement.
+    free = 1.0 / (1.0 - np.clip(variance / pulses.std_ps**2, 0.0, 0.999))
+    root = np.linalg.cholesky(strengths.covariance)
+    middle = 0.5 * (pixels.cells.edges_ps[:, 1:] + pixels.cells.edges_ps[:, :-1])
+    about = np.abs(middle[:, np.newaxis] - np.nan_to_num(pixels.late_ps)[:, :, np.newaxis])
+    core = about < _CORE_STDS * pixels.std_ps[:, :, np.newaxis]
+    other = np.sum(core * np.abs(wide @ strengths.value[light.N_LATE :])[:, np.newaxis], axis=2)
+    diffuse = light.Diffuse(
+        strengths,
+        beam,
+        seen.rows,
+        seen.cols,
+        seen.leg,
+        seen.arrival_ps + shift,
+        pixels.photons,
+        pixels.std_ps,
+        (free[:, :, np.newaxis] * taken) @ root,
+    )
+    share = pixels.photons / np.maximum(pixels.photons + np.nan_to_num(other), 1e-9)
+    return _Measured(seen.arrival_ps, shift * free, variance * free, share, diffuse)
+
+
+def _without_wings(sighting: Sighting, seen: Seen) -> Sighting:
+    """The recording without the path's pulses in pixels that it hardly lights."""
+    place = np.full(sighting.blind.shape, -1)
+    place[seen.rows, seen.cols] = np.arange(len(seen.rows))
+    rows = sighting.usable_pulses
+    pixel = place[sighting.arrivals.row[rows], sighting.arrivals.col[rows]]
+    rows, pixel = rows[pixel >= 0], pixel[pixel >= 0]
+    gap = np.abs(sighting.arrival_ps[rows, np.newaxis] - seen.arrival_ps[pixel])
+    mine = (gap < _GATE_STDS * seen.std_ps[pixel]).any(axis=1)
+    time = sighting.arrival_ps.copy()
+    time[rows[mine]] = np.nan
+    return replace(sighting, arrival_ps=time)
+
+
+def _corrected(sighting: Sighting, found: _Measured) -> Sighting:
+    """The recording with the times of the path's pulses as measured."""
+    arrivals, diffuse = sighting.arrivals, found.diffuse
+    rows = sighting.usable_pulses
+    pixel = diffuse.at_pixels(
+        arrivals.row[rows].astype(np.int64),
+        arrivals.col[rows].astype(np.int64),
+        sighting.blind.shape,
+    )
+    rows, pixel = rows[pixel >= 0], pixel[pixel >= 0]
+    gap = np.abs(sighting.arrival_ps[rows, np.newaxis] - found.expected_ps[pixel])
+    gap = np.where(gap < _GATE_STDS * diffuse.std_ps[pixel], gap, np.inf)
+    slot = np.argmin(gap, axis=1)
+    least = gap[np.arange(len(rows)), slot]
+    # The nearest pulse of a pixel is the leg's; where two are, the other stays what it is.
+    order = np.lexsort((least, slot, pixel))
+    order = order[np.isfinite(least[order])]
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = (np.diff(pixel[order]) != 0) | (np.diff(slot[order]) != 0)
+    chosen = order[first]
+    rows, at = rows[chosen], (pixel[chosen], slot[chosen])
+    time, std = sighting.arrival_ps.copy(), arrivals.photon_std_ps.copy()
+    clear = found.share[at] > _LEAST_SHARE
+    time[rows] = np.where(clear, found.expected_ps[at] + found.late_ps[at], np.nan)
+    std[rows] = np.sqrt(found.variance_ps2[at])
+    modes = np.zeros((len(time), diffuse.modes_ps.shape[2]))
+    modes[rows] = diffuse.modes_ps[at]
+    told = replace(
+        arrivals,
+        arrival_ps=np.where(np.isnan(time), arrivals.arrival_ps, time),
+        photon_std_ps=std,
+        shared_modes_ps=np.column_stack((arrivals.shared_modes_ps, modes)),
+        shared_names=(*arrivals.shared_names, *light.LABELS),
+    )
+    return replace(sighting, arrivals=told, arrival_ps=time, diffuse=diffuse)
