@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 MUCH_SCATTER = 0.2
 """A fifth of a pulse is more than counting and a good clock leave."""
+_NO_DEPTH_PS = 10.0
+"""At 7 mm of depth for each ps: a tenth of a metre, and more than delays and gains of a sharp clock
+(a streak camera's pixels scatter by 2 ps, those of an array without a flat by 100 and more)."""
 _CLOCKS_SHARE = 0.3
 """Pixels of an uncalibrated clock scatter each by itself: by most of what the times miss by."""
 
@@ -217,11 +220,13 @@ def refuse_if_clock_scatters(sighting: Sighting, std_ps: float) -> None:
     Raises
     ------
     CalibrationError
-        Where neighbouring pixels disagree by more than `MUCH_SCATTER` of a pulse, and their errors.
+        Where neighbouring pixels disagree by more than `MUCH_SCATTER` of a pulse, their errors and
+        `_NO_DEPTH_PS`.
     """
     neighbours = scatter_of_neighbours(sighting.arrivals, sighting.timing)
     # Five errors: where light is starved, counting scatters as much.
-    if neighbours is not None and neighbours[0] > max(MUCH_SCATTER * std_ps, 5.0 * neighbours[2]):
+    most = 0.0 if neighbours is None else max(MUCH_SCATTER * std_ps, 5.0 * neighbours[2])
+    if neighbours is not None and neighbours[0] > max(most, _NO_DEPTH_PS):
         raise CalibrationError(
             "neither the source nor the clock is known, and the times of neighbouring pixels "
             f"scatter by {neighbours[0]:.0f} ps: no depth can be told; calibrate the clock "
