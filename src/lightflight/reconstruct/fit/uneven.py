@@ -65,6 +65,9 @@ def uneven_light(fit: JointFit, sightings: list[Sighting], setting: Setting) -> 
     n = len(fit.times.leg)
     late, columns = np.zeros(n), [np.zeros((n, 0))]
     for number, sighting in enumerate(sightings):
+        if not sighting.histograms.poisson:
+            # Noise of scaled intensities is not that of photons: what is left may be all noise.
+            continue
         picture, camera = fit.pictures[number], fit.solution.cameras[sighting.view]
         for leg in range(fit.solution.state.n_legs):
             here = np.flatnonzero((fit.sighting_of == number) & (fit.times.leg == leg))
