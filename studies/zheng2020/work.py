@@ -25,6 +25,9 @@ from lightflight.path.light_path import LightPath
 Progress = Callable[[str, int, int], None]
 """Called with (name of the unit that is done, units done, units in all)."""
 
+_CHECKOUT = Path(__file__).resolve().parents[2]
+"""Where `studies` is imported from: it is not installed."""
+
 _PATHS = "paths"
 """Key of a result that holds LightPaths by name; they are kept as files of their own."""
 
@@ -90,7 +93,7 @@ def _done(units: list[Unit], place: Path, seed: int, workers: int) -> Iterator[U
             yield unit
         return
     # The pool starts a process that watches over it; workers are started while units are handed in.
-    with safe_children():
+    with safe_children(_CHECKOUT):
         # spawn: a fork of a process that has used Numba's threads may hang
         pool = ProcessPoolExecutor(
             min(workers, len(units)), mp_context=get_context("spawn"), initializer=_one_thread

@@ -166,7 +166,7 @@ def test_pools_of_processes_are_started_with_the_safe_path():
     starters = ("get_context", "ProcessPool", "forkserver", "LocalCluster(")
     for folder in (SOURCE, STUDIES):
         for name in _files_with(folder, starters):
-            assert "with safe_children()" in (folder / name).read_text("utf-8"), name
+            assert "with safe_children(" in (folder / name).read_text("utf-8"), name
 
 
 def _files_with(folder: Path, words: tuple[str, ...]) -> set[str]:

@@ -146,8 +146,9 @@ def test_the_same_recording_gives_the_same_path(method, tmp_path):
     old = lf.LightPath.load(FOLDER / f"path_{method}.h5")
     # `paper` states the errors of its angles alone: all three are held to those of `joint`.
     std = lf.LightPath.load(FOLDER / "path_joint.h5").vertex_std
-    # `joint` follows the stated pose by exact derivatives since, to a cost lower by 8e-4.
-    refit = 20 * REFIT if method == "joint" else REFIT
+    # `joint` and `photon` leave room for diffuse light since: strengths that are zero within their
+    # errors move a path within its own. `paper` does not.
+    refit = REFIT if method == "paper" else 100 * REFIT
     assert (np.abs(new.vertices_mm - old.vertices_mm) < refit * std[:, :3]).all()
     assert (np.abs(new.vertex_times_ps - old.vertex_times_ps) < refit * std[:, 3]).all()
     # What `paper` stated before it stated shared errors too.

@@ -21,7 +21,9 @@ _HOME = Path(__file__).parents[2]
 """The folder that this package was imported from: that one is always needed."""
 
 
-def safe_path(path: Sequence[str], *, with_script: bool) -> list[str]:
+def safe_path(
+    path: Sequence[str], *, with_script: bool, needed: Sequence[Path] = ()
+) -> list[str]:
     """Folders to import from, without those that only the place of the call has added.
 
     Parameters
@@ -30,6 +32,8 @@ def safe_path(path: Sequence[str], *, with_script: bool) -> list[str]:
         `sys.path`.
     with_script : bool
         Keep the folder of the script that runs; a child that imports the script needs it.
+    needed : sequence of Path, optional
+        Folders of code that the caller itself was imported from: kept wherever they lie.
 
     Returns
     -------
@@ -39,7 +43,7 @@ def safe_path(path: Sequence[str], *, with_script: bool) -> list[str]:
     told = [Path(one) for one in os.environ.get("PYTHONPATH", "").split(os.pathsep) if one]
     script = _folder_of_script()
     unsafe = [Path.cwd()] if script is None else [Path.cwd(), script]
-    kept = [_HOME, *told, *([script] if with_script and script is not None else [])]
+    kept = [_HOME, *needed, *told, *([script] if with_script and script is not None else [])]
 
     def is_safe(entry: str) -> bool:
         # "" and "." mean wherever a child happens to be.
@@ -64,10 +68,18 @@ def _is_among(entry: str, folders: Sequence[Path]) -> bool:
 
 
 @contextlib.contextmanager
-def safe_children() -> Iterator[None]:
-    """Let `multiprocessing` start safe children meanwhile: they take over path and environment."""
+def safe_children(*needed: Path) -> Iterator[None]:
+    """Let `multiprocessing` start safe children meanwhile: they take over path and environment.
+
+    Parameters
+    ----------
+    *needed : Path
+        See `safe_path`.
+    """
     path = list(sys.path)
-    sys.path[:] = safe_path(path, with_script=True)
+    # "" stands for the current folder, which a child would not find by it.
+    absolute = [entry or os.getcwd() for entry in path]
+    sys.path[:] = safe_path(absolute, with_script=True, needed=needed)
     # An empty entry of PYTHONPATH (":/opt/lab") means the current folder to Python.
     told = os.pathsep.join(filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep)))
     try:
