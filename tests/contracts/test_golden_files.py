@@ -154,7 +154,9 @@ def test_the_same_recording_gives_the_same_path(method, tmp_path):
     # What `paper` stated before it stated shared errors too.
     stated = new.covariance_parts["photon"] if method == "paper" else new.covariance
     old_std = old.vertex_std.ravel()
-    np.testing.assert_allclose(np.sqrt(np.diag(stated)), old_std, rtol=REFIT, atol=1e-9)
+    # Room for diffuse light costs up to 2 % of the stated errors.
+    rtol = REFIT if method == "paper" else 20 * REFIT
+    np.testing.assert_allclose(np.sqrt(np.diag(stated)), old_std, rtol=rtol, atol=1e-9)
     for name in ("row", "col", "leg", "used", "flags"):
         np.testing.assert_array_equal(new.residuals[name], old.residuals[name], name)
     for name in ("method", "prior", "source", "medium"):

@@ -21,9 +21,7 @@ _HOME = Path(__file__).parents[2]
 """The folder that this package was imported from: that one is always needed."""
 
 
-def safe_path(
-    path: Sequence[str], *, with_script: bool, needed: Sequence[Path] = ()
-) -> list[str]:
+def safe_path(path: Sequence[str], *, with_script: bool, needed: Sequence[Path] = ()) -> list[str]:
     """Folders to import from, without those that only the place of the call has added.
 
     Parameters

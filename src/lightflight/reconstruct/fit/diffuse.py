@@ -124,7 +124,9 @@ def with_diffuse(fit: JointFit, setting: Setting) -> JointFit:
         Of the same pulses, but for those that are mostly other light.
     """
     plain = list(fit.sightings)
-    if not all(_gaussian(o) for o in plain):
+    of_legs = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=fit.solution.state.n_legs)
+    # About a leg that no pulse speaks for, the light of a path told wrong would be called diffuse.
+    if not (of_legs.all() and all(_gaussian(o) for o in plain)):
         return fit
     try:
         for _ in range(_MOST_PATHS):
