@@ -76,7 +76,7 @@ def safe_children(*needed: Path) -> Iterator[None]:
     """
     path = list(sys.path)
     # "" stands for the current folder, which a child would not find by it.
-    absolute = [entry or os.getcwd() for entry in path]
+    absolute = [entry or str(Path.cwd()) for entry in path]
     sys.path[:] = safe_path(absolute, with_script=True, needed=needed)
     # An empty entry of PYTHONPATH (":/opt/lab") means the current folder to Python.
     told = os.pathsep.join(filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep)))
