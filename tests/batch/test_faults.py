@@ -263,7 +263,7 @@ import sys
 if __name__ == "__main__":
     from distributed import LocalCluster
     with LocalCluster(
-        n_workers=1, threads_per_worker=2, dashboard_address=None, host="127.0.0.1",
+        n_workers=1, threads_per_worker=2, dashboard_address="127.0.0.1:0", host="127.0.0.1",
         silence_logs=60,
     ) as cluster:
         print(cluster.scheduler_address, flush=True)

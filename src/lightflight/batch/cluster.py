@@ -188,7 +188,7 @@ def _dask_options(log_level: int, start_method: str) -> dict[str, Any]:
         "distributed.admin.system-monitor.interval": "5s",
         "distributed.admin.system-monitor.gil.enabled": False,
         "distributed.scheduler.allowed-failures": _MOST_DEATHS,
-        # The port of the dashboard is opened all the same: without routes it answers nobody.
+        # Their ports are opened all the same: without routes they answer nobody.
         "distributed.scheduler.http.routes": [],
         "distributed.worker.http.routes": [],
         "distributed.worker.daemon": True,
@@ -215,6 +215,9 @@ def _local_cluster(n_workers: int, scratch: Path, security: Any, *, log_level: i
             protocol="tls://",
             security=security,
             dashboard_address=None,
+            # Without a dashboard a port is opened all the same: any, not the one that a colleague's
+            # cluster on this machine holds.
+            scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
             local_directory=str(scratch),
             silence_logs=log_level if log_level > logging.CRITICAL else False,
         )
