@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from lightflight import flags
 from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.around import (
     FINE_GROWTH,
     FINE_STDS,
@@ -47,14 +48,13 @@ from lightflight.reconstruct.model.counted import (
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.model.strength import span_of_knots
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-PLAUSIBLE = 0.3
-"""Prior of each strength, share of the path's light: no lab has more, and no less is refused."""
 _MOST_PATHS = 3
 """Most times that strengths are measured about a path that they have moved far."""
 _FAR_STDS = 1.0
@@ -280,7 +280,8 @@ def _strengths(
 ) -> tuple[light.Strengths, Pixels, Floats]:
     """Strengths, the pixels as they were fitted last, and the step since then (k,)."""
     size = light.N_LATE + wide.shape[2]
-    value, prior = np.zeros(size), np.full(size, PLAUSIBLE**-2.0)
+    # What would surprise nobody is the same for all kinds of diffuse light.
+    value, prior = np.zeros(size), np.full(size, PLAUSIBLE[FindingName.HAZE].size ** -2.0)
     beside = (
         None
         if dark is None
