@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from lightflight.reconstruct.model.cells import Cells
+from lightflight.timing.pulses.batch import share_and_density
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +34,6 @@ _CLIPS = 4
 _LEAST_PHOTONS = 1e-3
 _HELD = 1e12
 """Precision of what a pixel does not have: it stays."""
-_SQRT_2PI = float(np.sqrt(2.0 * np.pi))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,18 +49,9 @@ class Shape:
 
     table: Floats
 
-    def before(self, z: Floats) -> Floats:
-        """Share of the pulse that came before places in standard deviations."""
-        share: Floats = np.interp(z, *self.table[:2]) if self.table.size else ndtr(z)
-        return share
-
-    def density(self, z: Floats) -> Floats:
-        """Density there, per standard deviation."""
-        density: Floats = np.exp(-0.5 * z**2) / _SQRT_2PI
-        if self.table.size:
-            place, _, table = self.table
-            density = np.interp(z, place, table, left=0.0, right=0.0)
-        return density
+    def at(self, z: Floats) -> tuple[Floats, Floats]:
+        """Share of the pulse that came before places in standard deviations, and density there."""
+        return share_and_density(z, self.table)
 
     def widening(self, z: Floats) -> Floats:
         """What flight adds to `before`, per half its variance in the pulse's own."""
@@ -313,10 +304,9 @@ def _pulse(z: Floats, std: Floats, shape: Shape, tails: Tails) -> tuple[Floats, 
     Tails are those of a Gaussian; late by an exponential wait w it has F' = (Phi - F) / w, and
     whatever a Gaussian is drawn out by, d/d ln std = std^2 F'' (it spreads as heat does).
     """
-    density = shape.density(z)
+    prompt, density = shape.at(z)
     if not tails:
-        return shape.before(z), density, -z * density
-    prompt = shape.before(z)
+        return prompt, density, -z * density
     held = 1.0 - sum(share for share, _ in tails)
     come, slope, bend = held * prompt, held * density, -held * z * density
     for share, wait in tails:
