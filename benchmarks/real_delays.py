@@ -2,9 +2,10 @@
 
     LIGHTFLIGHT_DATA=... python benchmarks/real_delays.py
 
-Fluorescence on 128 x 192 pixels (`flimera-pixel-skew`): one pulse everywhere, if all pixels saw the same decay. Each
-line is one way to take a pixel's delay, its slope against ours (per bin of ours), and how far pixels scatter about
-it. Then what the cross-correlation's slope is made of, and the mean decays of early and of late pixels.
+Fluorescence on 128 x 192 pixels (`flimera-pixel-skew`): one pulse everywhere, if all pixels saw
+the same decay. Each line is one way to take a pixel's delay and its slope against ours (per bin of
+ours). Then what the cross-correlation's slope is made of, and the mean decays of early and of late
+pixels.
 """
 
 from __future__ import annotations
@@ -80,7 +81,8 @@ def main() -> None:
         at = np.floor(ours[chosen]).astype(int)[:, np.newaxis] + after
         mean = np.take_along_axis(counts[chosen], np.minimum(at, counts.shape[1] - 1), 1).sum(0)
         reached = after[shares(mean, (0.1, 0.5, 0.9))]
-        print(f"  {name:7s} {len(chosen):5d} pixels of {photons[chosen].mean():5.0f} photons:", *reached)
+        light = f"{len(chosen):5d} pixels of {photons[chosen].mean():5.0f} photons"
+        print(f"  {name:7s} {light}:", *reached)
 
 
 if __name__ == "__main__":
