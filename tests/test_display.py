@@ -16,7 +16,7 @@ import pytest
 
 import lightflight as lf
 from lightflight import flags as fl
-from lightflight.display import html_from_record, number, png_from_image, with_error
+from lightflight.display import number, png_from_image, with_error
 from lightflight.timing.pulses.arrivals import arrivals_from_pulses
 from tests.view import fakes
 
@@ -89,11 +89,6 @@ def test_flags_are_counted():
     words = np.zeros((4, 5), np.uint32)
     words[1, 2:4] = fl.SCREAMING
     assert f"2 {fl.names_from_flags(fl.SCREAMING)[0]}" in replace(timing, flags=words)._repr_html_()
-
-
-def test_only_records_have_cards():
-    with pytest.raises(TypeError, match="no card for dict: choose one of Arrivals"):
-        html_from_record({})
 
 
 def decoded(png):

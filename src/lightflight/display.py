@@ -1,8 +1,8 @@
 """Records as small HTML for notebooks, and numbers as words for every picture.
 
-Takes any record by its fields (nothing of the package is imported but `flags`), gives text:
-`number`, `with_error`, and `html_from_record`, which records call in `_repr_html_`. A card has a
-title, a few facts and one small picture, made here as PNG or SVG: no plotting package is loaded.
+Gives text: `number`, `with_error`, and `html_from_card`, by which each record says in its own
+`_repr_html_` what it shows: a title, a few facts and one small picture, made here as PNG or SVG (no
+plotting package is loaded). Nothing of the package is imported but `flags`.
 """
 
 from __future__ import annotations
@@ -11,25 +11,12 @@ import base64
 import html
 import struct
 import zlib
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags as fl
-
-if TYPE_CHECKING:
-    from lightflight import (
-        Arrivals,
-        Bounds,
-        Camera,
-        Histograms,
-        LightPath,
-        Pulses,
-        Recording,
-        TimingCalibration,
-    )
 
 Facts = list[tuple[str, str]]
 
@@ -113,23 +100,25 @@ def count(n: int, thing: str) -> str:
     return f"{words.get(n, str(n))} {thing}{'' if n == 1 else 's'}"
 
 
-def html_from_record(record: Any) -> str:
+def html_from_card(title: str, facts: Facts, picture: str = "", caption: str = "") -> str:
     """A record as a card of HTML: title, facts, a small picture; a few kB, no scripts.
 
     Parameters
     ----------
-    record : object
-        One that has a card.
+    title : str
+        The kind of record.
+    facts : list of (str, str)
+        Terms and what is said of each; both are text, not HTML.
+    picture : str, optional
+        HTML or SVG, made here.
+    caption : str, optional
+        What the picture shows.
 
-    Raises
-    ------
-    TypeError
-        For anything but the package's records.
+    Examples
+    --------
+    >>> html_from_card("Camera", [("lens", "f < 4")]).count("f &lt; 4")
+    1
     """
-    name = type(record).__name__
-    if name not in _CARDS:
-        raise TypeError(f"there is no card for {name}: choose one of {', '.join(_CARDS)}")
-    facts, picture, caption = _CARDS[name](record)
     rows = "".join(
         f'<tr><th style="{_TERM}">{html.escape(term)}</th>'
         f'<td style="text-align:left">{html.escape(text)}</td></tr>'
@@ -143,8 +132,67 @@ def html_from_record(record: Any) -> str:
         )
     return (
         '<div style="display:flex;flex-wrap:wrap;gap:8px 28px;align-items:flex-start">'
-        f'<div style="max-width:36em"><b>{name}</b><table>{rows}</table></div>{figure}</div>'
+        f'<div style="max-width:36em"><b>{title}</b><table>{rows}</table></div>{figure}</div>'
     )
+
+
+# --- facts that several records have ------------------------------------------------------------
+
+
+class ReadAsTimes(Protocol):
+    """What has codes that are read as times: recordings, histograms, calibrations."""
+
+    @property
+    def n_codes(self) -> int:
+        """Number of TDC codes."""
+
+    @property
+    def bin_width_ps(self) -> float | None:
+        """Width of a code, ps; None: unknown."""
+
+    @property
+    def laser_period_ps(self) -> float | None:
+        """Period of the laser, ps; None: one sweep."""
+
+    @property
+    def reversed_codes(self) -> bool:
+        """True where a larger code is an earlier photon."""
+
+
+def size_facts(shape: tuple[int, int]) -> Facts:
+    """The camera's pixels, (rows, cols)."""
+    return [("camera", f"{shape[0]} \u00d7 {shape[1]} pixels")]
+
+
+def clock_facts(record: ReadAsTimes) -> Facts:
+    """Codes, their width and the laser's period."""
+    direction = "backwards" if record.reversed_codes else "forwards"
+    return [
+        ("codes", f"{record.n_codes}, running {direction}"),
+        ("time per code", _ps(record.bin_width_ps)),
+        ("laser period", _ps(record.laser_period_ps)),
+    ]
+
+
+def count_facts(**counts: float | None) -> Facts:
+    """Large numbers with their digits in threes, by what they count; None is passed over."""
+    return [
+        (name.replace("_", " "), f"{n:,.0f}".replace(",", "\u2009"))
+        for name, n in counts.items()
+        if n is not None
+    ]
+
+
+def flag_facts(words: NDArray[np.uint32]) -> Facts:
+    """How many of the words have each flag."""
+    counted = ", ".join(
+        f"{count} {name.replace('_', ' ')}" for name, count in fl.count_flags(words).items()
+    )
+    return [("flagged", counted or "none")]
+
+
+def _ps(value: float | None) -> str:
+    return "unknown" if value is None else f"{number(value, 5)} ps"
 
 
 # --- pictures -----------------------------------------------------------------------------------
@@ -196,7 +244,8 @@ def _thinned(image: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(total / known.sum(axis=(1, 3)))
 
 
-def _picture(image: ArrayLike, *, percent: float = 99.0) -> str:
+def picture_from_image(image: ArrayLike, *, percent: float = 99.0) -> str:
+    """The picture of `png_from_image` as HTML."""
     data = base64.b64encode(png_from_image(image, percent=percent)).decode("ascii")
     return (
         f'<img src="data:image/png;base64,{data}" alt="" '
@@ -204,9 +253,9 @@ def _picture(image: ArrayLike, *, percent: float = 99.0) -> str:
     )
 
 
-def _path_picture(path: LightPath) -> str:
-    """Front (x, y) and top (x, z) view of the vertices, one scale, as SVG."""
-    vertices = np.asarray(path.vertices_mm, dtype=float)
+def picture_from_vertices(vertices_mm: ArrayLike) -> str:
+    """Front (x, y) and top (x, z) view of a path's vertices (m, 3), one scale, as SVG."""
+    vertices = np.asarray(vertices_mm, dtype=float)
     vertices = vertices[np.isfinite(vertices).all(axis=1)]
     if len(vertices) < 2:
         return ""
@@ -223,159 +272,3 @@ def _path_picture(path: LightPath) -> str:
             f'<circle cx="{x[0]:.1f}" cy="{y[0]:.1f}" r="3.5" fill="currentColor"/>'
         )
     return f'<svg width="260" height="{height:.0f}" role="img">{"".join(lines)}</svg>'
-
-
-# --- one card per record ------------------------------------------------------------------------
-
-Card = tuple[Facts, str, str]
-
-
-def _ps(value: float | None) -> str:
-    return "unknown" if value is None else f"{number(value, 5)} ps"
-
-
-def _count(n: float) -> str:
-    return f"{n:,.0f}".replace(",", "\u2009")
-
-
-def _size(record: Any) -> str:
-    rows, cols = record.shape
-    return f"{rows} \u00d7 {cols} pixels"
-
-
-def _clock_facts(record: Histograms | Recording | TimingCalibration) -> Facts:
-    direction = "backwards" if record.reversed_codes else "forwards"
-    return [
-        ("codes", f"{record.n_codes}, running {direction}"),
-        ("time per code", _ps(record.bin_width_ps)),
-        ("laser period", _ps(record.laser_period_ps)),
-    ]
-
-
-def _flag_facts(words: NDArray[np.uint32]) -> Facts:
-    counted = ", ".join(
-        f"{count} {name.replace('_', ' ')}" for name, count in fl.count_flags(words).items()
-    )
-    return [("flagged", counted or "none")]
-
-
-def _histograms_card(hist: Histograms) -> Card:
-    photons = np.asarray(hist.photons, dtype=float)
-    facts = [
-        ("camera", _size(hist)),
-        *_clock_facts(hist),
-        ("photons", _count(float(photons.sum()))),
-        ("brightest pixel", _count(float(photons.max()))),
-    ]
-    if hist.n_frames is not None:
-        facts.append(("frames", _count(hist.n_frames)))
-    # A tenth of the pixels may scream; they must not hide the others.
-    picture = _picture(np.sqrt(np.maximum(photons, 0.0)), percent=90.0)
-    return facts, picture, "photons by pixel (square root)"
-
-
-def _recording_card(recording: Recording) -> Card:
-    facts = [("camera", _size(recording)), ("kind", recording.kind), *_clock_facts(recording)]
-    if recording.n_frames is not None:
-        facts.append(("frames", _count(recording.n_frames)))
-    if recording.n_photons is not None:
-        facts.append(("photon events", _count(recording.n_photons)))
-    # Counting it could take minutes: no picture.
-    return facts, "", ""
-
-
-def _calibration_card(timing: TimingCalibration) -> Card:
-    facts = [
-        ("camera", _size(timing)),
-        *_clock_facts(timing),
-        ("error of the time scale", f"{number(100 * timing.scale_std, 2)} %"),
-        *_flag_facts(timing.flags),
-        *(("" if k else "notes", note) for k, note in enumerate(timing.notes)),
-    ]
-    skew = np.asarray(timing.skew_ps, dtype=float)
-    known = skew[np.isfinite(skew)]
-    if len(known) and np.ptp(known) > 0:
-        return facts, _picture(skew), "delay by pixel"
-    return facts, _picture(timing.gain), "gain by pixel"
-
-
-def _camera_card(camera: Camera) -> Card:
-    x, y, z = camera.center_mm
-    axis = camera.backward_axis
-    facts = [
-        ("camera", _size(camera)),
-        ("entrance pupil", f"({number(x, 5)}, {number(y, 5)}, {number(z, 5)}) mm"),
-        ("looks along", f"({', '.join(number(-a, 3) for a in axis)})"),
-        ("focal length", f"{number(camera.matrix[0, 0], 5)} px"),
-        ("lens", "with distortion" if np.any(camera.distortion) else "without distortion"),
-    ]
-    if camera.pose_covariance is None:
-        facts.append(("pose", "taken as exact"))
-    else:
-        std = np.sqrt(np.diag(camera.pose_covariance))[3:]
-        facts.append(("pose known to", f"{', '.join(number(s, 2) for s in std)} mm"))
-    return facts, "", ""
-
-
-def _path_card(path: LightPath) -> Card:
-    good = path.goodness
-    facts = [
-        ("verdict", path.verdict.headline),
-        *(("", str(finding)) for finding in path.verdict.findings),
-    ]
-    if path.explained is not None:
-        facts.append(("explains", str(path.explained)))
-    facts += [
-        ("estimator", path.method),
-        ("prior", path.prior or "not said"),
-        ("length", f"{number(sum(leg.length_mm for leg in path.legs), 5)} mm, {path.n_legs} legs"),
-        ("emission time", f"{with_error(path.emission_time_ps, path.vertex_std[0, 3])} ps"),
-    ]
-    facts += [
-        (f"elevation of leg {k}", f"{with_error(leg.angle_deg, leg.angle_std_deg)}\u00b0")
-        for k, leg in enumerate(path.legs[:6], start=1)
-    ]
-    if path.n_legs > 6:
-        facts.append(("", f"and {path.n_legs - 6} legs more"))
-    facts.append(("\u03c7\u00b2 / dof", good.chi2_in_words))
-    if good.error_floor_ps > 0:
-        facts.append(("extra scatter", good.floor_in_words))
-    if not good.converged:
-        facts.append(("converged", "NO: do not trust the errors"))
-    return facts, _path_picture(path), "from the front, and from above"
-
-
-def _table_card(table: Arrivals | Pulses, column: str, what: str) -> Card:
-    usable = np.asarray(table.usable)
-    values = np.asarray(getattr(table, column), dtype=float)[usable]
-    values = values[np.isfinite(values)]
-    facts = [("camera", _size(table)), ("pulses", f"{len(table.row)}, {int(usable.sum())} usable")]
-    if values.size:
-        facts.append((what, f"{number(values.min(), 6)} \u2026 {number(values.max(), 6)} ps"))
-        facts.append(("photons", _count(float(np.nansum(table.photons[usable])))))
-    return [*facts, *_flag_facts(table.flags)], _picture(table.image(column)), f"{what} by pixel"
-
-
-def _bounds_card(bounds: Bounds) -> Card:
-    angles = ", ".join(f"{number(a, 2)}\u00b0" for a in bounds.angle_std_deg)
-    facts = [
-        ("prior", bounds.prior),
-        ("photons", f"{number(bounds.photons, 4)} in {bounds.n_pixels} pixels"),
-        ("position, rms in view", f"{number(bounds.position_rms_mm, 3)} mm"),
-        ("event time, rms in view", f"{number(bounds.event_time_rms_ps, 3)} ps"),
-        ("elevation of the legs", angles),
-        *(("", sentence) for sentence in bounds.statements),
-    ]
-    return facts, _path_picture(bounds.path), "from the front, and from above"
-
-
-_CARDS: dict[str, Callable[[Any], Card]] = {
-    "Arrivals": lambda table: _table_card(table, "arrival_ps", "arrival time"),
-    "Bounds": _bounds_card,
-    "Camera": _camera_card,
-    "Histograms": _histograms_card,
-    "LightPath": _path_card,
-    "Pulses": lambda table: _table_card(table, "delay_ps", "delay"),
-    "Recording": _recording_card,
-    "TimingCalibration": _calibration_card,
-}

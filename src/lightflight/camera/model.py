@@ -27,7 +27,7 @@ from lightflight.camera.rigid import (
     read_only,
     rotation_from_vector,
 )
-from lightflight.display import html_from_record
+from lightflight.display import html_from_card, number, size_facts
 from lightflight.errors import GeometryError
 
 LENS_ERRORS = ("focal_std_fraction", "distortion_std")
@@ -253,7 +253,22 @@ class Camera:
         matrix[:2, 2] = (cols - 1) / 2.0, (rows - 1) / 2.0
         return cls(matrix, np.empty(0), pose, (rows, cols))
 
-    _repr_html_ = html_from_record
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        x, y, z = self.center_mm
+        pose = "taken as exact"
+        if self.pose_covariance is not None:
+            std = np.sqrt(np.diag(self.pose_covariance))[3:]
+            pose = f"{', '.join(number(s, 2) for s in std)} mm"
+        facts = [
+            *size_facts(self.shape),
+            ("entrance pupil", f"({number(x, 5)}, {number(y, 5)}, {number(z, 5)}) mm"),
+            ("looks along", f"({', '.join(number(-a, 3) for a in self.backward_axis)})"),
+            ("focal length", f"{number(self.matrix[0, 0], 5)} px"),
+            ("lens", "with distortion" if np.any(self.distortion) else "without distortion"),
+            ("pose" if self.pose_covariance is None else "pose known to", pose),
+        ]
+        return html_from_card("Camera", facts)
 
     @property
     def center_mm(self) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightflight.display import count, html_from_record, with_error
+from lightflight.display import count, with_error
 from lightflight.flight import (
     Medium,
     Source,
@@ -200,7 +200,11 @@ class LightPath:
         object.__setattr__(self, "vertex_times_ps", times)
         object.__setattr__(self, "covariance", covariance)
 
-    _repr_html_ = html_from_record
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from lightflight.path.card import html_from_path
+
+        return html_from_path(self)
 
     def __str__(self) -> str:
         """The verdict first, then what it is about, vertex by vertex."""

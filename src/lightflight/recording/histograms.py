@@ -13,7 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightflight.display import html_from_record
+from lightflight.display import (
+    clock_facts,
+    count_facts,
+    html_from_card,
+    picture_from_image,
+    size_facts,
+)
 from lightflight.errors import CalibrationError
 from lightflight.recording.clock_fields import (
     check_clock_fields,
@@ -226,7 +232,16 @@ class Histograms:
         object.__setattr__(self, "counts", _checked_counts(self.counts, poisson=self.poisson))
         check_clock_fields(clock_fields_of(self), n_codes=self.n_codes)
 
-    _repr_html_ = html_from_record
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        photons = np.asarray(self.photons, dtype=float)
+        facts = size_facts(self.shape) + clock_facts(self)
+        facts += count_facts(
+            photons=photons.sum(), brightest_pixel=photons.max(), frames=self.n_frames
+        )
+        # A tenth of the pixels may scream; they must not hide the others.
+        picture = picture_from_image(np.sqrt(np.maximum(photons, 0.0)), percent=90.0)
+        return html_from_card("Histograms", facts, picture, "photons by pixel (square root)")
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightflight.display import html_from_record
+from lightflight.display import clock_facts, count_facts, html_from_card, size_facts
 from lightflight.recording.clock_fields import (
     check_clock_fields,
     clock_fields_of,
@@ -136,7 +136,11 @@ class Recording:
         clock = clock_fields_of(self) | {"n_frames": None if self.n_frames == 0 else self.n_frames}
         check_clock_fields(clock, n_codes=self.n_codes)
 
-    _repr_html_ = html_from_record
+    def _repr_html_(self) -> str:
+        """What a notebook shows: no picture, as to count the photons could take minutes."""
+        facts = [*size_facts(self.shape), ("kind", self.kind), *clock_facts(self)]
+        facts += count_facts(frames=self.n_frames, photon_events=self.n_photons)
+        return html_from_card("Recording", facts)
 
     @property
     def kind(self) -> str:

@@ -110,9 +110,18 @@ class Bounds:
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
-        from lightflight.display import html_from_record
+        from lightflight.display import html_from_card, number, picture_from_vertices
 
-        return html_from_record(self)
+        facts = [
+            ("prior", self.prior),
+            ("photons", f"{number(self.photons, 4)} in {self.n_pixels} pixels"),
+            ("position, rms in view", f"{number(self.position_rms_mm, 3)} mm"),
+            ("event time, rms in view", f"{number(self.event_time_rms_ps, 3)} ps"),
+            ("elevation of the legs", ", ".join(f"{number(a, 2)}°" for a in self.angle_std_deg)),
+            *(("", sentence) for sentence in self.statements),
+        ]
+        picture = picture_from_vertices(self.path.vertices_mm)
+        return html_from_card("Bounds", facts, picture, "from the front, and from above")
 
     @property
     def vertex_std(self) -> Floats:

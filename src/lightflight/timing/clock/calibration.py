@@ -19,10 +19,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightflight.errors import CalibrationError, FileFormatError
+from lightflight.display import (
+    clock_facts,
+    flag_facts,
+    html_from_card,
+    number,
+    picture_from_image,
+    size_facts,
+)
+from lightflight.errors import CalibrationError
 from lightflight.flags import count_flags, is_usable
 from lightflight.recording.histograms import Histograms
-from lightflight.timing.clock.calibration_fields import check_plain_values
 from lightflight.timing.clock.code_clock import agree, mismatch
 from lightflight.timing.clock.code_edges import (
     MOST_PHASES,
@@ -59,12 +66,6 @@ _ARRAY_FIELDS = {
     "misfit_std": 0, "skew_ps": 0, "skew_std_ps": 0, "anchor_delay_ps": 0, "response_std_ps": 0,
 }  # fmt: skip
 """Per-pixel arrays of a calibration and how many axes they have beyond (rows, cols)."""
-
-_SCHEMA = 2
-"""1: pulses stand at the mean of their shape; 2: at `response_place_ps`."""
-
-_LATER_FIELDS = {"code_length_std", "response_curve", "response_place_ps"}
-"""Fields that files of earlier versions do not have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -412,9 +413,18 @@ class TimingCalibration:
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
-        from lightflight.display import html_from_record
-
-        return html_from_record(self)
+        facts = [
+            *size_facts(self.shape),
+            *clock_facts(self),
+            ("error of the time scale", f"{number(100 * self.scale_std, 2)} %"),
+            *flag_facts(self.flags),
+            *(("" if k else "notes", note) for k, note in enumerate(self.notes)),
+        ]
+        known = self.skew_ps[np.isfinite(self.skew_ps)]
+        has_delays = len(known) > 0 and np.ptp(known) > 0
+        picture = picture_from_image(self.skew_ps if has_delays else self.gain)
+        caption = "delay by pixel" if has_delays else "gain by pixel"
+        return html_from_card("TimingCalibration", facts, picture, caption)
 
     def describe(self) -> str:
         """What this clock is, how well it is known and what is wrong, a sentence per line.
@@ -481,20 +491,9 @@ class TimingCalibration:
         path : str or os.PathLike[str]
             Where to; a file that is there is replaced.
         """
-        from lightflight.files.store import save_record
+        from lightflight.timing.clock.calibration_file import save_calibration
 
-        arrays: dict[str, NDArray[Any]] = {}
-        attributes: dict[str, Any] = {}
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if isinstance(value, np.ndarray):
-                arrays[item.name] = value
-            else:
-                attributes[item.name] = list(value) if isinstance(value, tuple) else value
-        # Where no place is given, nothing has changed: earlier versions may go on reading.
-        attributes["calibration_schema"] = 1 if self.response_place_ps is None else _SCHEMA
-        attributes["provenance"] = dict(self.provenance)
-        save_record(path, kind="calibration", arrays=arrays, attributes=attributes)
+        save_calibration(self, path)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> TimingCalibration:
@@ -515,27 +514,9 @@ class TimingCalibration:
         FileFormatError
             For a file that is damaged, no calibration, or one of a later version.
         """
-        from lightflight.files.filecheck import damage_as_format_error, record_error_as_format_error
-        from lightflight.files.store import load_record
+        from lightflight.timing.clock.calibration_file import load_calibration
 
-        arrays, attributes = load_record(path, kind="calibration")
-        schema = attributes.get("calibration_schema")
-        if schema not in range(1, _SCHEMA + 1):
-            raise FileFormatError(
-                f"calibration schema {schema} is unknown here (this version reads 1 to {_SCHEMA}): "
-                "update lightflight or calibrate again",
-                path=path,
-            )
-        known = {item.name for item in fields(cls)}
-        values = {**attributes, **arrays}
-        missing = known - values.keys() - _LATER_FIELDS
-        if missing:
-            raise FileFormatError(f"calibration lacks {', '.join(sorted(missing))}", path=path)
-        with damage_as_format_error(path), record_error_as_format_error(path):
-            check_plain_values(values)
-            for name in ("shape", "notes", "flat_mode_names"):
-                values[name] = tuple(values[name])
-            return cls(**{name: values[name] for name in known if name in values})
+        return load_calibration(path, make=cls)
 
     def _checked_pixels(self, rows: ArrayLike, cols: ArrayLike) -> tuple[Pixels, Pixels]:
         """Pixel indices as two equal one-dimensional arrays inside the camera."""

@@ -8,14 +8,15 @@ is known for each pixel by itself and which errors all pixels share.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags as fl
 from lightflight.recording.histograms import Histograms
-from lightflight.timing.pulses.pulses import Pulses, fit_pulses, image_of_strongest
+from lightflight.timing.pulses.pulse_table import PulseTable
+from lightflight.timing.pulses.pulses import Pulses, fit_pulses
 
 if TYPE_CHECKING:
     from lightflight.timing.clock.code_clock import CodeClock
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Arrivals:
+class Arrivals(PulseTable):
     """Arrival times on the clock, one row per pulse, in the order of the `Pulses` they are from.
 
     Errors come in three classes: independent per pulse (photon), independent per pixel but the
@@ -112,36 +113,12 @@ class Arrivals:
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
-        from lightflight.display import html_from_record
-
-        return html_from_record(self)
-
-    @property
-    def usable(self) -> NDArray[np.bool_]:
-        """(n,), True where no flag keeps the pulse out of a reconstruction."""
-        return fl.is_usable(self.flags)
+        return self.html_card("arrival_ps", "arrival time")
 
     @property
     def independent_std_ps(self) -> NDArray[np.float64]:
         """(n,), photon and pixel errors together: what does not move with other pixels, ps."""
         return np.hypot(self.photon_std_ps, self.pixel_std_ps)
-
-    def image(self, name: str) -> NDArray[Any]:
-        """One column as a picture (rows, cols), of the strongest pulse of each pixel.
-
-        See `Pulses.image`.
-
-        Parameters
-        ----------
-        name : str
-            Name of the column.
-
-        Returns
-        -------
-        array, shape (rows, cols)
-            NaN (0 for integers) where a pixel has no pulse.
-        """
-        return image_of_strongest(self, name)
 
 
 def arrivals_from_pulses(pulses: Pulses, *, timing: CodeClock | None) -> Arrivals:

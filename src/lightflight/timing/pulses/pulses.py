@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,7 @@ from lightflight.timing.pulses.fits import (
     zero_for_nan,
 )
 from lightflight.timing.pulses.pile_up import HIGH_RATE, PileUp, pile_up_of
+from lightflight.timing.pulses.pulse_table import PulseTable
 from lightflight.timing.pulses.sync import check_sync
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ METHODS = ("likelihood", "least_squares")
 
 
 @dataclass(frozen=True, eq=False)
-class Pulses:
+class Pulses(PulseTable):
     """Fitted pulses, one row per pulse; a pixel without one has one row of NaN and the reason.
 
     Attributes
@@ -108,40 +109,7 @@ class Pulses:
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
-        from lightflight.display import html_from_record
-
-        return html_from_record(self)
-
-    @property
-    def usable(self) -> NDArray[np.bool_]:
-        """(n,), True where no flag keeps the pulse out of a reconstruction."""
-        return fl.is_usable(self.flags)
-
-    def image(self, name: str) -> NDArray[Any]:
-        """One column as a picture (rows, cols): of the strongest pulse of each pixel.
-
-        `name` is a column ("delay_ps", "photons", "flags" ...), or "n_pulses". NaN (flags: 0)
-        where a pixel has no row.
-        """
-        return image_of_strongest(self, name)
-
-
-def image_of_strongest(table: Any, name: str) -> NDArray[Any]:
-    """Column `name` of a pulse table as (rows, cols), of the strongest pulse of each pixel."""
-    pixel = table.row.astype(np.int64) * table.shape[1] + table.col
-    size = table.shape[0] * table.shape[1]
-    if name == "n_pulses":
-        return np.bincount(pixel[np.isfinite(table.photons)], minlength=size).reshape(table.shape)
-    column = getattr(table, name, None)
-    if not isinstance(column, np.ndarray) or column.shape != pixel.shape:
-        raise ValueError(f"there is no column {name!r} to draw: use one of the table's columns")
-    weakest_first = np.argsort(np.nan_to_num(table.photons, nan=-np.inf), kind="stable")
-    if column.dtype.kind == "f":
-        image = np.full(size, np.nan)
-    else:
-        image = np.zeros(size, dtype=column.dtype)
-    image[pixel[weakest_first]] = column[weakest_first]
-    return image.reshape(table.shape)
+        return self.html_card("delay_ps", "delay")
 
 
 def fit_pulses(

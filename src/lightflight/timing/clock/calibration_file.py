@@ -1,0 +1,129 @@
+"""A TimingCalibration as a file: our versioned HDF5, one array or attribute for each field."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lightflight.errors import FileFormatError
+from lightflight.files.filecheck import damage_as_format_error, record_error_as_format_error
+from lightflight.files.store import load_record, save_record
+
+if TYPE_CHECKING:
+    from lightflight.timing.clock.calibration import TimingCalibration
+
+_SCHEMA = 2
+"""1: pulses stand at the mean of their shape; 2: at `response_place_ps`."""
+
+_LATER_FIELDS = {"code_length_std", "response_curve", "response_place_ps"}
+"""Fields that files of earlier versions do not have."""
+
+_NUMBERS = (
+    "first_edge_ps", "bin_width_ps", "laser_period_ps", "scale_std", "assumed_skew_std_ps",
+    "code_length_std", "response_place_ps",
+)  # fmt: skip
+_CODES = ("n_codes", "first_live_code", "no_photon_code")
+_YES_OR_NO = ("reversed_codes", "period_end_seen")
+_OR_NONE = ("laser_period_ps", "no_photon_code", "response_place_ps")
+_POSITIVE = ("bin_width_ps", "laser_period_ps", "n_codes")
+
+
+def save_calibration(timing: TimingCalibration, path: str | os.PathLike[str]) -> None:
+    """Write a calibration with all its fields, whole or not at all.
+
+    Parameters
+    ----------
+    timing : TimingCalibration
+        What to keep.
+    path : path
+        HDF5 file; an existing one is replaced only at the end.
+    """
+    values = {item.name: getattr(timing, item.name) for item in fields(timing)}
+    arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+    attributes = {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in values.items()
+        if name not in arrays
+    }
+    # Where no place is given, nothing has changed: earlier versions may go on reading.
+    attributes["calibration_schema"] = 1 if timing.response_place_ps is None else _SCHEMA
+    attributes["provenance"] = dict(timing.provenance)
+    save_record(path, kind="calibration", arrays=arrays, attributes=attributes)
+
+
+def load_calibration(
+    path: str | os.PathLike[str], *, make: type[TimingCalibration]
+) -> TimingCalibration:
+    """Read a calibration written by `save_calibration`.
+
+    Parameters
+    ----------
+    path : path
+        HDF5 file.
+    make : type
+        The class (it stands above this module).
+
+    Returns
+    -------
+    TimingCalibration
+        What was saved; later fields that an old file lacks have their defaults.
+
+    Raises
+    ------
+    FileFormatError
+        For a file that is damaged, no calibration, or one of a later version.
+    """
+    arrays, attributes = load_record(path, kind="calibration")
+    schema = attributes.get("calibration_schema")
+    if schema not in range(1, _SCHEMA + 1):
+        raise FileFormatError(
+            f"calibration schema {schema} is unknown here (this version reads 1 to {_SCHEMA}): "
+            "update lightflight or calibrate again",
+            path=path,
+        )
+    known = {item.name for item in fields(make)}
+    values = {**attributes, **arrays}
+    missing = known - values.keys() - _LATER_FIELDS
+    if missing:
+        raise FileFormatError(f"calibration lacks {', '.join(sorted(missing))}", path=path)
+    with damage_as_format_error(path), record_error_as_format_error(path):
+        check_plain_values(values)
+        for name in ("shape", "notes", "flat_mode_names"):
+            values[name] = tuple(values[name])
+        return make(**{name: values[name] for name in known if name in values})
+
+
+def check_plain_values(values: Mapping[str, Any]) -> None:
+    """Check the numbers, codes and answers of a calibration; absent ones are passed over.
+
+    Parameters
+    ----------
+    values : mapping
+        Fields of a `TimingCalibration` by name, as read from a file.
+
+    Raises
+    ------
+    ValueError
+        Where one is of another kind, or out of range.
+    """
+    for name in (*_NUMBERS, *_CODES, *_YES_OR_NO):
+        if name not in values or (name in _OR_NONE and values[name] is None):
+            continue
+        value = values[name]
+        if name in _YES_OR_NO:
+            fits = isinstance(value, bool)
+        elif name in _CODES:
+            fits = _is_number(value) and isinstance(value, int) and 0 <= value <= values["n_codes"]
+        else:
+            fits = _is_number(value)
+        if not fits or (name in _POSITIVE and value <= 0):
+            raise ValueError(f"{name} cannot be {value!r:.60}: the file is damaged")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
