@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.reconstruct.fit.information import damped_step
 from lightflight.reconstruct.model.forward import (
     CodeCounts,
     Layout,
@@ -23,6 +22,7 @@ from lightflight.reconstruct.model.forward import (
 )
 from lightflight.reconstruct.model.freedom import Freedom, state_vector
 from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.information import ascend
 from lightflight.reconstruct.model.likelihood import Likelihood, likelihood
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import (
@@ -43,12 +43,6 @@ _FREE_SCATTER = 3.0
 """How far the brightness of such a pixel may depart, ln."""
 _MOST_CLIMB_STEPS = 40
 """A climb that took more steps than this is said not to have converged."""
-_TOLERANCE = 0.01
-"""A step below this many standard errors ends a climb."""
-_LEVEL = 0.03
-"""So does one that changes the log-likelihood by less than this, a quarter of an error at most."""
-_FREE_DAMPING = 1e-2
-"""Either tells that the top is near only where damping did not shorten the step."""
 GAUGE = 1e-13
 """Share of the largest scaled information below which a direction is a gauge, fixed by nothing."""
 _BEND_PRIOR = 0.3
@@ -155,8 +149,9 @@ class _Slope:
 
     local: Local
     found: Likelihood
-    score: Floats
     value: float
+    score: Floats
+    information: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +201,8 @@ class _Hill:
             log_scatter=self.scatter,
         )
         score, value = self._prior_score(point)
-        return _Slope(local, found, found.score + score, found.value + value)
+        information = found.information + self.prior + self.hold
+        return _Slope(local, found, found.value + value, found.score + score, information)
 
     def _prior_score(self, point: _Point) -> tuple[Floats, float]:
         """Score (P,) and log-density of all priors at a point."""
@@ -296,26 +292,13 @@ def climb(
         delay_shift_ps=np.zeros(len(pixels.rows)),
         departure=np.zeros(pixels.near.shape),
     )
-    slope = hill.slope_at(point)
-    damping, converged = 1e-3, False
-    for _ in range(_MOST_CLIMB_STEPS):
-        total = slope.found.information + hill.prior + hill.hold
-        step = damped_step(total, slope.score, damping + GAUGE)
-        trial = point.moved(step, slope.found, freedom, layout)
-        # A step too far may leave nothing finite: it is refused below.
-        with np.errstate(over="ignore", invalid="ignore"):
-            new = hill.slope_at(trial)
-        gained = new.value - slope.value
-        higher = bool(np.isfinite(new.value) and gained >= 0.0)
-        if higher:
-            point, slope = trial, new
-        small = float(step @ total @ step) < _TOLERANCE**2 * layout.n_free
-        if damping <= _FREE_DAMPING and (small or abs(gained) < _LEVEL):
-            converged = True
-            break
-        damping = max(damping / 10, 1e-9) if higher else damping * 10
-        if damping > 1e10:
-            break
+    point, slope, converged = ascend(
+        point,
+        hill.slope_at,
+        lambda at, slope, step: at.moved(step, slope.found, freedom, layout),
+        most_steps=_MOST_CLIMB_STEPS,
+        gauge=GAUGE,
+    )
     return Climb(
         point.state, point.light, point.modes, freedom, layout, pixels, slope.local,
         point.log_background, point.delay_shift_ps, slope.found, point.departure, uneven,

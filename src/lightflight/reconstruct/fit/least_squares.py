@@ -7,13 +7,13 @@ that they are solved for where the data know better and otherwise go into the er
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.flight import Medium, Source
-from lightflight.reconstruct.fit.information import covariance_from_information, damped_step
 from lightflight.reconstruct.model.freedom import Freedom, state_vector
 from lightflight.reconstruct.model.geometry import (
     Indices,
@@ -23,6 +23,7 @@ from lightflight.reconstruct.model.geometry import (
     overshoots,
 )
 from lightflight.reconstruct.model.image_plane import mean_focal_px
+from lightflight.reconstruct.model.information import ascend, covariance_from_information
 from lightflight.reconstruct.model.picture import LineDataInPicture
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import (
@@ -42,15 +43,6 @@ _MOST_PATH_STEPS = 80
 """A fit that took more steps than this is said not to have converged."""
 _OVERSHOOT_PX = 0.7
 """A leg's pulses may lie this far beyond its corner (the spot's width) before they pull it, px."""
-_TOLERANCE = 5e-3
-"""A step below this fraction of a standard error in every direction ends the fit."""
-_TINY = 1e-3
-"""So does one this short that leads lower, however much it was damped."""
-_LEVEL = 1e-4
-"""So does one that changes chi-square by less than this."""
-_FREE_DAMPING = 1e-2
-"""A step that leads nowhere lower tells of the end only where damping did not shorten it."""
-
 _GAUGE = 1e-14
 """Share of the largest scaled information below which a direction is a gauge, fixed by nothing."""
 
@@ -190,6 +182,10 @@ class Solution:
         return self.cameras[0]
 
 
+_Point = tuple[PathState, Floats, Floats]
+"""Path, shared clock errors, and shared errors of camera and medium in standard deviations."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Linear:
     residual: Floats
@@ -198,6 +194,28 @@ class _Linear:
     n_times: int
     n_lines: int
     n_priors: int
+
+    @cached_property
+    def columns(self) -> Floats:
+        """The Jacobian in standard errors."""
+        return self.jacobian * self.sqrt_weight[:, np.newaxis]
+
+    @cached_property
+    def rows(self) -> Floats:
+        """The residuals in standard errors."""
+        return self.residual * self.sqrt_weight
+
+    @property
+    def value(self) -> float:
+        return -0.5 * float(self.rows @ self.rows)
+
+    @cached_property
+    def score(self) -> Floats:
+        return self.columns.T @ self.rows
+
+    @cached_property
+    def information(self) -> Floats:
+        return self.columns.T @ self.columns
 
 
 def fit_path(
@@ -210,7 +228,7 @@ def fit_path(
     medium: Medium,
     floor_var: float = 0.0,
 ) -> Solution:
-    """Best path for the data, by Levenberg-Marquardt on the freedom given.
+    """Best path for the data on the freedom given.
 
     `cameras` are those that `times.view` and `lines.view` count.
 
@@ -244,42 +262,23 @@ def fit_path(
     told = Setting(cameras[0], Source(), medium, others=cameras[1:])
     errors = shared_errors(told)
     n_modes = times.modes_ps.shape[1]
-    modes, shared = np.zeros(n_modes), np.zeros(len(errors))
-
-    def linear(at: PathState, eta: Floats, delta: Floats) -> _Linear:
-        model = modelled(at, times, lines, told, errors, delta)
-        return _linearised(at, eta, delta, times, lines, freedom, model, floor_var)
-
-    system = linear(state, modes, shared)
-    cost = _cost(system)
-    damping, converged = 1e-4, False
     n_free = freedom.basis.shape[1]
-    for _ in range(_MOST_PATH_STEPS):
-        weighted = system.jacobian * system.sqrt_weight[:, np.newaxis]
-        normal = weighted.T @ weighted
-        score = weighted.T @ (system.sqrt_weight * system.residual)
-        step = damped_step(normal, score, damping + _GAUGE)
-        trial_state = state.moved(freedom.basis @ step[:n_free])
-        trial = modes + step[n_free : n_free + n_modes], shared + step[n_free + n_modes :]
-        trial_system = linear(trial_state, *trial)
-        trial_cost = _cost(trial_system)
-        # Length of the step in standard errors, whatever the units of its parts.
-        size = float(step @ normal @ step)
-        small = size < _TOLERANCE**2 * len(step)
-        gained = cost - trial_cost
-        lower = bool(np.isfinite(trial_cost) and gained >= -1e-12 * (1.0 + cost))
-        if lower:
-            state, (modes, shared), system, cost = trial_state, trial, trial_system, trial_cost
-        level = damping <= _FREE_DAMPING and (small or abs(gained) < _LEVEL)
-        # Along a gauge only short steps go down: a lower cost by a tiny step is an end too.
-        if level or (lower and size < _TINY**2 * len(step)):
-            converged = True
-            break
-        # Ten up, ten down: near the end the step is Gauss-Newton's, whose curvature is the
-        # covariance.
-        damping = max(damping / 10, 1e-12) if lower else damping * 10
-        if damping > 1e12:
-            break
+
+    def linear(at: _Point) -> _Linear:
+        model = modelled(at[0], times, lines, told, errors, at[2])
+        return _linearised(*at, times, lines, freedom, model, floor_var)
+
+    def stepped(at: _Point, _: _Linear, step: Floats) -> _Point:
+        free, of_modes, of_shared = np.split(step, (n_free, n_free + n_modes))
+        return at[0].moved(freedom.basis @ free), at[1] + of_modes, at[2] + of_shared
+
+    (state, modes, shared), system, converged = ascend(
+        (state, np.zeros(n_modes), np.zeros(len(errors))),
+        linear,
+        stepped,
+        most_steps=_MOST_PATH_STEPS,
+        gauge=_GAUGE,
+    )
     seen = moved(told, errors, shared)
     return _solution(state, seen, modes, shared, errors, system, times, converged)
 
@@ -438,11 +437,6 @@ def _linearised(
     )
 
 
-def _cost(system: _Linear) -> float:
-    weighted = system.residual * system.sqrt_weight
-    return float(weighted @ weighted)
-
-
 def _solution(
     state: PathState,
     seen: Setting,
@@ -453,16 +447,14 @@ def _solution(
     times: TimeData,
     converged: bool,
 ) -> Solution:
-    weighted = system.jacobian * system.sqrt_weight[:, np.newaxis]
-    normal = weighted.T @ weighted
-    covariance = covariance_from_information(normal, rcond=_GAUGE)
+    covariance = covariance_from_information(system.information, rcond=_GAUGE)
     n, k = system.n_times, system.n_lines
-    gain = covariance @ (weighted * system.sqrt_weight[:, np.newaxis]).T
+    gain = covariance @ (system.columns * system.sqrt_weight[:, np.newaxis]).T
     # The priors' share of the covariance: what they would move the path if they erred.
     prior_gain = gain[:, n + k : n + k + system.n_priors]
     residual = system.residual[:n]
     used = times.weight > 0
-    chi2 = float(np.sum((residual * system.sqrt_weight[:n])[used] ** 2))
+    chi2 = float(np.sum(system.rows[:n][used] ** 2))
     return Solution(
         state=state,
         cameras=seen.cameras,
@@ -480,8 +472,8 @@ def _solution(
         dof=max(0, int(used.sum()) - system.jacobian.shape[1] + len(modes)),
         converged=converged,
         residual_ps=residual,
-        rows=system.residual * system.sqrt_weight,
-        columns=weighted,
+        rows=system.rows,
+        columns=system.columns,
     )
 
 

@@ -19,7 +19,6 @@ from lightflight.path.light_path import LightPath
 from lightflight.path.tables import Goodness
 from lightflight.reconstruct.fit.climb import GAUGE, Climb, climb, uneven_pixels
 from lightflight.reconstruct.fit.ends import Ends, freedom_at, known_tips, with_ends
-from lightflight.reconstruct.fit.information import covariance_from_information
 from lightflight.reconstruct.fit.membership import (
     Tips,
     fraction_at,
@@ -38,6 +37,7 @@ from lightflight.reconstruct.model.geometry import (
     state_of_path,
 )
 from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.information import covariance_from_information
 from lightflight.reconstruct.model.picture import Picture, lit_by_legs, measure_picture
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import moved, shared_errors, vertices_by_parameters

@@ -23,7 +23,6 @@ from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
 from lightflight.path.tables import Goodness
-from lightflight.reconstruct.fit.information import covariance_from_information
 from lightflight.reconstruct.fit.result import prior_in_words
 from lightflight.reconstruct.fit.statements import statements_from_covariance
 from lightflight.reconstruct.model.forward import (
@@ -42,6 +41,7 @@ from lightflight.reconstruct.model.freedom import (
 )
 from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.information import covariance_from_information
 from lightflight.reconstruct.model.likelihood import likelihood
 from lightflight.reconstruct.model.picture import LegInPicture, leg_in_picture, lit_by_legs
 from lightflight.reconstruct.model.setting import Setting

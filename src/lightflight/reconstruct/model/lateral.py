@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import block_diag
 
+from lightflight.reconstruct.model.information import ascend
 from lightflight.reconstruct.model.strength import (
     LOG_SPOT_RANGE,
     SPOT_PRIOR,
@@ -298,10 +299,16 @@ def _summed(places: Indices, values: Floats, size: int) -> Floats:
     return sums
 
 
-def _step_and_deviance(
-    problem: _Problem, parameters: Floats, weights: Floats
-) -> tuple[Floats, Floats, float]:
-    """Fisher information, score, and a deviance to descend."""
+@dataclass(frozen=True, eq=False)
+class _Slope:
+    """The likelihood of the counts about some parameters, with its priors."""
+
+    value: float
+    score: Floats
+    information: Floats
+
+
+def _slope_at(problem: _Problem, parameters: Floats, weights: Floats) -> _Slope:
     data, size = problem.data, problem.starts[-1] + 1
     mean, gradient = _model(problem, parameters)
     variance = mean + data.empty_variance + 1e-3
@@ -314,40 +321,32 @@ def _step_and_deviance(
     # Shifted Poisson: counts plus background variance have nearly equal mean and variance.
     shifted = np.maximum(data.photons + data.empty_variance, 0.0)
     ratio = np.where(shifted > 0, shifted / variance, 1.0)
-    deviance = 2 * np.sum(weights * (shifted * np.log(ratio) - (shifted - variance)))
+    value = -np.sum(weights * (shifted * np.log(ratio) - (shifted - variance)))
     off = parameters.copy()
     off[-1] -= SPOT_PRIOR[0]
     held = problem.precision @ off
     information = information + problem.precision + 1e-9 * np.eye(size)
-    return information, score - held, float(deviance + off @ held)
+    return _Slope(float(value - 0.5 * off @ held), score - held, information)
 
 
 def _scored(problem: _Problem, parameters: Floats, weights: Floats) -> Floats:
-    information, score, deviance = _step_and_deviance(problem, parameters, weights)
-    damping = 1e-3
-    for _ in range(_MOST_LINE_STEPS):
-        damped = information + damping * np.diag(np.diag(information) + 1e-12)
-        step = np.linalg.solve(damped, score)
+    def moved(at: Floats, _: _Slope, step: Floats) -> Floats:
+        trial = at + step
         # The spot enters by an exponential: a large step of its log is never right.
-        step[-1] = np.clip(step[-1], -0.5, 0.5)
-        trial = parameters + step
-        trial[-1] = np.clip(trial[-1], *LOG_SPOT_RANGE)
-        new = _step_and_deviance(problem, trial, weights)
-        if new[2] <= deviance + 1e-9:
-            settled = deviance - new[2] < 1e-7 * (1.0 + abs(deviance)) and damping < 1e-2
-            parameters, (information, score, deviance) = trial, new
-            damping = max(damping / 10, 1e-9)
-            if settled:
-                break
-        else:
-            damping *= 10
-            if damping > 1e8:
-                break
-    return parameters
+        spot = at[-1] + np.clip(step[-1], -0.5, 0.5)
+        trial[-1] = np.clip(spot, *LOG_SPOT_RANGE)
+        return trial
+
+    return ascend(
+        parameters,
+        lambda at: _slope_at(problem, at, weights),
+        moved,
+        most_steps=_MOST_LINE_STEPS,
+    )[0]
 
 
 def _results(problem: _Problem, parameters: Floats, weights: Floats) -> list[LineFit]:
-    information, _, _ = _step_and_deviance(problem, parameters, weights)
+    information = _slope_at(problem, parameters, weights).information
     # Not scaled: all parameters are logarithms or px, of one size.
     covariance = np.linalg.pinv(information, hermitian=True)
     mean, gradient = _model(problem, parameters)

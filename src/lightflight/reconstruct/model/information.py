@@ -1,0 +1,157 @@
+"""From a Fisher information to a step, to the top of a likelihood and to a covariance.
+
+Millimetres, picoseconds and logarithms stand side by side in one matrix whose entries differ by
+many decades. Scaled to a unit diagonal it is as well conditioned as the data allow, and a cut of
+small eigenvalues means the same for every parameter.
+
+All fits of paths and of lines climb by `ascend`: what they maximise, and what a step does to what
+they fit, is theirs; damping and the rule that ends a climb are the same for all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_TOLERANCE = 0.01
+"""A step shorter than this many standard errors, in rms over its directions, ends a climb."""
+_LEVEL = 1e-3
+"""So does one that changes the log-likelihood by less than this: a twentieth of an error."""
+_FREE_DAMPING = 1e-2
+"""Either tells that the top is near only where damping did not shorten the step."""
+_TINY = 1e-3
+"""Along a gauge only short steps go up: one this short that does is an end, however damped."""
+_FIRST_DAMPING = 1e-3
+_LEAST_DAMPING = 1e-12
+"""Ten up, ten down: near the top the step is Fisher's, whose curvature is the covariance."""
+_MOST_DAMPING = 1e12
+"""No step leads up any more."""
+
+
+class Slope(Protocol):
+    """A log-likelihood about a point, its priors included; p parameters."""
+
+    @property
+    def value(self) -> float:
+        """Of the log-likelihood."""
+
+    @property
+    def score(self) -> Floats:
+        """Its derivative (p,)."""
+
+    @property
+    def information(self) -> Floats:
+        """Expected curvature (p, p)."""
+
+
+Point = TypeVar("Point")
+SlopeHere = TypeVar("SlopeHere", bound=Slope)
+
+
+def _unit_scale(information: Floats) -> Floats:
+    """(p,), factors that give the matrix a unit diagonal; finite where nothing is known."""
+    scale: Floats = 1.0 / np.sqrt(np.diag(information) + 1e-30)
+    return scale
+
+
+def covariance_from_information(information: Floats, *, rcond: float) -> Floats:
+    """Pseudo-inverse of an information matrix, taken at unit diagonal.
+
+    Parameters
+    ----------
+    information : array of float, shape (p, p)
+        Symmetric; any units.
+    rcond : float
+        Eigenvalues of the scaled matrix below this share of the largest count as zero: such a
+        direction is a gauge, and no error is stated for it.
+
+    Returns
+    -------
+    array of float, shape (p, p)
+        Covariance, in the squared units of the parameters.
+
+    Examples
+    --------
+    >>> covariance_from_information(np.diag([4.0, 1e-6]), rcond=1e-14)
+    array([[2.5e-01, 0.0e+00],
+           [0.0e+00, 1.0e+06]])
+    """
+    scale = _unit_scale(information)
+    scaled = information * scale[:, np.newaxis] * scale
+    inverse = np.linalg.pinv(scaled, rcond=rcond, hermitian=True)
+    covariance: Floats = inverse * scale[:, np.newaxis] * scale
+    return covariance
+
+
+def damped_step(information: Floats, score: Floats, damping: float) -> Floats:
+    """Levenberg's step (p,): (information + damping x its diagonal)^-1 score.
+
+    `damping` is counted at unit diagonal; a small one is always wanted, which keeps a gauge, where
+    the matrix is singular, from throwing the step far.
+    """
+    scale = _unit_scale(information)
+    scaled = information * scale[:, np.newaxis] * scale
+    step: Floats = scale * np.linalg.solve(scaled + damping * np.eye(len(scale)), scale * score)
+    return step
+
+
+def ascend(
+    point: Point,
+    slope_at: Callable[[Point], SlopeHere],
+    moved: Callable[[Point, SlopeHere, Floats], Point],
+    *,
+    most_steps: int,
+    gauge: float = 0.0,
+) -> tuple[Point, SlopeHere, bool]:
+    """Fisher scoring with Levenberg damping to the top of a likelihood.
+
+    Parameters
+    ----------
+    point
+        Where the climb starts; whatever is fitted.
+    slope_at
+        The likelihood about a point.
+    moved
+        The point after a step (p,) from it, and from what was found there.
+    most_steps : int
+        A climb that takes more is said not to have converged.
+    gauge : float, optional
+        Share of the largest scaled information below which a direction is fixed by nothing.
+
+    Returns
+    -------
+    point, slope
+        The highest that was found, and the likelihood there.
+    converged : bool
+        Whether it is the top.
+
+    Notes
+    -----
+    With C the inverse of the information, s^T C^-1 s of a step s is its length in standard errors
+    squared, and twice what it should gain.
+    """
+    slope, damping = slope_at(point), _FIRST_DAMPING
+    for _ in range(most_steps):
+        information = slope.information
+        step = damped_step(information, slope.score, damping + gauge)
+        trial = moved(point, slope, step)
+        # A step too far may leave nothing finite: it is refused below.
+        with np.errstate(over="ignore", invalid="ignore"):
+            new = slope_at(trial)
+        gained = new.value - slope.value
+        higher = bool(np.isfinite(new.value) and gained >= -1e-12 * (1.0 + abs(slope.value)))
+        if higher:
+            point, slope = trial, new
+        length2 = float(step @ information @ step) / len(step)
+        level = length2 < _TOLERANCE**2 or abs(gained) < _LEVEL
+        if (level and damping <= _FREE_DAMPING) or (higher and length2 < _TINY**2):
+            return point, slope, True
+        damping = max(damping / 10.0, _LEAST_DAMPING) if higher else damping * 10.0
+        if damping > _MOST_DAMPING:
+            break
+    return point, slope, False

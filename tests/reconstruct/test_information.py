@@ -1,0 +1,78 @@
+"""The one climb that all fits share: it finds known tops, and says when it has not."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from lightflight.reconstruct.model.information import ascend, covariance_from_information
+
+
+@dataclass(frozen=True)
+class _Slope:
+    value: float
+    score: np.ndarray
+    information: np.ndarray
+
+
+def _poisson(design, counts):
+    """Counts of mean exp(design @ x): concave, so its top is known by its score alone."""
+
+    def slope_at(x):
+        mean = np.exp(design @ x)
+        return _Slope(
+            float(np.sum(counts * (design @ x) - mean)),
+            design.T @ (counts - mean),
+            (design.T * mean) @ design,
+        )
+
+    return slope_at
+
+
+def _added(x, _, step):
+    return x + step
+
+
+def test_the_top_of_a_poisson_likelihood_is_found_from_afar(rng):
+    design = np.column_stack((np.ones(400), rng.uniform(-1.0, 1.0, 400)))
+    # In units that differ by six decades, and from where a full step would overflow.
+    units = np.array([1.0, 1e6])
+    truth = np.array([3.0, 1.0])
+    counts = rng.poisson(np.exp(design @ truth)).astype(float)
+    slope_at = _poisson(design * units, counts)
+    x, slope, converged = ascend(np.array([-4.0, 4e-6]), slope_at, _added, most_steps=60)
+    assert converged
+    covariance = covariance_from_information(slope.information, rcond=1e-14)
+    left = covariance @ slope.score / np.sqrt(np.diag(covariance))
+    assert np.abs(left).max() < 0.05
+    # Five of its own errors: by chance once in a million.
+    assert (np.abs(x * units - truth) < 5.0 * np.sqrt(np.diag(covariance)) * units).all()
+
+
+def test_a_gauge_is_left_where_it_was():
+    information = np.diag([4.0, 0.0])
+
+    def slope_at(x):
+        return _Slope(-2.0 * (x[0] - 1.0) ** 2, np.array([4.0 * (1.0 - x[0]), 0.0]), information)
+
+    x, _, converged = ascend(np.array([0.0, 7.0]), slope_at, _added, most_steps=20, gauge=1e-14)
+    assert converged
+    np.testing.assert_allclose(x, [1.0, 7.0], atol=0.01)
+
+
+@pytest.mark.parametrize("most_steps", [0, 1])
+def test_a_climb_that_was_cut_short_says_so(rng, most_steps):
+    slope_at = _poisson(np.ones((50, 1)), rng.poisson(20.0, 50).astype(float))
+    start = np.array([-3.0])
+    _, slope, converged = ascend(start, slope_at, _added, most_steps=most_steps)
+    assert not converged
+    assert slope.value >= slope_at(start).value
+
+
+def test_a_wrong_score_ends_where_it_began():
+    def slope_at(x):
+        return _Slope(float(-(x @ x)), 2.0 * x, np.eye(1))
+
+    x, _, converged = ascend(np.array([3.0]), slope_at, _added, most_steps=200)
+    assert not converged
+    assert x[0] == 3.0
