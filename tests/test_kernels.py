@@ -17,7 +17,8 @@ from scipy.special import ndtr
 from lightflight._kernels import jit as jit_module
 from lightflight._kernels import pulse
 from lightflight._kernels.pulse import N_COLUMNS, fit_tile
-from lightflight.timing.pulses.batch import Model, bins_of, fit
+from lightflight.timing.pulses.batch import Model, fit
+from lightflight.timing.pulses.bins import bins_of
 from lightflight.timing.pulses.fits import LOG_FALSE_SECOND
 from lightflight.timing.pulses.split import DOUBTFUL, Search, residual_far_from_pulses
 from tests.pulse_fakes import STD, WIDTH, expected_counts

@@ -11,7 +11,7 @@ from typing import Any
 
 HOMES_FROM_MODULE = {
     "batch.run": ("batch.runner",),
-    "camera_calibration": ("camera.calibration",),
+    "camera_calibration": ("camera.calibration", "camera.boards"),
     "camera_pose": ("camera.pose",),
     "histogram": ("recording.histograms", "recording.counting"),
     "path_error": ("path.error",),

@@ -13,7 +13,8 @@ from lightflight.demo import PHOTONS_PER_PIXEL, known_source
 from lightflight.flight import arrival_time_from_event
 from lightflight.path.error import path_error
 from lightflight.path.light_path import LightPath
-from lightflight.reconstruct.limits.bounds import bounds, spot_std_of
+from lightflight.reconstruct.limits.bounds import bounds
+from lightflight.reconstruct.limits.conditions import spot_std_of
 from lightflight.simulate import Scene
 from lightflight.simulate.presets import paper_scene
 from studies.zheng2020.laboratory import (

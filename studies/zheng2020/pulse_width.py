@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import curve_fit
 
 from lightflight.path.light_path import LightPath
-from lightflight.reconstruct.limits.bounds import spot_std_of
+from lightflight.reconstruct.limits.conditions import spot_std_of
 from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.sighting import Sighting, pixel_counts
 from lightflight.simulate import Scene

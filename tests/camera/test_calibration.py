@@ -10,12 +10,8 @@ import pytest
 from scipy.io import loadmat
 from scipy.stats import chi2 as chi2_distribution
 
-from lightflight.camera.calibration import (
-    CameraFit,
-    calibrate_camera,
-    calibrate_camera_from_boards,
-    fit_camera,
-)
+from lightflight.camera.boards import calibrate_camera_from_boards
+from lightflight.camera.calibration import CameraFit, calibrate_camera, fit_camera
 from lightflight.camera.fit import LensModel, View, pose_error_from_step, system
 from lightflight.camera.model import Camera
 from lightflight.camera.rigid import rotation_from_vector

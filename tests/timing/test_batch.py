@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from lightflight.timing.clock.response import Response
-from lightflight.timing.pulses import batch
-from lightflight.timing.pulses import split as splitting
+from lightflight.timing.pulses import batch, split as splitting
+from lightflight.timing.pulses.bins import bins_of, window_at
 from tests.pulse_fakes import STD, WIDTH, expected_counts
 
 CODES = np.arange(64) * WIDTH
@@ -18,11 +18,11 @@ CODES = np.arange(64) * WIDTH
 def bins_of_row(counts):
     counts = np.asarray(counts, float)[None]
     never, none = np.full(1, np.inf), np.zeros((1, 2))
-    return batch.bins_of(counts, CODES[None], CODES[None] + WIDTH, math.inf, never, none)
+    return bins_of(counts, CODES[None], CODES[None] + WIDTH, math.inf, never, none)
 
 
 def window_of(bins, first, m):
-    return batch._window(bins, np.array([first]), np.array([m]), np.zeros(1))
+    return window_at(bins, np.array([first]), np.array([m]), np.zeros(1))
 
 
 def model_of(kind):

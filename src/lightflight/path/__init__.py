@@ -1,6 +1,6 @@
 """Paths: where a pulse was and when, its file, its errors, and how it looks.
 
-- the record and its file: `light_path` (`LightPath`), `file`; its tables: `tables`
+- the record and its file: `light_path` (`LightPath`), `file`, `card`; its tables: `tables`
 - how far a path is from the truth: `error` (`path_error`)
 - points along it with both times: `trace`; `apparent_speed`
 - what another camera would see of it: `second_view` (`observe`, `camera_towards`)

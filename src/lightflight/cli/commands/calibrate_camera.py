@@ -122,7 +122,7 @@ def _fit_from_pictures(
     files: tuple[Path, ...], corners: tuple[int, int], square_mm: float, std_px: float | None
 ) -> CameraFit:
     """Camera and lens from pictures of a chessboard."""
-    from lightflight.camera.calibration import calibrate_camera_from_boards
+    from lightflight.camera.boards import calibrate_camera_from_boards
     from lightflight.formats.point_tables import picture_from_file
 
     images = [picture_from_file(path) for path in files]

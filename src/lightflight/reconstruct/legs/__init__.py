@@ -1,6 +1,6 @@
 """Legs: straight pieces of the picture along which the pulse flew.
 
-- `find` (`find_legs`, `ImageLeg`), on the search of plain arrays in `search`
+- `find` (`find_legs`, `ImageLeg`), on the search of plain arrays in `search`; `cut`
 - which way times run: `curves`, `bend`, `direction`; light that is no flight: `ghosts`
 """
 

@@ -19,15 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags
 from lightflight.errors import NothingFoundError
+from lightflight.reconstruct.legs.cut import cut_at_kink, part_where_curved
 from lightflight.reconstruct.legs.ghosts import on_border, overshone
 from lightflight.reconstruct.legs.search import (
     SearchSettings,
     best_line,
-    cut_at_kink,
     distinct_positions,
     fitted_line,
     fitted_times,
-    part_where_curved,
     refine_members,
 )
 from lightflight.reconstruct.model.image_plane import along_across, undistorted_px

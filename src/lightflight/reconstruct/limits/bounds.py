@@ -11,13 +11,11 @@ recording is needed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import BSpline
 
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
@@ -25,10 +23,13 @@ from lightflight.path.light_path import LightPath
 from lightflight.path.tables import Goodness
 from lightflight.reconstruct.fit.result import prior_in_words
 from lightflight.reconstruct.fit.statements import statements_from_covariance
+from lightflight.reconstruct.limits.conditions import (
+    Conditions,
+    conditions_of,
+    expected_codes,
+    light_and_pixels,
+)
 from lightflight.reconstruct.model.forward import (
-    CodeCounts,
-    Light,
-    Pixels,
     layout_of,
 )
 from lightflight.reconstruct.model.freedom import (
@@ -39,21 +40,16 @@ from lightflight.reconstruct.model.freedom import (
     view_plane,
     with_tip,
 )
-from lightflight.reconstruct.model.geometry import PathState, footprints
-from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.information import covariance_from_information
 from lightflight.reconstruct.model.likelihood import likelihood
-from lightflight.reconstruct.model.picture import LegInPicture, leg_in_picture, lit_by_legs
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import (
     local_with_shared,
     shared_errors,
     vertices_by_parameters,
 )
-from lightflight.reconstruct.model.sighting import clock_errors
-from lightflight.reconstruct.model.strength import strength_spline
 from lightflight.timing.clock.response import Response
-from lightflight.units import std_from_fwhm
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -61,8 +57,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_REACH_STDS = 12.0
-"""Codes cover the flight, and this many stds of a pulse before and after it."""
 _GAUGE = 1e-13
 """Share of the largest scaled information below which a direction is a gauge, fixed by nothing."""
 _FIXED = 1e12
@@ -129,43 +123,6 @@ class Bounds:
         return self.path.vertex_std
 
 
-@dataclass(frozen=True, eq=False)
-class Conditions:
-    """How a path is recorded, as far as the bound cares.
-
-    Attributes
-    ----------
-    photons_per_pixel : float
-        Expected signal photons in the brightest pixel.
-    spot_std_px : float
-        Optics and active area, px.
-    pulse_std_ps : float
-        Laser pulse and response, tail and all, ps.
-    response : Response or None
-        Shape of a recorded pulse, stretched to that width; None: a Gaussian.
-    code_width_ps : float
-        Width of a code, ps.
-    background_per_ps : float
-        Background counts per pixel and ps.
-    pixel_std_ps : float
-        Calibration error of each pixel, ps.
-    timing : CodeClock or None
-        A clock whose errors count beside that.
-    strength : Callable[[array of float, int], array of float] or None
-        Scattering strength per mm at path lengths on a leg; None: even.
-    """
-
-    photons_per_pixel: float
-    spot_std_px: float
-    pulse_std_ps: float
-    response: Response | None
-    code_width_ps: float
-    background_per_ps: float
-    pixel_std_ps: float
-    timing: CodeClock | None
-    strength: Callable[[Floats, int], Floats] | None
-
-
 def bounds(
     subject: Any,
     *,
@@ -225,7 +182,7 @@ def bounds(
         raise ValueError("bounds needs a Scene or a LightPath: vertices_mm and a camera")
     if not photons_per_pixel > 0:
         raise ValueError(f"photons_per_pixel must be positive, got {photons_per_pixel}")
-    conditions = _conditions(
+    conditions = conditions_of(
         subject,
         source,
         photons_per_pixel=photons_per_pixel,
@@ -253,72 +210,6 @@ def bounds(
         source=source,
         medium=medium,
     )
-
-
-def spot_std_of(subject: Any, *, finer: float = 1.0) -> float:
-    """Std of optics and active area, px; among pixels `finer` times as many the lens blurs more."""
-    detector = getattr(subject, "detector", None)
-    optics = getattr(detector, "psf_std_px", None)
-    if optics is None:
-        return 0.35 * finer
-    return float(np.hypot(optics * finer, getattr(detector, "active_width_px", 0.0) / np.sqrt(12)))
-
-
-def _conditions(
-    subject: Any,
-    source: Source,
-    *,
-    photons_per_pixel: float,
-    spot_std_px: float | None,
-    pulse_std_ps: float | None,
-    response: Response | None,
-    code_width_ps: float | None,
-    background_per_code: float | None,
-    pixel_std_ps: float,
-    timing: CodeClock | None,
-) -> Conditions:
-    detector = getattr(subject, "detector", None)
-    width = code_width_ps or getattr(detector, "bin_width_ps", None) or 55.0
-    if spot_std_px is None:
-        spot_std_px = spot_std_of(subject)
-    response = response or _response_of(subject, source)
-    if pulse_std_ps is None:
-        pulse_std_ps = _core_std_ps(subject, source) if response is None else response.std_ps
-    if background_per_code is None:
-        period = getattr(detector, "laser_period_ps", None) or 50_000.0
-        whole = getattr(subject, "background", None)
-        background_per_code = 0.02 if whole is None else float(np.mean(whole)) * width / period
-    return Conditions(
-        photons_per_pixel=float(photons_per_pixel),
-        spot_std_px=float(spot_std_px),
-        pulse_std_ps=float(pulse_std_ps),
-        response=response,
-        code_width_ps=float(width),
-        background_per_ps=max(float(background_per_code), 1e-9) / float(width),
-        pixel_std_ps=pixel_std_ps,
-        timing=timing,
-        strength=getattr(subject, "strength", None),
-    )
-
-
-def _core_std_ps(subject: Any, source: Source) -> float:
-    """Std of laser pulse, trigger and response without its tail, ps."""
-    detector = getattr(subject, "detector", None)
-    laser = source.pulse_fwhm_ps or getattr(subject, "pulse_fwhm_ps", None) or 68.0
-    own = getattr(detector, "response_fwhm_ps", 150.0)
-    jitter = getattr(detector, "trigger_jitter_fwhm_ps", 0.0)
-    return float(std_from_fwhm(float(np.sqrt(laser**2 + own**2 + jitter**2))))
-
-
-def _response_of(subject: Any, source: Source) -> Response | None:
-    """Shape of what the subject's detector records; None where that has no tail."""
-    detector = getattr(subject, "detector", None)
-    share = getattr(detector, "response_tail_fraction", 0.0)
-    tail_ps = getattr(detector, "response_tail_ps", 0.0)
-    if not (share > 0 and tail_ps > 0):
-        return None
-    core_ps = _core_std_ps(subject, source)
-    return Response.with_tail(std_ps=core_ps, tail_ps=tail_ps, tail_share=share)
 
 
 def _state_in_view(
@@ -383,104 +274,6 @@ def _moves_of_end(camera: Camera, end: Floats, before: Floats, *, in_view: bool)
     return with_tip(plane, end, end - before, camera) if in_view else plane
 
 
-def _light_and_pixels(
-    state: PathState,
-    whole: PathState,
-    cut_ends: tuple[bool, bool],
-    conditions: Conditions,
-    camera: Camera,
-    medium: Medium,
-) -> tuple[Light, Pixels]:
-    lines = tuple(leg_in_picture(state, k, camera) for k in range(state.n_legs))
-    rows, cols = (index.ravel() for index in np.indices(camera.shape))
-    points = undistorted_px(camera, rows, cols)
-    near = lit_by_legs(lines, points, spot_px=conditions.spot_std_px)
-    knots, coefficients, brightest = [], [], 0.0
-    starts = np.concatenate(
-        ([0.0], np.cumsum(np.linalg.norm(np.diff(whole.vertices_mm, axis=0), axis=1)))
-    )
-    for k, leg in enumerate(lines):
-        along, across = leg.along_across(points)
-        low, high = leg.span_px
-
-        def expected(grid: Floats, leg: LegInPicture = leg, k: int = k) -> Floats:
-            return _log_strength(grid, leg, k, state, whole, starts, conditions, camera, medium)
-
-        knot, coefficient = strength_spline(low, high, expected)
-        in_view = near[:, k] & (along >= low) & (along <= high)
-        signal = np.exp(
-            BSpline(knot, coefficient, 3)(np.clip(along[in_view], low, high))
-            - 0.5 * (across[in_view] / conditions.spot_std_px) ** 2
-        )
-        brightest = max(brightest, float(signal.max(initial=0.0)))
-        knots.append(knot)
-        coefficients.append(coefficient)
-    # The light level is stated for the brightest pixel: all legs are scaled by one factor.
-    scale = np.log(conditions.photons_per_pixel / brightest)
-    light = Light(
-        lines,
-        tuple(knots),
-        tuple(c + scale for c in coefficients),
-        float(np.log(conditions.spot_std_px)),
-        float(np.log(conditions.pulse_std_ps)),
-        (0.0,) * len(lines),
-        cut_ends,
-    )
-    keep = near.any(axis=1)
-    n = int(keep.sum())
-    pixels = Pixels(
-        rows=rows[keep],
-        cols=cols[keep],
-        near=near[keep],
-        points_px=points[keep],
-        skew_ps=np.zeros(n),
-        pixel_var=np.full(n, conditions.pixel_std_ps**2),
-        modes_ps=np.zeros((n, len(lines), 0)),
-    )
-    if conditions.timing is not None:
-        own, modes = clock_errors(
-            conditions.timing, pixels.rows, pixels.cols, pixels.near, state, camera, medium
-        )
-        pixels = replace(pixels, pixel_var=pixels.pixel_var + own, modes_ps=modes)
-    return light, pixels
-
-
-def _log_strength(
-    grid: Floats,
-    leg: LegInPicture,
-    k: int,
-    state: PathState,
-    whole: PathState,
-    starts: Floats,
-    conditions: Conditions,
-    camera: Camera,
-    medium: Medium,
-) -> Floats:
-    """ln(light per px of picture) along a leg: strength per mm, dwell, and 1/r^2."""
-    on_line = leg.origin_px + grid[:, np.newaxis] * leg.direction_px
-    focal = mean_focal_px(camera)
-    row, col = camera.pixels_from_normalized(on_line[:, 0] / focal, on_line[:, 1] / focal)
-    print_ = footprints(
-        state,
-        camera=camera,
-        medium=medium,
-        legs=k,
-        rows=np.asarray(row, dtype=float),
-        cols=np.asarray(col, dtype=float),
-    )
-    length = float(np.linalg.norm(state.vertices_mm[k + 1] - state.vertices_mm[k]))
-    value: Floats = np.log(length / print_.px_per_leg) - 2 * np.log(print_.distance_mm)
-    if conditions.strength is not None:
-        # Strength is told from the leg's true start, which may lie before the entry into view.
-        skipped = float(np.linalg.norm(state.vertices_mm[k] - whole.vertices_mm[k]))
-        along = starts[k] + skipped + np.clip(print_.fraction, 0, 1) * length
-        with np.errstate(divide="ignore"):
-            strength = np.log(np.asarray(conditions.strength(along, k), dtype=float))
-        # A dark stretch has no logarithm: e^-12 of the brightest is dark enough.
-        value = value + np.maximum(strength, strength.max() - 12.0)
-    return value
-
-
 @dataclass(frozen=True, eq=False)
 class _Information:
     """What the counts and the priors know of a path.
@@ -510,7 +303,7 @@ def _information(
 ) -> _Information:
     """The Fisher information of the expected counts, turned into the path's covariance."""
     camera, medium = setting.camera, setting.medium
-    light, pixels = _light_and_pixels(state, whole, cut_ends, conditions, camera, medium)
+    light, pixels = light_and_pixels(state, whole, cut_ends, conditions, camera, medium)
     errors, n_modes = shared_errors(setting), pixels.modes_ps.shape[2]
     layout = layout_of(freedom.basis.shape[1], n_modes, light, len(errors))
     local = local_with_shared(
@@ -528,7 +321,7 @@ def _information(
     found = likelihood(
         local,
         pixels,
-        _expected_codes(local.arrival_ps, conditions, n),
+        expected_codes(local.arrival_ps, conditions, n),
         log_background=np.full(n, np.log(conditions.background_per_ps)),
         delay_shift_ps=np.zeros(n),
         expected_only=True,
@@ -613,20 +406,3 @@ def _event_time_rms(path: LightPath, sampled: NDArray[np.void], camera: Camera) 
         block = np.arange(4 * leg, 4 * leg + 8)
         variance.append(jacobian @ path.covariance[np.ix_(block, block)] @ jacobian)
     return float(np.sqrt(np.mean(variance)))
-
-
-def _expected_codes(arrival_ps: Floats, conditions: Conditions, n: int) -> CodeCounts:
-    """Even codes that cover the whole flight; counts are not needed for expected information."""
-    low = float(np.nanmin(arrival_ps)) - _REACH_STDS * conditions.pulse_std_ps
-    high = float(np.nanmax(arrival_ps)) + _REACH_STDS * conditions.pulse_std_ps
-    k = int(np.ceil((high - low) / conditions.code_width_ps))
-    edges = low + conditions.code_width_ps * np.arange(k + 1)
-    shape = (n, k)
-    return CodeCounts(
-        counts=np.zeros(shape),
-        lower_ps=np.broadcast_to(edges[:-1], shape).copy(),
-        upper_ps=np.broadcast_to(edges[1:], shape).copy(),
-        period_ps=0.0,
-        use_outside=np.ones(n, dtype=bool),
-        shape=np.empty((3, 0)) if conditions.response is None else conditions.response.table(),
-    )

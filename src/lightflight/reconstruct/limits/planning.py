@@ -20,7 +20,8 @@ from lightflight.camera.rigid import pose_towards
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, arrival_time_from_viewing_angle
 from lightflight.path.light_path import LightPath
-from lightflight.reconstruct.limits.bounds import Bounds, bounds, spot_std_of
+from lightflight.reconstruct.limits.bounds import Bounds, bounds
+from lightflight.reconstruct.limits.conditions import spot_std_of
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 Floats = NDArray[np.float64]

@@ -27,10 +27,9 @@ from lightflight.display import (
     picture_from_image,
     size_facts,
 )
-from lightflight.errors import CalibrationError
 from lightflight.flags import count_flags, is_usable
 from lightflight.recording.histograms import Histograms
-from lightflight.timing.clock.code_clock import agree, mismatch
+from lightflight.timing.clock.code_clock import check_same_clock
 from lightflight.timing.clock.code_edges import (
     MOST_PHASES,
     edges_and_end,
@@ -54,8 +53,6 @@ ASSUMED_PHASE_STD = 0.065
 ASSUMED_SCALE_STD = 0.005
 """Relative error of a data sheet's code width (a real PF32: 54.7 or 55.1 ps for 55)."""
 
-_PERIOD_TOLERANCE = 1e-4
-_WIDTH_TOLERANCE = 0.05
 _BLOCK_CODES = 32_768
 """Codes whose edges are worked out at a time."""
 _KEPT_CODES = 2_000_000
@@ -456,32 +453,7 @@ class TimingCalibration:
         CalibrationError
             Where shape, codes, direction, period, code width or first edge differ.
         """
-        pairs: list[tuple[str, Any, Any]] = [
-            ("shape", self.shape, hist.shape),
-            ("n_codes", self.n_codes, hist.n_codes),
-            ("reversed_codes", self.reversed_codes, hist.reversed_codes),
-            ("no_photon_code", self.no_photon_code, hist.no_photon_code),
-        ]
-        for name, ours, theirs in pairs:
-            if ours != theirs:
-                raise CalibrationError(mismatch(name, ours, theirs))
-        # A nominal clock of unknown code width counts in codes, and has no period in that unit.
-        in_codes = self.laser_period_ps is None and hist.bin_width_ps is None
-        if not in_codes and not agree(
-            self.laser_period_ps, hist.laser_period_ps, _PERIOD_TOLERANCE
-        ):
-            raise CalibrationError(
-                mismatch("laser_period_ps", self.laser_period_ps, hist.laser_period_ps)
-            )
-        # A data sheet is only about right: widths just need to be of the same setting.
-        if hist.bin_width_ps is not None and not agree(
-            self.bin_width_ps, hist.bin_width_ps, _WIDTH_TOLERANCE
-        ):
-            raise CalibrationError(mismatch("bin_width_ps", self.bin_width_ps, hist.bin_width_ps))
-        if abs(self.first_edge_ps - hist.first_edge_ps) > _WIDTH_TOLERANCE * self.bin_width_ps:
-            raise CalibrationError(
-                mismatch("first_edge_ps", self.first_edge_ps, hist.first_edge_ps)
-            )
+        check_same_clock(self, hist)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write everything to one HDF5 file; the file appears whole or not at all.

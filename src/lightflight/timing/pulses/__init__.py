@@ -1,6 +1,7 @@
 """Pulses: where the light stands in each pixel's histogram, and when it arrived.
 
 - `pulses` (`Pulses`, `fit_pulses`), run by `fits`, judged by `checks`; `pile_up`, `sync`
+- fits of any shape and number of pulses: `batch`, on the `bins` of pixels
 - on the clock: `arrivals` (`Arrivals`, `find_arrivals`)
 """
 

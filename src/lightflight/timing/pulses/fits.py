@@ -19,7 +19,8 @@ from lightflight import flags as fl
 from lightflight._kernels import pulse as kernel
 from lightflight.recording.histograms import Histograms
 from lightflight.timing.pulses import split as splitting
-from lightflight.timing.pulses.batch import Bins, Fit, Model, bins_of, fit
+from lightflight.timing.pulses.batch import Fit, Model, fit
+from lightflight.timing.pulses.bins import Bins, bins_of
 from lightflight.timing.pulses.pile_up import PileUp, pile_up_of
 
 if TYPE_CHECKING:

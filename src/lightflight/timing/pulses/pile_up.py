@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.recording.histograms import Histograms
-from lightflight.timing.pulses.batch import bins_of, open_share
+from lightflight.timing.pulses.bins import bins_of, open_share
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -14,7 +14,6 @@ import numpy as np
 
 from lightflight._kernels.pulse import ALONE
 from lightflight.timing.pulses.batch import (
-    Bins,
     Bools,
     Fit,
     Floats,
@@ -23,6 +22,7 @@ from lightflight.timing.pulses.batch import (
     fit,
     share_and_density,
 )
+from lightflight.timing.pulses.bins import Bins
 
 APART = 1.5
 """Centres closer than this many std are one pulse."""
