@@ -6,6 +6,7 @@ needed; pulls over hundreds of recordings use the brute-force oracle's expected 
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -104,6 +105,31 @@ def recordings():
     ]
 
 
+@pytest.fixture
+def unexamined(monkeypatch):
+    """No verdict: it takes half the time of three legs, and is proved elsewhere."""
+    chain = importlib.import_module("lightflight.reconstruct.chain")
+    monkeypatch.setattr(chain, "examined", lambda path, *_, **__: path)
+
+
+def path_of_three_legs(seed):
+    lab = three_legs()
+    return lf.reconstruct(
+        lab.recording(seed, 4000.0), camera=lab.camera, source=lab.timed, timing=lab.timing
+    )
+
+
+def test_a_verdict_changes_neither_path_nor_errors(request):
+    examined = path_of_three_legs(0)
+    request.getfixturevalue("unexamined")
+    path = path_of_three_legs(0)
+    assert path.verdict.level != examined.verdict.level
+    np.testing.assert_array_equal(path.vertices_mm, examined.vertices_mm)
+    np.testing.assert_array_equal(path.vertex_times_ps, examined.vertex_times_ps)
+    np.testing.assert_array_equal(path.covariance, examined.covariance)
+
+
+@pytest.mark.usefixtures("unexamined")
 class TestPullsOnTheTwin:
     """One leg, 4,000 photons in the brightest pixel, drawn photon by photon."""
 
@@ -149,6 +175,7 @@ class TestPullsOnTheTwin:
         assert pixel > 0.3 * np.mean([p.covariance.trace() for p in paths])
 
 
+@pytest.mark.usefixtures("unexamined")
 class TestPullsOnTheOracle:
     """The same lab drawn by another hand: a shared sign or factor cannot cancel."""
 
