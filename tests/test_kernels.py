@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from lightflight._kernels import jit as jit_module
-from lightflight._kernels import pulse
+from lightflight._kernels import jit as jit_module, pulse
 from lightflight._kernels.pulse import N_COLUMNS, fit_tile
 from lightflight.timing.pulses.batch import Model, fit
 from lightflight.timing.pulses.bins import bins_of

@@ -22,96 +22,61 @@ from lightflight._moved import answer_for_moved_modules
 from lightflight._version import __version__
 
 if TYPE_CHECKING:
-    from lightflight.camera.calibration import calibrate_camera
-    from lightflight.camera.model import Camera
-    from lightflight.flight import Medium, Source
-    from lightflight.formats.registry import read, write
-    from lightflight.path.error import path_error
-    from lightflight.path.light_path import LightPath
-    from lightflight.path.second_view import observe
-    from lightflight.reconstruct.chain import reconstruct
-    from lightflight.reconstruct.laser import LaserPulse, laser_pulse
-    from lightflight.reconstruct.legs.find import find_legs
-    from lightflight.reconstruct.limits.bounds import Bounds, bounds
-    from lightflight.reconstruct.limits.planning import Plan, plan
-    from lightflight.recording.counting import histogram
-    from lightflight.recording.histograms import Histograms
-    from lightflight.recording.recording import Recording
-    from lightflight.simulate.detector import Detector
-    from lightflight.simulate.recordings import simulate
-    from lightflight.simulate.scene import Scene
-    from lightflight.timing.calibrate.chain import calibrate_timing
-    from lightflight.timing.clock.calibration import TimingCalibration
-    from lightflight.timing.pulses.arrivals import Arrivals, find_arrivals
-    from lightflight.timing.pulses.pulses import Pulses, fit_pulses
+    from lightflight.camera.calibration import calibrate_camera as calibrate_camera
+    from lightflight.camera.model import Camera as Camera
+    from lightflight.flight import Medium as Medium, Source as Source
+    from lightflight.formats.registry import read as read, write as write
+    from lightflight.path.error import path_error as path_error
+    from lightflight.path.light_path import LightPath as LightPath
+    from lightflight.path.second_view import observe as observe
+    from lightflight.reconstruct.chain import reconstruct as reconstruct
+    from lightflight.reconstruct.laser import LaserPulse as LaserPulse, laser_pulse as laser_pulse
+    from lightflight.reconstruct.legs.find import find_legs as find_legs
+    from lightflight.reconstruct.limits.bounds import Bounds as Bounds, bounds as bounds
+    from lightflight.reconstruct.limits.planning import Plan as Plan, plan as plan
+    from lightflight.recording.counting import histogram as histogram
+    from lightflight.recording.histograms import Histograms as Histograms
+    from lightflight.recording.recording import Recording as Recording
+    from lightflight.simulate.detector import Detector as Detector
+    from lightflight.simulate.recordings import simulate as simulate
+    from lightflight.simulate.scene import Scene as Scene
+    from lightflight.timing.calibrate.chain import calibrate_timing as calibrate_timing
+    from lightflight.timing.clock.calibration import TimingCalibration as TimingCalibration
+    from lightflight.timing.pulses.arrivals import (
+        Arrivals as Arrivals,
+        find_arrivals as find_arrivals,
+    )
+    from lightflight.timing.pulses.pulses import Pulses as Pulses, fit_pulses as fit_pulses
 
-__all__ = [
-    "Arrivals",
-    "Bounds",
-    "Camera",
-    "Detector",
-    "Histograms",
-    "LaserPulse",
-    "LightPath",
-    "Medium",
-    "Plan",
-    "Pulses",
-    "Recording",
-    "Scene",
-    "Source",
-    "TimingCalibration",
-    "__version__",
-    "bounds",
-    "calibrate_camera",
-    "calibrate_timing",
-    "find_arrivals",
-    "find_legs",
-    "fit_pulses",
-    "histogram",
-    "laser_pulse",
-    "observe",
-    "path_error",
-    "plan",
-    "read",
-    "reconstruct",
-    "simulate",
-    "write",
-]
 
-__getattr__, __dir__ = lazy_names(
+__getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "Arrivals": "lightflight.timing.pulses.arrivals",
-        "Bounds": "lightflight.reconstruct.limits.bounds",
-        "Camera": "lightflight.camera.model",
-        "Detector": "lightflight.simulate.detector",
-        "Histograms": "lightflight.recording.histograms",
-        "LaserPulse": "lightflight.reconstruct.laser",
-        "LightPath": "lightflight.path.light_path",
-        "Medium": "lightflight.flight",
-        "Plan": "lightflight.reconstruct.limits.planning",
-        "Pulses": "lightflight.timing.pulses.pulses",
-        "Recording": "lightflight.recording.recording",
-        "Scene": "lightflight.simulate.scene",
-        "Source": "lightflight.flight",
-        "TimingCalibration": "lightflight.timing.clock.calibration",
-        "bounds": "lightflight.reconstruct.limits.bounds",
-        "calibrate_camera": "lightflight.camera.calibration",
-        "calibrate_timing": "lightflight.timing.calibrate.chain",
-        "find_arrivals": "lightflight.timing.pulses.arrivals",
-        "find_legs": "lightflight.reconstruct.legs.find",
-        "fit_pulses": "lightflight.timing.pulses.pulses",
-        "histogram": "lightflight.recording.counting",
-        "laser_pulse": "lightflight.reconstruct.laser",
-        "observe": "lightflight.path.second_view",
-        "path_error": "lightflight.path.error",
-        "plan": "lightflight.reconstruct.limits.planning",
-        "read": "lightflight.formats.registry",
-        "reconstruct": "lightflight.reconstruct.chain",
-        "simulate": "lightflight.simulate.recordings",
-        "write": "lightflight.formats.registry",
+        "lightflight.camera.calibration": ("calibrate_camera",),
+        "lightflight.camera.model": ("Camera",),
+        "lightflight.flight": ("Medium", "Source"),
+        "lightflight.formats.registry": ("read", "write"),
+        "lightflight.path.error": ("path_error",),
+        "lightflight.path.light_path": ("LightPath",),
+        "lightflight.path.second_view": ("observe",),
+        "lightflight.reconstruct.chain": ("reconstruct",),
+        "lightflight.reconstruct.laser": ("LaserPulse", "laser_pulse"),
+        "lightflight.reconstruct.legs.find": ("find_legs",),
+        "lightflight.reconstruct.limits.bounds": ("Bounds", "bounds"),
+        "lightflight.reconstruct.limits.planning": ("Plan", "plan"),
+        "lightflight.recording.counting": ("histogram",),
+        "lightflight.recording.histograms": ("Histograms",),
+        "lightflight.recording.recording": ("Recording",),
+        "lightflight.simulate.detector": ("Detector",),
+        "lightflight.simulate.recordings": ("simulate",),
+        "lightflight.simulate.scene": ("Scene",),
+        "lightflight.timing.calibrate.chain": ("calibrate_timing",),
+        "lightflight.timing.clock.calibration": ("TimingCalibration",),
+        "lightflight.timing.pulses.arrivals": ("Arrivals", "find_arrivals"),
+        "lightflight.timing.pulses.pulses": ("Pulses", "fit_pulses"),
     },
 )
+__all__ += ["__version__"]
 
 # Two rooms have the name of the function that they are the room of. Python binds a subpackage in
 # its package once, when it is first imported: done here, and unbound again, it leaves the name to

@@ -9,16 +9,19 @@ from typing import Any
 
 
 def lazy_names(
-    package: str, homes: Mapping[str, str], *, moved: Mapping[str, str] | None = None
-) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """`__getattr__` and `__dir__` of a package, from the modules its names live in.
+    package: str,
+    names_of: Mapping[str, tuple[str, ...]],
+    *,
+    moved: Mapping[str, str] | None = None,
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """`__getattr__`, `__dir__` and `__all__` of a package, from the modules its names live in.
 
     Parameters
     ----------
     package : str
         `__name__` of the package.
-    homes : mapping of str to str
-        Public name to the module that defines it.
+    names_of : mapping of str to tuple of str
+        Modules, and the public names that each defines.
     moved : mapping of str to str, optional
         Names that this package had once, and the modules where they are now: they still work,
         with a DeprecationWarning, and are not listed.
@@ -27,9 +30,12 @@ def lazy_names(
     -------
     get : callable
         Loads a name; AttributeError where the package has none such.
-    names : callable
+    directory : callable
         The public names, sorted.
+    names : list of str
+        The same.
     """
+    homes = {name: module for module, names in names_of.items() for name in names}
     gone = moved or {}
 
     def get(name: str) -> Any:
@@ -44,7 +50,4 @@ def lazy_names(
             return getattr(importlib.import_module(gone[name]), name)
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
 
-    def names() -> list[str]:
-        return sorted(homes)
-
-    return get, names
+    return get, lambda: sorted(homes), sorted(homes)

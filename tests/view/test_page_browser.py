@@ -18,8 +18,7 @@ from lightflight.path.light_path import LightPath
 from lightflight.path.second_view import camera_towards, observe
 from lightflight.path.tables import RESIDUAL_DTYPE
 from lightflight.view.page import write_page
-from tests.view import browser as br
-from tests.view import fakes
+from tests.view import browser as br, fakes
 from tests.view.test_page import HOSTILE, hostile_path
 
 pytest.importorskip("plotly", reason="the page needs the view extra (plotly)")

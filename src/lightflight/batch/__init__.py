@@ -17,29 +17,23 @@ from typing import TYPE_CHECKING
 from lightflight._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from lightflight.batch.campaign import Campaign, campaign_from_toml
-    from lightflight.batch.runner import Status, StoppedError, run_campaign
-    from lightflight.batch.table import CampaignTable, Repeats
+    from lightflight.batch.campaign import (
+        Campaign as Campaign,
+        campaign_from_toml as campaign_from_toml,
+    )
+    from lightflight.batch.runner import (
+        Status as Status,
+        StoppedError as StoppedError,
+        run_campaign as run_campaign,
+    )
+    from lightflight.batch.table import CampaignTable as CampaignTable, Repeats as Repeats
 
-__all__ = [
-    "Campaign",
-    "CampaignTable",
-    "Repeats",
-    "Status",
-    "StoppedError",
-    "campaign_from_toml",
-    "run_campaign",
-]
 
-__getattr__, __dir__ = lazy_names(
+__getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "Campaign": "lightflight.batch.campaign",
-        "CampaignTable": "lightflight.batch.table",
-        "Repeats": "lightflight.batch.table",
-        "Status": "lightflight.batch.runner",
-        "StoppedError": "lightflight.batch.runner",
-        "campaign_from_toml": "lightflight.batch.campaign",
-        "run_campaign": "lightflight.batch.runner",
+        "lightflight.batch.campaign": ("Campaign", "campaign_from_toml"),
+        "lightflight.batch.runner": ("Status", "StoppedError", "run_campaign"),
+        "lightflight.batch.table": ("CampaignTable", "Repeats"),
     },
 )

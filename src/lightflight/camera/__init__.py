@@ -11,18 +11,14 @@ from typing import TYPE_CHECKING
 from lightflight._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from lightflight.camera.calibration import calibrate_camera
-    from lightflight.camera.model import Camera
+    from lightflight.camera.calibration import calibrate_camera as calibrate_camera
+    from lightflight.camera.model import Camera as Camera
 
-__all__ = [
-    "Camera",
-    "calibrate_camera",
-]
 
-__getattr__, __dir__ = lazy_names(
+__getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "Camera": "lightflight.camera.model",
-        "calibrate_camera": "lightflight.camera.calibration",
+        "lightflight.camera.calibration": ("calibrate_camera",),
+        "lightflight.camera.model": ("Camera",),
     },
 )

@@ -14,61 +14,46 @@ from lightflight._lazy import lazy_names
 
 if TYPE_CHECKING:
     from lightflight.lab.keys import (
-        CAMERA_KEYS,
-        DETECTOR_KEYS,
-        MEDIUM_KEYS,
-        RECONSTRUCT_KEYS,
-        SCENE_KEYS,
-        SECTIONS,
-        SOURCE_KEYS,
-        TIMING_KEYS,
-        field_meanings,
+        CAMERA_KEYS as CAMERA_KEYS,
+        DETECTOR_KEYS as DETECTOR_KEYS,
+        MEDIUM_KEYS as MEDIUM_KEYS,
+        RECONSTRUCT_KEYS as RECONSTRUCT_KEYS,
+        SCENE_KEYS as SCENE_KEYS,
+        SECTIONS as SECTIONS,
+        SOURCE_KEYS as SOURCE_KEYS,
+        TIMING_KEYS as TIMING_KEYS,
+        field_meanings as field_meanings,
     )
-    from lightflight.lab.lab import Lab, lab_from_table, lab_from_toml, reconstruct_options
-    from lightflight.lab.scene import resolved_lab, scene_from_lab
-    from lightflight.lab.write import table_from_lab, toml_from_camera, toml_from_lab
+    from lightflight.lab.lab import (
+        Lab as Lab,
+        lab_from_table as lab_from_table,
+        lab_from_toml as lab_from_toml,
+        reconstruct_options as reconstruct_options,
+    )
+    from lightflight.lab.scene import resolved_lab as resolved_lab, scene_from_lab as scene_from_lab
+    from lightflight.lab.write import (
+        table_from_lab as table_from_lab,
+        toml_from_camera as toml_from_camera,
+        toml_from_lab as toml_from_lab,
+    )
 
-__all__ = [
-    "CAMERA_KEYS",
-    "DETECTOR_KEYS",
-    "MEDIUM_KEYS",
-    "RECONSTRUCT_KEYS",
-    "SCENE_KEYS",
-    "SECTIONS",
-    "SOURCE_KEYS",
-    "TIMING_KEYS",
-    "Lab",
-    "field_meanings",
-    "lab_from_table",
-    "lab_from_toml",
-    "reconstruct_options",
-    "resolved_lab",
-    "scene_from_lab",
-    "table_from_lab",
-    "toml_from_camera",
-    "toml_from_lab",
-]
 
-__getattr__, __dir__ = lazy_names(
+__getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "CAMERA_KEYS": "lightflight.lab.keys",
-        "DETECTOR_KEYS": "lightflight.lab.keys",
-        "MEDIUM_KEYS": "lightflight.lab.keys",
-        "RECONSTRUCT_KEYS": "lightflight.lab.keys",
-        "SCENE_KEYS": "lightflight.lab.keys",
-        "SECTIONS": "lightflight.lab.keys",
-        "SOURCE_KEYS": "lightflight.lab.keys",
-        "TIMING_KEYS": "lightflight.lab.keys",
-        "Lab": "lightflight.lab.lab",
-        "field_meanings": "lightflight.lab.keys",
-        "lab_from_table": "lightflight.lab.lab",
-        "lab_from_toml": "lightflight.lab.lab",
-        "reconstruct_options": "lightflight.lab.lab",
-        "resolved_lab": "lightflight.lab.scene",
-        "scene_from_lab": "lightflight.lab.scene",
-        "table_from_lab": "lightflight.lab.write",
-        "toml_from_camera": "lightflight.lab.write",
-        "toml_from_lab": "lightflight.lab.write",
+        "lightflight.lab.keys": (
+            "CAMERA_KEYS",
+            "DETECTOR_KEYS",
+            "MEDIUM_KEYS",
+            "RECONSTRUCT_KEYS",
+            "SCENE_KEYS",
+            "SECTIONS",
+            "SOURCE_KEYS",
+            "TIMING_KEYS",
+            "field_meanings",
+        ),
+        "lightflight.lab.lab": ("Lab", "lab_from_table", "lab_from_toml", "reconstruct_options"),
+        "lightflight.lab.scene": ("resolved_lab", "scene_from_lab"),
+        "lightflight.lab.write": ("table_from_lab", "toml_from_camera", "toml_from_lab"),
     },
 )

@@ -11,43 +11,33 @@ from typing import TYPE_CHECKING
 from lightflight._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from lightflight.path.error import path_error
+    from lightflight.path.error import path_error as path_error
     from lightflight.path.light_path import (
-        Leg,
-        LightPath,
-        extrapolated_position,
-        paper_angle_from_leg,
+        Leg as Leg,
+        LightPath as LightPath,
+        extrapolated_position as extrapolated_position,
+        paper_angle_from_leg as paper_angle_from_leg,
     )
-    from lightflight.path.second_view import camera_towards, observe
-    from lightflight.path.tables import RESIDUAL_DTYPE, SAMPLE_DTYPE, Explained, Goodness
+    from lightflight.path.second_view import camera_towards as camera_towards, observe as observe
+    from lightflight.path.tables import (
+        RESIDUAL_DTYPE as RESIDUAL_DTYPE,
+        SAMPLE_DTYPE as SAMPLE_DTYPE,
+        Explained as Explained,
+        Goodness as Goodness,
+    )
 
-__all__ = [
-    "RESIDUAL_DTYPE",
-    "SAMPLE_DTYPE",
-    "Explained",
-    "Goodness",
-    "Leg",
-    "LightPath",
-    "camera_towards",
-    "extrapolated_position",
-    "observe",
-    "paper_angle_from_leg",
-    "path_error",
-]
 
-__getattr__, __dir__ = lazy_names(
+__getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "Explained": "lightflight.path.tables",
-        "Goodness": "lightflight.path.tables",
-        "Leg": "lightflight.path.light_path",
-        "LightPath": "lightflight.path.light_path",
-        "RESIDUAL_DTYPE": "lightflight.path.tables",
-        "SAMPLE_DTYPE": "lightflight.path.tables",
-        "camera_towards": "lightflight.path.second_view",
-        "extrapolated_position": "lightflight.path.light_path",
-        "observe": "lightflight.path.second_view",
-        "paper_angle_from_leg": "lightflight.path.light_path",
-        "path_error": "lightflight.path.error",
+        "lightflight.path.error": ("path_error",),
+        "lightflight.path.light_path": (
+            "Leg",
+            "LightPath",
+            "extrapolated_position",
+            "paper_angle_from_leg",
+        ),
+        "lightflight.path.second_view": ("camera_towards", "observe"),
+        "lightflight.path.tables": ("Explained", "Goodness", "RESIDUAL_DTYPE", "SAMPLE_DTYPE"),
     },
 )

@@ -12,23 +12,12 @@ from typing import TYPE_CHECKING
 from lightflight._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from lightflight.reconstruct.chain import reconstruct
-    from lightflight.reconstruct.laser import LaserPulse, laser_pulse
-    from lightflight.reconstruct.legs.find import ImageLeg, find_legs
-    from lightflight.reconstruct.limits.bounds import Bounds, bounds
-    from lightflight.reconstruct.limits.planning import Plan, plan
+    from lightflight.reconstruct.chain import reconstruct as reconstruct
+    from lightflight.reconstruct.laser import LaserPulse as LaserPulse, laser_pulse as laser_pulse
+    from lightflight.reconstruct.legs.find import ImageLeg as ImageLeg, find_legs as find_legs
+    from lightflight.reconstruct.limits.bounds import Bounds as Bounds, bounds as bounds
+    from lightflight.reconstruct.limits.planning import Plan as Plan, plan as plan
 
-__all__ = [
-    "Bounds",
-    "ImageLeg",
-    "LaserPulse",
-    "Plan",
-    "bounds",
-    "find_legs",
-    "laser_pulse",
-    "plan",
-    "reconstruct",
-]
 
 FREE_NAMES = (
     "source", "emission_time", "pose", "focal_length", "distortion", "index", "clock_offset",
@@ -36,17 +25,13 @@ FREE_NAMES = (
 )  # fmt: skip
 """What `reconstruct(free=)` takes; their plausible sizes are `model.sizes.PLAUSIBLE`."""
 
-__getattr__, __dir__ = lazy_names(
+__getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "Bounds": "lightflight.reconstruct.limits.bounds",
-        "ImageLeg": "lightflight.reconstruct.legs.find",
-        "LaserPulse": "lightflight.reconstruct.laser",
-        "Plan": "lightflight.reconstruct.limits.planning",
-        "bounds": "lightflight.reconstruct.limits.bounds",
-        "find_legs": "lightflight.reconstruct.legs.find",
-        "laser_pulse": "lightflight.reconstruct.laser",
-        "plan": "lightflight.reconstruct.limits.planning",
-        "reconstruct": "lightflight.reconstruct.chain",
+        "lightflight.reconstruct.chain": ("reconstruct",),
+        "lightflight.reconstruct.laser": ("LaserPulse", "laser_pulse"),
+        "lightflight.reconstruct.legs.find": ("ImageLeg", "find_legs"),
+        "lightflight.reconstruct.limits.bounds": ("Bounds", "bounds"),
+        "lightflight.reconstruct.limits.planning": ("Plan", "plan"),
     },
 )

@@ -13,22 +13,17 @@ from typing import TYPE_CHECKING
 from lightflight._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from lightflight.recording.counting import histogram
-    from lightflight.recording.histograms import Histograms
-    from lightflight.recording.recording import Recording
+    from lightflight.recording.counting import histogram as histogram
+    from lightflight.recording.histograms import Histograms as Histograms
+    from lightflight.recording.recording import Recording as Recording
 
-__all__ = [
-    "Histograms",
-    "Recording",
-    "histogram",
-]
 
-__getattr__, __dir__ = lazy_names(
+__getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "Histograms": "lightflight.recording.histograms",
-        "Recording": "lightflight.recording.recording",
-        "histogram": "lightflight.recording.counting",
+        "lightflight.recording.counting": ("histogram",),
+        "lightflight.recording.histograms": ("Histograms",),
+        "lightflight.recording.recording": ("Recording",),
     },
     moved={"read": "lightflight.formats.registry", "write": "lightflight.formats.registry"},
 )

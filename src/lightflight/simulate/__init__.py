@@ -13,46 +13,40 @@ from typing import TYPE_CHECKING
 from lightflight._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from lightflight.simulate.detector import Detector, PixelDefects
-    from lightflight.simulate.mirrors import Mirror, dust, vertices_from_mirrors
-    from lightflight.simulate.presets import angle_scene, ideal, paper_scene, pf32, spad256, streak
-    from lightflight.simulate.recordings import simulate
-    from lightflight.simulate.scene import Scene
-    from lightflight.simulate.truth import Truth
+    from lightflight.simulate.detector import Detector as Detector, PixelDefects as PixelDefects
+    from lightflight.simulate.mirrors import (
+        Mirror as Mirror,
+        dust as dust,
+        vertices_from_mirrors as vertices_from_mirrors,
+    )
+    from lightflight.simulate.presets import (
+        angle_scene as angle_scene,
+        ideal as ideal,
+        paper_scene as paper_scene,
+        pf32 as pf32,
+        spad256 as spad256,
+        streak as streak,
+    )
+    from lightflight.simulate.recordings import simulate as simulate
+    from lightflight.simulate.scene import Scene as Scene
+    from lightflight.simulate.truth import Truth as Truth
 
-__all__ = [
-    "Detector",
-    "Mirror",
-    "PixelDefects",
-    "Scene",
-    "Truth",
-    "angle_scene",
-    "dust",
-    "ideal",
-    "paper_scene",
-    "pf32",
-    "simulate",
-    "spad256",
-    "streak",
-    "vertices_from_mirrors",
-]
 
-__getattr__, __dir__ = lazy_names(
+__getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "Detector": "lightflight.simulate.detector",
-        "Mirror": "lightflight.simulate.mirrors",
-        "PixelDefects": "lightflight.simulate.detector",
-        "Scene": "lightflight.simulate.scene",
-        "Truth": "lightflight.simulate.truth",
-        "angle_scene": "lightflight.simulate.presets",
-        "dust": "lightflight.simulate.mirrors",
-        "ideal": "lightflight.simulate.presets",
-        "paper_scene": "lightflight.simulate.presets",
-        "pf32": "lightflight.simulate.presets",
-        "simulate": "lightflight.simulate.recordings",
-        "spad256": "lightflight.simulate.presets",
-        "streak": "lightflight.simulate.presets",
-        "vertices_from_mirrors": "lightflight.simulate.mirrors",
+        "lightflight.simulate.detector": ("Detector", "PixelDefects"),
+        "lightflight.simulate.mirrors": ("Mirror", "dust", "vertices_from_mirrors"),
+        "lightflight.simulate.presets": (
+            "angle_scene",
+            "ideal",
+            "paper_scene",
+            "pf32",
+            "spad256",
+            "streak",
+        ),
+        "lightflight.simulate.recordings": ("simulate",),
+        "lightflight.simulate.scene": ("Scene",),
+        "lightflight.simulate.truth": ("Truth",),
     },
 )

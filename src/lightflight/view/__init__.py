@@ -27,133 +27,108 @@ from lightflight.elsewhere import import_elsewhere
 import_elsewhere("matplotlib", "matplotlibrc")
 
 if TYPE_CHECKING:
-    from lightflight.path.second_view import camera_towards, observe
-    from lightflight.view.arrays import to_xarray
-    from lightflight.view.export.files import export_path, write_figure
+    from lightflight.path.second_view import camera_towards as camera_towards, observe as observe
+    from lightflight.view.arrays import to_xarray as to_xarray
+    from lightflight.view.export.files import (
+        export_path as export_path,
+        write_figure as write_figure,
+    )
     from lightflight.view.figures.calibration import (
-        calibration_figure,
-        draw_bad_pixels,
-        draw_delay_map,
-        draw_gain_map,
-        draw_phases,
-        draw_response_widths,
+        calibration_figure as calibration_figure,
+        draw_bad_pixels as draw_bad_pixels,
+        draw_delay_map as draw_delay_map,
+        draw_gain_map as draw_gain_map,
+        draw_phases as draw_phases,
+        draw_response_widths as draw_response_widths,
     )
     from lightflight.view.figures.camera import (
-        draw_camera_picture,
-        draw_pixel_histogram,
-        pixel_cases_figure,
+        draw_camera_picture as draw_camera_picture,
+        draw_pixel_histogram as draw_pixel_histogram,
+        pixel_cases_figure as pixel_cases_figure,
     )
     from lightflight.view.figures.campaign import (
-        campaign_figure,
-        draw_repeat_pulls,
-        draw_set_point_errors,
-        draw_set_points,
+        campaign_figure as campaign_figure,
+        draw_repeat_pulls as draw_repeat_pulls,
+        draw_set_point_errors as draw_set_point_errors,
+        draw_set_points as draw_set_points,
     )
-    from lightflight.view.figures.demo import demo_figure
-    from lightflight.view.figures.fiber import fiber_figure
-    from lightflight.view.figures.path import draw_path_3d, draw_path_on_photo
-    from lightflight.view.figures.recording import draw_code_sum, draw_counts, recording_figure
+    from lightflight.view.figures.demo import demo_figure as demo_figure
+    from lightflight.view.figures.fiber import fiber_figure as fiber_figure
+    from lightflight.view.figures.path import (
+        draw_path_3d as draw_path_3d,
+        draw_path_on_photo as draw_path_on_photo,
+    )
+    from lightflight.view.figures.recording import (
+        draw_code_sum as draw_code_sum,
+        draw_counts as draw_counts,
+        recording_figure as recording_figure,
+    )
     from lightflight.view.figures.timing import (
-        draw_pulls,
-        draw_residual_map,
-        draw_residuals_along,
-        draw_time_errors,
-        draw_time_std,
-        draw_times,
+        draw_pulls as draw_pulls,
+        draw_residual_map as draw_residual_map,
+        draw_residuals_along as draw_residuals_along,
+        draw_time_errors as draw_time_errors,
+        draw_time_std as draw_time_std,
+        draw_times as draw_times,
     )
-    from lightflight.view.film.flight import MovieSettings, write_movie
-    from lightflight.view.film.recording import write_recording_movie
-    from lightflight.view.napari_layers import layers_from_histograms, layers_from_path
-    from lightflight.view.page import write_page
-    from lightflight.view.page.campaign import write_campaign
-    from lightflight.view.style import figure_style
-    from lightflight.view.viewpoint import Viewpoint
+    from lightflight.view.film.flight import (
+        MovieSettings as MovieSettings,
+        write_movie as write_movie,
+    )
+    from lightflight.view.film.recording import write_recording_movie as write_recording_movie
+    from lightflight.view.napari_layers import (
+        layers_from_histograms as layers_from_histograms,
+        layers_from_path as layers_from_path,
+    )
+    from lightflight.view.page import write_page as write_page
+    from lightflight.view.page.campaign import write_campaign as write_campaign
+    from lightflight.view.style import figure_style as figure_style
+    from lightflight.view.viewpoint import Viewpoint as Viewpoint
 
-__all__ = [
-    "MovieSettings",
-    "Viewpoint",
-    "calibration_figure",
-    "camera_towards",
-    "campaign_figure",
-    "demo_figure",
-    "draw_bad_pixels",
-    "draw_camera_picture",
-    "draw_code_sum",
-    "draw_counts",
-    "draw_delay_map",
-    "draw_gain_map",
-    "draw_path_3d",
-    "draw_path_on_photo",
-    "draw_phases",
-    "draw_pixel_histogram",
-    "draw_pulls",
-    "draw_repeat_pulls",
-    "draw_residual_map",
-    "draw_residuals_along",
-    "draw_response_widths",
-    "draw_set_point_errors",
-    "draw_set_points",
-    "draw_time_errors",
-    "draw_time_std",
-    "draw_times",
-    "export_path",
-    "fiber_figure",
-    "figure_style",
-    "layers_from_histograms",
-    "layers_from_path",
-    "observe",
-    "pixel_cases_figure",
-    "recording_figure",
-    "to_xarray",
-    "write_campaign",
-    "write_figure",
-    "write_movie",
-    "write_page",
-    "write_recording_movie",
-]
 
-__getattr__, __dir__ = lazy_names(
+__getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "MovieSettings": "lightflight.view.film.flight",
-        "Viewpoint": "lightflight.view.viewpoint",
-        "calibration_figure": "lightflight.view.figures.calibration",
-        "camera_towards": "lightflight.path.second_view",
-        "campaign_figure": "lightflight.view.figures.campaign",
-        "demo_figure": "lightflight.view.figures.demo",
-        "draw_bad_pixels": "lightflight.view.figures.calibration",
-        "draw_camera_picture": "lightflight.view.figures.camera",
-        "draw_code_sum": "lightflight.view.figures.recording",
-        "draw_counts": "lightflight.view.figures.recording",
-        "draw_delay_map": "lightflight.view.figures.calibration",
-        "draw_gain_map": "lightflight.view.figures.calibration",
-        "draw_path_3d": "lightflight.view.figures.path",
-        "draw_path_on_photo": "lightflight.view.figures.path",
-        "draw_phases": "lightflight.view.figures.calibration",
-        "draw_pixel_histogram": "lightflight.view.figures.camera",
-        "draw_pulls": "lightflight.view.figures.timing",
-        "draw_repeat_pulls": "lightflight.view.figures.campaign",
-        "draw_residual_map": "lightflight.view.figures.timing",
-        "draw_residuals_along": "lightflight.view.figures.timing",
-        "draw_response_widths": "lightflight.view.figures.calibration",
-        "draw_set_point_errors": "lightflight.view.figures.campaign",
-        "draw_set_points": "lightflight.view.figures.campaign",
-        "draw_time_errors": "lightflight.view.figures.timing",
-        "draw_time_std": "lightflight.view.figures.timing",
-        "draw_times": "lightflight.view.figures.timing",
-        "export_path": "lightflight.view.export.files",
-        "fiber_figure": "lightflight.view.figures.fiber",
-        "figure_style": "lightflight.view.style",
-        "layers_from_histograms": "lightflight.view.napari_layers",
-        "layers_from_path": "lightflight.view.napari_layers",
-        "observe": "lightflight.path.second_view",
-        "pixel_cases_figure": "lightflight.view.figures.camera",
-        "recording_figure": "lightflight.view.figures.recording",
-        "to_xarray": "lightflight.view.arrays",
-        "write_campaign": "lightflight.view.page.campaign",
-        "write_figure": "lightflight.view.export.files",
-        "write_movie": "lightflight.view.film.flight",
-        "write_page": "lightflight.view.page",
-        "write_recording_movie": "lightflight.view.film.recording",
+        "lightflight.path.second_view": ("camera_towards", "observe"),
+        "lightflight.view.arrays": ("to_xarray",),
+        "lightflight.view.export.files": ("export_path", "write_figure"),
+        "lightflight.view.figures.calibration": (
+            "calibration_figure",
+            "draw_bad_pixels",
+            "draw_delay_map",
+            "draw_gain_map",
+            "draw_phases",
+            "draw_response_widths",
+        ),
+        "lightflight.view.figures.camera": (
+            "draw_camera_picture",
+            "draw_pixel_histogram",
+            "pixel_cases_figure",
+        ),
+        "lightflight.view.figures.campaign": (
+            "campaign_figure",
+            "draw_repeat_pulls",
+            "draw_set_point_errors",
+            "draw_set_points",
+        ),
+        "lightflight.view.figures.demo": ("demo_figure",),
+        "lightflight.view.figures.fiber": ("fiber_figure",),
+        "lightflight.view.figures.path": ("draw_path_3d", "draw_path_on_photo"),
+        "lightflight.view.figures.recording": ("draw_code_sum", "draw_counts", "recording_figure"),
+        "lightflight.view.figures.timing": (
+            "draw_pulls",
+            "draw_residual_map",
+            "draw_residuals_along",
+            "draw_time_errors",
+            "draw_time_std",
+            "draw_times",
+        ),
+        "lightflight.view.film.flight": ("MovieSettings", "write_movie"),
+        "lightflight.view.film.recording": ("write_recording_movie",),
+        "lightflight.view.napari_layers": ("layers_from_histograms", "layers_from_path"),
+        "lightflight.view.page": ("write_page",),
+        "lightflight.view.page.campaign": ("write_campaign",),
+        "lightflight.view.style": ("figure_style",),
+        "lightflight.view.viewpoint": ("Viewpoint",),
     },
 )

@@ -10,35 +10,28 @@ from lightflight._lazy import lazy_names
 
 if TYPE_CHECKING:
     from lightflight.reconstruct.legs.find import (
-        ImageLeg,
-        find_legs,
-        image_leg,
-        is_flash,
-        legs_in_turn,
-        unwrapped_arrivals,
-        without_dim_legs,
+        ImageLeg as ImageLeg,
+        find_legs as find_legs,
+        image_leg as image_leg,
+        is_flash as is_flash,
+        legs_in_turn as legs_in_turn,
+        unwrapped_arrivals as unwrapped_arrivals,
+        without_dim_legs as without_dim_legs,
     )
 
-__all__ = [
-    "ImageLeg",
-    "find_legs",
-    "image_leg",
-    "is_flash",
-    "legs_in_turn",
-    "unwrapped_arrivals",
-    "without_dim_legs",
-]
 
-__getattr__, __dir__ = lazy_names(
+__getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "ImageLeg": "lightflight.reconstruct.legs.find",
-        "find_legs": "lightflight.reconstruct.legs.find",
-        "image_leg": "lightflight.reconstruct.legs.find",
-        "is_flash": "lightflight.reconstruct.legs.find",
-        "legs_in_turn": "lightflight.reconstruct.legs.find",
-        "unwrapped_arrivals": "lightflight.reconstruct.legs.find",
-        "without_dim_legs": "lightflight.reconstruct.legs.find",
+        "lightflight.reconstruct.legs.find": (
+            "ImageLeg",
+            "find_legs",
+            "image_leg",
+            "is_flash",
+            "legs_in_turn",
+            "unwrapped_arrivals",
+            "without_dim_legs",
+        ),
     },
     moved={
         "along_across": "lightflight.reconstruct.model.image_plane",

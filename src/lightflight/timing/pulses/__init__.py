@@ -10,26 +10,22 @@ from typing import TYPE_CHECKING
 from lightflight._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from lightflight.timing.pulses.arrivals import Arrivals, arrivals_from_pulses, find_arrivals
-    from lightflight.timing.pulses.pulses import METHODS, Pulses, fit_pulses
+    from lightflight.timing.pulses.arrivals import (
+        Arrivals as Arrivals,
+        arrivals_from_pulses as arrivals_from_pulses,
+        find_arrivals as find_arrivals,
+    )
+    from lightflight.timing.pulses.pulses import (
+        METHODS as METHODS,
+        Pulses as Pulses,
+        fit_pulses as fit_pulses,
+    )
 
-__all__ = [
-    "METHODS",
-    "Arrivals",
-    "Pulses",
-    "arrivals_from_pulses",
-    "find_arrivals",
-    "fit_pulses",
-]
 
-__getattr__, __dir__ = lazy_names(
+__getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
-        "Arrivals": "lightflight.timing.pulses.arrivals",
-        "METHODS": "lightflight.timing.pulses.pulses",
-        "Pulses": "lightflight.timing.pulses.pulses",
-        "arrivals_from_pulses": "lightflight.timing.pulses.arrivals",
-        "find_arrivals": "lightflight.timing.pulses.arrivals",
-        "fit_pulses": "lightflight.timing.pulses.pulses",
+        "lightflight.timing.pulses.arrivals": ("Arrivals", "arrivals_from_pulses", "find_arrivals"),
+        "lightflight.timing.pulses.pulses": ("METHODS", "Pulses", "fit_pulses"),
     },
 )

@@ -8,4 +8,4 @@ from lightflight._lazy import lazy_names
 
 _NAMES = ("EXPORT_SUFFIXES", "FIGURE_SUFFIXES", "export_path", "write_figure")
 
-__getattr__, __dir__ = lazy_names(__name__, dict.fromkeys(_NAMES, "lightflight.view.export.files"))
+__getattr__, __dir__, __all__ = lazy_names(__name__, {"lightflight.view.export.files": _NAMES})
