@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from lightflight.reconstruct.fit.around import (
     FINE_GROWTH,
     FINE_STDS,
     Group,
+    Seen,
     alike,
     dark_group,
     dispersion_of,
@@ -22,7 +23,7 @@ from lightflight.reconstruct.fit.around import (
 from lightflight.reconstruct.fit.joint import JointFit, pulse_std_ps
 from lightflight.reconstruct.fit.result import explained_by_fit
 from lightflight.reconstruct.model import light
-from lightflight.reconstruct.model.cells import cells_about, lag_edges
+from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
 from lightflight.reconstruct.model.counted import (
     GAUSSIAN,
     Pulses,
@@ -36,6 +37,7 @@ from lightflight.reconstruct.verdict.count_tests import (
     Cause,
     Columns,
     Sums,
+    clear_of_pulses,
     evidence_from_sums,
     summed,
 )
@@ -46,6 +48,7 @@ from lightflight.reconstruct.verdict.evidence import (
     Evidence,
     sigma_from_p,
 )
+from lightflight.reconstruct.verdict.unseen_light import Held, blind_to_light
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -59,14 +62,12 @@ same recordings are trusted, and the same causes named."""
 _TABLE_PS = (-1e9, -700.0, 700.0, 3000.0, 1e9)
 """Stretches of time that the table of classes of pixels is summed over, ps."""
 _N_CLASSES = 4
-_CLEAR_STDS = 6.0
-"""Other light is looked for at this distance from a leg's pulse, in standard deviations."""
 _LEAST_DEVIATE = 3.0
 """Only cells with so much more than expected are looked at singly."""
 
 
 def evidence_from_counts(
-    fit: JointFit, sightings: list[Sighting], *, nominal: bool
+    fit: JointFit, sightings: list[Sighting], *, nominal: bool, taken_up: bool = False
 ) -> tuple[Evidence, ...]:
     """What the counts of all recordings say against a path.
 
@@ -78,6 +79,8 @@ def evidence_from_counts(
         Recordings of one flight, on the clock and with their pulses found.
     nominal : bool
         Whether the widths of the codes were never measured.
+    taken_up : bool, optional
+        Whether diffuse light that the fit found is expected; else a plain flight is.
 
     Returns
     -------
@@ -95,21 +98,25 @@ def evidence_from_counts(
     periods = [o.histograms.laser_period_ps for o in sightings]
     fine = lag_edges(std, FINE_STDS * std, FINE_GROWTH, _shortest(periods))
     lags = light.other_lags(fine, std)
-    groups: list[tuple[Group, Columns]] = []
+    held: list[Held] = []
     for whole, own in alike(sightings):
-        groups += _with_columns(whole, fit, own[0], std, fine, lags, nominal)
-    if not groups:
+        expected = whole if taken_up else replace(whole, diffuse=None)
+        held += _held(expected, fit, own, std, fine, lags, nominal)
+    if not held:
         raise NothingFoundError("no two usable pixels lie on the path")
-    sums = summed([(group.pixels, columns) for group, columns in groups])
-    tested = evidence_from_sums(sums, causes(lags), least_size=_LEAST_SHARE)
+    asked, sums = causes(lags), summed([(one.group.pixels, one.columns) for one in held])
+    tested = evidence_from_sums(sums, asked, least_size=_LEAST_SHARE)
     explained = np.zeros(len(sums.score))
     named = [(one.gain, sizes) for one, sizes in tested if one.gain > 0.0 and not one.symptom]
     if named:
         explained = max(named, key=lambda pair: pair[0])[1]
     said = _told(fit, sightings)
+    groups = [one.group for one in held]
+    blind = blind_to_light(held, sums, asked, fit, least_size=_LEAST_SHARE)
     return (
-        *(one for one, _ in tested), _elsewhere([g for g, _ in groups], sums, explained, said),
-    )  # fmt: skip
+        *(one for one, _ in tested),
+        replace(_elsewhere(groups, sums, explained, said), blind=tuple(blind.values())),
+    )
 
 
 def _shortest(periods: list[float | None]) -> float | None:
@@ -117,17 +124,17 @@ def _shortest(periods: list[float | None]) -> float | None:
     return min(known) if known else None
 
 
-def _with_columns(
+def _held(
     whole: Sighting,
     fit: JointFit,
-    number: int,
+    numbers: list[int],
     std_ps: float,
     fine: Floats,
     lags: Floats,
     nominal: bool,
-) -> list[tuple[Group, Columns]]:
+) -> list[Held]:
     """All usable pixels of a recording in their groups, each with its columns."""
-    seen = pixels_about_path(whole, fit, number, std_ps)
+    seen = pixels_about_path(whole, fit, numbers[0], std_ps)
     near, far = np.flatnonzero(seen.leg[:, 0] >= 0), np.flatnonzero(seen.leg[:, 0] == -1)
     if len(near) < 2:
         return []
@@ -139,14 +146,17 @@ def _with_columns(
         seen.std_ps[near],
         GAUSSIAN if response is None else Shape(response.table()),
     )
-    dark = dark_group(whole, seen, near, far, std_ps, nominal)
-    dispersion = 1.0 if dark is None else dispersion_of(dark.pixels)
-    if dark is not None and dispersion > 1.0:
-        pixels = dark_pixels(dark.pixels.cells, dispersion=dispersion)
-        dark = Group(pixels, dark.points_px, dark.reference_ps, dark.of_class)
-    lit = lit_pixels(about, pulses, dispersion=dispersion)
-    bright = lit.photons[:, 0] > _BRIGHT * float(lit.photons[:, 0].max())
     points = np.column_stack((seen.rows[near], seen.cols[near]))
+    dark, dispersion = _dark(whole, seen, near, far, std_ps, nominal)
+    tails = () if whole.diffuse is None else whole.diffuse.strengths.tails
+    lit = lit_pixels(
+        about,
+        pulses,
+        dispersion=dispersion,
+        tails=tails,
+        other=_spread(whole, about, points, reference),
+    )
+    bright = lit.photons[:, 0] > _BRIGHT * float(lit.photons[:, 0].max())
     groups = [
         Group(lit.of(own), points[own], reference[own], np.full(int(own.sum()), kind))
         for kind, own in ((0, bright), (1, ~bright))
@@ -161,7 +171,39 @@ def _with_columns(
     )
     if dark is not None:
         groups.append(dark)
-    return [(group, _columns(group, beam, lags, whole)) for group in groups]
+    return [
+        Held(group, _columns(group, beam, lags, whole), tuple(numbers), beam, whole.blind.shape)
+        for group in groups
+    ]
+
+
+def _dark(
+    whole: Sighting, seen: Seen, near: Indices, far: Indices, std_ps: float, nominal: bool
+) -> tuple[Group | None, float]:
+    """Pixels that no leg lights, and the variance of quiet counts over Poisson's."""
+    dark = dark_group(whole, seen, near, far, std_ps, nominal)
+    if dark is None:
+        return None, 1.0
+    other = _spread(whole, dark.pixels.cells, dark.points_px, dark.reference_ps)
+    pixels, cells = dark.pixels, dark.pixels.cells
+    if whole.diffuse is not None:
+        pixels = dark_pixels(cells, other=other)
+    dispersion = dispersion_of(pixels)
+    if dispersion > 1.0:
+        pixels = dark_pixels(cells, dispersion=dispersion, other=other)
+    return replace(dark, pixels=pixels), dispersion
+
+
+def _spread(
+    whole: Sighting, cells: Cells, points_px: Indices, reference_ps: Floats
+) -> Floats | float:
+    """(n, m), counts of halo and glare as the fit found them; 0 where none is expected."""
+    diffuse = whole.diffuse
+    if diffuse is None:
+        return 0.0
+    wide = light.spread_light(cells, points_px, reference_ps, diffuse.beam, whole.blind.shape)
+    counts: Floats = wide @ diffuse.strengths.value[light.N_LATE :]
+    return counts
 
 
 def _columns(group: Group, beam: light.Beam, lags: Floats, whole: Sighting) -> Columns:
@@ -334,11 +376,7 @@ def _largest(groups: list[Group], sums: Sums, sizes: Floats) -> _Brightest:
     for group, left in zip(groups, sums.groups, strict=True):
         pixels, cells = group.pixels, group.pixels.cells
         middle = 0.5 * (cells.edges_ps[:, 1:] + cells.edges_ps[:, :-1])
-        off = cells.live & (pixels.weight > 0.0)
-        for k in range(pixels.late_ps.shape[1]):
-            away = np.abs(middle - pixels.late_ps[:, k : k + 1])
-            lit = pixels.photons[:, k : k + 1] > 0.0
-            off &= (away > _CLEAR_STDS * pixels.std_ps[:, k : k + 1]) | ~lit
+        off = clear_of_pulses(pixels)
         mean = pixels.mean + (sizes[left.used] @ left.columns).reshape(middle.shape)
         mean = np.where(off, np.maximum(mean, 1e-9), 0.0)
         n += int(off.sum())

@@ -30,6 +30,8 @@ Indices = NDArray[np.int64]
 _ASK_THE_PIXELS = "look at the counts of single pixels (lightflight view --what pixel)"
 _LEAST_SIGNAL = 1.0
 """A direction in which plausible sizes make no more than this, sigma, is not asked for."""
+_CLEAR_STDS = 6.0
+"""Other light is looked for at this distance from a leg's pulse, in standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +194,18 @@ def summed(groups: Sequence[tuple[Pixels, Columns]]) -> Sums:
         ) - shared.reshape(-1, k).T @ taken.reshape(-1, k)
         kept.append(Left(pixels, columns, taken))
     return Sums(score, 0.5 * (information + information.T), tuple(kept))
+
+
+def clear_of_pulses(pixels: Pixels) -> NDArray[np.bool_]:
+    """(n, m), cells in which a path leaves so little light that one of them says something."""
+    cells = pixels.cells
+    middle = 0.5 * (cells.edges_ps[:, 1:] + cells.edges_ps[:, :-1])
+    clear: NDArray[np.bool_] = cells.live & (pixels.weight > 0.0)
+    for k in range(pixels.late_ps.shape[1]):
+        away = np.abs(middle - pixels.late_ps[:, k : k + 1])
+        lit = pixels.photons[:, k : k + 1] > 0.0
+        clear &= (away > _CLEAR_STDS * pixels.std_ps[:, k : k + 1]) | ~lit
+    return clear
 
 
 def evidence_from_sums(

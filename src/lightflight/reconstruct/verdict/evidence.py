@@ -16,6 +16,8 @@ _LEAST_P = 1e-300
 
 CHECK_AT = 0.01
 """Family-wise chance of a false "check"."""
+SEEN_AT = 3.7
+"""What is this many sigma is seen in half of all recordings: the threshold of some 40 tests."""
 WITHIN = 9.0
 """Causes whose gain is within this of the best cannot be told from it."""
 AT_MOST = 9.0

@@ -39,6 +39,7 @@ from lightflight.reconstruct.verdict.hidden import (
 )
 from lightflight.reconstruct.verdict.judge import verdict_from_evidence
 from lightflight.reconstruct.verdict.lost import evidence_from_lost_legs
+from lightflight.reconstruct.verdict.taken_up import verdict_with_light_taken_up
 
 _DIM = 0.25
 """Of the brightest leg's light per pixel: a reflection or a second pulse mostly holds a tenth, a
@@ -73,7 +74,9 @@ def examined(
         if not own and not beyond:
             evidence = (*evidence, evidence_of_own_errors(path, fit, sightings, setting))
         light, unseen = ((), ()) if beyond else _light(fit, sightings, nominal_clock)
-        verdict = verdict_from_evidence((*evidence, *light), (*said, *beyond, *unseen, *hidden))
+        aside = (*said, *beyond, *unseen, *hidden)
+        verdict = verdict_from_evidence((*evidence, *light), aside)
+        verdict = verdict_with_light_taken_up(verdict, evidence, aside, fit, sightings)
     if verdict.level is Level.CONTRADICTED:
         verdict = replace(verdict, findings=(*_mistakes(sightings[0], setting), *verdict.findings))
     if verdict.level is not Level.TRUST:

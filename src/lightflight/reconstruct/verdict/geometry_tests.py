@@ -29,7 +29,7 @@ from lightflight.reconstruct.verdict.candidates import (
     Rows,
     geometry_candidates,
 )
-from lightflight.reconstruct.verdict.evidence import Evidence
+from lightflight.reconstruct.verdict.evidence import SEEN_AT, Evidence
 from lightflight.reconstruct.verdict.freed import STRAIGHT, fit_freed
 
 Floats = NDArray[np.float64]
@@ -45,8 +45,6 @@ _NEIGHBOURS_PX = 5.0
 _CLOCKS = 1.0
 """Beyond their errors, neighbours disagree by this share of those, in chi-square, before a clock is
 named: nothing wrong gives 0.6 to 1.5 in all, a bent or slowed leg too, 5 ps of delay above 100."""
-SEEN_AT = 3.7
-"""What is this many sigma is seen in half of all recordings: the threshold of some 40 tests."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,78 @@
+"""Diffuse light that the fit has taken up: named all the same, and no contradiction any more.
+
+Tests of the counts ask whether a plain flight explains them. Where haze, a halo or glare does not
+let it, and the fit has measured their strengths, the counts are held against the flight with that
+light. What passes then is told, since more of it would harm; the path's errors hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
+from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.sizes import PLAUSIBLE
+from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
+from lightflight.reconstruct.verdict.evidence import Evidence
+from lightflight.reconstruct.verdict.judge import verdict_from_evidence
+
+_DIFFUSE = (FindingName.HAZE, FindingName.SHAPE, FindingName.HALO, FindingName.GLARE)
+"""What `fit.diffuse` has a place for."""
+
+
+def verdict_with_light_taken_up(
+    plain: Verdict,
+    evidence: Sequence[Evidence],
+    noticed: Sequence[Finding],
+    fit: JointFit,
+    sightings: list[Sighting],
+) -> Verdict:
+    """The verdict where the counts are held against a flight with the light that the fit found.
+
+    Parameters
+    ----------
+    plain : Verdict
+        With the counts held against a plain flight.
+    evidence : sequence of Evidence
+        All tests but those of the counts.
+    noticed : sequence of Finding
+        What was noticed without a test.
+    fit : JointFit
+        The path, and the strengths of diffuse light.
+    sightings : list of Sighting
+        Its recordings.
+
+    Returns
+    -------
+    Verdict
+        `plain`, unless diffuse light of a plausible strength is all that contradicts the path.
+    """
+    first = plain.findings[0].name if plain.findings else None
+    if plain.level is not Level.CONTRADICTED or first not in _DIFFUSE or not _plausible(fit):
+        return plain
+    try:
+        counts = evidence_from_counts(fit, sightings, nominal=False, taken_up=True)
+    except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
+        return plain
+    left = verdict_from_evidence((*evidence, *counts), noticed)
+    if left.level is Level.CONTRADICTED:
+        return plain
+    told = tuple(
+        replace(one, sentence=f"{one.sentence}: taken into the fit", severity=Severity.CHECK)
+        for one in plain.findings
+        if one.name in _DIFFUSE
+    )
+    return replace(left, level=Level.CHECK, findings=(*told, *left.findings))
+
+
+def _plausible(fit: JointFit) -> bool:
+    """Whether the fit found diffuse light, in all no more than would surprise nobody."""
+    most = PLAUSIBLE[FindingName.HAZE].size
+    return bool(fit.strengths) and all(
+        float(np.maximum(one.value, 0.0).sum()) <= most for one in fit.strengths
+    )
