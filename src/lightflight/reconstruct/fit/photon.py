@@ -434,6 +434,11 @@ def _ending_at_tips(
 
 def _path_from_climb(ended: Climb, rough: LightPath) -> LightPath:
     total = ended.result.information + ended.prior + ended.hold
+    if not np.isfinite(total).all():
+        raise NothingFoundError(
+            "the counts lead the path to where they tell nothing of it: check start, source and "
+            "camera (lightflight check)"
+        )
     covariance = covariance_from_information(total, rcond=GAUGE)
     by_delay = (
         ended.result.nuisance_gain[:, 1]

@@ -27,7 +27,8 @@ MUCH_SCATTER = 0.2
 """A fifth of a pulse is more than counting and a good clock leave."""
 _NO_DEPTH_PS = 10.0
 """At 7 mm of depth for each ps: a tenth of a metre, and more than delays and gains of a sharp clock
-(a streak camera's pixels scatter by 2 ps, those of an array without a flat by 100 and more)."""
+(a streak camera's pixels scatter by 2 ps, those of an array without a flat by 100 and more). With
+13 ps the same: pulses wider than 65 ps are asked for more by `MUCH_SCATTER`, as all of arrays are."""
 _CLOCKS_SHARE = 0.3
 """Pixels of an uncalibrated clock scatter each by itself: by most of what the times miss by."""
 
