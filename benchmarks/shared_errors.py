@@ -25,6 +25,7 @@ from pathlib import Path
 import numpy as np
 
 import lightflight as lf
+from lightflight.errors import GeometryError, NothingFoundError
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.oracles.worlds.border import record, what_the_user_tells
@@ -47,7 +48,7 @@ def pulls(
     method = "joint" if method == "start" else method
     path = lf.reconstruct(record(world, seed), method=method, **told)
     if path.n_legs != n_legs:
-        raise lf.NothingFoundError(f"{path.n_legs} legs")
+        raise NothingFoundError(f"{path.n_legs} legs")
     own = [4 * k + axis for k in range(1, n_legs) for axis in range(3)]
     off = (path.vertices_mm - world.vertices)[1:-1].ravel()
     covariance = path.covariance[np.ix_(own, own)]
@@ -86,7 +87,7 @@ def main() -> None:
         for seed in range(given.first, given.first + given.runs):
             try:
                 one, mean_square = pulls(seed, method, given.legs, prior, given.uneven)
-            except (lf.GeometryError, lf.NothingFoundError) as reason:
+            except (GeometryError, NothingFoundError) as reason:
                 refused += 1
                 print(f"{method} {seed}: {reason}")
                 continue

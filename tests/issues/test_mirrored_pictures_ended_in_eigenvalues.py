@@ -5,7 +5,7 @@ import warnings
 import pytest
 
 import lightflight as lf
-from lightflight.errors import LightflightWarning
+from lightflight.errors import LightflightWarning, NothingFoundError
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
@@ -16,5 +16,5 @@ def test_a_mirrored_leg_is_refused_in_a_sentence():
     world = DEFECTS["mirrored_picture"].applied(random_world(0, 1), 1.0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LightflightWarning)
-        with pytest.raises(lf.NothingFoundError, match="lightflight check"):
+        with pytest.raises(NothingFoundError, match="lightflight check"):
             lf.reconstruct(record(world, 0), method="photon", **what_the_user_tells(world))

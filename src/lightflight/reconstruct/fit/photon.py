@@ -398,7 +398,14 @@ def photon_path(
         codes = codes_of_pixels(pixels, whole, state, seen, std_ps)
         freedom = freedom_at(state, seen, ends, tips_move=True)
         known = uneven[pixels.rows, pixels.cols]
-        ended = climb(state, light, freedom, pixels, codes, setting, known, shared=shared)
+        # A picture led astray has light without bounds, whose score is no number.
+        with np.errstate(invalid="ignore", over="ignore"):
+            ended = climb(state, light, freedom, pixels, codes, setting, known, shared=shared)
+        if not np.isfinite(ended.result.information).all():
+            raise NothingFoundError(
+                "the counts lead the path to where they tell nothing of it: check start, source "
+                "and camera (lightflight check)"
+            )
         state, shared = ended.state, ended.shared
         intrinsic = float(np.exp(ended.light.log_std_ps))
         found = uneven_pixels(ended, codes)
@@ -434,11 +441,6 @@ def _ending_at_tips(
 
 def _path_from_climb(ended: Climb, rough: LightPath) -> LightPath:
     total = ended.result.information + ended.prior + ended.hold
-    if not np.isfinite(total).all():
-        raise NothingFoundError(
-            "the counts lead the path to where they tell nothing of it: check start, source and "
-            "camera (lightflight check)"
-        )
     covariance = covariance_from_information(total, rcond=GAUGE)
     by_delay = (
         ended.result.nuisance_gain[:, 1]

@@ -28,7 +28,7 @@ MUCH_SCATTER = 0.2
 _NO_DEPTH_PS = 10.0
 """At 7 mm of depth for each ps: a tenth of a metre, and more than delays and gains of a sharp clock
 (a streak camera's pixels scatter by 2 ps, those of an array without a flat by 100 and more). With
-13 ps the same: pulses wider than 65 ps are asked for more by `MUCH_SCATTER`, as all of arrays are."""
+13 ps the same: of pulses wider than 65 ps, as those of arrays, `MUCH_SCATTER` asks for more."""
 _CLOCKS_SHARE = 0.3
 """Pixels of an uncalibrated clock scatter each by itself: by most of what the times miss by."""
 

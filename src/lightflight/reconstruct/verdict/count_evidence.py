@@ -56,8 +56,8 @@ Indices = NDArray[np.int64]
 _BRIGHT = 0.02
 """Share of the brightest pixel's light from which a pixel is bright."""
 _LEAST_SHARE = 0.005
-"""Of the path's light: less is less than is known of the shape of pulses. It may move a path by more
-than its error all the same, which `blind_to` says. With a third more the same recordings are
+"""Of the path's light: less is less than is known of the shape of pulses. It may move a path by
+more than its error all the same, which `blind_to` says. With a third more the same recordings are
 trusted, and the same causes named."""
 _TABLE_PS = (-1e9, -700.0, 700.0, 3000.0, 1e9)
 """Stretches of time that the table of classes of pixels is summed over, ps."""
