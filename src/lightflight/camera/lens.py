@@ -18,7 +18,8 @@ Floats = NDArray[np.float64]
 
 _DISTORTION_SIZES = (0, 4, 5, 8, 12, 14)
 _NEWTON_STEPS = 60
-_NEWTON_TOLERANCE = 4e-16
+_NEWTON_TOLERANCE = 2e-15
+"""Of the place: what is nearer is rounding (8 units in the last place), which no step betters."""
 
 
 def checked_distortion(distortion: ArrayLike) -> Floats:
@@ -143,7 +144,9 @@ class Lens:
         scale = 1.0 + np.hypot(xd, yd)
         for _ in range(_NEWTON_STEPS):
             error = np.hypot(ex, ey)
-            if not (error > _NEWTON_TOLERANCE * scale).any():
+            # Who has arrived, or is NaN, must not keep the others halving.
+            away = error > _NEWTON_TOLERANCE * scale
+            if not away.any():
                 break
             xx, xy, yx, yy = self._terms_jacobian(x, y)
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -153,15 +156,15 @@ class Lens:
             share = np.ones_like(x)
             for _ in range(30):
                 fx, fy = self._residual(x - share * step_x, y - share * step_y, xd, yd)
-                worse = ~(np.hypot(fx, fy) < error)
+                worse = away & ~(np.hypot(fx, fy) < error)
                 if not worse.any():
                     break
                 share = np.where(worse, 0.5 * share, share)
-            share = np.where(worse, 0.0, share)
-            if not share.any():
+            nearer = away & ~worse
+            if not nearer.any():
                 break
-            x, y = np.where(worse, x, x - share * step_x), np.where(worse, y, y - share * step_y)
-            ex, ey = np.where(worse, ex, fx), np.where(worse, ey, fy)
+            x, y = np.where(nearer, x - share * step_x, x), np.where(nearer, y - share * step_y, y)
+            ex, ey = np.where(nearer, fx, ex), np.where(nearer, fy, ey)
         # 1e-13 and not the tolerance: the last bits of the residual are rounding.
         lost = ~(np.hypot(ex, ey) <= 1e-13 * scale) | ~(x * x + y * y < self._fold_radius2)
         return x, y, np.asarray(lost & ~np.isnan(xd) & ~np.isnan(yd))
