@@ -96,7 +96,7 @@ class Lens:
             NaN beyond the radius where the radial polynomial folds back on itself: a real lens does
             not send light from there into the picture.
         """
-        if self._is_ideal:
+        if self.is_ideal:
             return x, y
         inside = x * x + y * y < self._fold_radius2
         xd, yd = self._terms(np.where(inside, x, np.nan), np.where(inside, y, np.nan))
@@ -104,7 +104,7 @@ class Lens:
 
     def jacobian(self, x: Floats, y: Floats) -> Floats:
         """(..., 2, 2): derivative of the distorted (x, y) by the undistorted one."""
-        if self._is_ideal:
+        if self.is_ideal:
             return np.broadcast_to(np.eye(2), (*np.shape(x), 2, 2))
         inside = x * x + y * y < self._fold_radius2
         x, y = np.where(inside, x, np.nan), np.where(inside, y, np.nan)
@@ -135,7 +135,7 @@ class Lens:
         lost : array of bool, shape (...)
             True where no undistorted place exists.
         """
-        if self._is_ideal:
+        if self.is_ideal:
             return xd, yd, np.zeros(np.shape(xd), dtype=bool)
         if self._tilt is not None:
             xd, yd = _mapped(np.asarray(np.linalg.inv(self._tilt), float), xd, yd)
@@ -202,7 +202,8 @@ class Lens:
         return xx, xy, yx, yy
 
     @cached_property
-    def _is_ideal(self) -> bool:
+    def is_ideal(self) -> bool:
+        """True where it distorts nothing."""
         return not np.any(self.distortion)
 
     @cached_property

@@ -374,19 +374,19 @@ class Camera:
         z = np.where(points[..., 2:] > 0.0, points[..., 2:], np.nan)
         x, y = points[..., :1] / z, points[..., 1:2] / z
         right, down, forward = self.world_from_camera[:3, :3].T
-        # How the place in the image plane moves, (..., 3), and how the lens bends that, (..., 2).
+        # How the place in the image plane moves, (..., 3); below, how the lens bends that.
         x_by_point, y_by_point = (right - x * forward) / z, (down - y * forward) / z
-        by_plane = self._lens.jacobian(x[..., 0], y[..., 0])
-        k = self.matrix
-        row_by_plane = k[1, 1] * by_plane[..., 1, :]
-        col_by_plane = k[0, 0] * by_plane[..., 0, :] + k[0, 1] * by_plane[..., 1, :]
-        return np.stack(
-            [
+        if not self._lens.is_ideal:
+            bend = self._lens.jacobian(x[..., 0], y[..., 0])
+            x_by_point, y_by_point = (
                 by_plane[..., :1] * x_by_point + by_plane[..., 1:] * y_by_point
-                for by_plane in (row_by_plane, col_by_plane)
-            ],
-            axis=-2,
-        )
+                for by_plane in (bend[..., 0, :], bend[..., 1, :])
+            )
+        k = self.matrix
+        jacobian = np.empty((*points.shape[:-1], 2, 3))
+        jacobian[..., 0, :] = k[1, 1] * y_by_point
+        jacobian[..., 1, :] = k[0, 0] * x_by_point + k[0, 1] * y_by_point
+        return jacobian
 
     # ---- pixel -> world -------------------------------------------------------------------
 
