@@ -72,6 +72,9 @@ def _bend_of_leg(leg: ImageLeg, sighting: Sighting, camera: Camera) -> tuple[flo
     # Counted in pixels of the middle, so that gates in px mean the same in every picture.
     s = mean_focal_px(camera) * np.arctan2(rays @ axis, rays @ middle)
     inner = (s > s.min() + BEND_FROM_CORNER_PX) & (s < s.max() - BEND_FROM_CORNER_PX)
+    if np.count_nonzero(inner) <= 3:
+        # A patch of light as broad as long: a parabola through three places has no error.
+        return 0.0, float("inf")
     index, s = index[inner], s[inner]
     times = sighting.arrival_ps[index]
     errors = arrivals.independent_std_ps[index]
