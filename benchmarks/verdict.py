@@ -3,7 +3,8 @@
     python benchmarks/verdict.py                                   # both tables, small
     python benchmarks/verdict.py --only undisturbed --first 200 --runs 48 --json out/trust.jsonl
     python benchmarks/verdict.py --only defects --runs 10 --cells barrel,index --strength 1
-    python benchmarks/verdict.py --held-out                        # the defects kept back
+    python benchmarks/verdict.py --only defects --held-out --apart --runs 1 --first 7000
+                                                                   # the defects kept back
 
 undisturbed  worlds with nothing wrong, by number of legs, photons, prior and estimator: share of
              "trust" with its 95 % interval (Clopper-Pearson), the chance (Kolmogorov-Smirnov) that
@@ -11,10 +12,13 @@ undisturbed  worlds with nothing wrong, by number of legs, photons, prior and es
              of the same `reconstruct` without it
 defects      worlds with one thing wrong: share seen, share in which the cause is named first and
              among those that cannot be told apart, size of that group, and how many are wrong by
-             more than three stated errors and 0.3 mm with "trust"
+             more than three stated errors and 0.3 mm with "trust"; these one by one, with the
+             sigma at which the oracle's Fisher information shows their defect, all that is told as
+             uncertain free, and whether `blind_to` names it
 
-Seeds are fixed: run k of a cell is world `--first` + k. `--json` holds one line for each recording;
-a run that was cut short goes on from there.
+Seeds are fixed: run k of a cell is world `--first` + k; `--apart` gives each cell worlds of its own
+and draws their order, so that a run that is stopped is a fair sample. `--json` holds one line for
+each recording; a run that was cut short goes on from there.
 """
 
 from __future__ import annotations
@@ -38,11 +42,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import lightflight as lf
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS, defects
+from tests.oracles.worlds.fisher import as_told, fisher
 from tests.oracles.worlds.random_worlds import random_world
 from tests.oracles.worlds.world import World
 
 PRIORS = ("known", "lab")
 WRONG_STDS, WRONG_MM = 3.0, 0.3
+SMALL = 0.05
+"""Of a defect's strength: counts are straight in so much of it."""
 
 Cell = dict[str, Any]
 
@@ -66,6 +73,12 @@ def defect_cells(
                 "method": method, "n_legs": n_legs, "photons": 40_000.0, "prior": prior,
                 "seed": seed,
             }  # fmt: skip
+
+
+def apart(cells: list[Cell]) -> list[Cell]:
+    """Each cell in a world of its own, in an order drawn once."""
+    own = [{**cell, "seed": cell["seed"] + number} for number, cell in enumerate(cells)]
+    return [own[k] for k in np.random.default_rng(14).permutation(len(own))]
 
 
 def world_of(cell: Cell) -> World:
@@ -179,6 +192,34 @@ def print_defects(rows: list[Cell]) -> None:
         print(f"{key:58s} {len(own):6d} {seen:6d} {first:6d} {among:6d} {size:6.1f} {silent:6d}")
 
 
+def print_silent(rows: list[Cell]) -> None:
+    """How many of the wrong are trusted, and what the oracle says of these."""
+    off = [row for row in rows if wrong(row)]
+    silent = [row for row in off if row["outcome"] == "trust"]
+    high = (
+        beta.ppf(0.975, len(silent) + 1, len(off) - len(silent)) if len(silent) < len(off) else 1.0
+    )
+    print(
+        f"\n{len(off)} of {len(rows)} wrong, {len(silent)} of these trusted (95 %: to {high:.3f})"
+    )
+    for row in silent:
+        told = DEFECTS[row["defect"]].finding in row["blind_to"]
+        print(
+            f"{key_of(row):58s} {row['error_mm']:7.2f} mm {row['stds']:6.1f} stated errors, oracle "
+            f"{sigma_of(row):5.1f} sigma, {'' if told else 'not '}in blind_to"
+        )
+
+
+def sigma_of(cell: Cell) -> float:
+    """At how many sigma a recording shows the defect, to first order, all that is free fitted."""
+    defect = DEFECTS[cell["defect"]]
+    if "|" in defect.unit or defect.unit in ("camera", "legs"):
+        return float("nan")  # A place in a list has no small part.
+    base = as_told(random_world(cell["seed"], cell["n_legs"], cell["photons"], cell["prior"]))
+    small = defect.applied(base, cell["strength"] * SMALL)
+    return fisher(as_told(small, base)).seen_at(small) / SMALL
+
+
 def key_of(row: Cell) -> str:
     defect = f"{row['defect']} {row['strength']:g} " if row["defect"] else ""
     return f"{defect}{row['n_legs']} legs {row['photons']:g} {row['prior']} {row['method']}"
@@ -219,6 +260,7 @@ def main() -> None:
     parser.add_argument("--strength", type=int, choices=(0, 1, 2), help="which of three; all")
     parser.add_argument("--legs", default="1,3")
     parser.add_argument("--held-out", action="store_true", help="the defects that are kept back")
+    parser.add_argument("--apart", action="store_true", help="each cell in worlds of its own")
     parser.add_argument("--json", type=Path, help="one line for each recording; goes on from there")
     options = parser.parse_args()
     names = options.cells.split(",") if options.cells else []
@@ -230,8 +272,10 @@ def main() -> None:
     if options.only != "defects":
         print_undisturbed(run(list(undisturbed_cells(seeds, methods)), options.json))
     if options.only != "undisturbed":
-        cells = defect_cells(seeds, names, strengths, legs, methods)
-        print_defects(run(list(cells), options.json))
+        cells = list(defect_cells(seeds, names, strengths, legs, methods))
+        rows = run(apart(cells) if options.apart else cells, options.json)
+        print_defects(rows)
+        print_silent(rows)
 
 
 if __name__ == "__main__":
