@@ -13,10 +13,10 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check
 PYTEST_FLAGS ?= -n 2 --dist worksteal
 export MPLBACKEND := Agg
 # Tests start hundreds of processes: without byte code each compiles the package and its tests again.
-test quick lowest cold fuzz attack: export PYTHONDONTWRITEBYTECODE :=
+test quick lowest cold fuzz attack mutants: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper paper-quick test quick lowest cold check lint types layers workflows speed docs format fuzz attack clean install install-dev python-is-new-enough
+.PHONY: help demo paper paper-quick test quick lowest cold check lint types layers workflows speed docs format fuzz attack mutants clean install install-dev python-is-new-enough
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -79,6 +79,9 @@ fuzz: $(VENV)/.installed-dev ## new random input at length: property tests, 20,0
 
 attack: $(VENV)/.installed-dev ## tests/attacks at length: more mutants, more kills
 	@LIGHTFLIGHT_ATTACK=long NUMBA_NUM_THREADS=1 $(BIN)/python -m pytest $(PYTEST_FLAGS) --timeout=7200 tests/attacks
+
+mutants: $(VENV)/.installed-dev ## mistakes put into copies of the package: does a test notice each? ARGS="verdict lap"
+	@$(BIN)/python tools/mutants.py $(ARGS)
 
 clean: ## remove the environment, results and caches
 	@rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
