@@ -98,6 +98,12 @@ def test_one_changed_byte_of_small_arrays_and_attributes_is_seen(tmp_path, name,
         (tmp_path / "y.h5").write_bytes(content.replace(old, new))
         with pytest.raises(FileFormatError, match=r"not as lightflight wrote it|damaged"):
             load_record(tmp_path / "y.h5", kind=name)
+    other = name[:-1] + "s"
+    shutil.copy(tmp_path / "x.h5", tmp_path / "y.h5")
+    with h5py.File(tmp_path / "y.h5", "r+") as file:
+        file.attrs.modify("kind", np.bytes_(other))
+    with pytest.raises(FileFormatError, match="its digest is another"):
+        load_record(tmp_path / "y.h5", kind=other)
     at = content.index(np.float64(4.0).tobytes() + np.float64(5.0).tobytes())
     (tmp_path / "y.h5").write_bytes(content[:at] + np.float64(4.5).tobytes() + content[at + 8 :])
     with pytest.raises(FileFormatError, match="its digest is another"):

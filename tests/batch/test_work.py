@@ -198,6 +198,7 @@ def test_a_window_of_the_clock_answers_for_its_pixels_and_codes(rng):
         TimingCalibration.nominal(hist),
         gain=1.0 + rng.normal(0, 0.01, (4, 3)),
         skew_ps=rng.normal(0, 5, (4, 3)),
+        skew_std_ps=rng.uniform(1, 2, (4, 3)),
     )
     window = TimingWindow.of(timing, rows=(1, 3), codes=(4, 15))
     clocks: list[CodeClock] = [timing, window]  # a check of types: mypy fails where one lacks
@@ -209,6 +210,9 @@ def test_a_window_of_the_clock_answers_for_its_pixels_and_codes(rng):
         strict=True,
     ):
         np.testing.assert_array_equal(ours, theirs[:, 4:15])
+    errors_ps = window.arrival_errors_ps(rows, cols, np.full(2, 300.0))[0]
+    wanted_ps = timing.arrival_errors_ps(rows + 1, cols, np.full(2, 300.0))[0]
+    np.testing.assert_array_equal(errors_ps, wanted_ps)
     np.testing.assert_array_equal(window.skew_ps, timing.skew_ps[1:3])
     assert (window.shape, window.n_codes, window.no_photon_code) == ((2, 3), 11, None)
     window.check_matches(lf.histogram(hist, rows=(1, 3), codes=(4, 15)))

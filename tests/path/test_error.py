@@ -119,6 +119,12 @@ def test_a_path_that_ends_in_view_or_starts_late_is_prolonged():
     assert error.event_time_rms_ps == pytest.approx(0.0, abs=1e-9)
 
 
+def test_what_is_out_of_view_is_not_compared():
+    up, down = (np.vstack((ACROSS, [200.0, y, 0.0])) for y in (300.0, -300.0))
+    error = path_error(truth_of(down), truth_of(up), CAMERA)
+    assert error.position_rms_mm == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_missing_leg_shows():
     truth = truth_of(PAPER_VERTICES)
     without = Truth(PAPER_VERTICES[:-1], vertex_times(PAPER_VERTICES)[:-1])

@@ -248,7 +248,7 @@ class TestAngles:
     def test_towards_the_camera_is_positive(self):
         for z, sign in ((30.0, 1), (-30.0, -1)):
             leg = make_path([[0, 0, 0], [100, 0, z]]).legs[0]
-            assert np.sign(leg.angle_deg) == sign
+            assert leg.angle_deg == pytest.approx(sign * np.degrees(np.arctan2(30.0, 100.0)))
             assert np.sign(leg.paper_angle_deg) == sign
 
     def test_paper_angle_does_not_care_which_way_it_flies_sideways(self):

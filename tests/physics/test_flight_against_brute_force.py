@@ -111,6 +111,23 @@ class TestMarchedLight:
         )
         np.testing.assert_allclose(found, points, atol=1e-8)
 
+    def test_every_point_that_is_found_explains_its_time(self) -> None:
+        """Also in a fibre, where squaring the equation brings points behind the light."""
+        rng = np.random.default_rng(13)
+        rays = rng.normal(size=(2000, 3))
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        center = np.array([100.0, 20.0, 535.0])
+        arrival = rng.uniform(0.0, 6000.0, len(rays))
+        fibre = Medium(1.47, 1.0)
+        away = distance_from_arrival(
+            rays, arrival, source_mm=np.zeros(3), emission_time_ps=0.0, camera_center_mm=center,
+            medium=fibre,
+        )  # fmt: skip
+        flown = 1.47 * np.linalg.norm(center + away[:, np.newaxis] * rays, axis=1) + away
+        there = np.isfinite(away)
+        assert 200 < there.sum() < 1800
+        np.testing.assert_allclose(flown[there] / C, arrival[there], atol=1e-6)
+
     def test_light_that_came_too_soon_has_no_point(self) -> None:
         center = np.array([0.0, 0.0, 500.0])
         early = 0.5 * 500.0 / C

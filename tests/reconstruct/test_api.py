@@ -56,7 +56,7 @@ class TestWrongCalls:
             call(hist=hist)
 
     def test_camera_missing(self):
-        with pytest.raises(GeometryError, match=r"the camera's place is unknown.*give camera="):
+        with pytest.raises(GeometryError, match=r"place is unknown.*give camera=.*field of view"):
             call(camera=None)
 
     def test_shapes_differ(self):

@@ -104,6 +104,14 @@ class TestClosedForms:
         loss = coarse.angle_std_deg[0] / fine.angle_std_deg[0]
         assert loss == pytest.approx(np.sqrt(1 + 55.0**2 / 12 / 70.0**2), abs=0.01)
 
+    def test_the_brightest_pixel_holds_the_light_that_was_told(self):
+        """All light, summed by hand across the leg; along it, it is even within a tenth."""
+        subject = leg_at(0.0)
+        row, _ = subject.camera.pixels_from_points(np.mean(subject.vertices_mm, axis=0))
+        across = np.exp(-0.5 * ((np.arange(32) - float(row)) / 0.35) ** 2)
+        found = bounds(subject, photons_per_pixel=1000.0, spot_std_px=0.35)
+        assert found.photons == pytest.approx(32 * 1000.0 * across.sum() / across.max(), rel=0.12)
+
     def test_an_unknown_emission_time_costs(self):
         """Its error is more than sigma / sqrt(all photons), for the angle has to be found too."""
         subject = leg_at(0.0)

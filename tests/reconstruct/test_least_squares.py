@@ -172,7 +172,9 @@ class TestErrors:
     def test_covariance_is_the_inverse_of_what_the_data_weigh(self):
         times, lines, freedom = times_of(TRUE, PAPER), lines_of(TRUE, PAPER), freedom_for(KNOWN)
         one = solved(times, lines, freedom).covariance
-        doubled = replace(times, photon_var=4.0 * times.photon_var)
+        doubled = replace(
+            times, photon_var=1.5 * times.photon_var, pixel_var=2.5 * times.photon_var
+        )
         softer = replace(lines, whitening=lines.whitening / 2.0)
         four = solved(doubled, softer, freedom).covariance
         np.testing.assert_allclose(four, 4.0 * one, rtol=1e-3)
@@ -241,6 +243,19 @@ class TestPriorsAndSharedErrors:
             < 0.3 * np.abs(blind.state.vertices_mm[1:3] - true).max()
         )
         assert found.covariance[0, 0] > clean.covariance[0, 0]
+
+    def test_a_shared_error_that_the_data_do_not_see_is_what_was_told(self):
+        """All times late alike, and an emission time that is free: 5 ps of the one in the other."""
+        times = times_of(TRUE, PAPER)
+        late = replace(times, modes_ps=np.full((len(times.leg), 1), 5.0))
+        freedom = freedom_for(NO_TIME)
+        found = solved(late, lines_of(TRUE, PAPER), freedom)
+        n = freedom.basis.shape[1]
+        assert found.covariance[n, n] == pytest.approx(1.0, rel=1e-3)
+        clean = solved(times, lines_of(TRUE, PAPER), freedom)
+        own = [np.diag(one.covariance)[freedom.labels.index("emission time")]
+               for one in (found, clean)]  # fmt: skip
+        assert own[0] - own[1] == pytest.approx(25.0, rel=1e-3)
 
     def test_an_uncertain_pose_moves_the_camera_and_widens_the_errors(self):
         rng = np.random.default_rng(2)

@@ -164,6 +164,8 @@ class TestWhatGetsInTheWay:
         legs = find_legs(spoiled, camera=PAPER)
         assert_finds(legs, PAPER_VERTICES, PAPER)
         assert not bad[np.concatenate([leg.members for leg in legs])].any()
+        right = find_legs(replace(arrivals, flags=words), camera=PAPER)
+        assert not bad[np.concatenate([leg.members for leg in right])].any()
 
     def test_nan_times_take_no_part(self, rng):
         arrivals = arrivals_of(PAPER_VERTICES, PAPER, rng=rng)

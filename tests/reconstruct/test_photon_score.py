@@ -177,6 +177,20 @@ class TestOnePixel:
                 score[i], abs=0.02 * error + 1e-3 * abs(score[i])
             )
 
+    def test_half_of_the_photons_counted_is_half_of_the_information(self):
+        _, lower, upper, variables = self.case(9, 2)
+        mean = self.mean_of(lower, upper, variables)
+        whole, half = (
+            self.evaluated(share * mean, lower, upper, variables, open_share=np.array([[share]]))
+            for share in (1.0, 0.5)
+        )
+        scale = np.sqrt(np.diag(whole[2]))
+        np.testing.assert_allclose(
+            half[2] / np.outer(scale, scale), 0.5 * whole[2] / np.outer(scale, scale), atol=1e-6
+        )
+        # Expected counts have no slope but for the half count that stands for dark codes.
+        assert np.abs(half[1] / scale).max() < 0.1
+
     def test_compiled_and_plain_agree(self):
         plain = getattr(photon_score, "py_func", None)
         if plain is None:

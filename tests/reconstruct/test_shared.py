@@ -13,8 +13,9 @@ from scipy.stats import chi2
 import lightflight as lf
 from lightflight.files.store import load_record
 from lightflight.reconstruct import FREE_NAMES
+from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.shared import moved, shared_errors
+from lightflight.reconstruct.model.shared import moved, shared_errors, vertex_time_columns
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.timing.clock.calibration import TimingCalibration
 from lightflight.timing.clock.shared_modes import with_shared_errors
@@ -47,6 +48,8 @@ def test_what_is_exact_has_no_error_and_stays_as_told():
 def test_each_record_states_its_own():
     errors = shared_errors(setting(path_group_index_std=1e-4, return_group_index_std=1e-4))
     assert errors.names == ("pose",) * 6 + ("focal_length", "distortion", "index")
+    sizes = np.sort(np.linalg.norm(errors.sigma[:6, :6], axis=1))
+    np.testing.assert_allclose(sizes, [np.radians(0.1)] * 3 + [0.5] * 3)  # told in deg and mm
     wide = moved(setting(), errors, np.eye(9)[6] * 2.0)
     assert wide.camera.matrix[0, 0] == pytest.approx(CAMERA.matrix[0, 0] * (1 + 2 * 0.5 / 245.0))
     bent = moved(setting(), errors, np.eye(9)[7])
@@ -56,6 +59,19 @@ def test_each_record_states_its_own():
     np.testing.assert_allclose(
         errors.sigma[:6, :6].T @ errors.sigma[:6, :6], CAMERA.pose_covariance, atol=1e-15
     )
+
+
+def test_a_slower_medium_makes_later_corners():
+    errors = shared_errors(setting(path_group_index_std=1e-4, return_group_index_std=1e-4))
+    state = PathState(np.array([[0.0, 0, 0], [300.0, 40, 0], [20.0, 80, 30]]), 100.0)
+    before, after = (
+        state.vertex_times_ps(moved(setting(), errors, delta).medium)
+        for delta in (np.zeros(9), np.eye(9)[8])
+    )
+    columns = vertex_time_columns(errors, state).reshape(3, 4, 9)
+    np.testing.assert_allclose(columns[:, 3, 8], after - before, atol=1e-9)
+    assert columns[2, 3, 8] > 0.1
+    assert np.count_nonzero(columns) == 2
 
 
 @pytest.mark.parametrize("out", [2e-4, 0.0])

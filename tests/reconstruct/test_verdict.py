@@ -12,11 +12,13 @@ from scipy.stats import chi2, kstest
 import lightflight as lf
 from lightflight.errors import SuspectDataWarning, UncalibratedWarning
 from lightflight.path.verdict import FindingName
+from lightflight.reconstruct.verdict.bookkeeping import noticed
 from lightflight.reconstruct.verdict.evidence import Evidence, evidence_from_deviate
 from lightflight.reconstruct.verdict.judge import family_p_value, named, verdict_from_evidence
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
+from tests.path_fakes import make_path
 
 
 @cache
@@ -69,6 +71,15 @@ class TestJudge:
         )
         assert verdict_from_evidence([*quiet, loud]).level == "check"
         assert verdict_from_evidence([*quiet, soft]).level == "trust"
+
+    def test_tests_that_seldom_speak_take_their_own_chance_alone(self):
+        """29 tests that are silent below 3 sigma, and one at 2: 12 %, not the 79 % of 30 tests."""
+        silent, loud = (
+            evidence_from_deviate(FindingName.HAZE, z, sentence="", remedy="", silent_below=below)
+            for z, below in ((0.0, 9.0), (1.96, 0.0))
+        )
+        passed = (1.0 - loud.p_value) * (1.0 - chi2.sf(9.0, 1)) ** 29
+        assert family_p_value([*[silent] * 29, loud]) == pytest.approx(1.0 - passed, rel=1e-6)
 
     def test_causes_within_nine_of_the_best_are_named_together(self):
         basis = np.eye(4)
@@ -157,6 +168,12 @@ def test_a_nominal_clock_is_warned_of_once_and_checked():
     assert "check this path before you rely on it: the clock is nominal" in str(given[1].message)
     assert path.verdict.level == "check"
     assert "calibration" in [finding.name for finding in path.verdict.findings]
+
+
+@pytest.mark.parametrize(("told", "names"), [(2, ["leg_count"]), (3, []), (None, [])])
+def test_legs_that_were_told_and_not_found_are_noticed(told, names):
+    found = noticed(make_path(), (), nominal_clock=False, n_legs=told)
+    assert [finding.name for finding in found] == names
 
 
 def test_blind_spots_are_what_moves_the_path_unseen():
