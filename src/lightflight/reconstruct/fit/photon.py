@@ -22,10 +22,15 @@ from lightflight.reconstruct.fit.ends import Ends, freedom_at, known_tips, with_
 from lightflight.reconstruct.fit.membership import (
     Tips,
     fraction_at,
-    prints_of_leg,
     roughly_on_leg,
 )
 from lightflight.reconstruct.fit.result import prior_in_words
+from lightflight.reconstruct.fit.strangers import (
+    counts_of_pulses,
+    further_pulses,
+    strange_pulses,
+    whole_pulses,
+)
 from lightflight.reconstruct.model.forward import (
     CodeCounts,
     Light,
@@ -91,7 +96,9 @@ def merged(sightings: list[Sighting]) -> Sighting:
     return replace(first, histograms=whole, blind=blind, diffuse=diffuse)
 
 
-def without_outliers(sighting: Sighting, rough: LightPath, std_ps: float, tips: Tips) -> Sighting:
+def without_outliers(
+    sighting: Sighting, rough: LightPath, std_ps: float, tips: Tips, setting: Setting
+) -> Sighting:
     """The recording with the pixels that disagree with the rough path blinded.
 
     Parameters
@@ -104,6 +111,8 @@ def without_outliers(sighting: Sighting, rough: LightPath, std_ps: float, tips: 
         Typical standard deviation of a pulse, ps.
     tips : Tips
         (row, col) where the light begins and stops in the picture; None: it does not.
+    setting : Setting
+        Camera, source, medium and waypoints.
 
     Returns
     -------
@@ -115,12 +124,12 @@ def without_outliers(sighting: Sighting, rough: LightPath, std_ps: float, tips: 
     blind = sighting.blind.copy()
     blind[wrong["row"], wrong["col"]] = True
     if len(rough.residuals):
-        blind |= pixels_off_the_path(sighting, rough, std_ps, tips)
+        blind |= pixels_off_the_path(sighting, rough, std_ps, tips, setting)
     return replace(sighting, blind=blind)
 
 
 def pixels_off_the_path(
-    sighting: Sighting, rough: LightPath, std_ps: float, tips: Tips
+    sighting: Sighting, rough: LightPath, std_ps: float, tips: Tips, setting: Setting
 ) -> NDArray[np.bool_]:
     """(rows, cols), True where a pixel on the path has a pulse beside the path's time.
 
@@ -138,6 +147,8 @@ def pixels_off_the_path(
         Typical standard deviation of a pulse, ps.
     tips : Tips
         (row, col) where the light begins and stops in the picture; None: it does not.
+    setting : Setting
+        Camera, source, medium and waypoints.
 
     Returns
     -------
@@ -175,6 +186,9 @@ def pixels_off_the_path(
     gate = np.maximum(6.0 * np.hypot(errors, rough.goodness.error_floor_ps), 0.5 * std_ps)
     mixed = (np.nanmin(gap, axis=1) < 0) & (np.nanmax(gap, axis=1) > 0)
     off = (np.abs(nearest - shared) > gate) & (np.abs(nearest) < _DISTURBING * std_ps) & ~mixed
+    # Beside a pulse that is the leg's, one that was fitted apart is a light of its own.
+    drawn = np.isin(pulses, strange_pulses(sighting, state, setting, std_ps), invert=True)
+    off &= drawn | ~further_pulses(sighting, pulses, np.abs(nearest - shared) <= gate)
     wrong = np.zeros(arrivals.shape, dtype=bool)
     wrong[arrivals.row[pulses[off]], arrivals.col[pulses[off]]] = True
     return wrong
@@ -264,7 +278,7 @@ def pixels_near_path(
 def codes_of_pixels(
     pixels: Pixels, sighting: Sighting, state: PathState, setting: Setting, std_ps: float
 ) -> CodeCounts:
-    """Counts and code intervals; pixels in which something else flashes are marked.
+    """Counts and code intervals, with what is expected of light that is no leg's.
 
     Parameters
     ----------
@@ -285,16 +299,22 @@ def codes_of_pixels(
         (n, codes) each.
     """
     found = pixel_counts(sighting, pixels.rows, pixels.cols)
-    # A second flash would be fitted as background, and the background be wrong.
-    strange = _pixels_with_strangers(sighting, state, setting, std_ps)
-    response = sighting.timing.response
-    other = np.empty((0, 0))
+    response, other = sighting.timing.response, np.empty((0, 0))
+    skew = found.skew_ps[:, np.newaxis]
+    intervals = found.lower_ps - skew, found.upper_ps - skew
     if sighting.diffuse is not None:
-        skew = found.skew_ps[:, np.newaxis]
         other = sighting.diffuse.counts(
-            pixels.rows, pixels.cols, (found.lower_ps - skew, found.upper_ps - skew),
+            pixels.rows, pixels.cols, intervals,
             float(sighting.histograms.laser_period_ps or 0.0), setting.camera.shape,
         )  # fmt: skip
+    pulses = strange_pulses(sighting, state, setting, std_ps)
+    whole = whole_pulses(sighting, pulses)
+    if whole.any():
+        more = counts_of_pulses(sighting, pulses[whole], pixels.rows, pixels.cols, intervals)
+        other = more if not other.size else other + more
+    # What is not known well enough to be expected would be fitted as background.
+    strange = np.zeros(setting.camera.shape, dtype=bool)
+    strange[sighting.arrivals.row[pulses[~whole]], sighting.arrivals.col[pulses[~whole]]] = True
     return CodeCounts(
         counts=found.counts,
         lower_ps=found.lower_ps,
@@ -307,22 +327,6 @@ def codes_of_pixels(
         shape=np.empty((3, 0)) if response is None else response.table(),
         other=other,
     )
-
-
-def _pixels_with_strangers(
-    sighting: Sighting, state: PathState, setting: Setting, std_ps: float
-) -> NDArray[np.bool_]:
-    """(rows, cols), True where a pixel holds a pulse that belongs to no leg."""
-    arrivals = sighting.arrivals
-    pulses = np.flatnonzero(np.isfinite(sighting.arrival_ps))
-    explained = np.zeros(len(pulses), dtype=bool)
-    for k in range(state.n_legs):
-        print_ = prints_of_leg(sighting, state, setting, pulses, k)
-        gap = np.abs(sighting.arrival_ps[pulses] - print_.arrival_ps)
-        explained |= (np.abs(print_.lateral_px) < 4.0) & (gap < 4.0 * std_ps)
-    strange = np.zeros(arrivals.shape, dtype=bool)
-    strange[arrivals.row[pulses[~explained]], arrivals.col[pulses[~explained]]] = True
-    return strange
 
 
 def photon_path(
@@ -363,7 +367,7 @@ def photon_path(
     NothingFoundError
         Where no pixel lies near the path.
     """
-    whole = without_outliers(merged(sightings), rough, std_ps, tips)
+    whole = without_outliers(merged(sightings), rough, std_ps, tips, setting)
     # The path is seen by camera and medium as they were found, told by those of the user.
     errors = shared_errors(setting)
     shared = np.zeros(len(errors)) if shared is None else shared
