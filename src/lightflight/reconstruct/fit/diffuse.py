@@ -13,7 +13,10 @@ unknown of the strengths enters the path's fit as errors that all pulses share, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +38,10 @@ from lightflight.reconstruct.fit.joint import (
     fit_joint,
     fitted_again,
     moved_stds,
+    pictured_again,
     pulse_std_ps,
 )
+from lightflight.reconstruct.fit.second_path import LEAST_GAIN, places_of_path, second_path_in
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
 from lightflight.reconstruct.model.counted import (
@@ -46,16 +51,20 @@ from lightflight.reconstruct.model.counted import (
     lit_pixels,
 )
 from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.second_path import Places, SecondPath
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.model.strength import span_of_knots
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_MOST_PATHS = 3
+_MOST_PATHS = 8
 """Most times that strengths are measured about a path that they have moved far."""
 _FAR_STDS = 1.0
 """Pulses are told apart anew where the path moves by more than this many of its errors."""
@@ -74,6 +83,10 @@ _CORE_STDS = 1.5
 """Half width of what counts as about a pulse, in its standard deviations."""
 _GATE_STDS = 4.0
 """A pulse this near to the expected time is the one that was measured, in standard deviations."""
+_PLANE_PRIOR = (1.0, 1.0, 1e-6)
+"""Precision of what is known of a mirror beforehand: turns to 1 rad, its distance to 1 m."""
+_FAR_PLANE = (0.05, 0.05, 5.0)
+"""Most that a mirror turns, rad, and moves, mm, in a round: its image stays on the same pulses."""
 _FAR_PX = 25.0
 """Light this far outside of the picture reaches it no more, px."""
 _PLACES = 400
@@ -130,7 +143,9 @@ def with_diffuse(fit: JointFit, setting: Setting) -> JointFit:
         return fit
     try:
         for _ in range(_MOST_PATHS):
-            clear, strengths = without_diffuse(plain, fit)
+            clear, strengths = without_diffuse(plain, fit, setting)
+            if any(o.diffuse is not None and o.diffuse.second is not None for o in clear):
+                fit = pictured_again(fit, clear, setting)
             better = fitted_again(fit, clear, setting)
             far = moved_stds(fit, better) > _FAR_STDS
             if far:
@@ -151,7 +166,7 @@ def _gaussian(sighting: Sighting) -> bool:
 
 
 def without_diffuse(
-    sightings: list[Sighting], fit: JointFit
+    sightings: list[Sighting], fit: JointFit, setting: Setting
 ) -> tuple[list[Sighting], tuple[light.Strengths, ...]]:
     """The recordings with the times of the path's pulses as they are without diffuse light.
 
@@ -161,6 +176,8 @@ def without_diffuse(
         Recordings of one flight, on the clock and with their pulses found.
     fit : JointFit
         The path.
+    setting : Setting
+        Camera, source, medium and waypoints.
 
     Returns
     -------
@@ -189,25 +206,54 @@ def without_diffuse(
         cells = _cells(whole, seen, lit, std)
         dark = dark_group(whole, seen, lit, far, std, False)
         pulses = Pulses(seen.arrival_ps[lit] - seen.arrival_ps[lit, :1], seen.std_ps[lit])
-        wide = _wide(cells, seen, lit, beam, whole)
-        found_here, pixels, step = _strengths(cells, pulses, wide, dark, beam, whole)
-        strengths.append(found_here)
+        beside = _beside(whole, seen.of(lit), cells, beam)
+        known = _with_second(
+            seen.of(lit),
+            partial(_strengths, pulses, beside, dark, beam, whole),
+            partial(
+                places_of_path, fit, own[0], whole,
+                source_told=setting.source.position_mm is not None,
+            ),
+            fit.sightings[own[0]].diffuse,
+            fit.solution.cameras[whole.view],
+        )  # fmt: skip
+        if not known.settled:
+            raise NothingFoundError("the strengths of diffuse light do not settle")
+        strengths.append(known.strengths)
         for number in own:
-            part, step_here, cells_here = 1.0, step, cells
+            part, one = 1.0, known
             if len(own) > 1:
                 # Each repeat by itself, in the light that all of them show.
                 part = found[number].histograms.photons.sum() / whole.histograms.photons.sum()
-                cells_here = _cells(found[number], seen, lit, std)
-                other = part * (wide @ found_here.value[light.N_LATE :])
-                pixels = lit_pixels(cells_here, pulses, tails=found_here.tails, other=other)
-                step_here = np.zeros_like(step)
+                one = _of_repeat(known, pulses, beside, _cells(found[number], seen, lit, std), part)
             bright = replace(beam, photons=part * beam.photons)
-            one = _measured(
-                pixels, pulses, part * wide, found_here, bright, step_here, seen.of(lit)
-            )
             clear = _without_wings(found[number], seen.of(wing))
-            found[number] = _corrected(clear, one)
+            found[number] = _corrected(clear, _measured(one, pulses, beside, bright, part))
     return found, tuple(strengths)
+
+
+def _with_second(
+    seen: Seen,
+    strengths: Callable[[SecondPath | None], _Known],
+    places: Callable[[float], Places],
+    so_far: light.Diffuse | None,
+    camera: Camera,
+) -> _Known:
+    """Strengths with a second path where the counts show one: as found before, or looked for."""
+    if so_far is not None and so_far.second is not None:
+        here = places(so_far.second.places.std_ps)
+        return strengths(SecondPath(so_far.second.mirror, here, camera))
+    known = strengths(None)
+    here = places(float(np.median(known.pixels.std_ps[:, 0])))
+    second = second_path_in(seen, known.pixels, known.dark, here, camera)
+    if second is None:
+        return known
+    more = strengths(second)
+    assert more.second is not None
+    share = more.second.mirror.share
+    own = more.strengths.covariance[-len(share) :, -len(share) :]
+    shown = float(share @ np.linalg.solve(own, share)) > LEAST_GAIN
+    return more if more.settled and shown else known
 
 
 def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> light.Beam:
@@ -264,52 +310,138 @@ def _cells(whole: Sighting, seen: Seen, lit: Indices, std_ps: float) -> Cells:
     return cells_about(whole, rows, cols, reference, fine, nominal=False)
 
 
-def _wide(cells: Cells, seen: Seen, at: Indices, beam: light.Beam, whole: Sighting) -> Floats:
-    """(n, m, k - 3): halo and glare in cells of the pixels `at`."""
-    points = np.column_stack((seen.rows[at], seen.cols[at]))
-    return light.spread_light(cells, points, seen.arrival_ps[at, 0], beam, whole.blind.shape)
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """Pixels (n,), their cells, and the halo and glare there.
+
+    Attributes
+    ----------
+    seen : Seen
+    cells : Cells
+    wide : array of float, shape (n, m, k - 3)
+        Counts at a strength of one.
+    """
+
+    seen: Seen
+    cells: Cells
+    wide: Floats
+
+    def other(self, strengths: Floats, second: SecondPath | None) -> tuple[Floats, Floats]:
+        """Counts of light that is no leg's (n, m), and how they follow its unknowns."""
+        spread: Floats = self.wide @ strengths[light.N_LATE :]
+        if second is None:
+            return spread, self.wide
+        seen = self.seen
+        more, columns = second.light(self.cells, seen.rows, seen.cols, seen.arrival_ps[:, 0])
+        return spread + more, np.concatenate((self.wide, columns), axis=2)
+
+
+def _beside(whole: Sighting, seen: Seen, cells: Cells, beam: light.Beam) -> _Beside:
+    """Halo and glare in cells of some pixels."""
+    points, reference = np.column_stack((seen.rows, seen.cols)), seen.arrival_ps[:, 0]
+    wide = light.spread_light(cells, points, reference, beam, whole.blind.shape)
+    return _Beside(seen, cells, wide)
+
+
+def _beside_dark(whole: Sighting, dark: Group | None, beam: light.Beam) -> _Beside | None:
+    """The same in pixels that no leg lights."""
+    if dark is None:
+        return None
+    rows, cols = dark.points_px.T
+    no_leg, reference = np.full((len(rows), 1), -1), dark.reference_ps[:, np.newaxis]
+    seen = Seen(rows, cols, no_leg, reference, np.ones_like(reference), np.ones_like(reference))
+    return _beside(whole, seen, dark.pixels.cells, beam)
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """Strengths as found, with the pixels as they were fitted last.
+
+    Attributes
+    ----------
+    strengths : Strengths
+        Of diffuse light; the covariance also of the second path's unknowns.
+    second : SecondPath or None
+    pixels : Pixels
+        Those that the legs light.
+    dark : Group or None
+        Those that they do not.
+    step : array of float, shape (k,)
+        Of all unknowns, since the pixels were fitted.
+    settled : bool
+        Whether a further round would move them no more.
+    """
+
+    strengths: light.Strengths
+    second: SecondPath | None
+    pixels: Pixels
+    dark: Group | None
+    step: Floats
+    settled: bool
 
 
 def _strengths(
-    cells: Cells,
     pulses: Pulses,
-    wide: Floats,
+    beside: _Beside,
     dark: Group | None,
     beam: light.Beam,
     whole: Sighting,
-) -> tuple[light.Strengths, Pixels, Floats]:
-    """Strengths, the pixels as they were fitted last, and the step since then (k,)."""
-    size = light.N_LATE + wide.shape[2]
+    second: SecondPath | None = None,
+) -> _Known:
+    """Strengths of diffuse light, and of a second path if there is one."""
+    size = light.N_LATE + beside.wide.shape[2]
+    free = 0 if second is None else second.size
     # What would surprise nobody is the same for all kinds of diffuse light.
-    value, prior = np.zeros(size), np.full(size, PLAUSIBLE[FindingName.HAZE].size ** -2.0)
-    beside = (
-        None
-        if dark is None
-        else light.spread_light(
-            dark.pixels.cells, dark.points_px, dark.reference_ps, beam, whole.blind.shape
-        )
-    )
+    prior = np.full(size + free, PLAUSIBLE[FindingName.HAZE].size ** -2.0)
+    prior[size : size + 3] = _PLANE_PRIOR[:free]
+    value, unlit = np.zeros(size), _beside_dark(whole, dark, beam)
     for _ in range(_MOST_ROUNDS):
         now = light.Strengths(value, np.zeros((size, size)))
-        pixels = lit_pixels(cells, pulses, tails=now.tails, other=wide @ value[light.N_LATE :])
-        columns = np.concatenate((light.late_light(pixels), wide), axis=2)
+        other, columns = beside.other(value, second)
+        pixels = lit_pixels(beside.cells, pulses, tails=now.tails, other=other)
+        columns = np.concatenate((light.late_light(pixels), columns), axis=2)
         information, score = _known(pixels, columns)
-        if dark is not None and beside is not None:
-            empty = dark_pixels(dark.pixels.cells, other=beside @ value[light.N_LATE :])
-            more = _known(empty, beside)
+        if dark is not None and unlit is not None:
+            other, columns = unlit.other(value, second)
+            dark = replace(dark, pixels=dark_pixels(unlit.cells, other=other))
+            more = _known(dark.pixels, columns)
             information[light.N_LATE :, light.N_LATE :] += more[0]
             score[light.N_LATE :] += more[1]
         total = information + np.diag(prior)
-        step = np.linalg.solve(total, score - prior * value)
+        # A plane is as likely as any other; shares of light are not.
+        shares = np.zeros(0) if second is None else np.append(np.zeros(3), second.mirror.share)
+        step = np.linalg.solve(total, score - prior * np.append(value, shares))
         moved = float(step @ total @ step)
-        step = step / max(1.0, float(np.abs(step).max()) / _LONGEST)
-        value = value + step
-        if np.abs(value).max() < _LINEAR or moved < _STILL**2:
-            return light.Strengths(value, np.linalg.inv(total)), pixels, step
+        step = step / max(1.0, _length(step, size) / _LONGEST)
+        value = value + step[:size]
+        second = None if second is None else second.moved(step[size:])
+        small = second is None and np.abs(value).max() < _LINEAR
+        settled = bool(small or moved < _STILL**2)
+        if settled:
+            break
         # Of pulses with tails the width of a Gaussian is not that of their core.
         wider = np.nanmedian((pixels.std_ps / pulses.std_ps)[:, 0])
         pulses = replace(pulses, std_ps=pulses.std_ps * wider)
-    raise NothingFoundError("the strengths of diffuse light do not settle")
+        if second is not None:
+            second = second.of_width(float(np.median(pixels.std_ps[:, 0])))
+    found = light.Strengths(value, np.linalg.inv(total))
+    return _Known(found, second, pixels, dark, step, settled)
+
+
+def _length(step: Floats, size: int) -> float:
+    """Of a step: its largest share of light; turns and shifts of a plane by what is far for it."""
+    scaled = step.copy()
+    scaled[size : size + 3] *= _LONGEST / np.array(_FAR_PLANE)[: len(step) - size]
+    return float(np.abs(scaled).max())
+
+
+def _of_repeat(known: _Known, pulses: Pulses, beside: _Beside, cells: Cells, part: float) -> _Known:
+    """One repeat, in the light that all of them show: `part` of it."""
+    second = None if known.second is None else known.second.times(part)
+    mine = replace(beside, cells=cells, wide=part * beside.wide)
+    other = mine.other(known.strengths.value, second)[0]
+    pixels = lit_pixels(cells, pulses, tails=known.strengths.tails, other=other)
+    return replace(known, second=second, pixels=pixels, step=np.zeros_like(known.step))
 
 
 def _known(pixels: Pixels, columns: Floats) -> tuple[Floats, Floats]:
@@ -324,20 +456,17 @@ def _known(pixels: Pixels, columns: Floats) -> tuple[Floats, Floats]:
 
 
 def _measured(
-    pixels: Pixels,
-    pulses: Pulses,
-    wide: Floats,
-    strengths: light.Strengths,
-    beam: light.Beam,
-    step: Floats,
-    seen: Seen,
+    known: _Known, pulses: Pulses, beside: _Beside, beam: light.Beam, part: float
 ) -> _Measured:
-    """Times of the path's pulses, `step` (k,) after the one at which the pixels were fitted."""
+    """Times of the path's pulses, the last step after those at which the pixels were fitted."""
+    pixels, seen, strengths = known.pixels, beside.seen, known.strengths
     s = pulses.late_ps.shape[1]
     own = slice(s, 2 * s)
-    columns = np.concatenate((light.late_light(pixels), wide), axis=2)
+    mine = replace(beside, cells=pixels.cells, wide=part * beside.wide)
+    spread, columns = mine.other(strengths.value, known.second)
+    columns = np.concatenate((light.late_light(pixels), columns), axis=2)
     taken = pixels.taken_of(columns)[:, own]
-    shift = np.nan_to_num(pixels.late_ps - pulses.late_ps) - taken @ step
+    shift = np.nan_to_num(pixels.late_ps - pulses.late_ps) - taken @ known.step
     variance = np.diagonal(pixels.inverse[:, own, own], axis1=1, axis2=2)
     # Times were held near the expected ones by the pulse's width: that is no measurement.
     free = 1.0 / (1.0 - np.clip(variance / pulses.std_ps**2, 0.0, 0.999))
@@ -345,7 +474,7 @@ def _measured(
     middle = 0.5 * (pixels.cells.edges_ps[:, 1:] + pixels.cells.edges_ps[:, :-1])
     about = np.abs(middle[:, np.newaxis] - np.nan_to_num(pixels.late_ps)[:, :, np.newaxis])
     core = about < _CORE_STDS * pixels.std_ps[:, :, np.newaxis]
-    other = np.sum(core * np.abs(wide @ strengths.value[light.N_LATE :])[:, np.newaxis], axis=2)
+    other = np.sum(core * np.abs(spread)[:, np.newaxis], axis=2)
     diffuse = light.Diffuse(
         strengths,
         beam,
@@ -356,6 +485,7 @@ def _measured(
         pixels.photons,
         pixels.std_ps,
         (free[:, :, np.newaxis] * taken) @ root,
+        second=known.second,
     )
     share = pixels.photons / np.maximum(pixels.photons + np.nan_to_num(other), 1e-9)
     return _Measured(seen.arrival_ps, shift * free, variance * free, share, diffuse)
@@ -407,6 +537,15 @@ def _corrected(sighting: Sighting, found: _Measured) -> Sighting:
         arrival_ps=np.where(np.isnan(time), arrivals.arrival_ps, time),
         photon_std_ps=std,
         shared_modes_ps=np.column_stack((arrivals.shared_modes_ps, modes)),
-        shared_names=(*arrivals.shared_names, *light.LABELS),
+        shared_names=(*arrivals.shared_names, *light.LABELS, *_labels_of(diffuse.second)),
     )
     return replace(sighting, arrivals=told, arrival_ps=time, diffuse=diffuse)
+
+
+def _labels_of(second: SecondPath | None) -> tuple[str, ...]:
+    """The unknowns of a second path, in words."""
+    if second is None:
+        return ()
+    legs = range(1, len(second.mirror.share) + 1)
+    plane = ("mirror turned", "mirror turned across", "mirror nearer")
+    return (*plane, *(f"image of leg {k}" for k in legs))

@@ -166,13 +166,7 @@ def fit_joint(
         )
         parts = _pulses_of_legs(sightings, clock, state, seen, pictures, std, floor, members, tips)
         times = stacked(parts, mode_columns(sightings))
-        lines = stacked_lines(
-            [
-                _as_told(lines_from_picture(p), setting.cameras[o.view], seen.cameras[o.view])
-                for p, o in zip(pictures, sightings, strict=True)
-            ],
-            sightings,
-        )
+        lines = _told_lines(pictures, sightings, setting, seen)
         freedom = freedom_at(state, setting, ends)
         _check_enough(times, freedom.basis.shape[1])
         before = state
@@ -217,6 +211,47 @@ def _with_uneven_light(fit: JointFit, sightings: list[Sighting], setting: Settin
         fit.solution.state, times, fit.lines, fit.freedom, setting
     )
     return replace(fit, solution=solution, times=times, floor_ps=floor)
+
+
+def pictured_again(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
+    """The fit with lines and brightness measured anew in these recordings; nothing else moves.
+
+    Parameters
+    ----------
+    fit : JointFit
+        Of the recordings as they were.
+    sightings : list of Sighting
+        With light of a second path found.
+    setting : Setting
+        As told.
+
+    Returns
+    -------
+    JointFit
+        With other pictures and lines.
+    """
+    seen, _ = _as_found(fit.solution, setting, list(fit.sightings))
+    std = pulse_std_ps(sightings)
+    pictures = tuple(
+        measure_picture(
+            fit.solution.state, o, camera=seen.cameras[o.view], medium=seen.medium, std_ps=std
+        )
+        for o in sightings
+    )
+    return replace(fit, pictures=pictures, lines=_told_lines(pictures, sightings, setting, seen))
+
+
+def _told_lines(
+    pictures: tuple[Picture, ...], sightings: list[Sighting], setting: Setting, seen: Setting
+) -> LineDataInPicture:
+    """Lines of all recordings in the pictures of the cameras as told."""
+    return stacked_lines(
+        [
+            _as_told(lines_from_picture(p), setting.cameras[o.view], seen.cameras[o.view])
+            for p, o in zip(pictures, sightings, strict=True)
+        ],
+        sightings,
+    )
 
 
 def fitted_again(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:

@@ -28,6 +28,7 @@ from lightflight.reconstruct.fit.result import prior_in_words
 from lightflight.reconstruct.fit.strangers import (
     counts_of_pulses,
     further_pulses,
+    pulses_of_no_leg,
     strange_pulses,
     whole_pulses,
 )
@@ -187,7 +188,7 @@ def pixels_off_the_path(
     mixed = (np.nanmin(gap, axis=1) < 0) & (np.nanmax(gap, axis=1) > 0)
     off = (np.abs(nearest - shared) > gate) & (np.abs(nearest) < _DISTURBING * std_ps) & ~mixed
     # Beside a pulse that is the leg's, one that was fitted apart is a light of its own.
-    drawn = np.isin(pulses, strange_pulses(sighting, state, setting, std_ps), invert=True)
+    drawn = np.isin(pulses, pulses_of_no_leg(sighting, state, setting, std_ps), invert=True)
     off &= drawn | ~further_pulses(sighting, pulses, np.abs(nearest - shared) <= gate)
     wrong = np.zeros(arrivals.shape, dtype=bool)
     wrong[arrivals.row[pulses[off]], arrivals.col[pulses[off]]] = True

@@ -29,7 +29,7 @@ _DRAWN = 0.5
 """Transit longer than this share of a pulse's standard deviation draws it out visibly."""
 
 
-def strange_pulses(
+def pulses_of_no_leg(
     sighting: Sighting, state: PathState, setting: Setting, std_ps: float
 ) -> Indices:
     """Rows of the arrivals that are no leg's: of the pulses near one, all but the nearest.
@@ -70,6 +70,21 @@ def strange_pulses(
         explained[alone[first]] = True
     strange: Indices = pulses[~explained]
     return strange
+
+
+def strange_pulses(
+    sighting: Sighting, state: PathState, setting: Setting, std_ps: float
+) -> Indices:
+    """Those of them that no second path explains either; as `pulses_of_no_leg`."""
+    pulses = pulses_of_no_leg(sighting, state, setting, std_ps)
+    if sighting.diffuse is None or sighting.diffuse.second is None:
+        return pulses
+    arrivals = sighting.arrivals
+    rows, cols = (each[pulses].astype(np.int64) for each in (arrivals.row, arrivals.col))
+    seen = sighting.diffuse.second.shows(
+        rows, cols, sighting.arrival_ps[pulses], arrivals.photons[pulses]
+    )
+    return pulses[~seen]
 
 
 def further_pulses(sighting: Sighting, rows: Indices, good: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -14,6 +14,7 @@ from scipy.special import ndtr
 
 from lightflight.reconstruct.model.cells import Cells
 from lightflight.reconstruct.model.counted import Pixels, Tails, cumulated
+from lightflight.reconstruct.model.second_path import SecondPath
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -121,6 +122,8 @@ class Diffuse:
         Light of each, late light and all, and the width of its pulse, ps.
     modes_ps : array of float, shape (n, s, k)
         How those times follow what is left unknown of the strengths, one-sigma columns.
+    second : SecondPath or None
+        Whose light comes with it; None: there is none.
     """
 
     strengths: Strengths
@@ -132,11 +135,13 @@ class Diffuse:
     photons: Floats
     std_ps: Floats
     modes_ps: Floats
+    second: SecondPath | None = None
 
     def times(self, factor: float) -> Diffuse:
         """The same of a recording `factor` times as long."""
         beam = replace(self.beam, photons=factor * self.beam.photons)
-        return replace(self, beam=beam, photons=factor * self.photons)
+        second = None if self.second is None else self.second.times(factor)
+        return replace(self, beam=beam, photons=factor * self.photons, second=second)
 
     def at_pixels(self, rows: Indices, cols: Indices, shape: tuple[int, int]) -> Indices:
         """(m,), which of the n pixels each of some others is; -1: none."""
@@ -195,6 +200,8 @@ class Diffuse:
                 lap = period_ps * np.floor((low + _GRID_PS[0]) / period_ps)
                 low, up = low - lap, up - lap
             out[i] = np.interp(up, lags, before[i]) - np.interp(low, lags, before[i])
+        if self.second is not None:
+            out += self.second.counts(rows, cols, intervals_ps, period_ps)
         return out
 
 

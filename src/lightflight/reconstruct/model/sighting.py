@@ -183,7 +183,13 @@ def photons_at_times(
     background_per_ps : array of float, shape (n,)
     """
     pixels = pixel_counts(sighting, rows, cols)
+    counts, period_ps = pixels.counts, sighting.histograms.laser_period_ps
+    second = None if sighting.diffuse is None else sighting.diffuse.second
+    if second is not None:
+        skew = pixels.skew_ps[:, np.newaxis]
+        intervals = pixels.lower_ps - skew, pixels.upper_ps - skew
+        counts = counts - second.counts(rows, cols, intervals, period_ps or 0.0)
     return amplitudes_at_times(
-        pixels.counts, pixels.lower_ps, pixels.upper_ps, sighting.histograms.laser_period_ps,
+        counts, pixels.lower_ps, pixels.upper_ps, period_ps,
         arrival_ps + pixels.skew_ps[:, np.newaxis], std_ps,
     )  # fmt: skip

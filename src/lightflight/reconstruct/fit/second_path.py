@@ -1,0 +1,287 @@
+"""Looks for a second path: the mirror whose image of the legs the counts show best.
+
+Every pixel says how much better its counts would fit with a pulse more at any time, its own
+unknowns following. These scores are added up along the images of the legs in many mirrors; the best
+of them is where a fit of the mirror starts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from lightflight.camera.model import Camera
+from lightflight.reconstruct.fit.around import Group, Seen
+from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.model.counted import Pixels
+from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.second_path import (
+    Mirror,
+    Places,
+    SecondPath,
+    return_ps_per_mm,
+)
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.strength import span_of_knots
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_BEYOND_PX = 12.0
+"""Light this far outside of the picture may have its image in it, px."""
+_RUN_ON = 0.5
+"""Share of a leg's length that is looked at beyond the end of the path."""
+_PER_PX = 3.0
+"""Places per pixel of a leg."""
+_TURNS = (-4.0, -2.0, -1.2, -0.8, -0.5, -0.35, -0.23, -0.11)
+"""Tangents of a mirror's turn out of the picture's plane that are tried, with their opposites: a
+turn by 6 degrees shifts the image's times along 200 mm by a pulse."""
+_GAPS_MM = tuple(np.cumsum(np.concatenate(([4.0], np.geomspace(4.0, 25.0, 44)))).tolist())
+"""Distances from the middle of the path that are tried, mm; a pulse of 160 ps is 24 mm."""
+_COARSE = 12
+"""Places per leg with which all mirrors are tried."""
+_LAGS_STD = 0.6
+"""Step of the times between which scores are looked up, in standard deviations of a pulse."""
+_EARLIEST_STDS, _LATEST_PS = 4.0, 3500.0
+"""Where an image's pulses are looked for about the pixel's own."""
+_MOST_PIXELS = 3000
+"""Of very many pixels an even sample serves."""
+LEAST_GAIN = 40.0
+"""Chi-square by which the counts must be explained better: chance brings it among all the mirrors
+tried once in a million recordings."""
+
+
+def places_of_path(
+    fit: JointFit, number: int, whole: Sighting, std_ps: float, *, source_told: bool
+) -> Places:
+    """Places along the legs with the light that they give, in the picture and about it.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path.
+    number : int
+        The recording whose picture of the path is taken.
+    whole : Sighting
+        All recordings alike.
+    std_ps : float
+        Typical standard deviation of a pulse, ps.
+    source_told : bool
+        Whether the path begins at its source, and not where it enters the view.
+
+    Returns
+    -------
+    Places
+        Outside of the picture a leg is as bright as where it leaves it.
+    """
+    camera, picture = fit.solution.cameras[whole.view], fit.pictures[number]
+    state, medium = fit.solution.state, fit.solution.medium
+    times, rows, cols = state.vertex_times_ps(medium), *camera.shape
+    open_ends = fit.tips[0] is None and not source_told, fit.tips[1] is None
+    parts = []
+    for k, (leg, of) in enumerate(zip(picture.legs, picture.fits, strict=True)):
+        step = np.diff(state.vertices_mm, axis=0)[k]
+        # A path ends where the view does, its light runs on; where light ends in view it does not.
+        before = _RUN_ON if k == 0 and open_ends[0] else 0.0
+        after = _RUN_ON if k == state.n_legs - 1 and open_ends[1] else 0.0
+        share = np.linspace(-before, 1.0 + after, 801)
+        row, col = camera.pixels_from_points(state.vertices_mm[k] + share[:, np.newaxis] * step)
+        with np.errstate(invalid="ignore"):
+            near = (np.abs(row - 0.5 * rows) < 0.5 * rows + _BEYOND_PX) & (
+                np.abs(col - 0.5 * cols) < 0.5 * cols + _BEYOND_PX
+            )
+        if np.count_nonzero(near) < 2:
+            continue
+        low, high = share[near][[0, -1]]
+        length_px = float(np.sum(np.hypot(np.diff(row[near]), np.diff(col[near]))))
+        n = int(np.ceil(_PER_PX * length_px))
+        share = low + (high - low) * (np.arange(n) + 0.5) / n
+        points = state.vertices_mm[k] + share[:, np.newaxis] * step
+        row, col = camera.pixels_from_points(points)
+        along = leg.along_across(undistorted_px(camera, row, col))[0]
+        strength = np.exp(of.spline(np.clip(along, *span_of_knots(of.spline.t))))
+        light = np.sqrt(2.0 * np.pi) * picture.spot_std_px * strength * np.abs(np.gradient(along))
+        way2 = np.sum((points - camera.center_mm) ** 2, axis=1)
+        event = times[k] + share * (times[k + 1] - times[k])
+        parts.append((points, np.full(n, k), event, light * way2))
+    points, of_leg, event, light = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Places(
+        points, of_leg, event, light, picture.spot_std_px, std_ps,
+        return_ps_per_mm(medium.return_group_index),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Scores:
+    """How counts would take a pulse more: n pixels, g times.
+
+    Attributes
+    ----------
+    place : array of int, shape (rows, cols)
+        Which of the n each pixel is; -1, the last of them, which says nothing: none.
+    reference_ps : array of float, shape (n,)
+        Arrival time at which lags are zero, ps on the clock.
+    lags_ps : array of float, shape (g,)
+    score, information : array of float, shape (n, g)
+        Of the photons of such a pulse.
+    """
+
+    place: Indices
+    reference_ps: Floats
+    lags_ps: Floats
+    score: Floats
+    information: Floats
+
+    def along(
+        self, row: Floats, col: Floats, arrival_ps: Floats, light: Floats, spot_px: float
+    ) -> Floats:
+        """(c,), chi-square of light of a free strength at places (c, k) with their times."""
+        total = np.zeros((2, len(row)))
+        rows, cols = self.place.shape
+        step = self.lags_ps[1] - self.lags_ps[0]
+        first_row, first_col = np.floor(np.nan_to_num(row)), np.floor(np.nan_to_num(col))
+        for down in (0.0, 1.0):
+            for across in (0.0, 1.0):
+                r, c = first_row + down, first_col + across
+                inside = np.isfinite(row) & (r >= 0) & (r < rows) & (c >= 0) & (c < cols)
+                r, c = np.where(inside, r, 0).astype(int), np.where(inside, c, 0).astype(int)
+                at = np.where(inside, self.place[r, c], -1)
+                lag = (arrival_ps - self.reference_ps[at] - self.lags_ps[0]) / step
+                g = np.rint(np.clip(np.nan_to_num(lag), 0, len(self.lags_ps) - 1)).astype(int)
+                away = (r - np.nan_to_num(row)) ** 2 + (c - np.nan_to_num(col)) ** 2
+                weight = light * np.exp(-0.5 * away / spot_px**2)
+                total[0] += np.sum(weight * self.score[at, g], axis=1)
+                total[1] += np.sum(weight**2 * self.information[at, g], axis=1)
+        # Light cannot be less than none.
+        found: Floats = np.maximum(total[0], 0.0) ** 2 / np.maximum(total[1], 1e-12)
+        return found
+
+
+def _scores(
+    seen: Seen, pixels: Pixels, dark: Group | None, std_ps: float, shape: tuple[int, int]
+) -> _Scores:
+    lags = np.arange(-_EARLIEST_STDS * std_ps, _LATEST_PS, _LAGS_STD * std_ps)
+    parts = [_score_of(pixels, lags, std_ps)]
+    rows, cols, reference = [seen.rows], [seen.cols], [seen.arrival_ps[:, 0]]
+    if dark is not None:
+        some = np.unique(np.linspace(0, len(dark.points_px) - 1, _MOST_PIXELS).astype(np.int64))
+        kept = np.zeros(len(dark.points_px), dtype=bool)
+        kept[some] = True
+        parts.append(_score_of(dark.pixels.of(kept), lags, std_ps))
+        rows.append(dark.points_px[kept, 0])
+        cols.append(dark.points_px[kept, 1])
+        reference.append(dark.reference_ps[kept])
+    place = np.full(shape, -1)
+    row, col = np.concatenate(rows), np.concatenate(cols)
+    place[row, col] = np.arange(len(row))
+    nothing = np.zeros((1, len(lags)))
+    score, information = (np.concatenate((*part, nothing)) for part in zip(*parts, strict=True))
+    # At the ends of the lags stands what lies beyond: nothing.
+    score[:, [0, -1]], information[:, [0, -1]] = 0.0, 0.0
+    return _Scores(place, np.append(np.concatenate(reference), 0.0), lags, score, information)
+
+
+def _score_of(pixels: Pixels, lags_ps: Floats, std_ps: float) -> tuple[Floats, Floats]:
+    """Score and information (n, g) of one photon more at each lag, own unknowns eliminated."""
+    cells = pixels.cells
+    z = (cells.edges_ps[:, :, np.newaxis] - lags_ps) / std_ps
+    columns = np.diff(ndtr(z), axis=1) * (cells.live * cells.open_share)[:, :, np.newaxis]
+    taken = pixels.taken_of(columns)
+    left = columns - pixels.slopes @ taken
+    residual = pixels.weight * (cells.counts - pixels.mean)
+    score = np.einsum("nm,nmg->ng", residual, left) - np.einsum("nqg,nq->ng", taken, pixels.pull)
+    information = np.einsum("nmg,nm,nmg->ng", left, pixels.weight, columns)
+    return score, np.maximum(information, 0.0)
+
+
+def second_path_in(
+    seen: Seen, pixels: Pixels, dark: Group | None, places: Places, camera: Camera
+) -> SecondPath | None:
+    """The mirror that explains most of what the legs and their diffuse light do not.
+
+    Parameters
+    ----------
+    seen : Seen
+        The n pixels that the legs light.
+    pixels : Pixels
+        These, fitted.
+    dark : Group or None
+        Some that no leg lights, fitted.
+    places : Places
+        Of the path.
+    camera : Camera
+        Who sees it.
+
+    Returns
+    -------
+    SecondPath or None
+        With a share of nothing yet; None: no mirror explains more than chance does.
+    """
+    scores = _scores(seen, pixels, dark, places.std_ps, camera.shape)
+    best, value = _best_mirror(scores, places, camera)
+    if best is None or value < LEAST_GAIN:
+        return None
+    return SecondPath(best, places, camera)
+
+
+def _best_mirror(scores: _Scores, places: Places, camera: Camera) -> tuple[Mirror | None, float]:
+    """Of all mirrors that are tried the one with the largest chi-square, and that."""
+    row, col = camera.pixels_from_points(places.points_mm)
+    rows, cols = camera.shape
+    shown = np.flatnonzero((row > -3) & (row < rows + 2) & (col > -3) & (col < cols + 2))
+    few = np.concatenate([
+        own[np.linspace(0, len(own) - 1, _COARSE).astype(int)]
+        for own in (shown[places.leg[shown] == k] for k in range(places.n_legs)) if len(own)
+    ])  # fmt: skip
+    frame, gaps = _frame(camera), np.array(_GAPS_MM)
+    turns = np.array([*_TURNS, 0.0, *(-t for t in reversed(_TURNS))])
+    best, highest = None, 0.0
+    for turn in turns:
+        # All turns the other way at once: numpy is slow to begin.
+        normals = frame[2] + turn * frame[0] + turns[:, np.newaxis] * frame[1]
+        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        middle = np.median(normals @ places.points_mm[few].T, axis=1)
+        normals = np.repeat(normals, len(gaps), axis=0)
+        distances = (middle[:, np.newaxis] + gaps).ravel()
+        value = _chi2_of(scores, places, few, camera, normals, distances)
+        at = int(np.argmax(value))
+        if value[at] > highest:
+            highest = float(value[at])
+            best = Mirror(normals[at], float(distances[at]), np.zeros(places.n_legs))
+    return best, highest
+
+
+def _chi2_of(
+    scores: _Scores,
+    places: Places,
+    some: Indices,
+    camera: Camera,
+    normals: Floats,
+    distances: Floats,
+) -> Floats:
+    """(c,), chi-square of mirrors with normals (c, 3) at distances (c,)."""
+    points = places.points_mm[some]
+    behind = distances[:, np.newaxis] - normals @ points.T
+    image = points + 2.0 * behind[:, :, np.newaxis] * normals[:, np.newaxis]
+    row, col = camera.pixels_from_points(image)
+    way = np.linalg.norm(image - camera.center_mm, axis=2)
+    arrival = places.event_ps[some] + places.return_ps_per_mm * way
+    light = np.where(behind > 0.0, places.light[some] / way**2, 0.0)
+    return scores.along(row, col, arrival, light, places.spot_px)
+
+
+def _frame(camera: Camera) -> Floats:
+    """(3, 3), unit vectors down and across the picture, and away from the camera."""
+    rows, cols = camera.shape
+    middle = 0.5 * (rows - 1), 0.5 * (cols - 1)
+    rays = camera.rays_from_pixels(
+        np.array([middle[0], middle[0] + 1.0]), np.array([middle[1], middle[1]])
+    )
+    away = rays[0]
+    down = rays[1] - (rays[1] @ away) * away
+    down = down / np.linalg.norm(down)
+    frame: Floats = np.array([down, np.cross(away, down), away])
+    return frame

@@ -1,0 +1,258 @@
+"""The light of a second path: a flat mirror (wall, window, table) shows the path once more.
+
+The image x' = x + 2 (d - n x) n of a place sends its light to the camera at the same event time,
+over a longer way, with a share of the light of each leg. One plane and these shares say where its
+light falls in every pixel and when, also where its pulses merge with those of the path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from lightflight.camera.model import Camera
+from lightflight.reconstruct.model.cells import Cells
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_REACH_SPOTS = 4.5
+"""Light of a place falls this far in the picture, in standard deviations of the spot."""
+_FAINT = 1e-3
+"""Fewer photons than this in a pixel are none."""
+_GATE_STDS = 4.0
+"""A pulse this near to the time of an image may be the image's, in standard deviations."""
+_STEPS = (1e-4, 1e-4, 0.02)
+"""Steps of derivatives by the plane: two turns, rad, and its distance, mm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Places along the legs, as far as a picture could show them or their images.
+
+    Attributes
+    ----------
+    points_mm : array of float, shape (k, 3)
+    leg : array of int, shape (k,)
+    event_ps : array of float, shape (k,)
+        When the pulse is there.
+    light : array of float, shape (k,)
+        Photons per pixel on its line times the square of its way to the camera, mm^2 px.
+    spot_px : float
+        Standard deviation of the spot, px.
+    std_ps : float
+        Standard deviation of a pulse, ps.
+    return_ps_per_mm : float
+        Time that a mm of the way to the camera takes.
+    """
+
+    points_mm: Floats
+    leg: Indices
+    event_ps: Floats
+    light: Floats
+    spot_px: float
+    std_ps: float
+    return_ps_per_mm: float
+
+    @property
+    def n_legs(self) -> int:
+        """Number of legs."""
+        return int(self.leg.max(initial=-1)) + 1
+
+
+def return_ps_per_mm(index: float) -> float:
+    """Time that a mm of the way to the camera takes at a group index, ps."""
+    return index / SPEED_OF_LIGHT_MM_PER_PS
+
+
+@dataclass(frozen=True, eq=False)
+class Mirror:
+    """A flat mirror, and the share of each leg's light that it sends on.
+
+    Attributes
+    ----------
+    normal : array of float, shape (3,)
+        Unit, away from the path.
+    distance_mm : float
+        Of the plane: n x = d.
+    share : array of float, shape (L,)
+        Of the light that goes straight to the camera from as far away.
+    """
+
+    normal: Floats
+    distance_mm: float
+    share: Floats
+
+    def moved(self, step: Floats) -> Mirror:
+        """After two turns, rad, a shift, mm, and steps of the shares (L,)."""
+        normal = self.normal + step[:2] @ self.across()
+        share = self.share + step[3:]
+        return Mirror(normal / np.linalg.norm(normal), self.distance_mm + float(step[2]), share)
+
+    def across(self) -> Floats:
+        """(2, 3), unit vectors in the plane."""
+        rows: Floats = np.linalg.svd(self.normal[np.newaxis])[2][1:]
+        return rows
+
+    def image_of(self, points_mm: Floats) -> Floats:
+        """(k, 3), where points are seen, mm."""
+        behind = self.distance_mm - points_mm @ self.normal
+        image: Floats = points_mm + 2.0 * behind[:, np.newaxis] * self.normal
+        return image
+
+
+@dataclass(frozen=True, eq=False)
+class Glow:
+    """Light of the images of the legs in n pixels; (n, L) each.
+
+    Attributes
+    ----------
+    photons : array of float
+        At a share of one.
+    arrival_ps, std_ps : array of float
+        Its mean time on the clock, and the standard deviation about it, ps.
+    """
+
+    photons: Floats
+    arrival_ps: Floats
+    std_ps: Floats
+
+
+def glow(mirror: Mirror, places: Places, camera: Camera, rows: Indices, cols: Indices) -> Glow:
+    """Photons, mean time and width of each leg's image in pixels (n,), at a share of one."""
+    image = mirror.image_of(places.points_mm)
+    row, col = camera.pixels_from_points(image)
+    way = np.linalg.norm(image - camera.center_mm, axis=1)
+    arrival = places.event_ps + places.return_ps_per_mm * way
+    spot, (n_rows, n_cols) = places.spot_px, camera.shape
+    half = int(np.ceil(_REACH_SPOTS * spot))
+    with np.errstate(invalid="ignore"):
+        seen = (np.abs(row - 0.5 * n_rows) < 0.5 * n_rows + half) & (
+            np.abs(col - 0.5 * n_cols) < 0.5 * n_cols + half
+        )
+    found = np.zeros((3, len(rows), places.n_legs))
+    found[2] = 1.0
+    window = np.arange(-half, half + 1)
+    for k in range(places.n_legs):
+        own = np.flatnonzero(seen & (places.leg == k))
+        if not len(own):
+            continue
+        down, across = (np.rint(each[own])[:, np.newaxis] + window for each in (row, col))
+        gaps = ((down - row[own, np.newaxis]) ** 2, (across - col[own, np.newaxis]) ** 2)
+        part = [np.exp(-0.5 * gap / spot**2) for gap in gaps]
+        inside = [
+            (each >= 0) & (each < size)
+            for each, size in zip((down, across), camera.shape, strict=True)
+        ]
+        light = places.light[own] / way[own] ** 2 / (2.0 * np.pi * spot**2)
+        weight = (light[:, np.newaxis] * part[0] * inside[0])[:, :, np.newaxis]
+        weight = weight * (part[1] * inside[1])[:, np.newaxis]
+        pixel = np.clip(down, 0, n_rows - 1)[:, :, np.newaxis] * n_cols
+        pixel = (pixel + np.clip(across, 0, n_cols - 1)[:, np.newaxis]).astype(np.int64)
+        middle = float(np.median(arrival[own]))
+        late = (arrival[own] - middle)[:, np.newaxis, np.newaxis]
+        photons, first, second = (
+            np.bincount(pixel.ravel(), (weight * late**j).ravel(), n_rows * n_cols).reshape(
+                n_rows, n_cols
+            )[rows, cols]
+            for j in range(3)
+        )
+        safe = np.maximum(photons, 1e-300)
+        mean, square = first / safe, second / safe
+        found[0, :, k], found[1, :, k] = photons, middle + mean
+        found[2, :, k] = np.sqrt(np.maximum(square - mean**2, 0.0) + places.std_ps**2)
+    return Glow(*found)
+
+
+def in_cells(shown: Glow, cells: Cells, reference_ps: Floats) -> Floats:
+    """(n, m, L): counts of the images in cells of the pixels, at a share of one."""
+    out = np.zeros((*cells.counts.shape, shown.photons.shape[1]))
+    for k in range(shown.photons.shape[1]):
+        lit = np.flatnonzero(shown.photons[:, k] > _FAINT)
+        late = shown.arrival_ps[lit, k] - reference_ps[lit]
+        z = (cells.edges_ps[lit] - late[:, np.newaxis]) / shown.std_ps[lit, k, np.newaxis]
+        out[lit, :, k] = shown.photons[lit, k, np.newaxis] * np.diff(ndtr(z), axis=1)
+    out *= (cells.live * cells.open_share)[:, :, np.newaxis]
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class SecondPath:
+    """A mirror, and the places whose light it sends to a camera.
+
+    Attributes
+    ----------
+    mirror : Mirror
+    places : Places
+    camera : Camera
+    """
+
+    mirror: Mirror
+    places: Places
+    camera: Camera
+
+    @property
+    def size(self) -> int:
+        """Unknowns: two turns, the distance, and a share for each leg."""
+        return 3 + len(self.mirror.share)
+
+    def moved(self, step: Floats) -> SecondPath:
+        """After a step of the unknowns."""
+        return replace(self, mirror=self.mirror.moved(step))
+
+    def times(self, factor: float) -> SecondPath:
+        """The same of a recording `factor` times as long."""
+        return replace(self, places=replace(self.places, light=factor * self.places.light))
+
+    def of_width(self, std_ps: float) -> SecondPath:
+        """The same of pulses of this standard deviation, ps."""
+        return replace(self, places=replace(self.places, std_ps=std_ps))
+
+    def light(
+        self, cells: Cells, rows: Indices, cols: Indices, reference_ps: Floats
+    ) -> tuple[Floats, Floats]:
+        """Counts in cells of pixels (n, m), and how they follow the unknowns (n, m, 3 + L)."""
+
+        def of(mirror: Mirror) -> Floats:
+            shown = glow(mirror, self.places, self.camera, rows, cols)
+            return in_cells(shown, cells, reference_ps)
+
+        by_share, share = of(self.mirror), self.mirror.share
+        columns = []
+        for j, size in enumerate(_STEPS):
+            step = np.zeros(self.size)
+            step[j] = size
+            ahead, back = of(self.mirror.moved(step)), of(self.mirror.moved(-step))
+            columns.append((ahead - back) @ share / (2.0 * size))
+        return by_share @ share, np.concatenate((np.stack(columns, axis=2), by_share), axis=2)
+
+    def shows(
+        self, rows: Indices, cols: Indices, arrival_ps: Floats, photons: Floats
+    ) -> NDArray[np.bool_]:
+        """(n,), True for pulses of which the images bring at least half of the light."""
+        shown = glow(self.mirror, self.places, self.camera, rows, cols)
+        near = np.abs(shown.arrival_ps - arrival_ps[:, np.newaxis]) < _GATE_STDS * shown.std_ps
+        brought = np.sum(near * self.mirror.share * shown.photons, axis=1)
+        mostly: NDArray[np.bool_] = brought > 0.5 * photons
+        return mostly
+
+    def counts(
+        self, rows: Indices, cols: Indices, intervals_ps: tuple[Floats, Floats], period_ps: float
+    ) -> Floats:
+        """(n, codes), counts in codes from, to `intervals_ps`, on the clock of arrivals."""
+        shown = glow(self.mirror, self.places, self.camera, rows, cols)
+        out = np.zeros(intervals_ps[0].shape)
+        for k, share in enumerate(self.mirror.share):
+            lit = np.flatnonzero(shown.photons[:, k] > _FAINT)
+            late, std = (each[lit, k, np.newaxis] for each in (shown.arrival_ps, shown.std_ps))
+            low, up = (each[lit] - late for each in intervals_ps)
+            if period_ps > 0.0:
+                lap = period_ps * np.rint(0.5 * (low + up) / period_ps)
+                low, up = low - lap, up - lap
+            part = np.maximum(ndtr(up / std) - ndtr(low / std), 0.0)
+            out[lit] += share * shown.photons[lit, k, np.newaxis] * part
+        return out
