@@ -9,11 +9,12 @@ the brightest pixel, even light, number of legs not told; run k is world 288 + k
 of paths with the right number of legs, and of these
 
 error / bound   rms, whitened by the Cramer-Rao bound of the same world with the strength of its
-                other light free (`tests/oracles/worlds/fisher.py`); three legs: of the corners
-                between legs, one leg: of its direction
+                other light, and a wall's depth, free (`tests/oracles/worlds/fisher.py`); three
+                legs: of the corners between legs, one leg: of its direction
 pull            rms, whitened by the stated errors
 stated / bound  rms
 mm              median error
+silent          trusted with more than 20 mm and 3 stated errors off, or with another number of legs
 
 `--before` holds rows of the same seeds by another version: errors over those. `--json`
 holds one line for each recording; a run that was cut short goes on from there.
@@ -47,8 +48,13 @@ WORLDS = (
     "haze_150ps:0.2", "haze_150ps:0.5", "prompt_halo_8px:0.2", "veiling_glare:0.05",
     "wall_60mm:0.1", "wall_15mm:0.1",
 )  # fmt: skip
-FREE = {"haze": "haze", "prompt": "halo", "veiling": "glare", "wall": "wall"}
-"""By the first word of a world's name: the parameter that the bound leaves free."""
+FREE = {
+    "haze": ("haze",), "prompt": ("halo",), "veiling": ("glare",),
+    "wall": ("wall", "wall_depth_mm"),
+}  # fmt: skip
+"""By the first word of a world's name: the parameters that the bound leaves free."""
+_FAR_MM, _FAR_STDS = 20.0, 3.0
+"""A path farther off than both of these, by its own errors, must not be trusted."""
 FIRST = 288
 
 Row = dict[str, Any]
@@ -90,8 +96,8 @@ def error_and_covariance(path: lf.LightPath, world: World) -> tuple[np.ndarray, 
 
 def bound_of(world: World, name: str) -> np.ndarray:
     """(k, k), least covariance of what is compared."""
-    word = FREE.get(name.partition("_")[0])
-    known = fisher(world, also={word: math.inf} if word else None)
+    words = FREE.get(name.partition("_")[0], ())
+    known = fisher(world, also=dict.fromkeys(words, math.inf))
     vertices = range(1, world.n_legs) if world.n_legs > 1 else range(1, 2)
     own = [known.names.index(f"{axis}{k}") for k in vertices for axis in "xyz"]
     frame = across(world)
@@ -173,11 +179,18 @@ def line_of(own: list[Row], bounds: dict[Any, np.ndarray], before: dict[Any, Row
             then.append(whitened(np.array(other["error"]), least))
     middle = float(np.median(found["mm"])) if right else float("nan")
     trusted = sum(row.get("level") == "trust" for row in own)
+    silent = sum(
+        row.get("level") == "trust"
+        and float(np.abs(row["error"]).max()) > _FAR_MM
+        and whitened(np.array(row["error"]), np.array(row["stated"])) > _FAR_STDS
+        for row in right
+    )
+    silent += sum(row.get("level") == "trust" for row in own if "error" not in row)
     cpu = float(np.median([row.get("cpu_s", np.nan) for row in own]))
     paired = f"{rms(now) / rms(then):8.3f}" if then else ""
     return (
         f"{len(right):3d}/{len(own):<3d} {rms(found['bound']):10.2f} {rms(found['pull']):7.2f} "
-        f"{rms(found['stated']):8.2f} {middle:9.3f} {trusted:6d} {cpu:6.2f} {paired}"
+        f"{rms(found['stated']):8.2f} {middle:9.3f} {trusted:6d} {silent:6d} {cpu:6.2f} {paired}"
     )
 
 
@@ -209,7 +222,7 @@ def main() -> None:
     least = run(cells_of(["bound"]), options.bounds or options.json)
     bounds = {key_of(row): np.array(row["bound"]) for row in least}
     before = {key_of(row): row for row in done_in(options.before)}
-    head = "right     error/bnd    pull stat/bnd  mm (med.)  trust  cpu s now/before"
+    head = "right     error/bnd    pull stat/bnd  mm (med.)  trust silent  cpu s now/before"
     print(f"{'world':22s} {'':14s} {head}")
     for (name, n_legs), method in product(kinds, options.methods.split(",")):
         own = [row for row in rows if key_of(row)[:3] == (name, n_legs, method)]

@@ -8,12 +8,12 @@ of them is where a fit of the mirror starts.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from lightflight.camera.model import Camera
 from lightflight.reconstruct.fit.around import Group, Seen
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.counted import Pixels
@@ -26,6 +26,9 @@ from lightflight.reconstruct.model.second_path import (
 )
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.strength import span_of_knots
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -79,7 +82,7 @@ def places_of_path(
     """
     camera, picture = fit.solution.cameras[whole.view], fit.pictures[number]
     state, medium = fit.solution.state, fit.solution.medium
-    times, rows, cols = state.vertex_times_ps(medium), *camera.shape
+    times = state.vertex_times_ps(medium)
     open_ends = fit.tips[0] is None and not source_told, fit.tips[1] is None
     parts = []
     for k, (leg, of) in enumerate(zip(picture.legs, picture.fits, strict=True)):
@@ -87,18 +90,9 @@ def places_of_path(
         # A path ends where the view does, its light runs on; where light ends in view it does not.
         before = _RUN_ON if k == 0 and open_ends[0] else 0.0
         after = _RUN_ON if k == state.n_legs - 1 and open_ends[1] else 0.0
-        share = np.linspace(-before, 1.0 + after, 801)
-        row, col = camera.pixels_from_points(state.vertices_mm[k] + share[:, np.newaxis] * step)
-        with np.errstate(invalid="ignore"):
-            near = (np.abs(row - 0.5 * rows) < 0.5 * rows + _BEYOND_PX) & (
-                np.abs(col - 0.5 * cols) < 0.5 * cols + _BEYOND_PX
-            )
-        if np.count_nonzero(near) < 2:
+        share = _shares_about_view(state.vertices_mm[k], step, camera, (-before, 1.0 + after))
+        if not len(share):
             continue
-        low, high = share[near][[0, -1]]
-        length_px = float(np.sum(np.hypot(np.diff(row[near]), np.diff(col[near]))))
-        n = int(np.ceil(_PER_PX * length_px))
-        share = low + (high - low) * (np.arange(n) + 0.5) / n
         points = state.vertices_mm[k] + share[:, np.newaxis] * step
         row, col = camera.pixels_from_points(points)
         along = leg.along_across(undistorted_px(camera, row, col))[0]
@@ -106,12 +100,31 @@ def places_of_path(
         light = np.sqrt(2.0 * np.pi) * picture.spot_std_px * strength * np.abs(np.gradient(along))
         way2 = np.sum((points - camera.center_mm) ** 2, axis=1)
         event = times[k] + share * (times[k + 1] - times[k])
-        parts.append((points, np.full(n, k), event, light * way2))
+        parts.append((points, np.full(len(share), k), event, light * way2))
     points, of_leg, event, light = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Places(
         points, of_leg, event, light, picture.spot_std_px, std_ps,
         return_ps_per_mm(medium.return_group_index),
     )  # fmt: skip
+
+
+def _shares_about_view(
+    start_mm: Floats, step_mm: Floats, camera: Camera, between: tuple[float, float]
+) -> Floats:
+    """(n,), places along a leg, in its length, as far as it runs in the picture or near it."""
+    share, (rows, cols) = np.linspace(*between, 801), camera.shape
+    row, col = camera.pixels_from_points(start_mm + share[:, np.newaxis] * step_mm)
+    with np.errstate(invalid="ignore"):
+        near = (np.abs(row - 0.5 * rows) < 0.5 * rows + _BEYOND_PX) & (
+            np.abs(col - 0.5 * cols) < 0.5 * cols + _BEYOND_PX
+        )
+    if np.count_nonzero(near) < 2:
+        return np.zeros(0)
+    low, high = share[near][[0, -1]]
+    length_px = float(np.sum(np.hypot(np.diff(row[near]), np.diff(col[near]))))
+    n = int(np.ceil(_PER_PX * length_px))
+    shares: Floats = low + (high - low) * (np.arange(n) + 0.5) / n
+    return shares
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,14 +8,17 @@ light falls in every pixel and when, also where its pulses merge with those of t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from lightflight.camera.model import Camera
-from lightflight.reconstruct.model.cells import Cells
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+    from lightflight.reconstruct.model.cells import Cells
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -197,12 +197,15 @@ def _dark(
 def _spread(
     whole: Sighting, cells: Cells, points_px: Indices, reference_ps: Floats
 ) -> Floats | float:
-    """(n, m), counts of halo and glare as the fit found them; 0 where none is expected."""
+    """(n, m), counts of halo, glare and a second path as found; 0 where none is expected."""
     diffuse = whole.diffuse
     if diffuse is None:
         return 0.0
     wide = light.spread_light(cells, points_px, reference_ps, diffuse.beam, whole.blind.shape)
     counts: Floats = wide @ diffuse.strengths.value[light.N_LATE :]
+    if diffuse.second is not None:
+        rows, cols = points_px.astype(np.int64).T
+        counts = counts + diffuse.second.light(cells, rows, cols, reference_ps)[0]
     return counts
 
 

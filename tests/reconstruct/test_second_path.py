@@ -1,0 +1,93 @@
+"""The light of a mirrored path: where it falls, when, and how it follows the mirror."""
+
+import numpy as np
+import pytest
+
+from lightflight.reconstruct.model.cells import Cells, lag_edges
+from lightflight.reconstruct.model.second_path import (
+    Mirror,
+    Places,
+    SecondPath,
+    glow,
+    return_ps_per_mm,
+)
+from tests.oracles.worlds.border import camera_record
+from tests.oracles.worlds.light import mirrored, stations
+from tests.oracles.worlds.random_worlds import random_world
+
+INDEX = 1.00027
+
+
+@pytest.fixture(scope="module")
+def world():
+    plain = random_world(288, 1)
+    depth = ((plain.vertices - plain.view.centre) @ plain.view.axes[2]).max()
+    return plain.but(wall=1.0, wall_depth_mm=float(depth) + 40.0)
+
+
+@pytest.fixture(scope="module")
+def second(world):
+    beam = stations(world, stride=0.5)
+    way2 = np.sum((beam.place - world.view.centre) ** 2, axis=1)
+    # Photons per area of one px^2; a pixel of area one on the line has them all.
+    places = Places(
+        beam.place, np.zeros(len(way2), dtype=int), beam.event_ps, beam.light * way2,
+        world.spot_std_px, world.std_ps, return_ps_per_mm(INDEX),
+    )  # fmt: skip
+    forward = world.view.axes[2]
+    mirror = Mirror(forward, world.wall_depth_mm + float(world.view.centre @ forward), np.ones(1))
+    return SecondPath(mirror, places, camera_record(world.view))
+
+
+def test_images_of_places_are_the_oracles(world, second):
+    image = second.mirror.image_of(second.places.points_mm)
+    np.testing.assert_allclose(image, mirrored(world, stations(world, stride=0.5)).place, atol=1e-9)
+
+
+def test_light_falls_where_and_when_the_oracle_has_it(world, second):
+    """Sums over all places by hand: photons, mean time and spread of it in every pixel."""
+    rows, cols = (each.ravel() for each in np.indices(world.view.shape))
+    shown = glow(second.mirror, second.places, second.camera, rows, cols)
+    beam = mirrored(world, stations(world, stride=0.5))
+    row, col = world.view.image(beam.place)
+    away = np.subtract.outer(rows, row) ** 2 + np.subtract.outer(cols, col) ** 2
+    spot = world.spot_std_px
+    weight = beam.light * np.exp(-0.5 * away / spot**2) / (2.0 * np.pi * spot**2)
+    photons = weight.sum(axis=1)
+    lit = photons > 1e-2 * photons.max()
+    assert lit.sum() > 30
+    np.testing.assert_allclose(shown.photons[lit, 0], photons[lit], rtol=1e-3)
+    mean = weight[lit] @ beam.arrival_ps / photons[lit]
+    np.testing.assert_allclose(shown.arrival_ps[lit, 0], mean, atol=0.1)
+    late = beam.arrival_ps - mean[:, np.newaxis]
+    spread = np.sqrt(np.sum(weight[lit] * late**2, axis=1) / photons[lit] + world.std_ps**2)
+    np.testing.assert_allclose(shown.std_ps[lit, 0], spread, rtol=1e-3)
+
+
+def test_counts_follow_the_mirror_as_told(second):
+    """Cells and codes hold the same light; derivatives are those of a step each way."""
+    rows, cols = np.arange(6, 26), np.full(20, 15)
+    shown = glow(second.mirror, second.places, second.camera, rows, cols)
+    reference = shown.arrival_ps[:, 0] - 100.0
+    edges = np.tile(lag_edges(70.0, 56.0, 1.3, 50_000.0), (20, 1))
+    everywhere = np.ones((20, edges.shape[1] - 1))
+    cells = Cells(edges, everywhere, everywhere > 0.0, 0.0 * everywhere, everywhere)
+    light, by = second.light(cells, rows, cols, reference)
+    low, up = (edges[:, part] + reference[:, np.newaxis] for part in (slice(-1), slice(1, None)))
+    np.testing.assert_allclose(light, second.counts(rows, cols, (low, up), 0.0), atol=1e-6)
+    assert light.sum() == pytest.approx(shown.photons.sum(), rel=1e-3)
+    for k, size in enumerate((1e-3, 1e-3, 0.1, 0.01)):
+        step = np.zeros(4)
+        step[k] = size
+        ahead, back = (
+            second.moved(s).light(cells, rows, cols, reference)[0] for s in (step, -step)
+        )
+        slope = (ahead - back) / (2.0 * size)
+        np.testing.assert_allclose(by[:, :, k], slope, atol=2e-3 * np.abs(slope).max())
+
+
+def test_repeats_share_the_mirror(second):
+    rows = cols = np.arange(5)
+    one, half = (s.counts(rows, cols, (np.zeros((5, 1)), np.full((5, 1), 5e4)), 0.0)
+                 for s in (second, second.times(0.5)))  # fmt: skip
+    np.testing.assert_allclose(half, 0.5 * one)
