@@ -249,11 +249,8 @@ def _with_second(
     if second is None:
         return known
     more = strengths(second)
-    assert more.second is not None
-    share = more.second.mirror.share
-    own = more.strengths.covariance[-len(share) :, -len(share) :]
-    shown = float(share @ np.linalg.solve(own, share)) > LEAST_GAIN
-    return more if more.settled and shown else known
+    gain = known.misfit() - more.misfit()
+    return more if more.settled and gain > LEAST_GAIN else known
 
 
 def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> light.Beam:
@@ -378,6 +375,14 @@ class _Known:
     dark: Group | None
     step: Floats
     settled: bool
+
+    def misfit(self) -> float:
+        """Deviance of the counts: twice what the log-likelihood lacks, up to a constant."""
+        groups = [self.pixels] if self.dark is None else [self.pixels, self.dark.pixels]
+        return sum(
+            2.0 * float(np.sum((each.mean - each.cells.counts * np.log(each.mean))[lit]))
+            for each, lit in ((each, each.weight > 0.0) for each in groups)
+        )
 
 
 def _strengths(
