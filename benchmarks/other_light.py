@@ -101,7 +101,7 @@ def bound_of(world: World, name: str) -> np.ndarray:
     vertices = range(1, world.n_legs) if world.n_legs > 1 else range(1, 2)
     own = [known.names.index(f"{axis}{k}") for k in vertices for axis in "xyz"]
     frame = across(world)
-    return frame @ known.covariance[np.ix_(own, own)] @ frame.T
+    return np.asarray(frame @ known.covariance[np.ix_(own, own)] @ frame.T)
 
 
 def result_of(name: str, n_legs: int, method: str, seed: int) -> Row:
