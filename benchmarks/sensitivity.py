@@ -35,6 +35,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -331,6 +332,17 @@ def run(name: str, factor: float, folder: Path, scenes: range) -> None:
         print(f"{name} x {factor}: exit code {process.returncode}", file=sys.stderr)
 
 
+def run_all(wanted: list[Origin], folder: Path, scenes: range, jobs: int) -> None:
+    """All moves, so many at a time; the numbers as they are before all others."""
+    run("", 1.0, folder, scenes)
+    moves = [(one.name, factor) for one in wanted for factor in FACTORS]
+    with ThreadPoolExecutor(jobs) as pool:
+        done = pool.map(lambda move: run(*move, folder, scenes), moves)
+        for k, (name, factor) in enumerate(moves, start=1):
+            next(done)
+            print(f"{k}/{len(moves)} {name} x {factor}", file=sys.stderr, flush=True)
+
+
 def compared(name: str, factor: float, rows: dict[Any, Row], scenes: range) -> Row | None:
     """The table's figures of one move; None where it has not been tried on all these scenes."""
     pairs = [(rows.get(("", 1.0, k)), rows.get((name, factor, k))) for k in scenes]
@@ -392,6 +404,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="a word of the file or the name")
     parser.add_argument("--scenes", type=int, default=N_FIRST, help=f"of round one ({N_FIRST})")
     parser.add_argument("--more", type=int, default=N_SECOND, help="of the second; 0: none")
+    parser.add_argument("--jobs", type=int, default=2, help="moves at a time (2)")
     parser.add_argument("--table", action="store_true", help="run nothing")
     parser.add_argument("--list", action="store_true", help="numbers and groups; run nothing")
     parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
@@ -410,11 +423,7 @@ def main() -> None:
     args.folder.mkdir(parents=True, exist_ok=True)
     first, second = range(args.scenes), range(args.more)
     if not args.table:
-        run("", 1.0, args.folder, first)
-        for k, one in enumerate(wanted, start=1):
-            print(f"{k}/{len(wanted)} {one.name}", file=sys.stderr, flush=True)
-            for factor in FACTORS:
-                run(one.name, factor, args.folder, first)
+        run_all(wanted, args.folder, first, args.jobs)
     rows = rows_in(args.folder / "results.jsonl")
     print("\n".join(table(wanted, rows, first)))
     if not args.more:
@@ -423,10 +432,7 @@ def main() -> None:
         one for one in wanted if any(changes(compared(one.name, f, rows, first)) for f in FACTORS)
     ]
     if not args.table:
-        run("", 1.0, args.folder, second)
-        for one in again:
-            for factor in FACTORS:
-                run(one.name, factor, args.folder, second)
+        run_all(again, args.folder, second, args.jobs)
     print("\n".join(table(again, rows_in(args.folder / "results.jsonl"), second)))
 
 
