@@ -12,6 +12,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -127,11 +128,19 @@ def test_one_bad_recording_is_a_row_and_the_others_go_on(undisturbed):
     assert not any("utc" in name or "date" in name for name in rows[0])
 
 
-def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed):
+@pytest.fixture
+def machines_folder() -> Iterator[Path]:
+    """For temporary files of all processes; its name is short, as those of sockets must be."""
+    with tempfile.TemporaryDirectory() as name:
+        yield Path(name)
+
+
+def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed, machines_folder):
     """A full disk, Ctrl-C, kill -9 of the whole run, and then a worker's death: one after another.
 
-    Runs are hit once something is finished; the last one, with two workers, ends well. Readings
-    wait, so that a run is still at work when it is hit, however fast the machine.
+    Runs are hit once something is finished; the last one, with two workers, ends well, and nothing
+    is left of any: Dask's folder and that of multiprocessing's sockets were. Readings wait, so that
+    a run is still at work when it is hit, however fast the machine.
     """
     slow = with_fault(
         folder,
@@ -143,6 +152,7 @@ def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed):
         "    return usual(path, **hints)\n"
         "registry.read = read\n",
     )
+    slow["TMPDIR"] = str(machines_folder)
     sizes = "import resource as r, runpy, sys; r.setrlimit(r.RLIMIT_FSIZE, (9000, 9000)); "
     script = f"{sizes}sys.argv = sys.argv[1:]; runpy.run_module('lightflight', run_name='__main__')"
     done = subprocess.run(
@@ -188,6 +198,7 @@ def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed):
     assert (folder / "results" / "table.csv").read_bytes() == undisturbed
 
     assert [file.name for file in (folder / "results").glob(".*")] == []
+    assert list(machines_folder.iterdir()) == []
 
 
 def test_a_disk_that_fills_up_under_a_worker(folder, undisturbed, tmp_path):

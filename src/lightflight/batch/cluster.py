@@ -13,9 +13,13 @@ from typing import Any
 
 from lightflight.errors import ConfigError, MissingExtraError
 from lightflight.files.children import SAFE_ENVIRONMENT, environment, safe_children
+from lightflight.files.litter import folder_of_process
 
 _MOST_DEATHS = 2
 """Workers a task may take with it before it is given up."""
+
+_SOCKETS_FIT = 85
+"""Letters: a socket's path has 107 in Linux, of which its name takes 18."""
 
 _CONNECT_S = 15
 _ANSWER_S = 5
@@ -110,7 +114,8 @@ def workers(
         _set_log_level(level)
         security = _own_security() if scheduler is None else _told_security(certificates)
         with contextlib.ExitStack() as stack:
-            stack.enter_context(dask.config.set(_dask_options(level, start_method)))
+            options = _dask_options(level, start_method, scratch)
+            stack.enter_context(dask.config.set(options))
             address = scheduler or stack.enter_context(
                 _local_cluster(n_workers or cores(), scratch, security, log_level=level)
             )
@@ -179,9 +184,11 @@ def _set_log_level(level: int) -> None:
             logging.getLogger(name).setLevel(level)
 
 
-def _dask_options(log_level: int, start_method: str) -> dict[str, Any]:
+def _dask_options(log_level: int, start_method: str, scratch: Path) -> dict[str, Any]:
     """Options of Dask, by name."""
     return {
+        # The scheduler would leave a folder of its own in that of the machine.
+        "temporary-directory": str(scratch),
         # Dask's own watching of itself would take a few per cent of every worker's time.
         "distributed.worker.profile.enabled": False,
         "distributed.admin.tick.interval": "1s",
@@ -237,6 +244,10 @@ def _start_method() -> str:
     import multiprocessing.forkserver
 
     multiprocessing.get_context("forkserver").set_forkserver_preload(list(_PRELOADED))
+    if len(os.fspath(folder := folder_of_process())) < _SOCKETS_FIT:
+        # Where its socket lies; a folder of multiprocessing's own would stay after kill -9.
+        configuration: Any = multiprocessing.process.current_process()
+        configuration._config.setdefault("tempdir", os.fspath(folder))
     with environment(_ENVIRONMENT):
         multiprocessing.forkserver.ensure_running()
     return "forkserver"

@@ -132,18 +132,16 @@ def run_campaign(
             warnings.warn(f"{damage}; it is made again", SuspectDataWarning, stacklevel=2)
     run = _Run(campaign, jobs, rows, progress)
     run.report()
-    if run.left:
-        with (
-            temporary_folder() as folder,
-            cluster.workers(
+    with temporary_folder() as folder:  # which takes away what a killed run left, work or none
+        if run.left:
+            with cluster.workers(
                 scheduler=scheduler,
                 certificates=certificates,
                 n_workers=n_workers,
                 scratch=folder,
                 loud=loud,
-            ) as client,
-        ):
-            run.drive(client)
+            ) as client:
+                run.drive(client)
     with contextlib.suppress(OSError):  # it holds what a failed recording left, for the next run
         (campaign.output / "parts").rmdir()
     return CampaignTable(tuple(rows[i] for i in range(len(jobs))))

@@ -6,6 +6,7 @@ it started. Only what a dead process of this machine made is removed.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import functools
 import hashlib
@@ -103,3 +104,18 @@ def temporary_folder() -> Iterator[Path]:
         prefix=f"lightflight-{maker()}-", ignore_cleanup_errors=True
     ) as folder:
         yield Path(folder)
+
+
+@functools.cache
+def folder_of_process() -> Path:
+    """A folder for as long as this process runs; a killed one's is removed by the next.
+
+    Returns
+    -------
+    Path
+        The same for every call; nobody else may look into it.
+    """
+    sweep(Path(tempfile.gettempdir()), "lightflight-")
+    folder = tempfile.mkdtemp(prefix=f"lightflight-{maker()}-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
