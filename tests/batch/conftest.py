@@ -55,15 +55,21 @@ def recording_at(angle_deg: float, seed: int, photons: float = 300.0) -> lf.Reco
     return lf.simulate(scene, photons_per_pixel=photons, seed=seed, kind="events")
 
 
-@pytest.fixture(scope="session")
-def campaign_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with campaign.toml, lab.toml and ten recordings."""
-    folder = tmp_path_factory.mktemp("campaign")
+def make_campaign(folder: Path, n_repeats: int = N_REPEATS, seed: int = 100) -> None:
+    """Write campaign.toml, lab.toml and the recordings that they name, the same every time."""
+    folder.mkdir(exist_ok=True)
     (folder / "lab.toml").write_text(LAB)
     (folder / "campaign.toml").write_text(CAMPAIGN)
     for angle in ANGLES:
         (folder / f"angle_{angle}").mkdir()
-        for k in range(N_REPEATS):
-            recording = recording_at(angle, seed=100 + 10 * k + angle)
+        for k in range(n_repeats):
+            recording = recording_at(angle, seed=seed + 10 * k + angle)
             lf.write(recording, folder / f"angle_{angle}" / f"run{k + 8}.h5")
+
+
+@pytest.fixture(scope="session")
+def campaign_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with campaign.toml, lab.toml and ten recordings."""
+    folder = tmp_path_factory.mktemp("campaign")
+    make_campaign(folder)
     return folder

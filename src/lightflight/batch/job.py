@@ -98,7 +98,7 @@ class Job:
     settings : mapping of str
         Everything the result depends on, for its provenance.
     inputs : tuple[mapping of str, ...]
-        Provenance of the files that all jobs share.
+        Provenance of the files that all jobs share, the calibration's first.
     """
 
     recording: str
@@ -156,7 +156,7 @@ def jobs_from_campaign(campaign: Campaign) -> list[Job]:
     shared = [path for path in (campaign.timing, campaign.background) if path is not None]
     # Read once here: a fault that all recordings share is one error, not a row for each.
     if campaign.timing is not None:
-        timing_from_file(os.fspath(campaign.timing))
+        TimingCalibration.load(campaign.timing)
     if campaign.background is not None:
         read_recording(os.fspath(campaign.background), campaign.lab)
     inputs = tuple(input_record(path) for path in shared)
@@ -321,7 +321,7 @@ def finish(job: Job, hist: Histograms, said: list[str]) -> None:
     lab = job.lab
     timing: CodeClock | None = None
     if job.timing is not None:
-        whole = timing_from_file(job.timing)
+        whole = timing_of(job)
         timing = whole if job.codes is None else TimingWindow.of(whole, codes=job.codes)
     background = None
     if job.background is not None:
@@ -387,23 +387,39 @@ def recording_of(job: Job) -> Recording:
     return recording
 
 
-@functools.lru_cache(maxsize=2)
-def timing_from_file(path: str) -> TimingCalibration:
-    """Calibration of the clock; a worker reads it once.
+def timing_of(job: Job) -> TimingCalibration:
+    """Calibration of the clock, as it was when the campaign began.
 
     Parameters
     ----------
-    path : str
-        A calibration file.
+    job : Job
+        One with a calibration.
 
     Returns
     -------
     TimingCalibration
-        The clock.
-    """
-    from lightflight.timing.clock.calibration import TimingCalibration
+        The clock; a worker reads it once.
 
-    return TimingCalibration.load(path)
+    Raises
+    ------
+    JobError
+        Where the file was replaced meanwhile: the result would carry another one's name.
+    """
+    assert job.timing is not None
+    status = Path(job.timing).stat()
+    timing, sha256 = _timing_from_file(
+        job.timing, (status.st_ino, status.st_size, status.st_mtime_ns)
+    )
+    if job.inputs and job.inputs[0]["sha256"] != sha256:
+        raise JobError(f"{job.inputs[0]['name']} was replaced while the campaign ran: run it again")
+    return timing
+
+
+@functools.lru_cache(maxsize=2)
+def _timing_from_file(path: str, mark: tuple[int, ...]) -> tuple[TimingCalibration, str]:
+    """The clock and the file's digest; workers of a lab's cluster outlive files: `mark` tells."""
+    sha256 = input_record(path)["sha256"]
+    return TimingCalibration.load(path), sha256
 
 
 def make_folder(folder: Path) -> None:

@@ -24,7 +24,7 @@ from lightflight.batch.job import (
     read_recording,
     recording_of,
     task,
-    timing_from_file,
+    timing_of,
 )
 from lightflight.batch.kept import is_kept, kept_arrays
 from lightflight.batch.pieces import PartOfArray, bytes_of, share_of
@@ -337,7 +337,7 @@ def _pulses_of_tile(job: Job, hist: Histograms, rows: tuple[int, int]) -> dict[s
     if job.timing is None:
         timing = TimingCalibration.nominal(hist)
     else:
-        timing = TimingWindow.of(timing_from_file(job.timing), rows=rows, codes=job.codes)
+        timing = TimingWindow.of(timing_of(job), rows=rows, codes=job.codes)
         timing.check_matches(hist)
     background = None
     if job.background is not None:
@@ -385,7 +385,7 @@ def finish_tiles(job: Job, pieces: Sequence[str], tiles_files: Sequence[str]) ->
     hist = _counts_near(recording, job, tiles, pieces, near)
     timing = None
     if job.timing is not None:
-        timing = TimingWindow.of(timing_from_file(job.timing), codes=job.codes)
+        timing = TimingWindow.of(timing_of(job), codes=job.codes)
     with caught_warnings() as said:
         options = reconstruct_options(job.lab)
         options.pop("method", None)  # `check_tiles` has seen to it that it is joint
