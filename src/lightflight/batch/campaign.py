@@ -364,7 +364,7 @@ def _natural(text: str) -> list[tuple[int, int | str]]:
 
 def _label(path: Path, base: Path) -> str:
     """Name of a recording in tables: relative to the campaign file where it lies below it."""
-    path = Path(os.path.normpath(path))
+    path, base = Path(os.path.normpath(path)), Path(os.path.normpath(base))
     short = path.relative_to(base) if path.is_relative_to(base) else path
     return readable(short.as_posix())
 
