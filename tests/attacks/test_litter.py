@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -80,6 +81,22 @@ def test_temporary_folders_of_killed_campaigns_are_taken_away(tmp_path, monkeypa
         assert not left.exists()
         assert folder.parent == tmp_path
     assert list(tmp_path.iterdir()) == []
+
+
+def test_everything_is_written_beside_and_renamed():
+    """By construction: whoever writes to another name must stand here, with the reason."""
+    source = Path(litter.__file__).parents[1]
+    writes = re.compile(r"""(?<!fresh)\.(?:write_text|write_bytes)\(|(?<!fresh)\.open\("[wax]""")
+    allowed = {
+        "files/disk_file.py": "writes to the fresh file it is given",
+        "formats/isolation.py": "into its own temporary folder",
+    }
+    found = {
+        file.relative_to(source).as_posix()
+        for file in source.rglob("*.py")
+        if writes.search(file.read_text("utf-8"))
+    }
+    assert found == set(allowed)
 
 
 def test_cells_that_a_spreadsheet_would_run_are_quoted(tmp_path):

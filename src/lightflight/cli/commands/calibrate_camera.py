@@ -10,6 +10,7 @@ import click
 
 from lightflight.cli.console import Fact, report, step
 from lightflight.cli.options import debug_option, json_option, output_option
+from lightflight.files.whole_file import atomic_path
 
 if TYPE_CHECKING:
     from lightflight.camera.calibration import CameraFit
@@ -112,10 +113,18 @@ def _check_output(output: Path, files: tuple[Path, ...]) -> None:
         raise click.UsageError(f"-o {output}: make the folder {output.parent} first")
     if any(path.exists() and output.exists() and output.samefile(path) for path in files):
         raise click.UsageError(f"-o {output}: is an input too, choose another name")
-    if output.exists() and _MARK not in output.read_text(encoding="utf-8", errors="replace"):
+    if output.exists() and not _is_ours(output):
         raise click.UsageError(
             f"-o {output}: exists and is no earlier result of this command, choose another name"
         )
+
+
+def _is_ours(output: Path) -> bool:
+    """Whether this command wrote the file, which may be anything: a pipe, or larger than memory."""
+    if not output.is_file():
+        return False
+    with output.open("rb") as file:
+        return file.read(len(_MARK)) == _MARK.encode()
 
 
 def _fit_from_pictures(
@@ -141,8 +150,9 @@ def _write(fit: CameraFit, output: Path) -> None:
     from lightflight.lab import toml_from_camera
 
     sentences = "".join(f"# {text}\n" for text in camera_sentences(fit))
-    with step(f"writing {output.name}"):
-        output.write_text(f"{_MARK}\n{sentences}\n{toml_from_camera(fit.camera)}", encoding="utf-8")
+    text = f"{_MARK}\n{sentences}\n{toml_from_camera(fit.camera)}"
+    with step(f"writing {output.name}"), atomic_path(output) as fresh:
+        fresh.write_text(text, encoding="utf-8")
 
 
 def camera_facts(fit: CameraFit) -> list[Fact]:
