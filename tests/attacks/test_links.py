@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -13,6 +15,8 @@ import lightflight as lf
 from lightflight.batch.campaign import campaign_from_toml
 from lightflight.batch.runner import run_campaign
 from lightflight.errors import ConfigError, FileFormatError
+from lightflight.files import whole_file
+from lightflight.files.tables import write_csv
 from tests.batch.conftest import CAMPAIGN, LAB, recording_at
 from tests.files.unsealed import unsealed
 
@@ -79,3 +83,33 @@ def test_campaigns_write_through_none(tmp_path, link):
     with pytest.raises(FileFormatError, match=rf"holds a link \({link}\)"):
         run_campaign(campaign_from_toml(tmp_path / "campaign.toml"))
     assert list((tmp_path / "mine").iterdir()) == []
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX")
+def test_nothing_is_written_through_somebody_elses_link_in_a_folder_for_all(tmp_path, monkeypatch):
+    """What mallory makes of /tmp/path.csv must not cost anybody a file."""
+    shared, mine = tmp_path / "tmp", tmp_path / "mine"
+    for folder in (shared, mine):
+        folder.mkdir()
+    (mine / "kept.csv").write_text("years of work")
+    (shared / "table.csv").symlink_to(mine / "kept.csv")
+    (shared / "folder").symlink_to(mine)
+    shared.chmod(0o1777)
+    monkeypatch.setattr(whole_file, "_is_planted", _as_if_by_another_user)
+    for name in ("table.csv", "folder/kept.csv"):
+        with pytest.raises(PermissionError, match="somebody else put into a folder for all"):
+            write_csv(["x"], [["1"]], shared / name)
+    assert (mine / "kept.csv").read_text() == "years of work"
+    assert list(shared.glob(".*")) == []
+
+
+_is_planted = whole_file._is_planted
+
+
+def _as_if_by_another_user(link, folder, user):
+    for owner in (user, folder.st_uid):
+        assert not _is_planted(SimpleNamespace(st_uid=owner), folder, user)
+    stranger = SimpleNamespace(st_uid=max(user, folder.st_uid) + 1)
+    private = SimpleNamespace(st_uid=folder.st_uid, st_mode=0o40755)
+    assert not _is_planted(stranger, private, user)
+    return _is_planted(stranger, folder, user)

@@ -32,7 +32,8 @@ def atomic_path(path: str | os.PathLike[str], *, directory: bool = False) -> Ite
     Parameters
     ----------
     path : path
-        Where the file shall appear. A symbolic link is followed.
+        Where the file shall appear. A symbolic link is followed, unless somebody else put it into
+        a folder for all (/tmp).
     directory : bool
         Write a folder (Zarr) instead of a file. An old folder is moved aside first, and moved
         back if the new one cannot take its place.
@@ -47,8 +48,9 @@ def atomic_path(path: str | os.PathLike[str], *, directory: bool = False) -> Ite
     ------
     OSError
         If the folder of `path` is missing or cannot be written, if `path` exists and is not a
-        regular file (or not a folder), or if the disk is full.
+        regular file (or not a folder), leads through somebody else's link, or if the disk is full.
     """
+    _refuse_planted_links(Path(path).absolute())
     # A link stays a link: what it points at is replaced.
     target = Path(os.path.realpath(path))
     _check_target(target, directory=directory)
@@ -76,6 +78,29 @@ def atomic_path(path: str | os.PathLike[str], *, directory: bool = False) -> Ite
         raise
     # The name lies in the folder, and is on the disk once the folder is.
     _flush_to_disk(target.parent)
+
+
+def _refuse_planted_links(path: Path) -> None:
+    """Raise PermissionError where somebody else's link in a folder for all leads elsewhere.
+
+    Linux refuses to open through such links, but not to rename over what they point at.
+    """
+    if os.name == "nt":
+        return
+    for part in (path, *path.parents):
+        if part.is_symlink() and _is_planted(part.lstat(), part.parent.stat(), os.geteuid()):
+            raise PermissionError(
+                errno.EACCES,
+                "is a link that somebody else put into a folder for all; nothing is written "
+                "through it: choose another name",
+                str(part),
+            )
+
+
+def _is_planted(link: os.stat_result, folder: os.stat_result, user: int) -> bool:
+    """Whether a link in a folder like /tmp is neither the user's nor that of the folder's owner."""
+    is_for_all = folder.st_mode & stat.S_ISVTX and folder.st_mode & stat.S_IWOTH
+    return bool(is_for_all) and link.st_uid not in (user, folder.st_uid)
 
 
 def _check_target(target: Path, *, directory: bool) -> None:
