@@ -3,10 +3,11 @@
     python -m tests.attacks.kills --kills 100
 
 Each command first runs undisturbed, over what an earlier run has written. Then it runs again and
-again with one of two inputs in turn, and is killed at any moment of that; what it writes must be
-that of the one or of the other, whole. At the end it runs once more: beside its outputs nothing
-may lie there, nor in the temporary folder. Commands branch off a process that has everything
-imported, so that kills fall into the work; `batch` is started as users start it.
+again with one of two inputs in turn, and is killed at any moment of that, every other time while
+it writes; what it writes must be that of the one or of the other, whole. At the end it runs once
+more: beside its outputs nothing may lie there, nor in the temporary folder. Commands branch off a
+process that has everything imported, so that kills fall into the work. No process of theirs may
+be left either: `batch` has workers.
 """
 
 from __future__ import annotations
@@ -16,12 +17,11 @@ import hashlib
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
@@ -36,8 +36,9 @@ import lightflight as lf
 from lightflight.cli import main
 from lightflight.errors import FileFormatError
 from lightflight.files import litter
+from lightflight.files.children import environment
+from tests.batch.conftest import make_campaign
 
-_ROOT = Path(__file__).parents[2]
 LAB = """
 [camera]
 shape = [16, 16]
@@ -51,16 +52,6 @@ vertices_mm = [[0, 0, 0], [375, 25, 50]]
 [detector]
 preset = "pf32"
 """
-CAMPAIGN = """
-[campaign]
-output = "results"
-timing = "../in/calibration.h5"
-[[campaign.groups]]
-name = "one"
-recordings = ["../in/a.h5", "../in/b.h5"]
-n_legs = 1
-"""
-
 
 COMMANDS = """
 convert ../in/{}.h5 -o out.h5
@@ -76,9 +67,13 @@ calibrate camera ../in/{}.csv --shape 16 16 -o out.toml
 reconstruct ../in/{}.h5 --lab ../in/lab.toml --timing ../in/calibration.h5 -o out.h5 -o out.csv
 export ../in/path-{}.h5 -o out.csv -o out.mat -o out.vtu -o out.glb -o out.parquet
 view ../in/path-{}.h5 -o out.html
-plot ../in/path-{}.h5 -o out.png -o out.pdf -o out.svg
-movie ../in/path-{}.h5 --size 160x160 --fps 5 -o out.gif
+plot ../in/path-{}.h5 -o out.png -o out.svg
+movie ../in/path-{}.h5 --size 160x160 --fps 2 -o out.gif
 simulate --lab ../in/lab.toml --seed {:d} -o out.h5
+batch ../in/campaign-{}/campaign.toml --workers 2 -o results
+"""
+OF_CAMPAIGNS = """
+table.csv table.parquet summary.png paths/angle_-4_run8.h5 paths/angle_4_run8.h5
 """
 LARGE = """
 convert ../in/large-{}.bin --hint shape=[64,64] --hint n_codes=1024 -o out.h5
@@ -98,11 +93,15 @@ class Command:
     def outputs(self) -> list[str]:
         """Files that it writes."""
         words = self.text.split()
+        if words[0] == "batch":
+            return [f"results/{name}" for name in OF_CAMPAIGNS.split()]
         return [after for word, after in pairwise(words) if word in ("-o", "--plot")]
 
     @property
     def name(self) -> str:
         """What it is called in the table."""
+        if self.text.startswith("batch"):
+            return "batch -> results"
         first = self.text.replace("../in/", "").replace("-{}", "").replace("{}", "x")
         return f"{' '.join(first.split()[:2])} -> {' '.join(self.outputs)}"
 
@@ -167,6 +166,9 @@ def make_inputs(folder: Path, asked: str, *, large_bytes: int) -> None:
             f"reconstruct {here}/{one}.h5 --lab {here}/lab.toml --timing {here}/calibration.h5"
             f" --n-legs 1 -o {here}/path-{one}.h5"
         )
+    if "campaign-" in asked:
+        for number, one in enumerate("ab"):
+            make_campaign(here / f"campaign-{one}", n_repeats=1, seed=100 + number)
     if large_bytes:
         _make_large(here, large_bytes, rng)
 
@@ -239,6 +241,8 @@ class Tally:
 
     name: str
     seconds: float = 0.0
+    writes_from_s: float = 0.0
+    """When the first name appeared beside what was there."""
     kills: int = 0
     old: int = 0
     new: int = 0
@@ -247,20 +251,30 @@ class Tally:
     litter: int = 0
     swept: int = 0
 
+    def moment(self, rng: np.random.Generator, *, while_writing: bool) -> float:
+        """When to kill: at any moment, or once writing began."""
+        return rng.uniform(self.writes_from_s if while_writing else 0.0, 1.05 * self.seconds)
+
     def line(self) -> str:
         """A row of the table."""
+        times = (f"{self.seconds:.2g}", f"{self.writes_from_s:.2g}")
         found = (self.kills, self.old, self.new, self.swept, self.lost, self.half, self.litter)
-        return f"| {self.name} | {self.seconds:.2g} | " + " | ".join(map(str, found)) + " |"
+        return "| " + " | ".join(map(str, (self.name, *times, *found))) + " |"
 
 
 HEAD = (
-    "| command | s | kills | as before | new, whole | swept | lost | half | left after the next |\n"
-    "|---|---|---|---|---|---|---|---|---|"
+    "| command | s of CPU | writes from, s | kills | as before | new, whole | swept | lost | half |"
+    " left after the next |\n|---|---|---|---|---|---|---|---|---|---|"
 )
 
 
-def branched(words: list[str], after_s: float | None) -> bool:
-    """Run a command in a branch of this process; True where it was killed before its end."""
+def branched(
+    words: list[str], after_s: float | None, watch: Callable[[float], None] = lambda used_s: None
+) -> bool:
+    """Run a command in a branch of this process; True where it was killed before its end.
+
+    Moments are those of its processors, not of a clock, so that a busy machine does not shift them.
+    """
     sys.stdout.flush()
     pid = os.fork()
     if pid == 0:
@@ -275,18 +289,54 @@ def branched(words: list[str], after_s: float | None) -> bool:
             if code:
                 os.write(2, result.output.encode())
         os._exit(code)
-    if after_s is not None:
-        time.sleep(after_s)
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
-    _, status = os.waitpid(pid, 0)
+    ended, status = os.waitpid(pid, os.WNOHANG)
+    while not ended:
+        asked = time.perf_counter()
+        watch(used_s := _used_s(pid))
+        if after_s is not None and used_s >= after_s:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        # Asking about workers, too, takes a while: a fifth of the time at most.
+        time.sleep(max(0.001, 4 * (time.perf_counter() - asked)))
+        ended, status = os.waitpid(pid, os.WNOHANG)
     assert after_s is not None or status == 0, words
     return os.WIFSIGNALED(status)
 
 
+def _used_s(process: int | str) -> float:
+    """Seconds of processors that a process and those it started have used."""
+    used = 0.0
+    for thread in Path(f"/proc/{process}/task").glob("*"):
+        with suppress(OSError):
+            used += int((thread / "schedstat").read_text().split()[0]) / 1e9
+            used += sum(map(_used_s, (thread / "children").read_text().split()))
+    return used
+
+
 def litter_in(folder: Path, known: Iterable[str]) -> list[str]:
-    """What lies there beside what should."""
-    return sorted(entry.name for entry in folder.iterdir() if entry.name not in set(known))
+    """What lies there, however deep, beside what should."""
+    return sorted({str(one.relative_to(folder)) for one in _within(folder)} - set(known))
+
+
+def _within(folder: Path) -> Iterator[Path]:
+    """Files and empty folders; a store is one file."""
+    for entry in folder.iterdir() if folder.is_dir() else ():
+        inside = [] if entry.is_symlink() or entry.suffix == ".zarr" else list(_within(entry))
+        yield from inside or [entry]
+
+
+def processes_with(folder: Path) -> list[str]:
+    """Processes started with that folder for temporary files that are still there after 20 s."""
+    mark, end = f"TMPDIR={folder}".encode(), time.monotonic() + 20
+    while True:
+        left = []
+        for process in Path("/proc").glob("[0-9]*"):
+            with suppress(OSError):
+                if mark in (process / "environ").read_bytes().split(b"\0"):
+                    left.append(process.name)
+        if not left or time.monotonic() > end:
+            return left
+        time.sleep(0.05)
 
 
 def killed_at_random(
@@ -301,9 +351,15 @@ def killed_at_random(
     words = [command.words(one) for one in "ab"]
     for one in (*words, *words):
         _remove(command, here)
-        start = time.monotonic()
-        branched(one, None)
-        tally.seconds = time.monotonic() - start
+        before, used = sorted(_within(here)), [0.0]
+
+        def watch(used_s: float, before: list[Path] = before, used: list[float] = used) -> None:
+            used.append(max(used_s, used[-1]))
+            if len(used) == 2 or sorted(_within(here)) == before:
+                used[0] = used[-1]
+
+        branched(one, None, watch)
+        tally.writes_from_s, tally.seconds = used[0], used[-1]
         for name in command.outputs:
             whole[name].add(content(here / name))
     before = {name: content(here / name) for name in command.outputs}
@@ -312,7 +368,7 @@ def killed_at_random(
         tries += 1
         before = _remove(command, here) or before
         known = set(litter_in(here, command.outputs) + litter_in(folder / "tmp", ()))
-        was_killed = branched(words[tries % 2], rng.uniform(0, 1.05 * tally.seconds))
+        was_killed = branched(words[tries % 2], tally.moment(rng, while_writing=tries % 4 > 1))
         tally.kills += was_killed
         tally.swept += len(known - set(litter_in(here, ()) + litter_in(folder / "tmp", ())))
         for name in command.outputs:
@@ -326,8 +382,9 @@ def killed_at_random(
             before[name] = now
     _remove(command, here)
     branched(words[0], None)
+    tally.half += sum(_state(here / name, whole[name]) not in whole[name] for name in whole)
     left = litter_in(here, command.outputs) + litter_in(folder / "tmp", ())
-    tally.litter = len(left)
+    tally.litter = len(left + processes_with(folder / "tmp"))
     return tally
 
 
@@ -350,60 +407,6 @@ def _state(path: Path, whole: set[str]) -> str:
     return now if now in whole else "half"
 
 
-# --- campaigns --------------------------------------------------------------------------
-
-
-def campaigns_killed_at_random(folder: Path, n_kills: int, rng: np.random.Generator) -> Tally:
-    """The same for `batch`, in processes of its own, of which the first is killed."""
-    here = folder / "work"
-    shutil.rmtree(here, ignore_errors=True)
-    here.mkdir()
-    (here / "campaign.toml").write_text(LAB.split("[scene]")[0] + CAMPAIGN)
-    tally = Tally("batch")
-    outputs = ("table.csv", "table.parquet", "summary.png")
-    results = here / "results"
-    start = time.monotonic()
-    _campaign(folder, None)
-    tally.seconds = time.monotonic() - start
-    whole = {name: {content(results / name)} for name in outputs}
-    tries = 0
-    while tally.kills < n_kills and tries < 10 * n_kills + 20:
-        tries += 1
-        if tries % 2:  # from nothing, or over what is there
-            shutil.rmtree(results)
-        known = set(litter_in(folder / "tmp", ()))
-        was_killed = _campaign(folder, rng.uniform(0, tally.seconds))
-        tally.kills += was_killed
-        tally.swept += len(known - set(litter_in(folder / "tmp", ())))
-        for name in outputs:
-            now = _state(results / name, whole[name])
-            if now == "half" or (now == "lost" and not tries % 2):
-                setattr(tally, now, getattr(tally, now) + 1)
-            elif was_killed:
-                tally.new += now != "lost"
-                tally.old += now == "lost"
-        _campaign(folder, None)
-        tally.lost += sum(_state(results / name, whole[name]) != next(iter(whole[name]))
-                          for name in outputs)  # fmt: skip
-        left = [one.name for one in results.rglob(".lightflight-*")]
-        tally.litter += len(left + litter_in(folder / "tmp", ()))
-    return tally
-
-
-def _campaign(folder: Path, after_s: float | None) -> bool:
-    told = [str(_ROOT), *filter(None, sys.path)]
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "lightflight", "batch", "campaign.toml", "--workers", "2"],
-        cwd=folder / "work", stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(told), "TMPDIR": str(folder / "tmp")},
-    )  # fmt: skip
-    with suppress(subprocess.TimeoutExpired):
-        process.wait(after_s)
-    if process.poll() is None:
-        process.kill()
-    return process.wait() == -signal.SIGKILL
-
-
 def run(
     n_kills: int, *, large_bytes: int, only: str = "", seed: int = 16,
     report: Callable[[str], None] = lambda text: None,
@@ -414,16 +417,14 @@ def run(
         folder = Path(name)
         (folder / "tmp").mkdir()
         chosen = [one for one in commands(large=large_bytes > 0) if only in one.name]
-        asked = " ".join([one.text for one in chosen] + ([CAMPAIGN] if only in "batch" else []))
+        asked = " ".join(one.text for one in chosen)
         make_inputs(folder, asked, large_bytes=large_bytes if "large" in asked else 0)
         before, tempfile.tempdir = tempfile.tempdir, str(folder / "tmp")
         try:
-            for command in chosen:
-                found.append(killed_at_random(command, folder, n_kills, rng))
-                report(found[-1].line())
-            if only in "batch":
-                found.append(campaigns_killed_at_random(folder, -(-n_kills // 5), rng))
-                report(found[-1].line())
+            with environment({"TMPDIR": str(folder / "tmp")}):
+                for command in chosen:
+                    found.append(killed_at_random(command, folder, n_kills, rng))
+                    report(found[-1].line())
         finally:
             os.chdir(home)
             tempfile.tempdir = before
