@@ -351,11 +351,11 @@ def killed_at_random(
     words = [command.words(one) for one in "ab"]
     for one in (*words, *words):
         _remove(command, here)
-        before, used = sorted(_within(here)), [0.0]
+        there, used = sorted(_within(here)), [0.0]
 
-        def watch(used_s: float, before: list[Path] = before, used: list[float] = used) -> None:
+        def watch(used_s: float, there: list[Path] = there, used: list[float] = used) -> None:
             used.append(max(used_s, used[-1]))
-            if len(used) == 2 or sorted(_within(here)) == before:
+            if len(used) == 2 or sorted(_within(here)) == there:
                 used[0] = used[-1]
 
         branched(one, None, watch)

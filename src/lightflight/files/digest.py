@@ -22,6 +22,7 @@ import h5py
 import numpy as np
 
 from lightflight.errors import FileFormatError
+from lightflight.files.hdf5_tree import entries_of
 
 DIGEST, SEALED = "digest", "sealed"
 """Attributes of the root: the digest as hexadecimal text, and the number 1."""
@@ -98,7 +99,7 @@ def _read_at(handle: int, start: int, n: int) -> bytes:
 def _digest_of(file: h5py.File, read_at: ReadAt) -> str:
     """Digest of all groups and datasets and their attributes, but for the digest itself."""
     nodes: dict[str, Any] = {"": file}
-    file.visititems(lambda name, node: nodes.setdefault(name, node) and None)
+    nodes |= {name: node for name, _, node in entries_of(file) if node is not None}
     whole = hashlib.blake2b(digest_size=32)
     for name in sorted(nodes):
         _add(whole, name, type(nodes[name]).__name__)

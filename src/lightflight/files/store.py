@@ -39,6 +39,7 @@ from lightflight.files.filecheck import (
     damage_as_format_error,
     readable_file,
 )
+from lightflight.files.hdf5_tree import entries_of
 from lightflight.files.names import readable
 from lightflight.files.whole_file import atomic_path as atomic_path  # many take it from here
 
@@ -339,9 +340,9 @@ def load_record(
     """
     with open_record(path, kind=kind, try_newer=try_newer) as (file, attributes):
         arrays = {
-            name: read_array(file[name], path=path)
-            for name in _array_names(file)
-            if name != _ATTRIBUTES
+            name: read_array(node, path=path)
+            for name, _, node in entries_of(file)
+            if isinstance(node, h5py.Dataset) and name != _ATTRIBUTES
         }
     return arrays, attributes
 
@@ -377,7 +378,7 @@ def open_record(
     _check_is_hdf5(file_path, path)
     with damage_as_format_error(path), h5py.File(file_path, "r", locking="best-effort") as file:
         version = _check_header(file, path, kind, try_newer=try_newer)
-        refuse_links(file, path, kinds=(h5py.ExternalLink, h5py.SoftLink))
+        refuse_links(file, path, within_too=True)
         # What a newer version's digest is over is not known here.
         if version <= SCHEMA_VERSION:
             check_seal(file, file_path)
@@ -506,9 +507,9 @@ def check_dataset(dataset: Any, *, path: str | os.PathLike[str], ours: bool = Tr
 
 
 def refuse_links(
-    file: h5py.File, path: str | os.PathLike[str], *, kinds: tuple[type, ...] = (h5py.ExternalLink,)
+    file: h5py.File, path: str | os.PathLike[str], *, within_too: bool = False
 ) -> None:
-    """Raise FileFormatError where something in an HDF5 file is a link, by default to another file.
+    """Raise FileFormatError where something in an HDF5 file is a link to another file.
 
     Parameters
     ----------
@@ -516,14 +517,16 @@ def refuse_links(
         Opened to be read; no link is followed.
     path : path
         The file, for the message.
-    kinds : tuple of type
-        Kinds of links that are refused.
+    within_too : bool
+        Refuse links within the file as well.
     """
-    found = file.visititems_links(lambda name, link: name if isinstance(link, kinds) else None)
-    if found is not None:
-        raise FileFormatError(
-            f"holds a link ({found}), which is not followed: copy what it stands for in", path=path
-        )
+    followed = {h5py.h5l.TYPE_HARD} | (set() if within_too else {h5py.h5l.TYPE_SOFT})
+    for name, link, _ in entries_of(file):
+        if link not in followed:
+            raise FileFormatError(
+                f"holds a link ({name}), which is not followed: copy what it stands for in",
+                path=path,
+            )
 
 
 def _is_cut_short(chunk: Any) -> bool | None:
@@ -586,15 +589,3 @@ def _attributes_from(file: h5py.File, path: str | os.PathLike[str]) -> dict[str,
     if not isinstance(attributes, dict):
         raise FileFormatError("its attributes are not readable: the file is damaged", path=path)
     return attributes
-
-
-def _array_names(file: h5py.File) -> list[str]:
-    """Path in the file of every array."""
-    names: list[str] = []
-
-    def note(name: str, node: Any) -> None:
-        if isinstance(node, h5py.Dataset):
-            names.append(name)
-
-    file.visititems(note)
-    return names

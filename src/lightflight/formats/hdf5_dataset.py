@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 
 from lightflight.errors import FileFormatError
+from lightflight.files.hdf5_tree import entries_of
 from lightflight.formats.cubes import (
     axes_of,
     check_is_there,
@@ -105,14 +106,12 @@ def read(
 def datasets_in(file: h5py.File) -> dict[str, Any]:
     """All datasets of numbers, by their path in the file."""
     found: dict[str, Any] = {}
-
-    def note(name: str, node: Any) -> bool | None:
+    for name, _, node in entries_of(file):
         is_numbers = isinstance(node, h5py.Dataset) and node.dtype.kind in "uifb"
         if is_numbers and node.shape is not None:
             found[name] = node
-        return True if len(found) > _MOST_DATASETS else None
-
-    file.visititems(note)
+        if len(found) > _MOST_DATASETS:
+            break
     return found
 
 
