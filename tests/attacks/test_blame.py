@@ -102,3 +102,10 @@ def test_a_worker_that_is_killed_while_it_starts_is_not_the_scripts_guard(tmp_pa
     assert "it was ended while it started" in said
     (tmp_path / "imported").touch()
     assert "must stand under" in cluster._why_not(RuntimeError("Nanny failed to start."), tmp_path)
+
+
+def test_a_header_of_brackets_alone_is_damage(tmp_path):
+    """Python's own reading of NumPy's header gave a fault of a kind nobody had named."""
+    (tmp_path / "x.npy").write_bytes(b"\x93NUMPY\x01\x00\x10\x27" + b"(" * 10_000)
+    with pytest.raises(FileFormatError, match="has no readable"):
+        read(tmp_path / "x.npy", axes="yxt")

@@ -6,8 +6,10 @@ bytes that mean nothing (gaps, old headers, times); those may change.
 
 from __future__ import annotations
 
+import io
 import shutil
 import warnings
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -159,3 +161,17 @@ def test_a_zarr_of_ours_with_empty_chunks_is_whole(tmp_path):
     cube[3, 3, 3] = 1
     lf.write(lf.Histograms(cube), tmp_path / "x.zarr")
     assert read(tmp_path / "x.zarr").counts.sum() == 1
+
+
+@pytest.mark.parametrize("second", ["cube.npy", "cube"])
+def test_an_archive_with_two_arrays_of_one_name_is_refused(tmp_path, second):
+    """The last one was read in silence."""
+    with zipfile.ZipFile(tmp_path / "x.npz", "w") as archive:
+        for number, name in enumerate(("cube.npy", second)):
+            buffer = io.BytesIO()
+            np.save(buffer, np.full((2, 2, 8), number, np.uint16))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                archive.writestr(name, buffer.getvalue())
+    with pytest.raises(FileFormatError, match="holds two arrays of the name 'cube'"):
+        read(tmp_path / "x.npz", axes="yxt")

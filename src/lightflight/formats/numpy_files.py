@@ -12,6 +12,7 @@ import math
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO, Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -134,7 +135,7 @@ def _npy_header(
             (2, 0): np.lib.format.read_array_header_2_0,
         }[version]
         found, fortran, dtype = reader(file, max_header_size=_LARGEST_HEADER)
-    except (ValueError, KeyError, OSError, SyntaxError, RecursionError) as error:
+    except (ValueError, KeyError, OSError, SyntaxError, RecursionError, TokenError) as error:
         raise FileFormatError(f"has no readable .npy header: {error}", path=path) from error
     if dtype.hasobject or dtype.kind not in kinds:
         raise FileFormatError(
@@ -281,6 +282,10 @@ def _npz_headers(archive: zipfile.ZipFile, path: Path) -> _Headers:
                 f"array {name!r} {header.shape} needs {needed} bytes, the archive holds "
                 f"{member.file_size - start}: the file is damaged",
                 path=path,
+            )
+        if name in headers:
+            raise FileFormatError(
+                f"holds two arrays of the name {name!r}: save it again", path=path
             )
         headers[name] = header
     return headers
