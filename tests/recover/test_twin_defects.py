@@ -213,4 +213,5 @@ def test_pulse_width_is_laser_trigger_and_response_in_squares():
     true = np.sqrt(68.0**2 + 120.0**2 + 60.0**2)
     # the error of a width is width / sqrt(2 N): 0.35 % a pixel, 0.05 % of 64
     assert fwhm.mean() == pytest.approx(true, rel=2.5e-3)
-    assert fwhm.std() / true == pytest.approx(1 / np.sqrt(2 * 40_000.0), rel=0.5)
+    # The spread of 64 is known to 8.8 %: three of these, at a fixed seed.
+    assert fwhm.std() / true == pytest.approx(1 / np.sqrt(2 * 40_000.0), rel=0.27)
