@@ -380,8 +380,9 @@ class _Known:
         """Deviance of the counts: twice what the log-likelihood lacks, up to a constant."""
         groups = [self.pixels] if self.dark is None else [self.pixels, self.dark.pixels]
         return sum(
-            2.0 * float(np.sum((each.mean - each.cells.counts * np.log(each.mean))[lit]))
-            for each, lit in ((each, each.weight > 0.0) for each in groups)
+            2.0 * float(np.sum(mean - counts * np.log(mean)))
+            for each in groups
+            for mean, counts in [(x[each.weight > 0.0] for x in (each.mean, each.cells.counts))]
         )
 
 
