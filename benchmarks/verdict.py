@@ -48,8 +48,9 @@ from tests.oracles.worlds.world import World
 
 PRIORS = ("known", "lab")
 WRONG_STDS, WRONG_MM = 3.0, 0.3
-SMALL = 0.05
-"""Of a defect's strength: counts are straight in so much of it."""
+SMALL = 0.002
+"""Of a defect's strength: counts are straight in so much of it (not in a twentieth: light that is
+even moves with a source, and codes that grow pass the end of the period)."""
 
 Cell = dict[str, Any]
 
