@@ -39,8 +39,8 @@ _LEAST_SIGNAL = 1.0
 _MATTERS = 1.0
 """Gains need not be known better, in chi-square: causes are named within 9 of the best."""
 _RIDGE_PX = 0.7
-"""Pulses this near to their leg's line are told of by it; beyond, by the wings of the spot, px. With
-0.9 delays that are 5 ps off are taken for a bent leg (seed 0), gains of another day as with 0.7."""
+"""Pulses this near to their leg's line are told of by it; beyond, by the wings of the spot, px.
+With 0.9 delays that are 5 ps off are taken for a bent leg, gains of another day as with 0.7."""
 _NEIGHBOURS_PX = 5.0
 """Three pulses that span less than this are neighbours, px: what bends a leg is straight there."""
 _CLOCKS = 1.0
