@@ -616,23 +616,56 @@ def leave_blank(values, covariances, table, at):
         table[a, at] = math.nan
 
 
-@piece
-def write_fit(theta, origin, v, values, covariances, at):
-    """A fit and its covariance into a column of the results."""
-    i = 0
-    for a in range(4):
-        values[a, at] = theta[a]
-        for b in range(a, 4):
-            covariances[a, b, at] = covariances[b, a, at] = v[i]
-            i += 1
-    values[0, at] += origin
-
-
 def room_for(counts: NDArray[Any]) -> tuple[NDArray[Any], Floats, NDArray[np.int64], Floats]:
     """What `fit_tile` works in: levels of sums, rows of a pixel, codes of its bins, a window."""
     size = 2 * counts.shape[1] + 2
     levels = np.empty((int(math.log2(size)) + 2, 2 * size), counts.dtype)
     return levels, np.empty((6, 2 * size + 10)), np.empty(size, np.int64), np.zeros(ROOM)
+
+
+@piece
+def fit_one(
+    levels, edges, exposure, inverse, covered, n, live, even, period, total, dark_counts, whole,
+    double_code, n_log, theta, v, w, values, covariances, table, column,
+):  # fmt: skip
+    """Fit a Gaussian from the start in theta, into a column of the results; False: it is left."""
+    floor, origin = 1e-3 / covered[n], theta[0]
+    theta[3] = theta[3] if theta[3] > floor else floor
+    enough = math.sqrt(2.0 * math.log(1.0 + 100.0 * total))  # std that hold but 1e-3 photons
+    noise = math.sqrt(theta[2] + 6.0 * theta[3] * theta[1]) / theta[2]
+    half = (enough + _SPARE_REACH) * theta[1] * (1.0 + 2.5 * noise)
+    half = half if half < 0.5 * period else 0.5 * period
+    low, m = load_window(levels, edges, exposure, n, period, origin, half, w)
+    out_counts, out_exposure = total + dark_counts, whole
+    for k in range(m):
+        out_counts -= w[COUNT + k]
+        out_exposure -= w[WIDTH + k]
+    steps = fit_window(w, m, out_counts, out_exposure, floor, theta, v)
+    open_low = period < math.inf or low > 0
+    open_high = period < math.inf or low + m < n
+    if (
+        steps == 0
+        or not theta[1] > 0.2 * covered[n] / live
+        or not w[EDGE] < theta[0] < w[EDGE + m]
+        or (open_low and theta[0] - enough * theta[1] < w[EDGE])
+        or (open_high and theta[0] + enough * theta[1] > w[EDGE + m])
+    ):
+        return False
+    describe_fit(levels, inverse, covered, n, live, m, total, theta, w, table, column)
+    bin_width = (edges[n] - edges[0]) / n
+    residual = residual_of(levels, n, low, m, covered, even, bin_width, theta, double_code, w)
+    if theta[3] <= floor:
+        v[9] = 1.0 / (whole * whole)
+    i = 0
+    for a in range(4):
+        values[a, column] = theta[a]
+        for b in range(a, 4):
+            covariances[a, b, column] = covariances[b, a, column] = v[i]
+            i += 1
+    values[0, column] += origin
+    table[CONVERGED, column], table[STEPS_TAKEN, column] = 1.0, steps
+    table[STD_FREE, column], table[RESIDUAL, column] = 1.0, residual - n_log
+    return True
 
 
 @jit
@@ -725,39 +758,11 @@ def fit_tile(
         n_left += 1
         if not fits:
             continue
-        floor, origin = 1e-3 / covered[n], theta[0]
-        theta[3] = theta[3] if theta[3] > floor else floor
-        enough = math.sqrt(2.0 * math.log(1.0 + 100.0 * total))  # std that hold but 1e-3 photons
-        noise = math.sqrt(theta[2] + 6.0 * theta[3] * theta[1]) / theta[2]
-        half = (enough + _SPARE_REACH) * theta[1] * (1.0 + 2.5 * noise)
-        half = half if half < 0.5 * period else 0.5 * period
-        low, m = load_window(levels, edges, exposure, n, period, origin, half, w)
-        out_counts, out_exposure = total + dark_counts[i], whole
-        for k in range(m):
-            out_counts -= w[COUNT + k]
-            out_exposure -= w[WIDTH + k]
-        steps = fit_window(w, m, out_counts, out_exposure, floor, theta, v)
-        open_low = period < math.inf or low > 0
-        open_high = period < math.inf or low + m < n
-        if (
-            steps == 0
-            or not theta[1] > 0.2 * covered[n] / live
-            or not w[EDGE] < theta[0] < w[EDGE + m]
-            or (open_low and theta[0] - enough * theta[1] < w[EDGE])
-            or (open_high and theta[0] + enough * theta[1] > w[EDGE + m])
-        ):
-            continue
-        n_left -= 1
-        describe_fit(levels, inverse, covered, n, live, m, total, theta, w, table, column)
-        bin_width = (edges[n] - edges[0]) / n
-        residual = residual_of(
-            levels, n, low, m, covered, even, bin_width, theta, double_code[i], w
-        )
-        if theta[3] <= floor:
-            v[9] = 1.0 / (whole * whole)
-        write_fit(theta, origin, v, values, covariances, column)
-        table[CONVERGED, column], table[STEPS_TAKEN, column] = 1.0, steps
-        table[STD_FREE, column], table[RESIDUAL, column] = 1.0, residual - n_log
+        n_left -= fit_one(
+            levels, edges, exposure, inverse, covered, n, live, even, period, total,
+            dark_counts[i], whole, double_code[i], n_log, theta, v, w, values, covariances,
+            table, column,
+        )  # fmt: skip
     return n_left
 
 
