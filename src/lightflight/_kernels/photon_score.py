@@ -41,20 +41,23 @@ def shape_at(shape: Floats, z: float) -> tuple[float, float]:
 
 
 @piece
-def _pulse_share(offset: float, width: float, std: float, shape: Floats, out: Floats) -> None:
-    """Share of a pulse in a code `offset` from its time: value, d/d time, d/d ln std."""
+def _add_leg(
+    offset: float, width: float, std: float, photons: float, shape: Floats, out: Floats
+) -> float:
+    """Counts of a pulse in a code `offset` from its time; into out by ln photons, time, ln std."""
     high = (offset + 0.5 * width) / std
     low = (offset - 0.5 * width) / std
     if shape.shape[1] > 0:
         after, density_high = shape_at(shape, high)
         before, density_low = shape_at(shape, low)
-        out[0] = after - before
+        out[0] = photons * (after - before)
     else:
         density_high = _INV_SQRT_2PI * math.exp(-0.5 * high * high)
         density_low = _INV_SQRT_2PI * math.exp(-0.5 * low * low)
-        out[0] = 0.5 * (math.erf(high * _INV_SQRT_2) - math.erf(low * _INV_SQRT_2))
-    out[1] = -(density_high - density_low) / std
-    out[2] = -(high * density_high - low * density_low)
+        out[0] = photons * 0.5 * (math.erf(high * _INV_SQRT_2) - math.erf(low * _INV_SQRT_2))
+    out[1] = -photons * (density_high - density_low) / std
+    out[2] = -photons * (high * density_high - low * density_low)
+    return out[0]
 
 
 @piece
@@ -115,7 +118,6 @@ def photon_score(
     if shape.shape[1] > 0:
         from_std, to_std = shape[0, 0], shape[0, shape.shape[1] - 1]
     gradient = np.zeros(n_local)
-    share = np.zeros(3)
     total = 0.0
     for p in range(n):
         rate = math.exp(log_background[p])
@@ -150,11 +152,8 @@ def photon_score(
                 if from_std * std - width < offset < to_std * std + width:
                     inside = True
                     photons = seen * math.exp(log_photons[p, q])
-                    _pulse_share(offset, width, std, shape, share)
-                    mean += photons * share[0]
-                    gradient[3 * q] = photons * share[0]
-                    gradient[3 * q + 1] = photons * share[1]
-                    gradient[3 * q + 2] = photons * share[2]
+                    by_leg = gradient[3 * q : 3 * q + 3]
+                    mean += _add_leg(offset, width, std, photons, shape, by_leg)
             if inside:
                 gradient[n_local - 1] = rate * live
                 total += _add_code(
