@@ -57,7 +57,7 @@ def _add_leg(
         out[0] = photons * 0.5 * (math.erf(high * _INV_SQRT_2) - math.erf(low * _INV_SQRT_2))
     out[1] = -photons * (density_high - density_low) / std
     out[2] = -photons * (high * density_high - low * density_low)
-    return out[0]
+    return float(out[0])
 
 
 @piece
