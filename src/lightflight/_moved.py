@@ -44,7 +44,7 @@ class _StandIn(ModuleType):
 class _CallableStandIn(_StandIn):
     """Answers for a public function too, which the import of a module of its name hides."""
 
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+    def __call__(self, *args: object, **kwargs: object) -> Any:
         package = importlib.import_module("lightflight")
         return package.__getattr__(self.__name__.rpartition(".")[2])(*args, **kwargs)
 
@@ -56,7 +56,7 @@ class _Finder:
     more with every `import lightflight`.
     """
 
-    def find_spec(self, fullname: str, path: Any, target: Any = None) -> ModuleSpec | None:
+    def find_spec(self, fullname: str, path: object, target: object = None) -> ModuleSpec | None:
         known = fullname.removeprefix("lightflight.") in HOMES_FROM_MODULE
         if not (fullname.startswith("lightflight.") and known):
             return None

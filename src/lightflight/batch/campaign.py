@@ -26,7 +26,7 @@ _PLACEHOLDER = "{set_point_deg}"
 _NUMBER = r"([-+]?\d+(?:\.\d+)?)"
 
 
-def _texts(value: Any) -> tuple[str, ...]:
+def _texts(value: object) -> tuple[str, ...]:
     """Accept one text, or a list of them."""
     found = (value,) if isinstance(value, str) else value
     if not isinstance(found, list | tuple) or not found or not all(map(_is_text, found)):
@@ -34,14 +34,14 @@ def _texts(value: Any) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _is_text(value: Any) -> bool:
+def _is_text(value: object) -> bool:
     return isinstance(value, str) and bool(value)
 
 
 def _at_least(least: float, check: config.Check) -> config.Check:
     """Make a check that accepts what `check` accepts, from `least` on."""
 
-    def checked(value: Any) -> Any:
+    def checked(value: object) -> Any:
         number = check(value)
         if number < least:
             raise ValueError(f"must be at least {least:g}")
@@ -231,14 +231,14 @@ def _settings_of(lab: Lab, codes: Any, tile_megabytes: float) -> dict[str, Any]:
     return {**table_from_lab(lab), "campaign": window}
 
 
-def _checked_campaign(table: Any, where: str) -> dict[str, Any]:
+def _checked_campaign(table: object, where: str) -> dict[str, Any]:
     """Keys of [campaign], each as it must be."""
     if not isinstance(table, Mapping):
         raise ConfigError(f"{where}: 'campaign' must be a section, [campaign], got {table!r}")
     return config.checked_table(table, CAMPAIGN_KEYS, section="campaign", where=where)
 
 
-def _checked_groups(tables: Any, where: str) -> list[dict[str, Any]]:
+def _checked_groups(tables: object, where: str) -> list[dict[str, Any]]:
     """Keys of every [[groups]]; there is one at least, and each names recordings."""
     if tables is None:
         raise ConfigError(f"{where}: names no recordings: write [[groups]] with recordings = [...]")

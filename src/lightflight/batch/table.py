@@ -325,7 +325,7 @@ def write_table_csv(table: CampaignTable, file: str | os.PathLike[str]) -> None:
     write_csv(columns, ([_cell(row.get(name)) for name in columns] for row in table.rows), file)
 
 
-def _cell(value: Any) -> str:
+def _cell(value: object) -> str:
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -359,5 +359,5 @@ def write_table_parquet(table: CampaignTable, file: str | os.PathLike[str]) -> N
     write_parquet([columns], file)
 
 
-def _without_nan(value: Any) -> Any:
+def _without_nan(value: object) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -7,7 +7,6 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from lightflight.errors import LightflightWarning
 
@@ -51,7 +50,7 @@ def caught_warnings() -> Iterator[list[str]]:
                 _restore.close()
 
 
-def _note(message: Warning | str, *_: Any, **__: Any) -> None:
+def _note(message: Warning | str, *_: object, **__: object) -> None:
     """Take down a warning, where this thread has somebody who listens."""
     if _said.lists:
         _said.lists[-1].append(" ".join(str(message).split()))

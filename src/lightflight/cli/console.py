@@ -52,12 +52,12 @@ def with_error(value: float, std: float) -> str:
     return f"{value:.{digits}f} ± {std:.{digits}f}"
 
 
-def _without_numpy(value: Any) -> Any:
+def _without_numpy(value: object) -> Any:
     """Python numbers and lists for NumPy's, without importing NumPy."""
     return value.tolist() if hasattr(value, "tolist") else value
 
 
-def plain(value: Any) -> str:
+def plain(value: object) -> str:
     """Compact text of one value in a table.
 
     Parameters
@@ -89,7 +89,7 @@ def plain(value: Any) -> str:
     return str(value)
 
 
-def json_value(value: Any) -> Any:
+def json_value(value: object) -> Any:
     """Strict JSON of nested mappings, sequences and NumPy values.
 
     Parameters
@@ -113,7 +113,7 @@ def json_value(value: Any) -> Any:
     return value
 
 
-def print_json(value: Any) -> None:
+def print_json(value: object) -> None:
     """Print one JSON document to stdout.
 
     Parameters
@@ -278,7 +278,7 @@ def report(
     as_json: bool,
     title: str | None = None,
     written: Sequence[Path] = (),
-    **more: Any,
+    **more: object,
 ) -> None:
     """Say on stdout what a command found, to people or to a program.
 

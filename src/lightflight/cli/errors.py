@@ -116,7 +116,7 @@ def show_warnings_in_one_line(stream: TextIO) -> None:
     """
     shown: set[str] = set()
 
-    def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    def show(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
         text = harmless(one_line(str(message)))
         if text not in shown:
             shown.add(text)

@@ -157,7 +157,7 @@ def _lies_here(dataset: h5py.Dataset) -> bool:
 # --- what other formats carry -----------------------------------------------------------
 
 
-def digest_of_values(texts: Mapping[str, str], values: Any) -> str:
+def digest_of_values(texts: Mapping[str, str], values: object) -> str:
     """Digest of an array and the texts beside it, for formats that carry ours along.
 
     Parameters
@@ -182,7 +182,7 @@ def digest_of_values(texts: Mapping[str, str], values: Any) -> str:
     return whole.hexdigest()
 
 
-def is_digest_of(told: object, texts: Mapping[str, str], values: Any) -> bool:
+def is_digest_of(told: object, texts: Mapping[str, str], values: object) -> bool:
     """Whether what a file told is the digest of these texts and values."""
     return told == digest_of_values(texts, values)
 

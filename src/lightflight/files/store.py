@@ -470,7 +470,7 @@ def read_array(dataset: Any, *, path: str | os.PathLike[str]) -> NDArray[Any]:
     return values
 
 
-def check_dataset(dataset: Any, *, path: str | os.PathLike[str], ours: bool = True) -> None:
+def check_dataset(dataset: object, *, path: str | os.PathLike[str], ours: bool = True) -> None:
     """Refuse what is no array of numbers or text, lies in another file, or cannot be its size.
 
     Parameters

@@ -54,7 +54,7 @@ class Key:
 # --- what a value may be ---------------------------------------------------------------------
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     # To Python true is a number.
     return isinstance(value, int | float) and not isinstance(value, bool)
 
@@ -70,7 +70,7 @@ def number(value: Any) -> float:
     return float(value)
 
 
-def integer(value: Any) -> int:
+def integer(value: object) -> int:
     """Accept a whole number."""
     if not isinstance(value, int) or isinstance(value, bool):
         raise ValueError("must be a whole number")
@@ -79,14 +79,14 @@ def integer(value: Any) -> int:
     return value
 
 
-def flag(value: Any) -> bool:
+def flag(value: object) -> bool:
     """Accept true or false."""
     if not isinstance(value, bool):
         raise ValueError("must be true or false")
     return value
 
 
-def text(value: Any) -> str:
+def text(value: object) -> str:
     """Accept a string."""
     if not isinstance(value, str):
         raise ValueError('must be text in quotes ("...")')
@@ -96,7 +96,7 @@ def text(value: Any) -> str:
 def choice(*options: str) -> Check:
     """Make a check that accepts one of a few words."""
 
-    def check(value: Any) -> str:
+    def check(value: object) -> str:
         if value not in options:
             raise ValueError(f"must be one of {', '.join(map(repr, options))}")
         return str(value)
@@ -107,7 +107,7 @@ def choice(*options: str) -> Check:
 def texts(*options: str) -> Check:
     """Make a check that accepts a list of some of these texts."""
 
-    def check(value: Any) -> tuple[str, ...]:
+    def check(value: object) -> tuple[str, ...]:
         if not isinstance(value, list | tuple) or not all(one in options for one in value):
             raise ValueError(f"must be a list of {', '.join(map(repr, options))}")
         return tuple(value)
@@ -119,7 +119,7 @@ def numbers(length: int | None = None) -> Check:
     """Make a check that accepts a list of numbers; `length` None: as many as there are."""
     wanted = "numbers" if length is None else f"{length} numbers"
 
-    def check(value: Any) -> tuple[float, ...]:
+    def check(value: object) -> tuple[float, ...]:
         if (
             not isinstance(value, list | tuple)
             or (length is not None and len(value) != length)
@@ -134,7 +134,7 @@ def numbers(length: int | None = None) -> Check:
 def integers(length: int) -> Check:
     """Make a check that accepts a list of `length` whole numbers."""
 
-    def check(value: Any) -> tuple[int, ...]:
+    def check(value: object) -> tuple[int, ...]:
         if not isinstance(value, list | tuple) or len(value) != length:
             raise ValueError(f"must be a list of {length} whole numbers")
         return tuple(map(integer, value))
@@ -146,7 +146,7 @@ def table_of_numbers(columns: int, *, rows: int | None = None) -> Check:
     """Make a check that accepts a list of equally long lists of numbers."""
     wanted = f"{'' if rows is None else f'{rows} '}rows of {columns} numbers"
 
-    def check(value: Any) -> tuple[tuple[float, ...], ...]:
+    def check(value: object) -> tuple[tuple[float, ...], ...]:
         if not isinstance(value, list | tuple) or (rows is not None and len(value) != rows):
             raise ValueError(f"must be a list of {wanted}")
         try:
@@ -157,7 +157,7 @@ def table_of_numbers(columns: int, *, rows: int | None = None) -> Check:
     return check
 
 
-def nested_numbers(value: Any) -> Any:
+def nested_numbers(value: object) -> Any:
     """Accept lists of numbers, nested to any depth, all of one shape at each depth."""
     if _is_number(value):
         return number(value)
@@ -173,7 +173,7 @@ def nested_numbers(value: Any) -> Any:
 def word_for_none(word: str) -> Check:
     """Make a check that accepts one word, which stands for None."""
 
-    def check(value: Any) -> None:
+    def check(value: object) -> None:
         if value != word:
             raise ValueError(f"must be {word!r}")
 
@@ -183,7 +183,7 @@ def word_for_none(word: str) -> Check:
 def either(*checks: Check) -> Check:
     """Make a check that accepts what any one of `checks` accepts."""
 
-    def check(value: Any) -> Any:
+    def check(value: object) -> Any:
         wishes = []
         for attempt in checks:
             try:
@@ -326,7 +326,7 @@ def checked_sections(
     return checked
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """A value in a message, shortened where it is long."""
     text = repr(value)
     return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."

@@ -28,7 +28,7 @@ _HISTOGRAM_AXES = ({"y", "x", "t"}, {"p", "t"}, {"t"})
 _FRAME_AXES = ({"f", "y", "x"}, {"f", "p"})
 
 
-def check_axes_hint(axes: Any) -> None:
+def check_axes_hint(axes: object) -> None:
     """Raise ConfigError where `axes` is not one of the orders there can be.
 
     Parameters
@@ -43,7 +43,7 @@ def check_axes_hint(axes: Any) -> None:
         )
 
 
-def stated_axes(axes: Any) -> str | None:
+def stated_axes(axes: object) -> str | None:
     """What a file says of its axes, where it is one of the orders there can be."""
     if not isinstance(axes, str) or len(set(axes)) != len(axes):
         return None
@@ -240,7 +240,7 @@ def _pixel_shape(
     return shape
 
 
-def checked_shape(shape: Any) -> tuple[int, int]:
+def checked_shape(shape: object) -> tuple[int, int]:
     """(rows, cols) from a hint.
 
     Parameters

@@ -134,7 +134,7 @@ def _chosen(shapes: Mapping[str, tuple[int, ...]], wanted: str | None, path: Pat
     raise several_arrays(cubes or shapes, option="dataset", path=path)
 
 
-def _stated_axes(name: str, n_axes: int, stated: Any, labels: list[str]) -> str | None:
+def _stated_axes(name: str, n_axes: int, stated: object, labels: list[str]) -> str | None:
     """Order of the axes as the file states it; None where it does not."""
     named = _NAMED_AXES.search(name)
     for order in (labels, stated if isinstance(stated, str) else None, named and named.groups()):

@@ -23,7 +23,7 @@ TEXT, DIGEST = "lightflight", "lightflight_digest"
 """Names under which a file of another format carries our metadata, and the digest over all."""
 
 
-def text_from_histograms(hist: Histograms, **more: Any) -> str:
+def text_from_histograms(hist: Histograms, **more: object) -> str:
     """JSON of the clock, `poisson` and the settings.
 
     Parameters

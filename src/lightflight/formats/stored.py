@@ -94,7 +94,7 @@ class StoredArray:
         """Length of the first axis."""
         return self.shape[0]
 
-    def __getitem__(self, key: Any) -> NDArray[Any]:
+    def __getitem__(self, key: object) -> NDArray[Any]:
         """Part of it, read now."""
         with damage_as_format_error(self.path), h5py.File(self.path, "r") as file:
             return np.asarray(read_in_parts(file[self.name], key), self.dtype)

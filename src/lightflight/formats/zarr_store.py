@@ -171,7 +171,7 @@ def _check_array(name: str, metadata: Mapping[str, Any], folder: Path) -> None:
         )
 
 
-def _lengths(value: Any) -> tuple[int, ...]:
+def _lengths(value: object) -> tuple[int, ...]:
     if not isinstance(value, list) or len(value) > _MOST_DIMENSIONS:
         raise ValueError("its shape is no list of lengths")
     if not all(type(one) is int and 0 <= one < _MOST_LENGTH for one in value):

@@ -76,7 +76,7 @@ def toml_from_camera(camera: Camera) -> str:
     return "\n".join(["[camera]", *lines]) + "\n"
 
 
-def _toml_text(value: Any) -> str:
+def _toml_text(value: object) -> str:
     """A value as TOML; unlike tomli-w's, lists of numbers stay in one line."""
     if isinstance(value, list):
         nested = any(isinstance(item, list) for item in value)
@@ -122,7 +122,7 @@ def _table_from_record(record: Any) -> dict[str, Any]:
     return table
 
 
-def _toml_value(value: Any) -> Any:
+def _toml_value(value: object) -> Any:
     """Python numbers and lists for NumPy's values and for tuples."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()

@@ -115,7 +115,7 @@ def pixels_of_shape(shape: Any) -> tuple[int, int]:
     return rows, cols
 
 
-def refuse_masks(name: str, values: Any) -> None:
+def refuse_masks(name: str, values: object) -> None:
     """Raise ValueError for arrays with masked elements: nothing here looks at masks."""
     if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
         raise ValueError(

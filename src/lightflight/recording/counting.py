@@ -225,7 +225,7 @@ def check_codes(recording: Recording, block: NDArray[np.uint16], first_frame: in
         )
 
 
-def _bad_content(source: Any, message: str) -> ValueError:
+def _bad_content(source: object, message: str) -> ValueError:
     """Error about what an array holds, naming its file where it lies in one."""
     path = getattr(source, "path", None) or getattr(source, "filename", None)
     return ValueError(message) if path is None else FileFormatError(message, path=path)
@@ -315,7 +315,7 @@ def _column_without_photon(record: Recording | Histograms, window: _Window) -> i
     return absent - start if absent is not None and start <= absent < end else None
 
 
-def _release_pages(source: Any) -> None:
+def _release_pages(source: object) -> None:
     """Give back the pages of a read-only memory map, which would count as our memory."""
     if isinstance(source, np.memmap) and source.mode == "r" and hasattr(mmap, "MADV_DONTNEED"):
         base: Any = source.base

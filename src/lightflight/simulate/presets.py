@@ -61,7 +61,7 @@ def ideal(**changes: Any) -> Detector:
 
 
 def pf32(
-    seed: int = 0, *, dead_codes: Literal["absorbed", "lost"] = "absorbed", **changes: Any
+    seed: int = 0, *, dead_codes: Literal["absorbed", "lost"] = "absorbed", **changes: object
 ) -> Detector:
     """The paper's camera with the defects measured on a real one of its kind.
 
@@ -113,7 +113,7 @@ def pf32(
     return Detector(**(settings | changes))
 
 
-def spad256(seed: int = 0, **changes: Any) -> Detector:
+def spad256(seed: int = 0, **changes: object) -> Detector:
     """A 256 x 256 array with 61 % fill factor and a gated clock of 512 codes of 38 ps.
 
     The kind of array the paper hopes for. Codes start at `first_edge_ps` after the sync; light
@@ -153,7 +153,7 @@ def spad256(seed: int = 0, **changes: Any) -> Detector:
     return Detector(**(settings | changes))
 
 
-def streak(**changes: Any) -> Detector:
+def streak(**changes: object) -> Detector:
     """A scanned streak camera: one sweep of 1024 codes of 2 ps, no period, no frames.
 
     The sweep starts at `first_edge_ps`; light outside it is lost.
@@ -217,7 +217,7 @@ def paper_scene(detector: Detector | None = None, **changes: Any) -> Scene:
 
 
 def angle_scene(
-    angle_deg: float, detector: Detector | None = None, *, height_mm: float = 0.0, **changes: Any
+    angle_deg: float, detector: Detector | None = None, *, height_mm: float = 0.0, **changes: object
 ) -> Scene:
     """One leg along x through the middle of the field, at an elevation towards the camera.
 

@@ -29,7 +29,7 @@ def line(ax: Axes, view: Projector, points_mm: ArrayLike, **options: Any) -> Non
     ax.plot(x, y, **options)
 
 
-def polygon(ax: Axes, view: Projector, points_mm: ArrayLike, **options: Any) -> None:
+def polygon(ax: Axes, view: Projector, points_mm: ArrayLike, **options: object) -> None:
     """A filled polygon through world points (n, 3)."""
     ax.add_patch(Polygon(view.project(points_mm), closed=True, **options))
 

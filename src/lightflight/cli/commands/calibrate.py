@@ -265,7 +265,7 @@ def flat_options(
     return options
 
 
-def _fits_set_up(value: Any) -> bool:
+def _fits_set_up(value: object) -> bool:
     """Whether an option can be written down in a set-up: no map, no curve."""
     parts = value if isinstance(value, list) else [value]
     return all(isinstance(part, int | float | str) for part in parts)

@@ -147,7 +147,7 @@ def _recording_facts(file: Path, lab: Lab, hints: dict[str, Any]) -> tuple[list[
     return facts, notes
 
 
-def _fits_a_line(value: Any) -> bool:
+def _fits_a_line(value: object) -> bool:
     """Whether a setting can be told in a line: no array, no long text."""
     return isinstance(value, int | float | bool) or (isinstance(value, str) and len(value) < 200)
 

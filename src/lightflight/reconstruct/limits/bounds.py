@@ -12,7 +12,7 @@ recording is needed.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -124,7 +124,7 @@ class Bounds:
 
 
 def bounds(
-    subject: Any,
+    subject: object,
     *,
     photons_per_pixel: float = 40_000.0,
     source: Source | None = None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +71,7 @@ class Conditions:
     strength: Callable[[Floats, int], Floats] | None
 
 
-def spot_std_of(subject: Any, *, finer: float = 1.0) -> float:
+def spot_std_of(subject: object, *, finer: float = 1.0) -> float:
     """Std of optics and active area, px; among pixels `finer` times as many the lens blurs more."""
     detector = getattr(subject, "detector", None)
     optics = getattr(detector, "psf_std_px", None)
@@ -81,7 +81,7 @@ def spot_std_of(subject: Any, *, finer: float = 1.0) -> float:
 
 
 def conditions_of(
-    subject: Any,
+    subject: object,
     source: Source,
     *,
     photons_per_pixel: float,
@@ -121,7 +121,7 @@ def conditions_of(
     )
 
 
-def _core_std_ps(subject: Any, source: Source) -> float:
+def _core_std_ps(subject: object, source: Source) -> float:
     """Std of laser pulse, trigger and response without its tail, ps."""
     detector = getattr(subject, "detector", None)
     laser = source.pulse_fwhm_ps or getattr(subject, "pulse_fwhm_ps", None) or 68.0
@@ -130,7 +130,7 @@ def _core_std_ps(subject: Any, source: Source) -> float:
     return float(std_from_fwhm(float(np.sqrt(laser**2 + own**2 + jitter**2))))
 
 
-def _response_of(subject: Any, source: Source) -> Response | None:
+def _response_of(subject: object, source: Source) -> Response | None:
     """Shape of what the subject's detector records; None where that has no tail."""
     detector = getattr(subject, "detector", None)
     share = getattr(detector, "response_tail_fraction", 0.0)

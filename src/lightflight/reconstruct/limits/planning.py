@@ -111,7 +111,7 @@ class Plan:
 
 
 def plan(
-    subject: Any,
+    subject: object,
     *,
     position_rms_mm: float | None = None,
     event_time_rms_ps: float | None = None,
@@ -121,7 +121,7 @@ def plan(
     camera: Camera | None = None,
     cameras: Mapping[str, Camera | ArrayLike] | None = None,
     array_shapes: Sequence[tuple[int, int]] = ((16, 16), (32, 32), (64, 64), (128, 128)),
-    **conditions: Any,
+    **conditions: object,
 ) -> Plan:
     """Plan an experiment: photons, seconds, pixels for a wanted error, and where to stand.
 
@@ -352,7 +352,7 @@ def _light_share(here: Camera, there: Camera, middle: Floats) -> float:
 
 def _placement(
     name: str,
-    subject: Any,
+    subject: object,
     camera: Camera,
     light: float,
     wanted: Mapping[str, float],
@@ -408,7 +408,7 @@ def _photons_for(
 
 
 def _array(
-    subject: Any, place: Placement, shape: tuple[int, int], conditions: Mapping[str, Any]
+    subject: object, place: Placement, shape: tuple[int, int], conditions: Mapping[str, Any]
 ) -> ArrayChoice:
     """The bound with other pixels: the picture's light is the same, spread over more or fewer."""
     camera = resized(place.camera, shape)

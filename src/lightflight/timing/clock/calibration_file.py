@@ -125,5 +125,5 @@ def check_plain_values(values: Mapping[str, Any]) -> None:
             raise ValueError(f"{name} cannot be {value!r:.60}: the file is damaged")
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

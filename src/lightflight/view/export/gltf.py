@@ -106,7 +106,7 @@ class _Model:
         self.binary = bytearray()
         self.parts: dict[str, list[Json]] = {name: [] for name in _PARTS}
 
-    def _add(self, part: str, **fields: Any) -> int:
+    def _add(self, part: str, **fields: object) -> int:
         """Append to one of the document's lists; its number there."""
         self.parts[part].append(fields)
         return len(self.parts[part]) - 1
