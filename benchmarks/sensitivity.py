@@ -19,13 +19,15 @@ error / bound   median over the scenes with the right number both times, before 
 moved           scenes whose error changed by more than a tenth of the bound
 verdict         scenes whose verdict has another level
 
-Everything is kept in `--folder`; a run that was cut short goes on from there.
+Everything is kept in `--folder`; a run that was cut short goes on from there, as long as the code
+is the same.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import hashlib
 import importlib.abc
 import importlib.machinery
 import json
@@ -37,6 +39,7 @@ import warnings
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -298,16 +301,27 @@ def child(name: str, factor: float, folder: Path, numbers: list[int]) -> None:
     if name:
         origin = next(one for one in origins() if one.name == name)
         sys.meta_path.insert(0, _Finder(origin, factor))
+    key = {"code": code_digest(), "origin": name, "factor": factor}
     for number in numbers:
         row = result_of(scene_in(folder, number))
-        print(json.dumps({"origin": name, "factor": factor, "scene": number} | row), flush=True)
+        print(json.dumps(key | {"scene": number} | row), flush=True)
+
+
+@cache
+def code_digest() -> str:
+    """Of the package's text: what was run with another is no base to compare with."""
+    whole = hashlib.blake2b(digest_size=8)
+    for path in sorted((ROOT / "src" / "lightflight").rglob("*.py")):
+        whole.update(path.read_bytes())
+    return whole.hexdigest()
 
 
 def rows_in(file: Path) -> dict[tuple[str, float, int], Row]:
-    """What was run so far, by origin, factor and scene."""
+    """What was run so far with the code as it is, by origin, factor and scene."""
     lines = file.read_text("utf-8").splitlines() if file.exists() else []
     rows = [json.loads(line) for line in lines if line.endswith("}")]
-    return {(row["origin"], row["factor"], row["scene"]): row for row in rows}
+    own = [row for row in rows if row["code"] == code_digest()]
+    return {(row["origin"], row["factor"], row["scene"]): row for row in own}
 
 
 def run(name: str, factor: float, folder: Path, scenes: range) -> None:
