@@ -239,6 +239,7 @@ def test_kernels_compile_without_a_cache_where_numba_finds_no_place_for_one(monk
 def test_who_listens_is_told_what_is_compiled_and_only_then(caplog, monkeypatch, tmp_path):
     # Beside this file it would be found again by the next run, which then compiles nothing.
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+
     def double(x):
         return 2 * x
 
