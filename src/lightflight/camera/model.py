@@ -449,6 +449,7 @@ class Camera:
             As `normalized_from_pixels` does.
         """
         x, y = self.normalized_from_pixels(row, col)
+        # A pixel that is NaN has no ray at all: without this, one with a depth.
         ray = np.stack([x, y, np.where(np.isnan(x), np.nan, 1.0)], axis=-1)
         ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
         return np.asarray(ray @ self.world_from_camera[:3, :3].T)
@@ -580,4 +581,5 @@ class Camera:
         points = np.asarray(points_mm, dtype=np.float64)
         if points.ndim == 0 or points.shape[-1] != 3:
             raise ValueError(f"points_mm must have shape (..., 3), got {points.shape}")
+        # Points are rows: world-from-camera on their right is its transpose, camera-from-world.
         return np.asarray((points - self.center_mm) @ self.world_from_camera[:3, :3])

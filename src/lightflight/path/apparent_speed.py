@@ -40,6 +40,7 @@ def apparent_speed_along(
     for leg in np.unique(trace.leg):
         of_leg = trace.leg == leg
         step = trace.points_mm[of_leg][-1] - trace.points_mm[of_leg][0]
+        # A leg of one point has no direction: 0 / 0, and NaN is the answer.
         with np.errstate(invalid="ignore"):
             direction[of_leg] = step / np.linalg.norm(step)
     towards = camera.center_mm - trace.points_mm

@@ -186,6 +186,7 @@ def _strength_at(scene: Scene, leg: int, points: Floats, length_mm: Floats) -> F
 
 
 def _arrival_at(scene: Scene, points: Floats, length_mm: Floats) -> Floats:
+    # Two indices: the beam may run through a fibre, and its light comes back through air.
     flight = scene.medium.path_group_index * length_mm / SPEED_OF_LIGHT_MM_PER_PS
     return arrival_time_from_event(
         points,

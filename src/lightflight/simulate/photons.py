@@ -124,6 +124,7 @@ def _chunks(numbers: Ints) -> Iterator[tuple[int, Ints]]:
 
 def _draw_chunk(shower: Shower, chunk: int, segment: Ints) -> Ints:
     """Place in the flat (pixel, code) table of each photon of a chunk."""
+    # Streams are named by the chunk, not by who draws first: any number of threads draws the same.
     key = (shower.block, chunk)
     row, col, arrival, segment = _emitted(shower, key, segment)
     pixel = _caught(shower, key, row, col)

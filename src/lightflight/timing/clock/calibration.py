@@ -312,10 +312,12 @@ class TimingCalibration:
     def _edges_ps(self, rows: Pixels, cols: Pixels) -> Floats:
         """(n, codes + 1), delay of each edge of the codes, in their order."""
         edges, end = self._relative_edges(rows, cols)
+        # From the period's end on: the one edge that every code-density recording shows.
         if self.laser_period_ps is not None:
             edges -= end[:, None]
         if self.period_end_seen:
             np.minimum(edges, 0.0, out=edges)
+        # Of a reversed clock (photon starts, sync stops) delays fall as codes grow.
         towards = -1.0 if self.reversed_codes else 1.0
         edges *= towards * self._width_ps(rows, cols)[:, None]
         edges += self.end_delay_ps

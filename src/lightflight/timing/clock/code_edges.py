@@ -122,6 +122,7 @@ def walk_variance(code: Floats, anchor: Floats, end_code: Floats) -> Floats:
     array of float, shape (n,)
         m (1 - m / N) for m codes in between, never negative: a random walk that returns to zero.
     """
+    # Without a flat nothing is known but the period's end: the walk starts there.
     between = np.abs(code - np.where(np.isfinite(anchor), anchor, end_code))
     return np.asarray(between * np.maximum(1.0 - between / end_code, 0.0))
 

@@ -113,6 +113,7 @@ def open_share_of(hist: Histograms, rows: Indices, cols: Indices, intervals: Int
     row, k = np.nonzero((bins.code >= 0) & bent[:, np.newaxis])
     shares = np.ones((len(pixels), hist.n_codes))
     share = np.ones(bins.counts.shape)
+    # A period shows its first photon only: a late code is reached by periods that none has ended.
     share[bent] = open_share(bins.counts[bent], trials[bent, np.newaxis])
     shares[row, bins.code[row, k]] = share[row, k]
     return np.asarray(shares / scale)

@@ -252,9 +252,11 @@ def _pulses_from_fits(
     delay = values[:, 0]
     if math.isfinite(clock.period):
         delay = np.mod(delay, clock.period)
+        # The modulus of a tiny negative delay rounds up to the period itself.
         delay = np.where(delay >= clock.period, 0.0, delay)
     number = np.zeros(len(fits.pixel), dtype=np.int32)
     if not fits.one_per_pixel:
+        # Rows of a pixel stand together, the earliest pulse first: counted from its first row.
         number += np.arange(len(fits.pixel)) - np.searchsorted(fits.pixel, fits.pixel)
     dof = zero_for_nan(fits.column(CHI2_BINS) - (2 * fits.column(N_PULSES) + 2))
     return Pulses(
