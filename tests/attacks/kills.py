@@ -352,14 +352,21 @@ def killed_at_random(
     for one in (*words, *words):
         _remove(command, here)
         there, used = sorted(_within(here)), [0.0]
+        first: list[float] = []
 
-        def watch(used_s: float, there: list[Path] = there, used: list[float] = used) -> None:
+        def watch(
+            used_s: float,
+            there: list[Path] = there,
+            used: list[float] = used,
+            first: list[float] = first,
+        ) -> None:
             used.append(max(used_s, used[-1]))
-            if len(used) == 2 or sorted(_within(here)) == there:
-                used[0] = used[-1]
+            if not first and sorted(_within(here)) != there:
+                first.append(used[-2])
 
         branched(one, None, watch)
-        tally.writes_from_s, tally.seconds = used[0], used[-1]
+        tally.seconds = used[-1]
+        tally.writes_from_s = first[0] if first else tally.seconds
         for name in command.outputs:
             whole[name].add(content(here / name))
     before = {name: content(here / name) for name in command.outputs}

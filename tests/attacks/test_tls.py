@@ -12,6 +12,7 @@ import sys
 import time
 import urllib.error
 import urllib.request
+import warnings
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,7 @@ from lightflight.batch import cluster
 from lightflight.batch.campaign import campaign_from_toml
 from lightflight.batch.runner import run_campaign
 from lightflight.batch.table import write_table_csv
-from lightflight.errors import ConfigError, MissingExtraError
+from lightflight.errors import ConfigError, LightflightWarning, MissingExtraError
 from tests.batch.conftest import CAMPAIGN, LAB, recording_at
 
 distributed = pytest.importorskip("distributed")
@@ -35,6 +36,7 @@ def certificates(folder: Path) -> tuple[Path, Path, Path]:
     values = (security.tls_ca_file, security.tls_client_cert, security.tls_client_key)
     for name, text in zip(names, values, strict=True):
         (folder / name).write_text(text)
+        (folder / name).chmod(0o600)
     return folder / names[0], folder / names[1], folder / names[2]
 
 
@@ -63,6 +65,18 @@ def test_without_cryptography_it_says_what_to_install(tmp_path, monkeypatch):
         pytest.fail("must not get here")
 
 
+@pytest.mark.skipif(os.name == "nt", reason="POSIX")
+def test_a_key_that_everybody_can_read_is_told(tmp_path):
+    files = certificates(tmp_path)
+    files[2].chmod(0o644)
+    with pytest.warns(LightflightWarning, match=r"every user of this machine can read this key"):
+        cluster._told_security(files)
+    files[2].chmod(0o640)  # a group's own cluster
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        cluster._told_security(files)
+
+
 @contextlib.contextmanager
 def _started(*words: str, folder: Path):
     process = subprocess.Popen(
@@ -86,7 +100,7 @@ def _free_port() -> int:
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="POSIX")
 def test_the_recipe_for_a_cluster_with_certificates_of_ones_own(tmp_path):
-    """docs/how-to/campaigns.md: refused without a certificate, with one the same table."""
+    """docs/how-to/campaigns.md: refused without its certificate, with it the same table."""
     (tmp_path / "lab.toml").write_text(LAB)
     (tmp_path / "campaign.toml").write_text(CAMPAIGN)
     for angle in (-4, 4):
@@ -113,7 +127,10 @@ def test_the_recipe_for_a_cluster_with_certificates_of_ones_own(tmp_path):
         write_table_csv(table, tmp_path / "a.csv")
         tables.append((tmp_path / "a.csv").read_bytes())
         shutil.rmtree(tmp_path / "results")
-        with pytest.raises(ConfigError, match="wants another certificate"):
-            run_campaign(campaign, scheduler=address)
+        (tmp_path / "strangers").mkdir()
+        strangers = certificates(tmp_path / "strangers")
+        for told in (None, strangers, (ca, *strangers[1:])):
+            with pytest.raises(ConfigError, match="wants another certificate"):
+                run_campaign(campaign, scheduler=address, certificates=told)
     write_table_csv(run_campaign(campaign, n_workers=1), tmp_path / "b.csv")
     assert tables[0] == (tmp_path / "b.csv").read_bytes()

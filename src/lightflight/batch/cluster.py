@@ -6,12 +6,14 @@ import contextlib
 import logging
 import os
 import signal
+import stat
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from lightflight.errors import ConfigError, MissingExtraError
+from lightflight.errors import ConfigError, LightflightWarning, MissingExtraError
 from lightflight.files.children import SAFE_ENVIRONMENT, environment, safe_children
 from lightflight.files.litter import folder_of_process
 
@@ -168,6 +170,13 @@ def _told_security(certificates: Certificates | None) -> Any:
         if not Path(file).is_file():
             raise ConfigError(f"--tls: {file}: there is no such file")
     authority, certificate, key = certificates
+    if os.name != "nt" and Path(key).stat().st_mode & stat.S_IROTH:
+        warnings.warn(
+            f"--tls: {key}: every user of this machine can read this key, and run code on the "
+            f"workers with it: chmod 600 {key}",
+            LightflightWarning,
+            stacklevel=2,
+        )
     security: Any = distributed.Security
     return security(
         tls_ca_file=os.fspath(authority),
