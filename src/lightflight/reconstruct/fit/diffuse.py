@@ -249,8 +249,13 @@ def _with_second(
     if second is None:
         return known
     more = strengths(second)
-    gain = known.misfit() - more.misfit()
-    return more if more.settled and gain > LEAST_GAIN else known
+    assert more.second is not None
+    share = more.second.mirror.share
+    std = np.sqrt(np.diagonal(more.strengths.covariance))[-len(share) :]
+    # About a wrong path a mirror may help that no light would come from.
+    possible = bool(np.all((share > -3.0 * std) & (share < 1.0)))
+    better = known.misfit() - more.misfit() > LEAST_GAIN
+    return more if more.settled and possible and better else known
 
 
 def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> light.Beam:
