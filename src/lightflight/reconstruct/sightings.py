@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from lightflight import flags
 from lightflight.errors import CalibrationError, SuspectDataWarning, UncalibratedWarning
+from lightflight.reconstruct.fit.tail import shape_with_tail
 from lightflight.reconstruct.legs.find import unwrapped_arrivals
 from lightflight.reconstruct.model.setting import Setting, earliest_arrival_ps
 from lightflight.reconstruct.model.sighting import Sighting, blind_pixels
@@ -99,20 +102,37 @@ def sighting_from_histograms(
         one and no pixel shows a pulse.
     """
     clock = clock_or_nominal(hist, timing)
-    arrivals = find_arrivals(
+    find = partial(
+        find_arrivals,
         hist,
         timing=clock,
         background=background,
         exclude_mask=None if exclude_mask is None else np.asarray(exclude_mask, dtype=bool),
-        # The paper fits one Gaussian per pixel and discards what is too wide for one.
-        method="least_squares" if least_squares else "likelihood",
-        max_pulses=1 if least_squares else 3,
     )
+    # The paper fits one Gaussian per pixel and discards what is too wide for one.
+    arrivals = find(method="least_squares", max_pulses=1) if least_squares else find()
     _check_period(hist, arrivals)
-    return unwrapped_sighting(
-        Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals), view),
-        setting,
+    seen = Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals), view)
+    if not least_squares:
+        seen = _with_late_light(seen, find, nominal=timing is None)
+    return unwrapped_sighting(seen, setting)
+
+
+def _with_late_light(seen: Sighting, find: Callable[..., Arrivals], *, nominal: bool) -> Sighting:
+    """The recording with its pulses found anew where much of their light is late."""
+    tail = shape_with_tail(seen, nominal=nominal)
+    if tail is None:
+        return seen
+    shape, core_std_ps = tail
+    arrivals = find(response=shape)
+    # Widths are those of the light that is not late, as everywhere else.
+    narrower = core_std_ps / shape.std_ps
+    arrivals = replace(
+        arrivals,
+        std_ps=narrower * arrivals.std_ps,
+        std_error_ps=narrower * arrivals.std_error_ps,
     )
+    return replace(seen, arrivals=arrivals, arrival_ps=arrivals.arrival_ps)
 
 
 def _check_period(hist: Histograms, arrivals: Arrivals) -> None:

@@ -75,6 +75,8 @@ _LINEAR = 0.01
 """Strengths below this move times in proportion: pixels are not fitted again (error: a square)."""
 _LONGEST = 0.3
 """Most that one strength moves in a round: far from its value a step in proportion is too long."""
+_MUCH = 0.03
+"""Of the light: where as much is diffuse, lines and brightness in the picture are moved by it."""
 _LEAST_LIT = 1e-3
 """Of the brightest pixel's light: pixels that a leg is to give less hold none of its pulses."""
 _LEAST_SHARE = 0.5
@@ -144,7 +146,9 @@ def with_diffuse(fit: JointFit, setting: Setting) -> JointFit:
     try:
         for _ in range(_MOST_PATHS):
             clear, strengths = without_diffuse(plain, fit, setting)
-            if any(o.diffuse is not None and o.diffuse.second is not None for o in clear):
+            seconds = any(o.diffuse is not None and o.diffuse.second is not None for o in clear)
+            if seconds or any(np.abs(one.value).max() > _MUCH for one in strengths):
+                # Lines and brightness, too, without what is no leg's.
                 fit = pictured_again(fit, clear, setting)
             better = fitted_again(fit, clear, setting)
             far = moved_stds(fit, better) > _FAR_STDS
@@ -411,13 +415,13 @@ def _strengths(
         other, columns = beside.other(value, second)
         pixels = lit_pixels(beside.cells, pulses, tails=now.tails, other=other)
         columns = np.concatenate((light.late_light(pixels), columns), axis=2)
-        information, score = _known(pixels, columns)
+        score, information, _ = pixels.said_of(columns)
         if dark is not None and unlit is not None:
             other, columns = unlit.other(value, second)
             dark = replace(dark, pixels=dark_pixels(unlit.cells, other=other))
-            more = _known(dark.pixels, columns)
-            information[light.N_LATE :, light.N_LATE :] += more[0]
-            score[light.N_LATE :] += more[1]
+            more = dark.pixels.said_of(columns)
+            score[light.N_LATE :] += more[0]
+            information[light.N_LATE :, light.N_LATE :] += more[1]
         total = information + np.diag(prior)
         # A plane is as likely as any other; shares of light are not.
         shares = np.zeros(0) if second is None else np.append(np.zeros(3), second.mirror.share)
@@ -453,17 +457,6 @@ def _of_repeat(known: _Known, pulses: Pulses, beside: _Beside, cells: Cells, par
     other = mine.other(known.strengths.value, second)[0]
     pixels = lit_pixels(cells, pulses, tails=known.strengths.tails, other=other)
     return replace(known, second=second, pixels=pixels, step=np.zeros_like(known.step))
-
-
-def _known(pixels: Pixels, columns: Floats) -> tuple[Floats, Floats]:
-    """Information (k, k) on sizes of columns (n, m, k), and score (k,), pixels' own eliminated."""
-    taken, size = pixels.taken_of(columns), columns.shape[2]
-    left = columns - pixels.slopes @ taken
-    residual = pixels.weight * (pixels.cells.counts - pixels.mean)
-    score = np.einsum("nm,nmk->k", residual, left) - np.einsum("nqk,nq->k", taken, pixels.pull)
-    flat = left.reshape(-1, size)
-    information = (flat * pixels.weight.reshape(-1, 1)).T @ columns.reshape(-1, size)
-    return 0.5 * (information + information.T), score
 
 
 def _measured(

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight import flags
 from lightflight.errors import NothingFoundError
 from lightflight.reconstruct.fit.ends import cut_tips, freedom_at, known_tips, with_ends
 from lightflight.reconstruct.fit.least_squares import (
@@ -118,10 +117,17 @@ def pulse_std_ps(sightings: list[Sighting]) -> float:
     Returns
     -------
     float
-        Median over all usable pulses, ps.
+        Median over the light of all usable pulses, ps: of a halo many dim pixels show wide ones.
     """
-    stds = [o.arrivals.std_ps[flags.is_usable(o.arrivals.flags)] for o in sightings]
-    return float(np.median(np.concatenate(stds)))
+    usable = [o.arrivals.usable for o in sightings]
+    pairs = list(zip(sightings, usable, strict=True))
+    stds = np.concatenate([o.arrivals.std_ps[own] for o, own in pairs])
+    photons = np.concatenate([o.arrivals.photons[own] for o, own in pairs])
+    order = np.argsort(stds)
+    if not len(order):
+        return float("nan")
+    light = np.cumsum(photons[order])
+    return float(stds[order][np.searchsorted(light, 0.5 * light[-1])])
 
 
 def fit_joint(
@@ -221,7 +227,7 @@ def pictured_again(fit: JointFit, sightings: list[Sighting], setting: Setting) -
     fit : JointFit
         Of the recordings as they were.
     sightings : list of Sighting
-        With light of a second path found.
+        With the light found that is no leg's.
     setting : Setting
         As told.
 

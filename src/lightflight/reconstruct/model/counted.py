@@ -9,14 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 from scipy.special import ndtr
 
 from lightflight.reconstruct.model.cells import Cells
 from lightflight.timing.pulses.batch import share_and_density
+
+if TYPE_CHECKING:
+    from lightflight.timing.clock.response import Response
 
 Floats = NDArray[np.float64]
 
@@ -59,8 +63,34 @@ class Shape:
         slope: Floats = np.interp(z, place, np.gradient(table, place), left=0.0, right=0.0)
         return slope
 
+    def kept_back(self, z: Floats, ratio: Floats) -> Floats:
+        """Share of the pulse that exponential waits of std / `ratio` still keep back at `z`.
+
+        A tabulated shape is drawn out once, by the median of the ratios: its waits are stretched
+        with it from pixel to pixel.
+        """
+        if not self.table.size:
+            # Where the exponential is large the share below it is nothing: the product is finite.
+            kept: Floats = np.exp(np.minimum(ratio * (0.5 * ratio - z), 500.0)) * ndtr(z - ratio)
+            return kept
+        if not np.size(ratio):
+            return np.zeros_like(z)
+        place, before, _ = self.table
+        middle = float(np.median(ratio))
+        step = middle * float(place[1] - place[0])
+        come = np.diff(before, prepend=0.0) * (-np.expm1(-step) / step)
+        kept_at = lfilter([1.0], [1.0, -np.exp(-step)], come)
+        after = np.exp(-middle * np.maximum(z - place[-1], 0.0))
+        drawn_out: Floats = np.interp(z, place, kept_at, left=0.0) * after
+        return drawn_out
+
 
 GAUSSIAN = Shape(np.empty((3, 0)))
+
+
+def shape_of(response: Response | None) -> Shape:
+    """The shape of a clock's pulses; None: a Gaussian."""
+    return GAUSSIAN if response is None else Shape(response.table())
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,9 +166,23 @@ class Pixels:
 
     def taken_of(self, columns: Floats) -> Floats:
         """By how much the pixels' unknowns take up columns (n, m, k); (n, q, k)."""
+        return self.said_of(columns)[2]
+
+    def said_of(self, columns: Floats) -> tuple[Floats, Floats, Floats]:
+        """What the counts say of the sizes of columns (n, m, k), the pixels' own eliminated.
+
+        Score (k,) and information (k, k), and what the unknowns take up of the columns (n, q, k).
+        """
+        k = columns.shape[2]
         weighted = self.weight[:, :, np.newaxis] * columns
-        taken: Floats = self.inverse @ (np.swapaxes(self.slopes, 1, 2) @ weighted)
-        return taken
+        shared = np.swapaxes(self.slopes, 1, 2) @ weighted
+        taken = self.inverse @ shared
+        rest = (self.weight * (self.cells.counts - self.mean))[:, :, np.newaxis]
+        pull = np.swapaxes(self.slopes, 1, 2) @ rest + self.pull[:, :, np.newaxis]
+        score = rest.ravel() @ columns.reshape(-1, k) - pull.ravel() @ taken.reshape(-1, k)
+        information = weighted.reshape(-1, k).T @ columns.reshape(-1, k)
+        information -= shared.reshape(-1, k).T @ taken.reshape(-1, k)
+        return score, 0.5 * (information + information.T), taken
 
 
 def _background(cells: Cells, near: NDArray[np.bool_]) -> Floats:
@@ -282,10 +326,9 @@ def _expected(
         lit = np.flatnonzero(unknown[:, k] > 0.0)
         own = std[lit, k : k + 1] * np.exp(unknown[lit, -2:-1])
         z = (cells.edges_ps[lit] - late[lit, k : k + 1] - unknown[lit, s + k : s + k + 1]) / own
-        come, density, bend = _pulse(z, own, shape, tails)
+        come, density, bend, wider = _pulse(z, own, shape, tails)
         photons = unknown[lit, k : k + 1]
         if changes:
-            wider = shape.widening(z)
             come = come + unknown[lit, -3:-2] * wider
             slopes[lit, :, -3] += photons * np.diff(wider, axis=1)
         share = np.diff(come, axis=1) * cells.live[lit]
@@ -298,31 +341,31 @@ def _expected(
     return mean * cells.open_share, slopes
 
 
-def _pulse(z: Floats, std: Floats, shape: Shape, tails: Tails) -> tuple[Floats, Floats, Floats]:
-    """Share F of a pulse before z, std dF/dt and dF/d ln std: what place and width follow.
+def _pulse(
+    z: Floats, std: Floats, shape: Shape, tails: Tails
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Share F of a pulse before z, std dF/dt, dF/d ln std, and what flight adds (a Gaussian: 0).
 
-    Tails are those of a Gaussian; late by an exponential wait w it has F' = (Phi - F) / w, and
-    whatever a Gaussian is drawn out by, d/d ln std = std^2 F'' (it spreads as heat does).
+    Late by an exponential wait w a pulse has F' = (Phi - F) / w. Whatever a Gaussian is drawn out
+    by, d/d ln std = std^2 F'' (it spreads as heat does); another shape is stretched, waits and all.
     """
+    changes = bool(shape.table.size)
     prompt, density = shape.at(z)
+    wider = shape.widening(z) if changes else np.zeros_like(z)
     if not tails:
-        return prompt, density, -z * density
+        return prompt, density, -z * density, wider
     held = 1.0 - sum(share for share, _ in tails)
-    come, slope, bend = held * prompt, held * density, -held * z * density
+    come, slope, wider = held * prompt, held * density, held * wider
+    bend = -z * slope
     for share, wait in tails:
         ratio = std / wait
-        gone = _late_part(z, ratio)
+        gone = shape.kept_back(z, ratio)
         come = come + share * (prompt - gone)
         slope = slope + share * ratio * gone
-        bend = bend + share * ratio * (density - ratio * gone)
-    return come, slope, bend
-
-
-def _late_part(z: Floats, ratio: Floats) -> Floats:
-    """Share of a Gaussian that an exponential wait of std / ratio still keeps back at z."""
-    # Where the exponential is large the share below it is nothing: the product stays finite.
-    kept: Floats = np.exp(np.minimum(ratio * (0.5 * ratio - z), 500.0)) * ndtr(z - ratio)
-    return kept
+        spread = share * ratio * (density - ratio * gone)
+        wider = wider + spread * changes
+        bend = bend + (-z * share * ratio * gone if changes else spread)
+    return come, slope, bend, wider
 
 
 def _inverse(information: Floats, prior: Floats) -> Floats:
@@ -336,11 +379,13 @@ def _inverse(information: Floats, prior: Floats) -> Floats:
     return inverse
 
 
-def cumulated(edges_ps: Floats, late_ps: Floats, std_ps: Floats, wait_ps: float) -> Floats:
-    """Share of pulses (n,) that has come by each edge (n, m): Gaussian, late by an exponential."""
+def cumulated(
+    edges_ps: Floats, late_ps: Floats, std_ps: Floats, wait_ps: float, shape: Shape = GAUSSIAN
+) -> Floats:
+    """Share of pulses (n,) that has come by each edge (n, m), late by an exponential wait."""
     z = (edges_ps - late_ps[:, np.newaxis]) / std_ps[:, np.newaxis]
-    prompt: Floats = ndtr(z)
+    prompt = shape.at(z)[0] if shape.table.size else np.asarray(ndtr(z))
     if wait_ps <= 0.0:
         return prompt
-    share: Floats = prompt - _late_part(z, (std_ps / wait_ps)[:, np.newaxis])
+    share: Floats = prompt - shape.kept_back(z, (std_ps / wait_ps)[:, np.newaxis])
     return share

@@ -6,6 +6,7 @@ other pulses, pile-up) or by the light of all bright pixels about them (halo, gl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -236,16 +237,16 @@ def spread_light(
     return np.concatenate((wide, over), axis=2)
 
 
-def late_light(pixels: Pixels) -> Floats:
-    """(n, m, 3): the light of a pixel's legs late by each of `LATE_PS`, their own taken off."""
+def late_light(pixels: Pixels, waits_ps: Sequence[float] = LATE_PS) -> Floats:
+    """(n, m, k): the light of a pixel's legs late by k mean waits, their own taken off."""
     edges = pixels.cells.edges_ps
-    out = np.zeros((*pixels.cells.counts.shape, len(LATE_PS)))
+    out = np.zeros((*pixels.cells.counts.shape, len(waits_ps)))
     for k in range(pixels.photons.shape[1]):
         lit = np.flatnonzero(pixels.photons[:, k] > 0.0)
         late, std = pixels.late_ps[lit, k], pixels.std_ps[lit, k]
-        prompt = cumulated(edges[lit], late, std, 0.0)
-        for j, wait in enumerate(LATE_PS):
-            by_edge = cumulated(edges[lit], late, std, wait) - prompt
+        prompt = cumulated(edges[lit], late, std, 0.0, pixels.shape)
+        for j, wait in enumerate(waits_ps):
+            by_edge = cumulated(edges[lit], late, std, wait, pixels.shape) - prompt
             out[lit, :, j] += pixels.photons[lit, k : k + 1] * np.diff(by_edge, axis=1)
     return _in_cells(pixels.cells, out)
 

@@ -183,13 +183,13 @@ def photons_at_times(
     background_per_ps : array of float, shape (n,)
     """
     pixels = pixel_counts(sighting, rows, cols)
-    counts, period_ps = pixels.counts, sighting.histograms.laser_period_ps
-    second = None if sighting.diffuse is None else sighting.diffuse.second
-    if second is not None:
+    period_ps, other = sighting.histograms.laser_period_ps, None
+    if sighting.diffuse is not None:
         skew = pixels.skew_ps[:, np.newaxis]
         intervals = pixels.lower_ps - skew, pixels.upper_ps - skew
-        counts = counts - second.counts(rows, cols, intervals, period_ps or 0.0)
+        shape = sighting.blind.shape
+        other = sighting.diffuse.counts(rows, cols, intervals, period_ps or 0.0, shape)
     return amplitudes_at_times(
-        counts, pixels.lower_ps, pixels.upper_ps, period_ps,
-        arrival_ps + pixels.skew_ps[:, np.newaxis], std_ps,
+        pixels.counts, pixels.lower_ps, pixels.upper_ps, period_ps,
+        arrival_ps + pixels.skew_ps[:, np.newaxis], std_ps, other,
     )  # fmt: skip

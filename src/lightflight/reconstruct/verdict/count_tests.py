@@ -181,19 +181,11 @@ def summed(groups: Sequence[tuple[Pixels, Columns]]) -> Sums:
     score, information = np.zeros(size), np.zeros((size, size))
     kept = []
     for pixels, columns in groups:
-        used, k = columns.used, len(columns.used)
-        weighted = pixels.weight[:, :, np.newaxis] * columns.values
-        shared = np.swapaxes(pixels.slopes, 1, 2) @ weighted
-        taken = pixels.inverse @ shared
-        rest = (pixels.weight * (pixels.cells.counts - pixels.mean))[:, :, np.newaxis]
-        pull = np.swapaxes(pixels.slopes, 1, 2) @ rest + pixels.pull[:, :, np.newaxis]
-        score[used] += rest.ravel() @ columns.values.reshape(-1, k)
-        score[used] -= pull.ravel() @ taken.reshape(-1, k)
-        information[np.ix_(used, used)] += weighted.reshape(-1, k).T @ columns.values.reshape(
-            -1, k
-        ) - shared.reshape(-1, k).T @ taken.reshape(-1, k)
+        here, own, taken = pixels.said_of(columns.values)
+        score[columns.used] += here
+        information[np.ix_(columns.used, columns.used)] += own
         kept.append(Left(pixels, columns, taken))
-    return Sums(score, 0.5 * (information + information.T), tuple(kept))
+    return Sums(score, information, tuple(kept))
 
 
 def clear_of_pulses(pixels: Pixels) -> NDArray[np.bool_]:

@@ -33,17 +33,23 @@ def amplitudes_at_times(
     period: float | None,
     delays: Floats,
     stds: Floats,
+    other: Floats | None = None,
 ) -> tuple[Floats, Floats, Floats]:
     """Photons of each pulse (n, L), their variance without light (n, L), background rate (n,).
 
-    counts, lower, upper: (n, codes); delays, stds: (n, L), NaN delay where a pulse is absent.
+    counts, lower, upper: (n, codes); delays, stds: (n, L), NaN delay where a pulse is absent;
+    other: (n, codes), counts expected of light that is no pulse's.
     The variance is the one an amplitude would have were it zero, that is the share of the
     background; the light adds its own count. Amplitudes may come out negative: nothing is
     clipped, so sums stay unbiased.
     """
     step = max(1, _AT_ONCE // counts.shape[1])
+    other = np.zeros((1, 1)) if other is None else other
+    other = np.broadcast_to(other, counts.shape)
     parts = [
-        _amplitudes(counts[part], lower[part], upper[part], period, delays[part], stds[part])
+        _amplitudes(
+            counts[part], lower[part], upper[part], period, delays[part], stds[part], other[part]
+        )
         for part in (slice(i, i + step) for i in range(0, max(len(counts), 1), step))
     ]
     photons, empty, background = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -52,7 +58,7 @@ def amplitudes_at_times(
 
 def _amplitudes(
     counts: NDArray[np.generic], lower: Floats, upper: Floats, period: float | None,
-    delays: Floats, stds: Floats,
+    delays: Floats, stds: Floats, other: Floats,
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """`amplitudes_at_times` of a few pixels."""
     middle, width = 0.5 * (lower + upper), upper - lower
@@ -63,13 +69,15 @@ def _amplitudes(
         near[:, j] = live & (offset < _REACH * stds[:, j : j + 1] + 0.5 * width)
     inside = np.asarray(near.any(axis=1))
     exposed = np.sum(width * (live & ~inside), axis=1)
-    outside = np.sum(counts * (live & ~inside), axis=1)
+    above = counts.astype(np.float64) - other
+    outside = np.sum(above * (live & ~inside), axis=1)
     rate = np.divide(outside, exposed, out=np.zeros(len(counts)), where=exposed > 0.0)
+    rate = np.maximum(rate, 0.0)
     # The codes near a pulse, side by side: (n, K).
     order = np.argsort(~inside, axis=1, kind="stable")[:, : int(inside.sum(axis=1).max(initial=1))]
     row = np.arange(len(counts))[:, None]
     kept, width, middle = inside[row, order], width[row, order], middle[row, order]
-    due = rate[:, None] * width * kept
+    due = (rate[:, None] * width + other[row, order]) * kept
     above = (counts[row, order] - due) * kept
     share = np.zeros((*delays.shape, order.shape[1]))
     for j in range(delays.shape[1]):
@@ -96,7 +104,7 @@ def _maximum_likelihood(
     photons = np.maximum(np.sum((share > 0.0) * above[:, None], axis=2), 0.0)
     diagonal = np.arange(share.shape[1])
     for _ in range(_STEPS):
-        mean = due + np.einsum("nl,nlk->nk", np.maximum(photons, 0.0), share)
+        mean = np.maximum(due, 0.0) + np.einsum("nl,nlk->nk", np.maximum(photons, 0.0), share)
         weighted = share / (mean + 1e-9)[:, None]
         information = weighted @ share.swapaxes(1, 2)
         own = information[:, diagonal, diagonal]
