@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_TOLERANCE = 0.01
+_TOLERANCE = 5e-3
 """A step shorter than this many standard errors, in rms over its directions, ends a climb."""
-_LEVEL = 1e-3
-"""So does one that changes the log-likelihood by less than this: a twentieth of an error."""
+_LEVEL = 5e-5
+"""So does one that changes the log-likelihood by less than this: a hundredth of an error. With 1e-3
+and 0.01 above, a short leg of one in four hard scenes is missed by the lines' last move."""
 _FREE_DAMPING = 1e-2
 """Either tells that the top is near only where damping did not shorten the step."""
 _TINY = 1e-3

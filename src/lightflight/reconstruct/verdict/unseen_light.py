@@ -119,7 +119,8 @@ def _seen_in_one_cell(sums: Sums) -> Floats:
         pixels = left.pixels
         if not pixels.photons.shape[1]:
             continue
-        variance = np.divide(1.0, pixels.weight, where=pixels.weight > 0.0, out=pixels.mean.copy())
+        told = pixels.weight > 0.0
+        variance = np.divide(1.0, pixels.weight, where=told, out=np.zeros_like(pixels.mean))
         # Poisson's skewness takes the last term (Cornish and Fisher).
         needed = _CELL_STDS * np.sqrt(variance) + _CELL_STDS**2 / 6.0
         clear = clear_of_pulses(pixels)[:, :, np.newaxis]
