@@ -21,13 +21,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight import flags
 from lightflight.errors import GeometryError, NothingFoundError
-from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.around import (
     FINE_GROWTH,
     FINE_STDS,
-    Group,
     Seen,
     alike,
     dark_group,
@@ -40,21 +37,25 @@ from lightflight.reconstruct.fit.joint import (
     moved_stds,
     pictured_again,
     pulse_std_ps,
+    with_uneven_light,
 )
 from lightflight.reconstruct.fit.second_path import LEAST_GAIN, places_of_path, second_path_in
+from lightflight.reconstruct.fit.strengths import (
+    Beside,
+    Known,
+    beside_dark,
+    beside_in,
+    of_repeat,
+    scatter_of,
+    strengths_of,
+)
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
-from lightflight.reconstruct.model.counted import (
-    Pixels,
-    Pulses,
-    dark_pixels,
-    lit_pixels,
-)
+from lightflight.reconstruct.model.counted import Pulses, shape_of
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.second_path import Places, SecondPath
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.model.strength import span_of_knots
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
@@ -68,13 +69,6 @@ _MOST_PATHS = 8
 """Most times that strengths are measured about a path that they have moved far."""
 _FAR_STDS = 1.0
 """Pulses are told apart anew where the path moves by more than this many of its errors."""
-_MOST_ROUNDS = 12
-_STILL = 0.1
-"""A round that moves the strengths by less than this many of their errors was the last."""
-_LINEAR = 0.01
-"""Strengths below this move times in proportion: pixels are not fitted again (error: a square)."""
-_LONGEST = 0.3
-"""Most that one strength moves in a round: far from its value a step in proportion is too long."""
 _MUCH = 0.03
 """Of the light: where as much is diffuse, lines and brightness in the picture are moved by it."""
 _LEAST_LIT = 1e-3
@@ -85,10 +79,6 @@ _CORE_STDS = 1.5
 """Half width of what counts as about a pulse, in its standard deviations."""
 _GATE_STDS = 4.0
 """A pulse this near to the expected time is the one that was measured, in standard deviations."""
-_PLANE_PRIOR = (1.0, 1.0, 1e-6)
-"""Precision of what is known of a mirror beforehand: turns to 1 rad, its distance to 1 m."""
-_FAR_PLANE = (0.05, 0.05, 5.0)
-"""Most that a mirror turns, rad, and moves, mm, in a round: its image stays on the same pulses."""
 _FAR_PX = 25.0
 """Light this far outside of the picture reaches it no more, px."""
 _PLACES = 400
@@ -120,11 +110,8 @@ class _Measured:
     diffuse: light.Diffuse
 
 
-def with_diffuse(fit: JointFit, setting: Setting) -> JointFit:
+def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
     """The fit with the strengths of diffuse light free; as it was where those cannot be told.
-
-    Pulses of a named or measured shape, nominal codes and scaled intensities are left as they are:
-    what a Gaussian with a tail is would not be known of them.
 
     Parameters
     ----------
@@ -132,28 +119,32 @@ def with_diffuse(fit: JointFit, setting: Setting) -> JointFit:
         Of pulses as they were found.
     setting : Setting
         Camera, source, medium and waypoints.
+    nominal : bool
+        Whether the widths of the codes were never measured.
 
     Returns
     -------
     JointFit
         Of the same pulses, but for those that are mostly other light.
     """
+    fit = with_uneven_light(fit, setting)
     plain = list(fit.sightings)
     of_legs = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=fit.solution.state.n_legs)
     # About a leg that no pulse speaks for, the light of a path told wrong would be called diffuse.
-    if not (of_legs.all() and all(_gaussian(o) for o in plain)):
+    if not of_legs.all():
         return fit
     try:
         for _ in range(_MOST_PATHS):
-            clear, strengths = without_diffuse(plain, fit, setting)
+            clear, strengths = without_diffuse(plain, fit, setting, nominal=nominal)
             seconds = any(o.diffuse is not None and o.diffuse.second is not None for o in clear)
-            if seconds or any(np.abs(one.value).max() > _MUCH for one in strengths):
+            if seconds or any(np.abs(one.shares).max() > _MUCH for one in strengths):
                 # Lines and brightness, too, without what is no leg's.
                 fit = pictured_again(fit, clear, setting)
             better = fitted_again(fit, clear, setting)
             far = moved_stds(fit, better) > _FAR_STDS
             if far:
-                better = fit_joint(clear, better.solution.state, setting, legs=None)
+                again = fit_joint(clear, better.solution.state, setting, legs=None)
+                better = with_uneven_light(again, setting)
             fit = replace(better, strengths=strengths)
             if not far:
                 break
@@ -162,15 +153,8 @@ def with_diffuse(fit: JointFit, setting: Setting) -> JointFit:
     return fit
 
 
-def _gaussian(sighting: Sighting) -> bool:
-    """Whether pulses are Gaussians, and the codes' widths are known."""
-    arrivals = sighting.arrivals
-    nominal = bool(np.all(arrivals.flags & np.uint32(flags.UNCALIBRATED)))
-    return sighting.histograms.poisson and sighting.timing.response is None and not nominal
-
-
 def without_diffuse(
-    sightings: list[Sighting], fit: JointFit, setting: Setting
+    sightings: list[Sighting], fit: JointFit, setting: Setting, *, nominal: bool
 ) -> tuple[list[Sighting], tuple[light.Strengths, ...]]:
     """The recordings with the times of the path's pulses as they are without diffuse light.
 
@@ -182,6 +166,8 @@ def without_diffuse(
         The path.
     setting : Setting
         Camera, source, medium and waypoints.
+    nominal : bool
+        Whether the widths of the codes were never measured.
 
     Returns
     -------
@@ -207,13 +193,17 @@ def without_diffuse(
         if not len(lit):
             raise NothingFoundError("no usable pixel lies on the path")
         beam = beam_of_path(fit, own[0], whole, std)
-        cells = _cells(whole, seen, lit, std)
-        dark = dark_group(whole, seen, lit, far, std, False)
-        pulses = Pulses(seen.arrival_ps[lit] - seen.arrival_ps[lit, :1], seen.std_ps[lit])
-        beside = _beside(whole, seen.of(lit), cells, beam)
-        known = _with_second(
+        cells = _cells(whole, seen, lit, std, nominal)
+        dark = dark_group(whole, seen, lit, far, std, nominal)
+        shape = shape_of(whole.timing.response)
+        pulses = Pulses(seen.arrival_ps[lit] - seen.arrival_ps[lit, :1], seen.std_ps[lit], shape)
+        beside = beside_in(whole, seen.of(lit), cells, beam)
+        solved = partial(strengths_of, pulses, beside, dark, beside_dark(whole, dark, beam))
+        # Light of a mirror is a Gaussian's, counted in photons on codes that were measured.
+        sharp = whole.histograms.poisson and not (shape.table.size or nominal)
+        known = _scattered(solved, whole) if not sharp else _with_second(
             seen.of(lit),
-            partial(_strengths, pulses, beside, dark, beam, whole),
+            solved,
             partial(
                 places_of_path, fit, own[0], whole,
                 source_told=setting.source.position_mm is not None,
@@ -229,20 +219,29 @@ def without_diffuse(
             if len(own) > 1:
                 # Each repeat by itself, in the light that all of them show.
                 part = found[number].histograms.photons.sum() / whole.histograms.photons.sum()
-                one = _of_repeat(known, pulses, beside, _cells(found[number], seen, lit, std), part)
+                cells = _cells(found[number], seen, lit, std, nominal)
+                one = of_repeat(known, pulses, beside, cells, part)
             bright = replace(beam, photons=part * beam.photons)
             clear = _without_wings(found[number], seen.of(wing))
             found[number] = _corrected(clear, _measured(one, pulses, beside, bright, part))
     return found, tuple(strengths)
 
 
+def _scattered(strengths: Callable[..., Known], whole: Sighting) -> Known:
+    """Strengths with counts that scatter as their pixels say, where they are no photons."""
+    known = strengths(None)
+    if whole.histograms.poisson:
+        return known
+    return strengths(None, dispersion=scatter_of(known.pixels))
+
+
 def _with_second(
     seen: Seen,
-    strengths: Callable[[SecondPath | None], _Known],
+    strengths: Callable[[SecondPath | None], Known],
     places: Callable[[float], Places],
     so_far: light.Diffuse | None,
     camera: Camera,
-) -> _Known:
+) -> Known:
     """Strengths with a second path where the counts show one: as found before, or looked for."""
     if so_far is not None and so_far.second is not None:
         here = places(so_far.second.places.std_ps)
@@ -309,167 +308,23 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
     return light.Beam(np.column_stack((row, col)), leg_of, arrival, photons, std_ps)
 
 
-def _cells(whole: Sighting, seen: Seen, lit: Indices, std_ps: float) -> Cells:
+def _cells(whole: Sighting, seen: Seen, lit: Indices, std_ps: float, nominal: bool) -> Cells:
     """Counts of the pixels `lit` about the time of their nearest leg."""
     fine = lag_edges(std_ps, FINE_STDS * std_ps, FINE_GROWTH, whole.histograms.laser_period_ps)
     rows, cols, reference = seen.rows[lit], seen.cols[lit], seen.arrival_ps[lit, 0]
-    return cells_about(whole, rows, cols, reference, fine, nominal=False)
-
-
-@dataclass(frozen=True, eq=False)
-class _Beside:
-    """Pixels (n,), their cells, and the halo and glare there.
-
-    Attributes
-    ----------
-    seen : Seen
-    cells : Cells
-    wide : array of float, shape (n, m, k - 3)
-        Counts at a strength of one.
-    """
-
-    seen: Seen
-    cells: Cells
-    wide: Floats
-
-    def other(self, strengths: Floats, second: SecondPath | None) -> tuple[Floats, Floats]:
-        """Counts of light that is no leg's (n, m), and how they follow its unknowns."""
-        spread: Floats = self.wide @ strengths[light.N_LATE :]
-        if second is None:
-            return spread, self.wide
-        seen = self.seen
-        more, columns = second.light(self.cells, seen.rows, seen.cols, seen.arrival_ps[:, 0])
-        return spread + more, np.concatenate((self.wide, columns), axis=2)
-
-
-def _beside(whole: Sighting, seen: Seen, cells: Cells, beam: light.Beam) -> _Beside:
-    """Halo and glare in cells of some pixels."""
-    points, reference = np.column_stack((seen.rows, seen.cols)), seen.arrival_ps[:, 0]
-    wide = light.spread_light(cells, points, reference, beam, whole.blind.shape)
-    return _Beside(seen, cells, wide)
-
-
-def _beside_dark(whole: Sighting, dark: Group | None, beam: light.Beam) -> _Beside | None:
-    """The same in pixels that no leg lights."""
-    if dark is None:
-        return None
-    rows, cols = dark.points_px.T
-    no_leg, reference = np.full((len(rows), 1), -1), dark.reference_ps[:, np.newaxis]
-    seen = Seen(rows, cols, no_leg, reference, np.ones_like(reference), np.ones_like(reference))
-    return _beside(whole, seen, dark.pixels.cells, beam)
-
-
-@dataclass(frozen=True, eq=False)
-class _Known:
-    """Strengths as found, with the pixels as they were fitted last.
-
-    Attributes
-    ----------
-    strengths : Strengths
-        Of diffuse light; the covariance also of the second path's unknowns.
-    second : SecondPath or None
-    pixels : Pixels
-        Those that the legs light.
-    dark : Group or None
-        Those that they do not.
-    step : array of float, shape (k,)
-        Of all unknowns, since the pixels were fitted.
-    settled : bool
-        Whether a further round would move them no more.
-    """
-
-    strengths: light.Strengths
-    second: SecondPath | None
-    pixels: Pixels
-    dark: Group | None
-    step: Floats
-    settled: bool
-
-    def misfit(self) -> float:
-        """Deviance of the counts: twice what the log-likelihood lacks, up to a constant."""
-        groups = [self.pixels] if self.dark is None else [self.pixels, self.dark.pixels]
-        return sum(
-            2.0 * float(np.sum(mean - counts * np.log(mean)))
-            for each in groups
-            for mean, counts in [(x[each.weight > 0.0] for x in (each.mean, each.cells.counts))]
-        )
-
-
-def _strengths(
-    pulses: Pulses,
-    beside: _Beside,
-    dark: Group | None,
-    beam: light.Beam,
-    whole: Sighting,
-    second: SecondPath | None = None,
-) -> _Known:
-    """Strengths of diffuse light, and of a second path if there is one."""
-    size = light.N_LATE + beside.wide.shape[2]
-    free = 0 if second is None else second.size
-    # What would surprise nobody is the same for all kinds of diffuse light.
-    prior = np.full(size + free, PLAUSIBLE[FindingName.HAZE].size ** -2.0)
-    prior[size : size + 3] = _PLANE_PRIOR[:free]
-    value, unlit = np.zeros(size), _beside_dark(whole, dark, beam)
-    for _ in range(_MOST_ROUNDS):
-        now = light.Strengths(value, np.zeros((size, size)))
-        other, columns = beside.other(value, second)
-        pixels = lit_pixels(beside.cells, pulses, tails=now.tails, other=other)
-        columns = np.concatenate((light.late_light(pixels), columns), axis=2)
-        score, information, _ = pixels.said_of(columns)
-        if dark is not None and unlit is not None:
-            other, columns = unlit.other(value, second)
-            dark = replace(dark, pixels=dark_pixels(unlit.cells, other=other))
-            more = dark.pixels.said_of(columns)
-            score[light.N_LATE :] += more[0]
-            information[light.N_LATE :, light.N_LATE :] += more[1]
-        total = information + np.diag(prior)
-        # A plane is as likely as any other; shares of light are not.
-        shares = np.zeros(0) if second is None else np.append(np.zeros(3), second.mirror.share)
-        step = np.linalg.solve(total, score - prior * np.append(value, shares))
-        moved = float(step @ total @ step)
-        step = step / max(1.0, _length(step, size) / _LONGEST)
-        value = value + step[:size]
-        second = None if second is None else second.moved(step[size:])
-        small = second is None and np.abs(value).max() < _LINEAR
-        settled = bool(small or moved < _STILL**2)
-        if settled:
-            break
-        # Of pulses with tails the width of a Gaussian is not that of their core.
-        wider = np.nanmedian((pixels.std_ps / pulses.std_ps)[:, 0])
-        pulses = replace(pulses, std_ps=pulses.std_ps * wider)
-        if second is not None:
-            second = second.of_width(float(np.median(pixels.std_ps[:, 0])))
-    found = light.Strengths(value, np.linalg.inv(total))
-    return _Known(found, second, pixels, dark, step, settled)
-
-
-def _length(step: Floats, size: int) -> float:
-    """Of a step: its largest share of light; turns and shifts of a plane by what is far for it."""
-    scaled = step.copy()
-    scaled[size : size + 3] *= _LONGEST / np.array(_FAR_PLANE)[: len(step) - size]
-    return float(np.abs(scaled).max())
-
-
-def _of_repeat(known: _Known, pulses: Pulses, beside: _Beside, cells: Cells, part: float) -> _Known:
-    """One repeat, in the light that all of them show: `part` of it."""
-    second = None if known.second is None else known.second.times(part)
-    mine = replace(beside, cells=cells, wide=part * beside.wide)
-    other = mine.other(known.strengths.value, second)[0]
-    pixels = lit_pixels(cells, pulses, tails=known.strengths.tails, other=other)
-    return replace(known, second=second, pixels=pixels, step=np.zeros_like(known.step))
+    return cells_about(whole, rows, cols, reference, fine, nominal=nominal)
 
 
 def _measured(
-    known: _Known, pulses: Pulses, beside: _Beside, beam: light.Beam, part: float
+    known: Known, pulses: Pulses, beside: Beside, beam: light.Beam, part: float
 ) -> _Measured:
     """Times of the path's pulses, the last step after those at which the pixels were fitted."""
     pixels, seen, strengths = known.pixels, beside.seen, known.strengths
     s = pulses.late_ps.shape[1]
     own = slice(s, 2 * s)
     mine = replace(beside, cells=pixels.cells, wide=part * beside.wide)
-    spread, columns = mine.other(strengths.value, known.second)
-    columns = np.concatenate((light.late_light(pixels), columns), axis=2)
-    taken = pixels.taken_of(columns)[:, own]
+    spread, _ = mine.other(strengths, known.second)
+    taken = pixels.said_of(mine.columns(pixels, strengths, known.second))[2][:, own]
     shift = np.nan_to_num(pixels.late_ps - pulses.late_ps) - taken @ known.step
     variance = np.diagonal(pixels.inverse[:, own, own], axis1=1, axis2=2)
     # Times were held near the expected ones by the pulse's width: that is no measurement.
@@ -490,6 +345,7 @@ def _measured(
         pixels.std_ps,
         (free[:, :, np.newaxis] * taken) @ root,
         second=known.second,
+        shape=pixels.shape,
     )
     share = pixels.photons / np.maximum(pixels.photons + np.nan_to_num(other), 1e-9)
     return _Measured(seen.arrival_ps, shift * free, variance * free, share, diffuse)

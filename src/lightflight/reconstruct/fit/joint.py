@@ -199,12 +199,25 @@ def fit_joint(
         if passed > 0 and not more and _settled(before, solution, freedom):
             break
     assert result is not None
-    return _with_uneven_light(result, sightings, setting)
+    return result
 
 
-def _with_uneven_light(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
-    """The fit with times corrected for light that is uneven within knots, and its errors."""
-    uneven = uneven_light(fit, sightings, setting)
+def with_uneven_light(fit: JointFit, setting: Setting) -> JointFit:
+    """The fit with times corrected for light that is uneven within knots, and its errors.
+
+    Parameters
+    ----------
+    fit : JointFit
+        That is to stay: which legs there are needs no such care.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    JointFit
+        The fit itself where the light is even.
+    """
+    uneven = uneven_light(fit, list(fit.sightings), setting)
     if not uneven.columns_ps.shape[1]:
         return fit
     times = replace(

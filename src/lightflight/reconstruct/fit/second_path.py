@@ -91,7 +91,7 @@ def places_of_path(
         before = _RUN_ON if k == 0 and open_ends[0] else 0.0
         after = _RUN_ON if k == state.n_legs - 1 and open_ends[1] else 0.0
         share = _shares_about_view(state.vertices_mm[k], step, camera, (-before, 1.0 + after))
-        if not len(share):
+        if len(share) < 2:
             continue
         points = state.vertices_mm[k] + share[:, np.newaxis] * step
         row, col = camera.pixels_from_points(points)

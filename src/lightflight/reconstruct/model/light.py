@@ -7,14 +7,14 @@ other pulses, pile-up) or by the light of all bright pixels about them (halo, gl
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from lightflight.reconstruct.model.cells import Cells
-from lightflight.reconstruct.model.counted import Pixels, Tails, cumulated
+from lightflight.reconstruct.model.counted import GAUSSIAN, Pixels, Shape, Tails, cumulated
 from lightflight.reconstruct.model.second_path import SecondPath
 
 Floats = NDArray[np.float64]
@@ -47,17 +47,21 @@ LABELS = (
     f"about the path by {WIDE_PX[-1]:g} px and late by {HALO_LATE_PS:g} ps",
     "over the picture",
     f"over the picture and late by {GLARE_LATE_PS:g} ps",
+    *(f"how late those of {wait:g} ps are" for wait in LATE_PS),
 )
+N_WIDE = len(LABELS) - 2 * N_LATE
+_NUDGE = 1e-3
+"""Step of a mean wait for its derivative, ln."""
 
 
 @dataclass(frozen=True, eq=False)
 class Strengths:
-    """Diffuse light, as shares of the path's
+    """Diffuse light, as shares of the path's, and how much longer than `LATE_PS` it waits, ln.
 
     Attributes
     ----------
     value : array of float, shape (k,)
-        In the order of `LABELS`; may be negative by chance.
+        In the order of `LABELS`; shares may be negative by chance.
     covariance : array of float, shape (k, k)
     """
 
@@ -65,9 +69,20 @@ class Strengths:
     covariance: Floats
 
     @property
+    def shares(self) -> Floats:
+        """(k - 3,), without the waits."""
+        return self.value[:-N_LATE]
+
+    @property
+    def wide(self) -> Floats:
+        """(k - 6,), halo and glare."""
+        return self.value[N_LATE:-N_LATE]
+
+    @property
     def tails(self) -> Tails:
         """Of each pulse: share that is late, and its mean wait, ps."""
-        return tuple(zip(self.value[:N_LATE].tolist(), LATE_PS, strict=True))
+        waits = np.array(LATE_PS) * np.exp(self.value[-N_LATE:])
+        return tuple(zip(self.value[:N_LATE].tolist(), waits.tolist(), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +140,8 @@ class Diffuse:
         How those times follow what is left unknown of the strengths, one-sigma columns.
     second : SecondPath or None
         Whose light comes with it; None: there is none.
+    shape : Shape
+        Of the pulses, without late light.
     """
 
     strengths: Strengths
@@ -137,6 +154,7 @@ class Diffuse:
     std_ps: Floats
     modes_ps: Floats
     second: SecondPath | None = None
+    shape: Shape = field(default=GAUSSIAN, kw_only=True)
 
     def times(self, factor: float) -> Diffuse:
         """The same of a recording `factor` times as long."""
@@ -175,7 +193,7 @@ class Diffuse:
         Light that is late is counted here, and what is prompt with the path: late light tells
         hardly when it left.
         """
-        at, value = self.at_pixels(rows, cols, shape), self.strengths.value
+        at = self.at_pixels(rows, cols, shape)
         points = np.column_stack((rows, cols))
         middle = 0.5 * float(np.min(self.beam.arrival_ps) + np.max(self.beam.arrival_ps))
         reference = np.where(at >= 0, np.nan_to_num(self.arrival_ps[at, 0], nan=middle), middle)
@@ -185,13 +203,13 @@ class Diffuse:
         edges = np.tile(lags, (len(rows), 1))
         nothing = np.zeros((len(rows), len(lags) - 1))
         cells = Cells(edges, nothing, nothing == 0.0, nothing, nothing + 1.0)
-        found = spread_light(cells, points, reference, self.beam, shape) @ value[N_LATE:]
+        found = spread_light(cells, points, reference, self.beam, shape) @ self.strengths.wide
         for k in range(self.leg.shape[1]):
             own = np.flatnonzero((at >= 0) & (self.photons[at, k] > 0.0))
             late = self.arrival_ps[at[own], k] - reference[own]
             std, photons = self.std_ps[at[own], k], self.photons[at[own], k, np.newaxis]
             for share, wait in self.strengths.tails:
-                by_edge = cumulated(edges[own], late, std, wait)
+                by_edge = cumulated(edges[own], late, std, wait, self.shape)
                 found[own] += share * photons * np.diff(by_edge, axis=1)
         before = np.concatenate((np.zeros((len(rows), 1)), np.cumsum(found, axis=1)), axis=1)
         out = np.empty(intervals_ps[0].shape)
@@ -231,7 +249,7 @@ def spread_light(
     row, col = beam.points_px.T
     seen = (row > -0.5) & (row < shape[0] - 0.5) & (col > -0.5) & (col < shape[1] - 0.5)
     if not seen.any():
-        return np.zeros((*cells.counts.shape, len(LABELS) - N_LATE))
+        return np.zeros((*cells.counts.shape, N_WIDE))
     wide = halo(cells, points_px, reference_ps, beam, shape)[:, :, 1:]
     over = glare(cells, reference_ps, beam.of(seen), shape[0] * shape[1])
     return np.concatenate((wide, over), axis=2)
@@ -249,6 +267,17 @@ def late_light(pixels: Pixels, waits_ps: Sequence[float] = LATE_PS) -> Floats:
             by_edge = cumulated(edges[lit], late, std, wait, pixels.shape) - prompt
             out[lit, :, j] += pixels.photons[lit, k : k + 1] * np.diff(by_edge, axis=1)
     return _in_cells(pixels.cells, out)
+
+
+def diffuse_light(pixels: Pixels, wide: Floats, tails: Tails) -> Floats:
+    """(n, m, k): what lit pixels gain by each strength, in the order of `LABELS`.
+
+    `wide` (n, m, k - 6) as from `spread_light`; `tails` as the pixels were fitted with them.
+    """
+    shares, waits = (np.array(each) for each in zip(*tails, strict=True))
+    late = late_light(pixels, waits.tolist())
+    later = late_light(pixels, (np.exp(_NUDGE) * waits).tolist())
+    return np.concatenate((late, wide, shares / _NUDGE * (later - late)), axis=2)
 
 
 def other_lags(lags_ps: Floats, std_ps: float) -> Floats:

@@ -202,7 +202,7 @@ def _spread(
     if diffuse is None:
         return 0.0
     wide = light.spread_light(cells, points_px, reference_ps, diffuse.beam, whole.blind.shape)
-    counts: Floats = wide @ diffuse.strengths.value[light.N_LATE :]
+    counts: Floats = wide @ diffuse.strengths.wide
     if diffuse.second is not None:
         rows, cols = points_px.astype(np.int64).T
         counts = counts + diffuse.second.light(cells, rows, cols, reference_ps)[0]

@@ -18,7 +18,7 @@ from lightflight.path.verdict import (
     Verdict,
     warning_of,
 )
-from lightflight.reconstruct.fit.joint import JointFit, fit_joint
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint, with_uneven_light
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.legs.plausible import implausible
 from lightflight.reconstruct.model.geometry import PathState
@@ -140,6 +140,6 @@ def _fit_about(path: LightPath, sightings: list[Sighting], setting: Setting) -> 
     """A joint fit that starts from the path; None where single pulses do not allow one."""
     state = PathState(np.array(path.vertices_mm), float(path.vertex_times_ps[0]))
     try:
-        return fit_joint(sightings, state, setting, legs=None)
+        return with_uneven_light(fit_joint(sightings, state, setting, legs=None), setting)
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return None

@@ -106,13 +106,14 @@ def fit_of_request(request: Request) -> JointFit:
     if request.start is not None:
         period_ps = sightings[0].histograms.laser_period_ps or 0.0
         state = _at_exact_source(_state_from_start(request.start, setting), setting, period_ps)
-        return with_diffuse(fit_joint(sightings, state, setting, legs=None), setting)
+        fit = fit_joint(sightings, state, setting, legs=None)
+        return with_diffuse(fit, setting, nominal=request.timing is None)
     if request.timing is None and setting.source.position_mm is None:
         refuse_if_clock_scatters(sightings[0], pulse_std_ps(sightings))
     fit, legs = (
         _fit_as_found(request, brightest=True) if n_legs is None else _fit_as_told(request, n_legs)
     )
-    fit = with_diffuse(fit, setting)
+    fit = with_diffuse(fit, setting, nominal=request.timing is None)
     if request.timing is None and fit.floor_ps > MUCH_SCATTER * pulse_std_ps(sightings):
         warn_of_scatter(fit.floor_ps, legs, sightings[0], setting.camera)
     return fit

@@ -1,0 +1,250 @@
+"""Strengths of diffuse light from the counts, each pixel's own unknowns eliminated.
+
+How long late light waits is free within the table's steps; a second path, where there is one, is
+solved for with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.path.verdict import FindingName
+from lightflight.reconstruct.fit.around import Group, Seen
+from lightflight.reconstruct.model import light
+from lightflight.reconstruct.model.cells import Cells
+from lightflight.reconstruct.model.counted import Pixels, Pulses, dark_pixels, lit_pixels
+from lightflight.reconstruct.model.second_path import SecondPath
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.sizes import PLAUSIBLE
+
+Floats = NDArray[np.float64]
+
+_MOST_ROUNDS = 30
+"""Typically 3 without diffuse light, 12 where two waits share one tail."""
+_STILL = 0.1
+"""A round that moves the strengths by less than this many of their errors was the last."""
+_LINEAR = 0.01
+"""Strengths below this move times in proportion: pixels are not fitted again (error: a square)."""
+_LONGEST = 0.3
+"""Most that one strength moves in a round: far from its value a step in proportion is too long."""
+_LEAST_STEP = 0.25
+"""Of a whole step."""
+_WAIT_STD = 0.6
+"""How far mean waits may be from those of the table, ln: half of the way to the next one."""
+_TELLING = 0.01
+"""Of the light: shares well below this leave how long they wait where the table has it. Waits of
+light that is hardly there sway about each other for ever; what they do to a path is a hundredth."""
+_PLANE_PRIOR = (1.0, 1.0, 1e-6)
+"""Precision of what is known of a mirror beforehand: turns to 1 rad, its distance to 1 m."""
+_FAR_PLANE = (0.05, 0.05, 5.0)
+"""Most that a mirror turns, rad, and moves, mm, in a round: its image stays on the same pulses."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Pixels (n,), their cells, and the halo and glare there.
+
+    Attributes
+    ----------
+    seen : Seen
+    cells : Cells
+    wide : array of float, shape (n, m, k - 6)
+        Counts at a strength of one.
+    """
+
+    seen: Seen
+    cells: Cells
+    wide: Floats
+
+    def other(self, strengths: light.Strengths, second: SecondPath | None) -> tuple[Floats, Floats]:
+        """Counts of light that is no leg's (n, m), and how they follow a second path's unknowns."""
+        spread: Floats = self.wide @ strengths.wide
+        if second is None:
+            return spread, np.zeros((*spread.shape, 0))
+        seen = self.seen
+        more, columns = second.light(self.cells, seen.rows, seen.cols, seen.arrival_ps[:, 0])
+        return spread + more, columns
+
+    def columns(
+        self, pixels: Pixels, strengths: light.Strengths, second: SecondPath | None
+    ) -> Floats:
+        """How the counts of lit pixels follow all unknowns (n, m, k): strengths, second path."""
+        own = light.diffuse_light(pixels, self.wide, strengths.tails)
+        return np.concatenate((own, self.other(strengths, second)[1]), axis=2)
+
+
+def beside_in(whole: Sighting, seen: Seen, cells: Cells, beam: light.Beam) -> Beside:
+    """Halo and glare in cells of some pixels."""
+    points, reference = np.column_stack((seen.rows, seen.cols)), seen.arrival_ps[:, 0]
+    wide = light.spread_light(cells, points, reference, beam, whole.blind.shape)
+    return Beside(seen, cells, wide)
+
+
+def beside_dark(whole: Sighting, dark: Group | None, beam: light.Beam) -> Beside | None:
+    """The same in pixels that no leg lights."""
+    if dark is None:
+        return None
+    rows, cols = dark.points_px.T
+    no_leg, reference = np.full((len(rows), 1), -1), dark.reference_ps[:, np.newaxis]
+    seen = Seen(rows, cols, no_leg, reference, np.ones_like(reference), np.ones_like(reference))
+    return beside_in(whole, seen, dark.pixels.cells, beam)
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """Strengths as found, with the pixels as they were fitted last.
+
+    Attributes
+    ----------
+    strengths : Strengths
+        Of diffuse light; the covariance also of the second path's unknowns.
+    second : SecondPath or None
+    pixels : Pixels
+        Those that the legs light.
+    dark : Group or None
+        Those that they do not.
+    step : array of float, shape (k,)
+        Of all unknowns, since the pixels were fitted.
+    settled : bool
+        Whether a further round would move them no more.
+    dispersion : float
+        Variance of counts over that of Poisson's.
+    """
+
+    strengths: light.Strengths
+    second: SecondPath | None
+    pixels: Pixels
+    dark: Group | None
+    step: Floats
+    settled: bool
+    dispersion: float
+
+    def misfit(self) -> float:
+        """Deviance of the counts: twice what the log-likelihood lacks, up to a constant."""
+        groups = [self.pixels] if self.dark is None else [self.pixels, self.dark.pixels]
+        return sum(
+            2.0 * float(np.sum(mean - counts * np.log(mean)))
+            for each in groups
+            for mean, counts in [(x[each.weight > 0.0] for x in (each.mean, each.cells.counts))]
+        )
+
+
+def strengths_of(
+    pulses: Pulses,
+    beside: Beside,
+    dark: Group | None,
+    unlit: Beside | None,
+    second: SecondPath | None = None,
+    *,
+    dispersion: float = 1.0,
+) -> Known:
+    """Strengths of diffuse light, and of a second path if there is one.
+
+    Parameters
+    ----------
+    pulses : Pulses
+        Where the light of the legs is expected.
+    beside : Beside
+        The pixels that they light.
+    dark : Group or None
+        Pixels that they do not.
+    unlit : Beside or None
+        Halo and glare in those.
+    second : SecondPath, optional
+        Where its mirror is, roughly.
+    dispersion : float, optional
+        Variance of counts over that of Poisson's.
+
+    Returns
+    -------
+    Known
+        Unknowns in the order of `light.LABELS`, then the second path's.
+    """
+    n_late, size = light.N_LATE, 2 * light.N_LATE + beside.wide.shape[2]
+    free = 0 if second is None else second.size
+    at_dark = np.r_[n_late : size - n_late, size : size + free]
+    value, before, damping = np.zeros(size), np.zeros(size + free), 1.0
+    for _ in range(_MOST_ROUNDS):
+        now = light.Strengths(value, np.zeros((size, size)))
+        other, _ = beside.other(now, second)
+        pixels = lit_pixels(
+            beside.cells, pulses, dispersion=dispersion, tails=now.tails, other=other
+        )
+        score, information, _ = pixels.said_of(beside.columns(pixels, now, second))
+        if dark is not None and unlit is not None:
+            other, more = unlit.other(now, second)
+            empty = dark_pixels(unlit.cells, dispersion=dispersion, other=other)
+            dark = replace(dark, pixels=empty)
+            said = empty.said_of(np.concatenate((unlit.wide, more), axis=2))
+            score[at_dark] += said[0]
+            information[np.ix_(at_dark, at_dark)] += said[1]
+        prior = _precision(value, free)
+        total = information + np.diag(prior)
+        # A plane is as likely as any other; shares of light are not.
+        shares = np.zeros(0) if second is None else np.append(np.zeros(3), second.mirror.share)
+        step = np.linalg.solve(total, score - prior * np.append(value, shares))
+        moved = float(step @ total @ step)
+        # A shape's width and what flight adds to it sway about each other: half as far, then.
+        swayed = float(before @ total @ step) < 0.0
+        damping = max(0.5 * damping, _LEAST_STEP) if swayed else min(1.4 * damping, 1.0)
+        before = step
+        step = damping * step / max(1.0, _length(step, size) / _LONGEST)
+        value = value + step[:size]
+        second = None if second is None else second.moved(step[size:])
+        small = second is None and np.abs(value[:-n_late]).max() < _LINEAR
+        settled = bool(small or moved < _STILL**2)
+        if settled:
+            break
+        # Of pulses with tails the width of a Gaussian is not that of their core.
+        wider = float(np.log(np.nanmedian((pixels.std_ps / pulses.std_ps)[:, 0])))
+        pulses = replace(pulses, std_ps=pulses.std_ps * np.exp(damping * wider))
+        if second is not None:
+            second = second.of_width(float(np.median(pixels.std_ps[:, 0])))
+    covariance: Floats = np.linalg.inv(total).astype(np.float64, copy=False)
+    found = light.Strengths(value, covariance)
+    return Known(found, second, pixels, dark, step, settled, dispersion)
+
+
+def _precision(value: Floats, free: int) -> Floats:
+    """Of what would surprise nobody: the same for all kinds of diffuse light, and for shares."""
+    size, n = len(value), light.N_LATE
+    prior = np.full(size + free, PLAUSIBLE[FindingName.HAZE].size ** -2.0)
+    here = value[:n] ** 2
+    prior[size - n : size] = (_WAIT_STD * (here + 1e-8) / (here + _TELLING**2)) ** -2.0
+    prior[size : size + 3] = _PLANE_PRIOR[:free]
+    return prior
+
+
+def _length(step: Floats, size: int) -> float:
+    """Of a step: its largest share of light; turns and shifts of a plane by what is far for it."""
+    scaled = step.copy()
+    scaled[size : size + 3] *= _LONGEST / np.array(_FAR_PLANE)[: len(step) - size]
+    return float(np.abs(scaled).max())
+
+
+def of_repeat(known: Known, pulses: Pulses, beside: Beside, cells: Cells, part: float) -> Known:
+    """One repeat, in the light that all of them show: `part` of it."""
+    second = None if known.second is None else known.second.times(part)
+    mine = replace(beside, cells=cells, wide=part * beside.wide)
+    pixels = lit_pixels(
+        cells,
+        pulses,
+        dispersion=known.dispersion,
+        tails=known.strengths.tails,
+        other=mine.other(known.strengths, second)[0],
+    )
+    return replace(known, second=second, pixels=pixels, step=np.zeros_like(known.step))
+
+
+def scatter_of(pixels: Pixels) -> float:
+    """Variance of counts over their mean, where the fit of the pixels leaves it; 1: photons."""
+    telling = pixels.cells.live & (pixels.weight > 0.0)
+    squared = pixels.weight * (pixels.cells.counts - pixels.mean) ** 2
+    left = telling.sum(axis=1) - pixels.slopes.shape[2]
+    bright = (left > 0) & (pixels.photons[:, 0] > np.median(pixels.photons[:, 0]))
+    # By the median: a pixel with a pulse of its own does not say how counts scatter.
+    ratio = np.sum(squared * telling, axis=1)[bright] / left[bright]
+    return max(float(np.median(ratio)), 1e-12) if bright.any() else 1.0
