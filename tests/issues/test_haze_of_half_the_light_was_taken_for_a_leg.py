@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import warnings
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import lightflight as lf
 from lightflight.reconstruct.fit.joint import pulse_std_ps
 from lightflight.reconstruct.fit.tail import shape_with_tail
 from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.timing.pulses.amplitudes import amplitudes_at_times
 from tests.oracles.worlds.border import record, what_the_user_tells
@@ -69,7 +71,8 @@ def test_a_halo_does_not_say_how_wide_pulses_are():
     stds = np.concatenate((np.full(60, 70.0), np.full(900, 220.0)))
     photons = np.concatenate((np.full(60, 20_000.0), np.full(900, 300.0)))
     arrivals = SimpleNamespace(std_ps=stds, photons=photons, usable=np.ones(960, dtype=bool))
-    assert pulse_std_ps([SimpleNamespace(arrivals=arrivals)]) == 70.0
+    seen = cast(Sighting, SimpleNamespace(arrivals=arrivals))
+    assert pulse_std_ps([seen]) == 70.0
 
 
 def test_photons_of_a_leg_are_counted_without_what_is_diffuse():

@@ -58,14 +58,14 @@ def recovered():
 def test_strengths_have_no_bias_and_honest_errors(recovered):
     """8 recordings, 3 strengths each; false alarm 1e-4 for either claim."""
     truth = np.where(np.array(LATE_PS) == WAIT_PS, HAZE, 0.0)
-    z = []
+    pulls = []
     for fit, _ in recovered:
         found = fit.strengths[0]
         root = np.linalg.cholesky(found.covariance[:3, :3])
-        z.append(np.linalg.solve(root, found.value[:3] - truth))
+        pulls.append(np.linalg.solve(root, found.value[:3] - truth))
         # One part in two hundred of the light is told, or the claim below is an easy one.
         assert np.sqrt(found.covariance[1, 1]) < 5e-3
-    z = np.array(z)
+    z = np.array(pulls)
     assert (np.abs(z.mean(axis=0)) * np.sqrt(N) < 4.2).all()
     # Chi-square of 24 numbers: between 5.9 and 61 but once in 10,000.
     assert 0.49 < np.sqrt(np.mean(z**2)) < 1.59
@@ -73,12 +73,12 @@ def test_strengths_have_no_bias_and_honest_errors(recovered):
 
 def test_the_path_has_no_bias_and_honest_errors(recovered):
     """8 recordings, 2 numbers each; false alarm 1e-4 for either claim. Before: pulls of 9."""
-    z, off = [], []
+    pulls, off = [], []
     for fit, world in recovered:
         error, covariance = off_and_covariance(fit, world)
-        z.append(np.linalg.solve(np.linalg.cholesky(covariance), error))
+        pulls.append(np.linalg.solve(np.linalg.cholesky(covariance), error))
         off.append(np.linalg.norm(error))
-    z = np.array(z)
+    z = np.array(pulls)
     assert (np.abs(z.mean(axis=0)) * np.sqrt(N) < 4.1).all()
     # Chi-square of 16 numbers: between 2.5 and 48 but once in 10,000.
     assert 0.39 < np.sqrt(np.mean(z**2)) < 1.74
