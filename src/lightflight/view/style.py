@@ -108,6 +108,7 @@ STYLE: Any = {
     "image.interpolation": "nearest",
     "pdf.fonttype": 42,  # text stays text in an editor
     "svg.fonttype": "none",
+    "svg.hashsalt": "lightflight",  # else names within the file are drawn anew each time
     "hatch.linewidth": 0.5,
 }
 
