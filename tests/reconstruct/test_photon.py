@@ -202,7 +202,9 @@ class TestOptions:
         clock = type(lab.timing).nominal
         plain = fitted(lab, whole, timing=clock(whole))
         folded = fitted(lab, rolled, timing=clock(rolled), source=source)
-        assert folded.legs[0].angle_deg == pytest.approx(plain.legs[0].angle_deg, abs=1e-5)
+        # Strengths of diffuse light settle to a tenth of their errors, the path to a hundredth.
+        off = folded.legs[0].angle_deg - plain.legs[0].angle_deg
+        assert abs(off) < 0.03 * plain.legs[0].angle_std_deg
 
 
 class TestCamera:

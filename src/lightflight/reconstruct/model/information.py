@@ -19,12 +19,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _TOLERANCE = 5e-3
-"""A step shorter than this many standard errors, in rms over its directions, ends a climb."""
-_LEVEL = 5e-5
-"""So does one that changes the log-likelihood by less than this: a hundredth of an error. With 1e-3
-and 0.01 above, a short leg of one in four hard scenes is missed by the lines' last move."""
 _FREE_DAMPING = 1e-2
-"""Either tells that the top is near only where damping did not shorten the step."""
+"""A short step tells that the top is near only where damping did not shorten it."""
 _TINY = 1e-3
 """Along a gauge only short steps go up: one this short that does is an end, however damped."""
 _FIRST_DAMPING = 1e-3
@@ -107,6 +103,7 @@ def ascend(
     moved: Callable[[Point, SlopeHere, Floats], Point],
     *,
     most_steps: int,
+    level: float = 5e-5,
     gauge: float = 0.0,
 ) -> tuple[Point, SlopeHere, bool]:
     """Fisher scoring with Levenberg damping to the top of a likelihood.
@@ -121,6 +118,10 @@ def ascend(
         The point after a step (p,) from it, and from what was found there.
     most_steps : int
         A climb that takes more is said not to have converged.
+    level : float, optional
+        A step that changes the log-likelihood by less than this ends a climb, as does one shorter
+        than 5e-3 standard errors (rms over directions). With 1e-3 in lines a short leg of one hard
+        scene in four is missed.
     gauge : float, optional
         Share of the largest scaled information below which a direction is fixed by nothing.
 
@@ -149,8 +150,8 @@ def ascend(
         if higher:
             point, slope = trial, new
         length2 = float(step @ information @ step) / len(step)
-        level = length2 < _TOLERANCE**2 or abs(gained) < _LEVEL
-        if (level and damping <= _FREE_DAMPING) or (higher and length2 < _TINY**2):
+        short = length2 < _TOLERANCE**2 or abs(gained) < level
+        if (short and damping <= _FREE_DAMPING) or (higher and length2 < _TINY**2):
             return point, slope, True
         damping = max(damping / 10.0, _LEAST_DAMPING) if higher else damping * 10.0
         if damping > _MOST_DAMPING:
