@@ -44,8 +44,8 @@ _FREE_SCATTER = 3.0
 _MOST_CLIMB_STEPS = 40
 """A climb that took more steps than this is said not to have converged."""
 _LEVEL = 0.03
-"""A step that changes the log-likelihood by less ends a climb: a quarter of an error at most. Pixels'
-own unknowns follow to first order, so that values sway by 1e-3 at the top."""
+"""A step that changes the log-likelihood by less ends a climb: a quarter of an error at most. Each
+pixel's own unknowns follow to first order, so that values sway by 1e-3 at the top."""
 GAUGE = 1e-13
 """Share of the largest scaled information below which a direction is a gauge, fixed by nothing."""
 _BEND_PRIOR = 0.3

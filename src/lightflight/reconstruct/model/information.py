@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _TOLERANCE = 5e-3
+"""A step shorter than this many standard errors, rms over its directions, ends a climb."""
 _FREE_DAMPING = 1e-2
 """A short step tells that the top is near only where damping did not shorten it."""
 _TINY = 1e-3
@@ -119,8 +120,8 @@ def ascend(
     most_steps : int
         A climb that takes more is said not to have converged.
     level : float, optional
-        A step that changes the log-likelihood by less than this ends a climb, as does one shorter
-        than 5e-3 standard errors (rms over directions). With 1e-3 in lines a short leg of one hard
+        A step that changes the log-likelihood by less than this ends a climb, as does a
+        short one. With 1e-3 in lines a short leg of one hard
         scene in four is missed.
     gauge : float, optional
         Share of the largest scaled information below which a direction is fixed by nothing.
