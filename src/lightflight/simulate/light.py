@@ -185,7 +185,8 @@ def _strength_at(scene: Scene, leg: int, points: Floats, length_mm: Floats) -> F
     return strength
 
 
-def _arrival_at(scene: Scene, points: Floats, length_mm: Floats) -> Floats:
+def arrival_at(scene: Scene, points: Floats, length_mm: Floats) -> Floats:
+    """Arrival time (n,), ps, of light from points of the beam that far along the path, mm."""
     # Two indices: the beam may run through a fibre, and its light comes back through air.
     flight = scene.medium.path_group_index * length_mm / SPEED_OF_LIGHT_MM_PER_PS
     return arrival_time_from_event(
@@ -221,7 +222,7 @@ def segments_from_scene(scene: Scene) -> Segments:
         at_edges = start + edges[:, np.newaxis] * direction
         middle = 0.5 * (edges[1:] + edges[:-1])
         row, col = scene.camera.pixels_from_points(at_edges)
-        arrival = _arrival_at(scene, at_edges, starts[leg] + edges)
+        arrival = arrival_at(scene, at_edges, starts[leg] + edges)
         seen = _may_be_caught(scene, row, col)
         strength = np.zeros(len(middle))
         strength[seen] = _strength_at(
@@ -290,7 +291,7 @@ def _middles(scene: Scene, segments: Segments, first: float, second: float) -> t
     frames = leg_frames(scene)
     points = points + first * frames[0][segments.leg] + second * frames[1][segments.leg]
     row, col = scene.camera.pixels_from_points(points)
-    return row, col, _arrival_at(scene, points, segments.length_mm)
+    return row, col, arrival_at(scene, points, segments.length_mm)
 
 
 def leg_frames(scene: Scene) -> tuple[Floats, Floats]:

@@ -14,21 +14,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.flight import arrival_time_from_event
 from lightflight.simulate.clock import LOST, TrueClock
 from lightflight.simulate.crosstalk import neighbours_of
 from lightflight.simulate.detector import Detector, PixelDefects
 from lightflight.simulate.light import (
+    ExpectedLight,
     Segments,
+    arrival_at,
     beam_std_mm,
     caught_strength,
     leg_frames,
     points_on_path,
 )
-from lightflight.simulate.optics import Catch
+from lightflight.simulate.raw import Block
+from lightflight.simulate.recorder import Exposure
 from lightflight.simulate.scene import Scene
 from lightflight.simulate.streams import Streams
-from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS, std_from_fwhm
+from lightflight.units import std_from_fwhm
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -38,8 +40,8 @@ _MOST_THREADS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Shower:
-    """Everything that a chunk of photons is drawn from.
+class Stage:
+    """A scene worked out: what every kind of recording is made from.
 
     Attributes
     ----------
@@ -47,42 +49,52 @@ class Shower:
         What is there, what looks on and what catches the light.
     segments : Segments
         The path in short pieces.
+    expected : ExpectedLight
+        Scaled: counts.
+    scale : float
+        Expected counts per unit of relative light.
     defects : PixelDefects
         What each pixel of the scene's camera is.
-    clock : TrueClock
-        Reads photons; its pixels are numbered row by row.
     streams : Streams
         Random streams of the recording.
-    catch : Catch
-        Blur and active area of the pixels.
+    n_frames : int or None
+        Frames of the recording; None: the detector has none.
+    clock : TrueClock
+        Reads photons; its pixels are numbered row by row.
     choice : array of float
-        From `Catch.choice_table`.
-    block : int
-        Number of the part of the recording.
-    span : (float, float)
-        The part of the recording, as shares of its length (for the drift).
+        Table from `Catch.choice_table`.
     """
 
     scene: Scene
     segments: Segments
+    expected: ExpectedLight
+    scale: float
     defects: PixelDefects
-    clock: TrueClock
     streams: Streams
-    catch: Catch
+    n_frames: int | None
+    clock: TrueClock
     choice: Floats
-    block: int = 0
-    span: tuple[float, float] = (0.0, 1.0)
+
+    @property
+    def detector(self) -> Detector:
+        """The scene's detector."""
+        return self.scene.detector
+
+    @property
+    def exposure(self) -> Exposure:
+        """Frames, and what they lose."""
+        return Exposure(self.n_frames, self.detector.first_photon_only)
 
 
-def signal_counts(shower: Shower, scale: float, *, threads: int | None = None) -> Ints:
+def signal_counts(stage: Stage, block: Block, *, threads: int | None = None) -> Ints:
     """Signal per pixel and code.
 
     Parameters
     ----------
-    shower : Shower
+    stage : Stage
         What photons are drawn from.
-    scale : float
-        Expected counts per unit of relative light.
+    block : Block
+        The part of the recording.
     threads : int, optional
         How many; the result does not depend on it. None: as many as there are processors.
 
@@ -91,21 +103,16 @@ def signal_counts(shower: Shower, scale: float, *, threads: int | None = None) -
     array of int, shape (pixels, codes + 1)
         The last column holds photons with no code.
     """
-    n_slots = shower.clock.n_codes + 1
-    counts = np.zeros(shower.defects.skew_ps.size * n_slots, dtype=np.int64)
-    light = caught_strength(shower.scene, shower.segments, shower.catch)
-    numbers = shower.streams.generator("number", shower.block).poisson(scale * light)
+    n_slots = stage.clock.n_codes + 1
+    counts = np.zeros(stage.defects.skew_ps.size * n_slots, dtype=np.int64)
+    light = caught_strength(stage.scene, stage.segments, stage.detector.catch)
+    expected = stage.scale * block.share * light
+    numbers = stage.streams.generator("number", block.number).poisson(expected)
     workers = min(threads or os.cpu_count() or 1, _MOST_THREADS)
     with ThreadPoolExecutor(max_workers=max(1, workers)) as pool:
-        for places in _mapped(pool, shower, list(_chunks(numbers))):
+        for places in pool.map(lambda part: _draw_chunk(stage, block, *part), _chunks(numbers)):
             np.add.at(counts, places, 1)
     return counts.reshape(-1, n_slots)
-
-
-def _mapped(
-    pool: ThreadPoolExecutor, shower: Shower, chunks: list[tuple[int, Ints]]
-) -> Iterator[Ints]:
-    return pool.map(lambda chunk: _draw_chunk(shower, *chunk), chunks)
 
 
 def _chunks(numbers: Ints) -> Iterator[tuple[int, Ints]]:
@@ -122,38 +129,38 @@ def _chunks(numbers: Ints) -> Iterator[tuple[int, Ints]]:
         yield chunk, np.repeat(np.arange(low, high), inside)
 
 
-def _draw_chunk(shower: Shower, chunk: int, segment: Ints) -> Ints:
+def _draw_chunk(stage: Stage, block: Block, chunk: int, segment: Ints) -> Ints:
     """Place in the flat (pixel, code) table of each photon of a chunk."""
     # Streams are named by the chunk, not by who draws first: any number of threads draws the same.
-    key = (shower.block, chunk)
-    row, col, arrival, segment = _emitted(shower, key, segment)
-    pixel = _caught(shower, key, row, col)
-    if (shower.defects.efficiency < 1.0).any():
-        sensitivity = shower.defects.efficiency.ravel()[pixel]
-        draw = shower.streams.generator("efficiency", *key).random(len(pixel))
+    key = (block.number, chunk)
+    row, col, arrival, segment = _emitted(stage, key, segment)
+    pixel = _caught(stage, key, row, col)
+    if (stage.defects.efficiency < 1.0).any():
+        sensitivity = stage.defects.efficiency.ravel()[pixel]
+        draw = stage.streams.generator("efficiency", *key).random(len(pixel))
         felt = draw < sensitivity
         pixel, arrival = pixel[felt], arrival[felt]
     arrival = arrival + delay_noise(
-        shower.scene.detector, shower.scene.pulse_fwhm_ps, shower.streams, key, len(pixel)
+        stage.detector, stage.scene.pulse_fwhm_ps, stage.streams, key, len(pixel)
     )
-    pixel, arrival = _echoes_of_shower(shower, key, pixel, arrival)
-    delay = arrival + shower.defects.skew_ps.ravel()[pixel]
-    if shower.scene.detector.drift_ps:
-        low, high = shower.span
-        moment = shower.streams.generator("drift", *key).uniform(low, high, len(pixel))
-        delay += shower.scene.detector.drift_ps * (moment - 0.5)
-    code = shower.clock.codes_from_delays(pixel, delay)
-    code[code == LOST] = shower.clock.n_codes
-    return pixel * (shower.clock.n_codes + 1) + code
+    pixel, arrival = _with_echoes(stage, key, pixel, arrival)
+    delay = arrival + stage.defects.skew_ps.ravel()[pixel]
+    if stage.detector.drift_ps:
+        generator = stage.streams.generator("drift", *key)
+        moment = generator.uniform(block.start, block.end, len(pixel))
+        delay += stage.detector.drift_ps * (moment - 0.5)
+    code = stage.clock.codes_from_delays(pixel, delay)
+    code[code == LOST] = stage.clock.n_codes
+    return pixel * (stage.clock.n_codes + 1) + code
 
 
 def _emitted(
-    shower: Shower, key: tuple[int, int], segment: Ints
+    stage: Stage, key: tuple[int, int], segment: Ints
 ) -> tuple[Floats, Floats, Floats, Ints]:
     """(row, col, arrival time, segment) of each photon: where it comes from, seen by the camera."""
-    parts = shower.segments
-    place = shower.streams.generator("position", *key).random(len(segment))
-    std = beam_std_mm(shower.scene)
+    parts = stage.segments
+    place = stage.streams.generator("position", *key).random(len(segment))
+    std = beam_std_mm(stage.scene)
     if std == 0.0:
         return (
             parts.row[segment] + place * parts.row_step[segment],
@@ -161,42 +168,36 @@ def _emitted(
             parts.arrival_ps[segment] + place * parts.arrival_step_ps[segment],
             segment,
         )
-    return _emitted_from_beam(shower, key, segment, place)
+    return _emitted_from_beam(stage, key, segment, place)
 
 
 def _emitted_from_beam(
-    shower: Shower, key: tuple[int, int], segment: Ints, place: Floats
+    stage: Stage, key: tuple[int, int], segment: Ints, place: Floats
 ) -> tuple[Floats, Floats, Floats, Ints]:
     """As `_emitted`, for a beam with a diameter: off axis, and only the share that is caught."""
-    scene, parts = shower.scene, shower.segments
-    rng = shower.streams.generator("beam", *key)
+    scene, parts = stage.scene, stage.segments
+    rng = stage.streams.generator("beam", *key)
     length = parts.length_mm[segment] + (place - 0.5) * parts.size_mm[segment]
     points = points_on_path(scene, parts.leg[segment], length)
     for frame in leg_frames(scene):
         offset = beam_std_mm(scene) * rng.standard_normal(len(segment))
         points += offset[:, np.newaxis] * frame[parts.leg[segment]]
     row, col = scene.camera.pixels_from_points(points)
-    caught = shower.catch.caught_fraction(row, scene.shape[0])
-    caught *= shower.catch.caught_fraction(col, scene.shape[1])
+    caught = stage.detector.catch.caught_fraction(row, scene.shape[0])
+    caught *= stage.detector.catch.caught_fraction(col, scene.shape[1])
     # Drawn from an upper bound: this share of them was caught indeed.
-    kept = rng.random(len(segment)) * shower.catch.most_caught**2 < caught
-    flight = scene.medium.path_group_index * length[kept] / SPEED_OF_LIGHT_MM_PER_PS
-    arrival = arrival_time_from_event(
-        points[kept],
-        scene.emission_time_ps + flight,
-        camera_center_mm=scene.camera.center_mm,
-        return_group_index=scene.medium.return_group_index,
-    )
+    kept = rng.random(len(segment)) * stage.detector.catch.most_caught**2 < caught
+    arrival = arrival_at(scene, points[kept], length[kept])
     return row[kept], col[kept], arrival, segment[kept]
 
 
-def _caught(shower: Shower, key: tuple[int, int], row: Floats, col: Floats) -> Ints:
+def _caught(stage: Stage, key: tuple[int, int], row: Floats, col: Floats) -> Ints:
     """The pixel that caught each photon; (n,), numbered row by row."""
-    rows, cols = shower.scene.shape
-    uniform = shower.streams.generator("row", *key).random(len(row))
-    pixel = shower.catch.draw_pixels(row, rows, table=shower.choice, uniform=uniform) * cols
-    uniform = shower.streams.generator("col", *key).random(len(col))
-    pixel += shower.catch.draw_pixels(col, cols, table=shower.choice, uniform=uniform)
+    rows, cols = stage.scene.shape
+    uniform = stage.streams.generator("row", *key).random(len(row))
+    pixel = stage.detector.catch.draw_pixels(row, rows, table=stage.choice, uniform=uniform) * cols
+    uniform = stage.streams.generator("col", *key).random(len(col))
+    pixel += stage.detector.catch.draw_pixels(col, cols, table=stage.choice, uniform=uniform)
     return pixel
 
 
@@ -241,23 +242,23 @@ def delay_noise(
     return noise
 
 
-def _echoes_of_shower(
-    shower: Shower, key: tuple[int, int], pixel: Ints, arrival: Floats
+def _with_echoes(
+    stage: Stage, key: tuple[int, int], pixel: Ints, arrival: Floats
 ) -> tuple[Ints, Floats]:
     """The photons, followed by the crosstalk and the afterpulses they cause."""
-    detector = shower.scene.detector
+    detector = stage.detector
     if detector.crosstalk_probability > 0:
-        rng = shower.streams.generator("crosstalk", *key)
+        rng = stage.streams.generator("crosstalk", *key)
         causes = np.flatnonzero(rng.random(len(pixel)) < detector.crosstalk_probability)
         # The echo takes its cause's moment, and its own pixel's delay and clock.
         neighbour, inside = neighbours_of(
-            pixel[causes], rng.integers(0, 4, len(causes)), shower.scene.shape
+            pixel[causes], rng.integers(0, 4, len(causes)), stage.scene.shape
         )
         pixel = np.concatenate((pixel, neighbour[inside]))
         arrival = np.concatenate((arrival, arrival[causes][inside]))
     # An afterpulse falls into its parent's frame, whose first photon is its parent.
     if detector.afterpulse_probability > 0 and not detector.first_photon_only:
-        rng = shower.streams.generator("afterpulse", *key)
+        rng = stage.streams.generator("afterpulse", *key)
         causes = np.flatnonzero(rng.random(len(pixel)) < detector.afterpulse_probability)
         late = rng.exponential(detector.afterpulse_time_ps, len(causes))
         pixel = np.concatenate((pixel, pixel[causes]))

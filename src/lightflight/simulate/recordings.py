@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.recording.clock_fields import CLOCK_FIELDS
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording
-from lightflight.simulate.clock import TrueClock
 from lightflight.simulate.crosstalk import Photons, with_crosstalk, with_echoes
-from lightflight.simulate.detector import Detector, PixelDefects
-from lightflight.simulate.light import ExpectedLight, Segments, expected_light, segments_from_scene
-from lightflight.simulate.photons import Shower, signal_counts
+from lightflight.simulate.detector import Detector
+from lightflight.simulate.light import ExpectedLight, expected_light, segments_from_scene
+from lightflight.simulate.photons import Stage, signal_counts
 from lightflight.simulate.raw import (
     Block,
     blocks_from_frames,
@@ -46,53 +46,6 @@ _MOST_PHOTONS = 1e12
 _DEFAULT_PHOTONS = {"code_density": 4e6}
 _DEFAULT_OCCUPANCY = {"code_density": 0.6}
 _PAPER_OCCUPANCY = 0.04
-
-
-@dataclass(frozen=True, eq=False)
-class Stage:
-    """A scene worked out: what every kind of recording is made from.
-
-    Attributes
-    ----------
-    scene : Scene
-        What is there, what looks on and what catches the light.
-    segments : Segments
-        The path in short pieces.
-    expected : ExpectedLight
-        Scaled: counts.
-    scale : float
-        Expected counts per unit of relative light.
-    defects : PixelDefects
-        What each pixel of the scene's camera is.
-    streams : Streams
-        Random streams of the recording.
-    n_frames : int or None
-        Frames of the recording; None: the detector has none.
-    clock : TrueClock
-        Reads photons; its pixels are numbered row by row.
-    choice : array of float
-        Table from `Catch.choice_table`.
-    """
-
-    scene: Scene
-    segments: Segments
-    expected: ExpectedLight
-    scale: float
-    defects: PixelDefects
-    streams: Streams
-    n_frames: int | None
-    clock: TrueClock
-    choice: Floats
-
-    @property
-    def detector(self) -> Detector:
-        """The scene's detector."""
-        return self.scene.detector
-
-    @property
-    def exposure(self) -> Exposure:
-        """Frames, and what they lose."""
-        return Exposure(self.n_frames, self.detector.first_photon_only)
 
 
 @overload
@@ -311,21 +264,7 @@ def _recorded(stage: Stage, block: Block, *, lit: bool = True, threads: int | No
     clock = stage.clock
     signal = np.zeros((len(clock.width_ps), clock.n_codes + 1), dtype=np.int64)
     if lit:
-        signal = signal_counts(
-            Shower(
-                scene=stage.scene,
-                segments=stage.segments,
-                defects=stage.defects,
-                clock=clock,
-                streams=stage.streams,
-                catch=stage.detector.catch,
-                choice=stage.choice,
-                block=block.number,
-                span=(block.start, block.end),
-            ),
-            stage.scale * block.share,
-            threads=threads,
-        )
+        signal = signal_counts(stage, block, threads=threads)
     background = block.share * _background_counts(stage).ravel()
     exposure = Exposure(block.n_frames, stage.detector.first_photon_only)
     rng = stage.streams.generator("occupancy", block.number)
@@ -536,15 +475,8 @@ def clock_settings(detector: Detector, n_frames: int | None) -> dict[str, Any]:
     mapping
         Fields of `Histograms` and `Recording` by name.
     """
-    return {
-        "bin_width_ps": detector.bin_width_ps,
-        "laser_period_ps": detector.laser_period_ps,
-        "n_frames": n_frames,
-        "periods_per_frame": detector.periods_per_frame,
-        "reversed_codes": detector.reversed_codes,
-        "first_edge_ps": detector.first_edge_ps,
-        "no_photon_code": detector.no_photon_code,
-    }
+    told = {name: getattr(detector, name) for name in CLOCK_FIELDS if name != "n_frames"}
+    return {**told, "n_frames": n_frames}
 
 
 def _histograms(stage: Stage, counts: Ints, truth: Truth) -> Histograms:
