@@ -17,9 +17,10 @@ import pytest
 
 from lightflight import Histograms
 from lightflight.errors import MissingExtraError
+from lightflight.files.json_values import json_value
 from lightflight.view.page import build, page_html, write_page
 from lightflight.view.page.histograms import histogram_blob
-from lightflight.view.page.packing import packed, plain
+from lightflight.view.page.packing import packed
 from lightflight.view.page.payload import json_for_html, payload_from_records
 from tests.view import fakes
 
@@ -137,7 +138,7 @@ def test_metadata_of_any_kind_become_json() -> None:
         "c": (np.inf, True, None, {2.5}),
         "d": complex(1, 2),
     }
-    assert json.loads(json.dumps(plain(odd), allow_nan=False)) == {
+    assert json.loads(json.dumps(json_value(odd), allow_nan=False)) == {
         "1": None,
         "a": [0, 1, 2],
         "b": {"4": "x"},

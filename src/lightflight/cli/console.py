@@ -7,13 +7,14 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from lightflight.files.json_values import json_value, without_numpy
 from lightflight.files.names import harmless
 
 if TYPE_CHECKING:
@@ -52,11 +53,6 @@ def with_error(value: float, std: float) -> str:
     return f"{value:.{digits}f} ± {std:.{digits}f}"
 
 
-def _without_numpy(value: object) -> Any:
-    """Python numbers and lists for NumPy's, without importing NumPy."""
-    return value.tolist() if hasattr(value, "tolist") else value
-
-
 def plain(value: object) -> str:
     """Compact text of one value in a table.
 
@@ -75,7 +71,7 @@ def plain(value: object) -> str:
     >>> plain(40000), plain(0.123456789), plain([1, None]), plain(True)
     ('40,000', '0.12346', '(1, –)', 'yes')
     """
-    value = _without_numpy(value)
+    value = without_numpy(value)
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
     if isinstance(value, bool):  # before int, which it is too
@@ -89,37 +85,13 @@ def plain(value: object) -> str:
     return str(value)
 
 
-def json_value(value: object) -> Any:
-    """Strict JSON of nested mappings, sequences and NumPy values.
-
-    Parameters
-    ----------
-    value : object
-        What is to be written.
-
-    Returns
-    -------
-    object
-        The same in dict, list, str, int, float, bool and None; NaN and inf, for which JSON has no
-        word, become None.
-    """
-    value = _without_numpy(value)
-    if isinstance(value, Mapping):
-        return {str(key): json_value(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [json_value(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
 def print_json(value: object) -> None:
     """Print one JSON document to stdout.
 
     Parameters
     ----------
     value : object
-        As for `json_value`.
+        As for `files.json_values.json_value`.
     """
     click.echo(json.dumps(json_value(value), indent=2, ensure_ascii=False, allow_nan=False))
 

@@ -2,7 +2,8 @@
 
 - any file, whole or not at all: `whole_file`; what HDF5 writes to: `disk_file`; what killed
   writers left: `litter`; names that are no UTF-8: `names`
-- our versioned HDF5: `store`, with a digest over everything: `digest`; tables: `tables`
+- our versioned HDF5: `store`, with a digest over everything: `digest`; tables: `tables`; what JSON
+  can hold: `json_values`
 - set-up files: `toml_tables`
 - checks before memory is taken, and who is to blame for what is raised: `filecheck`
 - how every child process is started: `children`

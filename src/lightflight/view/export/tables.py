@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.files import tables
+from lightflight.files.json_values import json_value
 from lightflight.files.whole_file import atomic_path
 from lightflight.view.types import FilePath
 
@@ -187,9 +188,7 @@ def _struct(table: NDArray[Any]) -> dict[str, NDArray[Any]]:
 
 def description_of(light_path: LightPath) -> dict[str, Any]:
     """Method, prior, statements and provenance, as JSON can hold them."""
-    from lightflight.view.page.packing import plain
-
-    described: dict[str, Any] = plain(
+    described: dict[str, Any] = json_value(
         {
             "method": getattr(light_path, "method", ""),
             "prior": getattr(light_path, "prior", ""),

@@ -1,15 +1,14 @@
-"""Values as JSON can hold them: packed arrays, plain metadata, a camera."""
+"""What JSON can hold: packed arrays, a camera."""
 
 from __future__ import annotations
 
 import base64
-import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lightflight.files.json_values import json_value
 from lightflight.view.types import Json
 
 if TYPE_CHECKING:
@@ -32,30 +31,6 @@ def packed(array: ArrayLike, kind: str) -> Json:
     }
 
 
-def plain(value: object) -> Any:
-    """Any metadata as JSON can hold it: arrays as lists, NaN and inf as null, the rest as text.
-
-    Examples
-    --------
-    >>> plain({"angle_deg": float("nan"), "legs": (1, 2)})
-    {'angle_deg': None, 'legs': [1, 2]}
-    """
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple | set | frozenset):
-        return [plain(item) for item in value]
-    # Before the plain types: a NumPy number is none of them to `json`.
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    return str(value)
-
-
 def camera_part(camera: Camera | None, path: LightPath) -> Json | None:
     """A camera as the page draws it: place, axis, the field of view where the path is."""
     if camera is None:
@@ -67,7 +42,7 @@ def camera_part(camera: Camera | None, path: LightPath) -> Json | None:
     middle = finite.mean(axis=0) if len(finite) else camera.center_mm - camera.backward_axis
     return {
         "shape": list(camera.shape),
-        "center_mm": plain(np.asarray(camera.center_mm)),
-        "backward_axis": plain(np.asarray(camera.backward_axis)),
-        "field_mm": plain(field_of_view(camera, middle)),
+        "center_mm": json_value(np.asarray(camera.center_mm)),
+        "backward_axis": json_value(np.asarray(camera.backward_axis)),
+        "field_mm": json_value(field_of_view(camera, middle)),
     }

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags as fl
 from lightflight.errors import GeometryError
+from lightflight.files.json_values import json_value
 from lightflight.flight import Medium
 from lightflight.path.apparent_speed import apparent_speed_along
 from lightflight.path.error import path_error
@@ -28,7 +29,7 @@ from lightflight.path.trace import (
 )
 from lightflight.path.verdict import NOT_EXAMINED
 from lightflight.view.page.histograms import histogram_blob
-from lightflight.view.page.packing import camera_part, packed, plain
+from lightflight.view.page.packing import camera_part, packed
 from lightflight.view.page.second import second_view
 from lightflight.view.types import Json
 
@@ -131,16 +132,16 @@ def _path_part(path: LightPath, trace: Trace) -> Json:
         diagonal = np.diag(np.asarray(path.covariance, dtype=float))
         std = np.sqrt(np.maximum(diagonal, 0.0)).reshape(-1, 4)
     return {
-        "vertices_mm": plain(vertices),
-        "vertex_times_ps": plain(times),
-        "vertex_std": plain(std),
+        "vertices_mm": json_value(vertices),
+        "vertex_times_ps": json_value(times),
+        "vertex_std": json_value(std),
         "legs": [
             _fields(leg, "length_mm", "angle_deg", "angle_std_deg", "paper_angle_deg")
             for leg in getattr(path, "legs", ())
         ],
         "path_index": medium.path_group_index,
         "return_index": medium.return_group_index,
-        "first_arrival_ps": plain(float(trace.arrival_ps[0])) if len(trace.leg) else None,
+        "first_arrival_ps": json_value(float(trace.arrival_ps[0])) if len(trace.leg) else None,
         "pulse_fwhm_ps": float(width),
         "pulse_fwhm_known": getattr(source, "pulse_fwhm_ps", None) is not None,
         "source_known": source is not None and source.position_mm is not None,
@@ -154,7 +155,7 @@ _GOODNESS = (
 
 def _fields(record: object, *names: str) -> Json:
     """Fields of a record by name, as JSON can hold them."""
-    return {name: plain(getattr(record, name)) for name in names}
+    return {name: json_value(getattr(record, name)) for name in names}
 
 
 def _trace_part(path: LightPath, trace: Trace) -> Json:
@@ -205,14 +206,14 @@ def _truth_part(path: LightPath, truth: Polyline | None) -> Json | None:
     if truth is None:
         return None
     part = {
-        "vertices_mm": plain(np.asarray(truth.vertices_mm, dtype=float)),
-        "vertex_times_ps": plain(np.asarray(truth.vertex_times_ps, dtype=float)),
+        "vertices_mm": json_value(np.asarray(truth.vertices_mm, dtype=float)),
+        "vertex_times_ps": json_value(np.asarray(truth.vertex_times_ps, dtype=float)),
         "position_rms_mm": None,
         "time_rms_ps": None,
     }
     if getattr(path, "camera", None) is not None:
         position, time = errors_of(path, truth)
-        part["position_rms_mm"], part["time_rms_ps"] = plain(position), plain(time)
+        part["position_rms_mm"], part["time_rms_ps"] = json_value(position), json_value(time)
     return part
 
 
@@ -323,10 +324,10 @@ def fit_in_words(goodness: Goodness) -> str:
 def _words_part(path: LightPath) -> Json:
     goodness = getattr(path, "goodness", None)
     return {
-        "method": plain(getattr(path, "method", "")),
-        "prior": plain(getattr(path, "prior", "")),
-        "statements": plain(getattr(path, "statements", ())),
-        "provenance": plain(dict(getattr(path, "provenance", None) or {})),
+        "method": json_value(getattr(path, "method", "")),
+        "prior": json_value(getattr(path, "prior", "")),
+        "statements": json_value(getattr(path, "statements", ())),
+        "provenance": json_value(dict(getattr(path, "provenance", None) or {})),
         "goodness": None if goodness is None else _fields(goodness, *_GOODNESS),
         "fit": "" if goodness is None else fit_in_words(goodness),
     }
@@ -343,13 +344,13 @@ def _verdict_part(path: LightPath) -> Json:
             {
                 "name": str(finding.name),
                 "sentence": finding.sentence,
-                "sigma": plain(finding.sigma),
+                "sigma": json_value(finding.sigma),
                 "remedy": finding.remedy,
             }
             for finding in verdict.findings
         ],
         "blind_to": [str(spot) for spot in verdict.blind_to],
-        "exact": plain(getattr(path, "prices", ())),
+        "exact": json_value(getattr(path, "prices", ())),
         "explained": "" if explained is None else str(explained),
     }
 
@@ -364,25 +365,25 @@ def _clock_part(timing: TimingCalibration | None) -> Json | None:
     def spread(values: ArrayLike) -> float | None:
         kept = np.asarray(values, dtype=float)[good]
         kept = kept[np.isfinite(kept)]
-        return plain(float(kept.std())) if kept.size else None
+        return json_value(float(kept.std())) if kept.size else None
 
     phases = np.asarray(timing.phases, dtype=float)
     n_phases = phases.shape[2]
     return {
-        "bin_width_ps": plain(timing.bin_width_ps),
-        "scale_std": plain(timing.scale_std),
-        "laser_period_ps": plain(timing.laser_period_ps),
+        "bin_width_ps": json_value(timing.bin_width_ps),
+        "scale_std": json_value(timing.scale_std),
+        "laser_period_ps": json_value(timing.laser_period_ps),
         "reversed_codes": bool(timing.reversed_codes),
         "gain_std": spread(timing.gain),
         "delay_std_ps": spread(timing.skew_ps),
-        "response_std_ps": plain(np.nanmedian(response[good]))
+        "response_std_ps": json_value(np.nanmedian(response[good]))
         if np.isfinite(response[good]).any()
         else None,
-        "phases": plain(np.nanmean(phases[good], axis=0)) if 1 < n_phases <= 64 else None,
+        "phases": json_value(np.nanmean(phases[good], axis=0)) if 1 < n_phases <= 64 else None,
         "usable": int(good.sum()),
         "pixels": int(good.size),
         "reasons": fl.count_flags(timing.flags),
-        "notes": plain(timing.notes),
+        "notes": json_value(timing.notes),
     }
 
 

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lightflight.files.json_values import json_value
 from lightflight.path.apparent_speed import apparent_speed_along
 from lightflight.path.second_view import Observation, observe
 from lightflight.path.trace import Trace, trace_from_path
-from lightflight.view.page.packing import camera_part, packed, plain
+from lightflight.view.page.packing import camera_part, packed
 from lightflight.view.types import Floats, Json
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def second_view(path: LightPath, camera: Camera, trace: Trace) -> Json:
     speed = apparent_speed_along(other, camera=camera, medium=getattr(path, "medium", None))
     return {
         "camera": camera_part(camera, path),
-        "first_arrival_ps": plain(first),
+        "first_arrival_ps": json_value(first),
         "trace": {
             "arrival_ps": packed(other.arrival_ps - first, "f4"),
             "pixel": packed(np.stack((row, col), axis=1), "f4"),
