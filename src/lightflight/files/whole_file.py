@@ -80,6 +80,13 @@ def atomic_path(path: str | os.PathLike[str], *, directory: bool = False) -> Ite
     _flush_to_disk(target.parent)
 
 
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a page of text whole or not at all: UTF-8, its lines ending alike everywhere."""
+    with atomic_path(path) as fresh:
+        # What came from a name that is no UTF-8 must not stop the page.
+        fresh.write_text(text, encoding="utf-8", errors="replace", newline="\n")
+
+
 def _refuse_planted_links(path: Path) -> None:
     """Raise PermissionError where somebody else's link in a folder for all leads elsewhere.
 

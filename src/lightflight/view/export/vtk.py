@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight._version import __version__
-from lightflight.files.whole_file import atomic_path
+from lightflight.files.whole_file import write_text
 from lightflight.path.tables import Polyline
 from lightflight.path.trace import trace_from_path
 from lightflight.view.export.tables import checked_suffix
@@ -51,8 +51,7 @@ def write_vtu(light_path: LightPath, path: FilePath, *, per_leg: int = 65) -> No
     target, _ = checked_suffix(path, (".vtu",), "VTK ")
     points, point_data, cells, cell_data = _grid(light_path, per_leg)
     text = _document(points, point_data, cells, cell_data, _words(light_path))
-    with atomic_path(target) as fresh:
-        fresh.write_text(text, encoding="utf-8", errors="replace", newline="\n")
+    write_text(target, text)
 
 
 def _grid(

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from lightflight._version import __version__
 from lightflight.errors import NothingFoundError, optional_package
-from lightflight.files.whole_file import atomic_path
+from lightflight.files.whole_file import write_text
 from lightflight.view.page import tables
 from lightflight.view.page.payload import json_for_html, payload_from_records
 from lightflight.view.types import FilePath
@@ -214,5 +214,4 @@ def write_page(
         title=title,
         second_camera=second_camera,
     )
-    with atomic_path(file) as fresh:
-        fresh.write_text(text, encoding="utf-8", errors="replace", newline="\n")
+    write_text(file, text)

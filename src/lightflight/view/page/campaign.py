@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from lightflight._version import __version__
 from lightflight.display import number, with_error
-from lightflight.files.whole_file import atomic_path
+from lightflight.files.whole_file import write_text
 from lightflight.path.light_path import LightPath
 from lightflight.path.trace import trace_from_path
 from lightflight.path.verdict import Level
@@ -97,20 +97,12 @@ def write_campaign(
             entries.append((name, str(error), ""))
         else:
             page = f"{k + 1:04d}.html"
-            with atomic_path(folder / page) as fresh:
-                fresh.write_text(
-                    page_html(path, timing=timing, title=f"{heading(path)}: {Path(name).name}"),
-                    encoding="utf-8",
-                    errors="replace",
-                    newline="\n",
-                )
+            title_of_page = f"{heading(path)}: {Path(name).name}"
+            write_text(folder / page, page_html(path, timing=timing, title=title_of_page))
             entries.append((name, path, f"{folder.name}/{page}"))
         if progress is not None:
             progress(k + 1, len(path_files))
-    with atomic_path(index) as fresh:
-        fresh.write_text(
-            campaign_html(entries, title=title), encoding="utf-8", errors="replace", newline="\n"
-        )
+    write_text(index, campaign_html(entries, title=title))
 
 
 def campaign_html(entries: Sequence[tuple[str, LightPath | str, str]], *, title: str = "") -> str:
