@@ -302,14 +302,8 @@ def _tile_histograms(
         n_codes=empty.n_codes,
         pixel=photons[0],
         code=photons[1],
-        bin_width_ps=empty.bin_width_ps,
-        laser_period_ps=empty.laser_period_ps,
-        n_frames=recording.n_frames,
-        periods_per_frame=empty.periods_per_frame,
-        reversed_codes=empty.reversed_codes,
-        first_edge_ps=empty.first_edge_ps,
-        no_photon_code=empty.no_photon_code,
         settings=empty.settings,
+        **{**clock_fields_of(empty), "n_frames": recording.n_frames},
     )
     return histogram(tile)
 

@@ -8,6 +8,7 @@ brightness. NumPy only.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,7 +65,8 @@ class Observation:
 
     pulse_std_ps: float
 
-    def _pixel(self) -> NDArray[np.int64]:
+    @cached_property
+    def pixel(self) -> NDArray[np.int64]:
         """(n,), row * cols + col of every step."""
         rows, cols = self.camera.shape
         row = np.clip(np.floor(self.row + 0.5), 0, rows - 1).astype(np.int64)
@@ -73,18 +75,20 @@ class Observation:
 
     def image(self) -> Floats:
         """(rows, cols), light of the whole flight, 0 … 1 of the brightest pixel."""
-        size = self.camera.shape[0] * self.camera.shape[1]
-        light = np.bincount(self._pixel(), weights=self.strength, minlength=size)
+        light = self._summed()
         return np.asarray((light / max(light.max(initial=0.0), 1e-300)).reshape(self.camera.shape))
 
     def arrival_image(self) -> Floats:
         """(rows, cols), mean arrival time by pixel, ps; NaN where no light comes from."""
-        size = self.camera.shape[0] * self.camera.shape[1]
-        pixel = self._pixel()
-        light = np.bincount(pixel, weights=self.strength, minlength=size)
-        total = np.bincount(pixel, weights=self.strength * self.arrival_ps, minlength=size)
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray((total / light).reshape(self.camera.shape))
+            mean = self._summed(self.arrival_ps) / self._summed()
+        return np.asarray(mean.reshape(self.camera.shape))
+
+    def _summed(self, values: Floats | float = 1.0) -> Floats:
+        """(rows * cols,), values of the steps, weighed by their light and added up by pixel."""
+        size = self.camera.shape[0] * self.camera.shape[1]
+        light = self.strength * values
+        return np.asarray(np.bincount(self.pixel, light, size), dtype=np.float64)
 
     def frames(self, arrival_times_ps: ArrayLike, *, response_std_ps: float = 0.0) -> Floats:
         """Light in every pixel at moments of arrival time.
@@ -104,7 +108,7 @@ class Observation:
         moments = np.atleast_1d(np.asarray(arrival_times_ps, dtype=float))
         std = float(np.hypot(self.pulse_std_ps, response_std_ps))
         rows, cols = self.camera.shape
-        pixel = self._pixel()
+        pixel = self.pixel
         out = np.zeros((len(moments), rows * cols))
         for k, moment in enumerate(moments):
             z = (moment - self.arrival_ps) / std
@@ -112,20 +116,16 @@ class Observation:
             near = np.abs(z) < 6.0
             weight = self.strength[near] * np.exp(-0.5 * z[near] ** 2)
             out[k] = np.bincount(pixel[near], weights=weight, minlength=rows * cols)
-        peak = self._peak(pixel, std)
+        peak = self._peak(std)
         return np.asarray((out / peak).reshape(len(moments), rows, cols))
 
-    def _peak(self, pixel: NDArray[np.int64], std: float) -> float:
+    def _peak(self, std: float) -> float:
         """Light of the brightest pixel at the moment its mean light arrives."""
-        if len(pixel) == 0:
+        if len(self.row) == 0:
             return 1.0
-        size = self.camera.shape[0] * self.camera.shape[1]
-        light = np.bincount(pixel, weights=self.strength, minlength=size)
-        mean = np.bincount(pixel, weights=self.strength * self.arrival_ps, minlength=size)
-        when = mean / np.maximum(light, 1e-300)
-        z = (self.arrival_ps - when[pixel]) / std
-        best = np.bincount(pixel, weights=self.strength * np.exp(-0.5 * z**2), minlength=size)
-        return max(float(best.max()), 1e-300)
+        when = self._summed(self.arrival_ps) / np.maximum(self._summed(), 1e-300)
+        z = (self.arrival_ps - when[self.pixel]) / std
+        return max(float(self._summed(np.exp(-0.5 * z**2)).max()), 1e-300)
 
 
 def observe(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.flight import Medium, return_time_from_points
-from lightflight.path.tables import Polyline
+from lightflight.path.tables import RESIDUAL_DTYPE, Polyline
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -402,7 +402,7 @@ def places_from_path(path: Polyline) -> PulsePlaces:
     table = getattr(path, "residuals", None)
     camera = getattr(path, "camera", None)
     if table is None or camera is None or len(table) == 0:
-        table = np.zeros(0, dtype=[(n, float) for n in _RESIDUAL_FIELDS])
+        table = np.zeros(0, RESIDUAL_DTYPE)
     row, col = table["row"].astype(np.int64), table["col"].astype(np.int64)
     leg = table["leg"].astype(np.int64)
     vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
@@ -432,18 +432,6 @@ def places_from_path(path: Polyline) -> PulsePlaces:
         std_ps=table["std_ps"].astype(float),
         used=table["used"].astype(bool),
     )
-
-
-_RESIDUAL_FIELDS = (
-    "row",
-    "col",
-    "leg",
-    "arrival_ps",
-    "model_ps",
-    "residual_ps",
-    "std_ps",
-    "used",
-)
 
 
 def true_event_time_along(trace: Trace, truth: Polyline, *, camera: Camera | None) -> Floats:

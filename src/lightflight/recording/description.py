@@ -7,7 +7,7 @@ what is missing to reconstruct a path. The tests are coarse on purpose; `timing`
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -206,17 +206,8 @@ def _sum_of(halves: list[Histograms]) -> Histograms:
         return halves[0]
     first, second = halves
     counts = first.counts.astype(np.uint64) + second.counts
-    return Histograms(
-        counts,
-        bin_width_ps=first.bin_width_ps,
-        laser_period_ps=first.laser_period_ps,
-        n_frames=(first.n_frames or 0) + (second.n_frames or 0) or None,
-        periods_per_frame=first.periods_per_frame,
-        reversed_codes=first.reversed_codes,
-        first_edge_ps=first.first_edge_ps,
-        no_photon_code=first.no_photon_code,
-        settings=first.settings,
-    )
+    n_frames = (first.n_frames or 0) + (second.n_frames or 0) or None
+    return replace(first, counts=counts, n_frames=n_frames)
 
 
 def pixels_that_scream_in_a_scene(

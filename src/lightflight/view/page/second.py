@@ -60,10 +60,8 @@ def second_view(path: LightPath, camera: Camera, trace: Trace) -> Json:
 def _lights(seen: Observation, first_ps: float, start_ps: float) -> Json:
     """One row per pixel and leg: light, mean times, width of the pulse as that pixel sees it."""
     rows, cols = seen.camera.shape
-    row = np.clip(np.floor(seen.row + 0.5), 0, rows - 1).astype(np.int64)
-    col = np.clip(np.floor(seen.col + 0.5), 0, cols - 1).astype(np.int64)
     # One number per leg and pixel: where legs cross, their light stays apart.
-    key, where = np.unique((seen.leg * rows + row) * cols + col, return_inverse=True)
+    key, where = np.unique(seen.leg * rows * cols + seen.pixel, return_inverse=True)
 
     def mean(values: Floats) -> Floats:
         return np.bincount(where, weights=seen.strength * values) / light
