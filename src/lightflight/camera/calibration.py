@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -190,9 +190,7 @@ def fit_camera(
     residuals = np.full(seen.shape, np.nan)
     residuals[used] = fit.residuals_px
     _warn_of_outliers(residuals, fit)
-    return CameraFit(
-        fit.camera, fit.lens, fit.lens_std, residuals, fit.pixel_std_px, fit.dof, fit.views
-    )
+    return replace(fit, residuals_px=residuals)
 
 
 # ---- checks ---------------------------------------------------------------------------------

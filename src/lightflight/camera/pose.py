@@ -33,10 +33,17 @@ def is_planar(points: Floats) -> bool:
     return bool(len(spread) < 3 or spread[2] <= 1e-6 * spread[0])
 
 
-def _null_vector(rows: Floats) -> Floats:
-    """Unit vector x that makes |rows x| least."""
+def _projection(points: Floats, image: Floats) -> Floats:
+    """(3, k) of size 1 with image ~ P points, points (n, k) homogeneous: the linear transform."""
+    zero = np.zeros_like(points)
+    rows = np.concatenate(
+        [
+            np.hstack([points, zero, -image[:, :1] * points]),
+            np.hstack([zero, points, -image[:, 1:2] * points]),
+        ]
+    )
     # The triangle has the same singular vectors, without a left basis as long as the data.
-    return np.asarray(np.linalg.svd(np.linalg.qr(rows, mode="r"))[2][-1])
+    return np.asarray(np.linalg.svd(np.linalg.qr(rows, mode="r"))[2][-1].reshape(3, -1))
 
 
 def _homography(plane: Floats, image: Floats) -> Floats:
@@ -50,12 +57,7 @@ def _homography(plane: Floats, image: Floats) -> Floats:
         )
     a = np.column_stack([plane, np.ones(len(plane))]) @ moves[0].T
     b = np.column_stack([image, np.ones(len(image))]) @ moves[1].T
-    zero = np.zeros_like(a)
-    rows = np.concatenate(
-        [np.hstack([a, zero, -b[:, :1] * a]), np.hstack([zero, a, -b[:, 1:2] * a])]
-    )
-    h = _null_vector(rows).reshape(3, 3)
-    return np.asarray(np.linalg.solve(moves[1], h @ moves[0]))
+    return np.asarray(np.linalg.solve(moves[1], _projection(a, b) @ moves[0]))
 
 
 def _nearest_rotation(matrix: Floats) -> Floats:
@@ -129,11 +131,7 @@ def poses_from_space(points: Floats, rays: Floats) -> list[Floats]:
     center = points.mean(axis=0)
     scale = float(np.sqrt(((points - center) ** 2).sum(1).mean()))
     a = np.column_stack([(points - center) / scale, np.ones(len(points))])
-    zero = np.zeros_like(a)
-    rows = np.concatenate(
-        [np.hstack([a, zero, -rays[:, :1] * a]), np.hstack([zero, a, -rays[:, 1:2] * a])]
-    )
-    p = _null_vector(rows).reshape(3, 4)
+    p = _projection(a, rays)
     # A projection has no size either; a rotation has determinant 1.
     size = np.cbrt(np.linalg.det(p[:, :3]))
     if not abs(size) > 1e-12:

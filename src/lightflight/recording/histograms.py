@@ -315,3 +315,21 @@ class Histograms:
         if self.no_photon_code is not None:
             upper[self.no_photon_code] = lower[self.no_photon_code]
         return lower, upper
+
+
+def nominal_intervals(
+    hist: Histograms,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
+    """Lower and upper end of each code, (codes,), and their unit: ps, or codes in time's order.
+
+    Parameters
+    ----------
+    hist : Histograms
+        Whose codes; where their width is unknown, their numbers stand in for times.
+    """
+    if hist.bin_width_ps is not None:
+        return *hist.code_intervals_ps(), "ps"
+    code = np.arange(hist.n_codes, dtype=np.float64)
+    # A reversed clock counts down to the sync: the last code comes first.
+    lower, upper = (-code - 1.0, -code) if hist.reversed_codes else (code, code + 1.0)
+    return lower, np.where(hist.photon_codes, upper, lower), "codes"

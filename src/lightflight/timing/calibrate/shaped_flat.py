@@ -254,7 +254,6 @@ def delays_from_shaped_flat(
     timing: TimingCalibration,
     flat_arrival_ps: ArrayLike = 0.0,
     response: ArrayLike | None = None,
-    decay_ps: float | None = None,
 ) -> FlatDelays:
     """Delay of every live pixel of a flat whose pulse has a shape of its own.
 
@@ -263,8 +262,8 @@ def delays_from_shaped_flat(
     flat : counts, (rows, cols, codes), of light that reaches all pixels alike.
     timing : clock whose codes are calibrated (or nominal).
     flat_arrival_ps : when the onset of the light reached each pixel, scalar or (rows, cols), ps.
-    response : (codes,), counts of the instrument's response. None: the array's own mean pulse.
-    decay_ps : decay time of the light, ps. None: fitted, one for all pixels.
+    response : (codes,), counts of the instrument's response, convolved with a decay that is fitted,
+        one for all pixels. None: the array's own mean pulse.
 
     Raises
     ------
@@ -286,7 +285,7 @@ def delays_from_shaped_flat(
     if response is None:
         shape, fits = _fit_own_shape(pixels, start)
     else:
-        shape = _reconvolved(flat, timing, pixels, _checked_response(response, flat), decay_ps)
+        shape = _reconvolved(flat, timing, pixels, _checked_response(response, flat))
         start = start - shape.time_ps[int(np.searchsorted(shape.cumulated, 0.1))]
         fits = _fit_blocks(pixels, shape, start)
     return _flat_delays(fits, pixels, photons, arrival, flat.laser_period_ps)
@@ -439,12 +438,9 @@ def _reconvolved(
     timing: TimingCalibration,
     pixels: _Pixels,
     response: Floats,
-    decay_ps: float | None,
 ) -> PulseShape:
-    """Response with the decay time that is given, or that suits the brightest pixels best."""
+    """Response with the decay time that suits the brightest pixels best."""
     lower, upper = timing.code_intervals_ps(pixels.rows[:1], pixels.cols[:1])
-    if decay_ps is not None:
-        return shape_from_response(response, lower[0], upper[0], decay_ps=decay_ps)
     brightest = np.argsort(-pixels.counts.sum(axis=1, dtype=np.float64), kind="stable")
     sample = np.sort(brightest[:_DECAY_SAMPLE])
     counts, edges = pixels.counts[sample], pixels.edges_ps(sample)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lightflight import flags as fl
 from lightflight._kernels import pulse as kernel
-from lightflight.recording.histograms import Histograms
+from lightflight.recording.histograms import Histograms, nominal_intervals
 from lightflight.timing.pulses import split as splitting
 from lightflight.timing.pulses.batch import Fit, Model, fit
 from lightflight.timing.pulses.bins import Bins, bins_of
@@ -98,14 +98,8 @@ def clock_of(hist: Histograms, timing: CodeClock | None) -> Clock:
     if timing is not None:
         timing.check_matches(hist)
         return Clock(timing, none, none, timing.laser_period_ps or math.inf)
-    if hist.bin_width_ps is not None:
-        lower, upper = hist.code_intervals_ps()
-        period = hist.laser_period_ps or math.inf
-    else:
-        code = np.arange(hist.n_codes, dtype=np.float64)
-        lower, upper = (-code - 1.0, -code) if hist.reversed_codes else (code, code + 1.0)
-        upper = np.where(hist.photon_codes, upper, lower)
-        period = math.inf
+    lower, upper, unit = nominal_intervals(hist)
+    period = (hist.laser_period_ps if unit == "ps" else None) or math.inf
     return Clock(None, lower[None, :].copy(), upper[None, :].copy(), period)
 
 

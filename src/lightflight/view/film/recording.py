@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from lightflight.errors import NothingFoundError
+from lightflight.recording.histograms import nominal_intervals
 from lightflight.view import style
 from lightflight.view.film.encode import Frame, Progress, check_movie, write_frames
 from lightflight.view.film.stage import Stage
@@ -101,15 +102,7 @@ def slices_from_histograms(
 
 def _codes_in_time(hist: Histograms) -> tuple[Floats, Floats, Whole, str]:
     """Lower and upper edge of the live codes in ascending time, their order, and the unit."""
-    if hist.bin_width_ps is not None:
-        lower, upper = hist.code_intervals_ps()
-        unit = "ps"
-    else:
-        code = np.arange(hist.n_codes, dtype=float)
-        # A reversed clock counts down to the sync: the last code comes first.
-        lower, upper = (-code - 1.0, -code) if hist.reversed_codes else (code, code + 1.0)
-        upper = np.where(hist.photon_codes, upper, lower)
-        unit = "codes"
+    lower, upper, unit = nominal_intervals(hist)
     live = np.flatnonzero(upper > lower)
     order = live[np.argsort(lower[live])]
     return lower[order], upper[order], order, unit
