@@ -76,3 +76,15 @@ def test_a_wrong_score_ends_where_it_began():
     x, _, converged = ascend(np.array([3.0]), slope_at, _added, most_steps=200)
     assert not converged
     assert x[0] == 3.0
+
+
+def test_a_climb_that_only_tiny_steps_lead_up_is_not_at_the_top():
+    """Ten errors below it, where nothing further than 1e-3 of one can be evaluated."""
+
+    def slope_at(x):
+        value = -0.5 * float((x - 10.0) @ (x - 10.0))
+        return _Slope(value if abs(x[0]) < 1e-3 else np.nan, 10.0 - x, np.eye(1))
+
+    x, _, converged = ascend(np.array([0.0]), slope_at, _added, most_steps=200)
+    assert 0.0 < x[0] < 1e-3
+    assert not converged

@@ -24,6 +24,8 @@ _FREE_DAMPING = 1e-2
 """A short step tells that the top is near only where damping did not shorten it."""
 _TINY = 1e-3
 """Along a gauge only short steps go up: one this short that does is an end, however damped."""
+_LEFT = 1.0
+"""It is the top only where an undamped step would be no longer than this many standard errors."""
 _FIRST_DAMPING = 1e-3
 _LEAST_DAMPING = 1e-12
 """Ten up, ten down: near the top the step is Fisher's, whose curvature is the covariance."""
@@ -152,8 +154,11 @@ def ascend(
             point, slope = trial, new
         length2 = float(step @ information @ step) / len(step)
         short = length2 < _TOLERANCE**2 or abs(gained) < level
-        if (short and damping <= _FREE_DAMPING) or (higher and length2 < _TINY**2):
+        if short and damping <= _FREE_DAMPING:
             return point, slope, True
+        if higher and length2 < _TINY**2:
+            left = damped_step(slope.information, slope.score, _FIRST_DAMPING + gauge)
+            return point, slope, bool(left @ slope.information @ left < _LEFT**2 * len(left))
         damping = max(damping / 10.0, _LEAST_DAMPING) if higher else damping * 10.0
         if damping > _MOST_DAMPING:
             break
