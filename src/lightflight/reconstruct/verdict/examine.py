@@ -76,7 +76,9 @@ def examined(
         light, unseen = ((), ()) if beyond else _light(fit, sightings, nominal_clock)
         aside = (*said, *beyond, *unseen, *hidden)
         verdict = verdict_from_evidence((*evidence, *light), aside)
-        verdict = verdict_with_light_taken_up(verdict, evidence, aside, fit, sightings)
+        verdict = verdict_with_light_taken_up(
+            verdict, evidence, aside, fit, sightings, nominal=nominal_clock
+        )
     if verdict.level is Level.CONTRADICTED:
         verdict = replace(verdict, findings=(*_mistakes(sightings[0], setting), *verdict.findings))
     if verdict.level is not Level.TRUST:

@@ -31,6 +31,8 @@ def verdict_with_light_taken_up(
     noticed: Sequence[Finding],
     fit: JointFit,
     sightings: list[Sighting],
+    *,
+    nominal: bool,
 ) -> Verdict:
     """The verdict where the counts are held against a flight with the light that the fit found.
 
@@ -46,6 +48,8 @@ def verdict_with_light_taken_up(
         The path, and the strengths of diffuse light.
     sightings : list of Sighting
         Its recordings.
+    nominal : bool
+        Whether the widths of the codes were never measured.
 
     Returns
     -------
@@ -56,7 +60,7 @@ def verdict_with_light_taken_up(
     if plain.level is not Level.CONTRADICTED or first not in _DIFFUSE or not _plausible(fit):
         return plain
     try:
-        counts = evidence_from_counts(fit, sightings, nominal=False, taken_up=True)
+        counts = evidence_from_counts(fit, sightings, nominal=nominal, taken_up=True)
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return plain
     left = verdict_from_evidence((*evidence, *counts), noticed)
