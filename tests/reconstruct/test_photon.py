@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import lightflight as lf
 from lightflight.errors import NothingFoundError
 from lightflight.path.error import path_error
 from lightflight.path.light_path import LightPath
@@ -259,9 +260,9 @@ class TestCamera:
         lab = one_leg()
         parts = [
             Sighting(
-                lab.recording(k, n_frames=50_000 * (k + 1)), lab.timing, None, None,
+                hist, lab.timing, lf.find_arrivals(hist, timing=lab.timing), np.zeros(0),
                 np.zeros(lab.camera.shape, bool),
             )
-            for k in range(2)
+            for hist in (lab.recording(k, n_frames=50_000 * (k + 1)) for k in range(2))
         ]  # fmt: skip
         assert merged(parts).histograms.n_frames == 150_000

@@ -137,10 +137,11 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
         for _ in range(_MOST_PATHS):
             clear, strengths = without_diffuse(plain, fit, setting, nominal=nominal)
             seconds = any(o.diffuse is not None and o.diffuse.second is not None for o in clear)
+            shown = fit
             if seconds or any(np.abs(one.shares).max() > _MUCH for one in strengths):
                 # Lines and brightness, too, without what is no leg's.
-                fit = pictured_again(fit, clear, setting)
-            better = fitted_again(fit, clear, setting)
+                shown = pictured_again(fit, clear, setting)
+            better = fitted_again(shown, clear, setting)
             far = moved_stds(fit, better) > _FAR_STDS
             if far:
                 again = fit_joint(clear, better.solution.state, setting, legs=None)
@@ -220,10 +221,10 @@ def without_diffuse(
                 # Each repeat by itself, in the light that all of them show.
                 part = found[number].histograms.photons.sum() / whole.histograms.photons.sum()
                 cells = _cells(found[number], seen, lit, std, nominal)
-                one = of_repeat(known, pulses, beside, cells, part)
+                one = of_repeat(known, beside, cells, part)
             bright = replace(beam, photons=part * beam.photons)
             clear = _without_wings(found[number], seen.of(wing))
-            found[number] = _corrected(clear, _measured(one, pulses, beside, bright, part))
+            found[number] = _corrected(clear, _measured(one, beside, bright, part))
     return found, tuple(strengths)
 
 
@@ -315,11 +316,9 @@ def _cells(whole: Sighting, seen: Seen, lit: Indices, std_ps: float, nominal: bo
     return cells_about(whole, rows, cols, reference, fine, nominal=nominal)
 
 
-def _measured(
-    known: Known, pulses: Pulses, beside: Beside, beam: light.Beam, part: float
-) -> _Measured:
+def _measured(known: Known, beside: Beside, beam: light.Beam, part: float) -> _Measured:
     """Times of the path's pulses, the last step after those at which the pixels were fitted."""
-    pixels, seen, strengths = known.pixels, beside.seen, known.strengths
+    pixels, pulses, seen, strengths = known.pixels, known.pulses, beside.seen, known.strengths
     s = pulses.late_ps.shape[1]
     own = slice(s, 2 * s)
     mine = replace(beside, cells=pixels.cells, wide=part * beside.wide)

@@ -74,7 +74,8 @@ def merged(sightings: list[Sighting]) -> Sighting:
     Returns
     -------
     Sighting
-        The first, with the counts of all and the pixels blind that are blind in any.
+        The first, with the counts of all, its pulses as bright as in all, and the pixels blind that
+        are blind in any.
     """
     if len(sightings) == 1:
         return sightings[0]
@@ -89,12 +90,11 @@ def merged(sightings: list[Sighting]) -> Sighting:
         counts=counts.astype(np.uint64),
         n_frames=sum(known) if len(known) == len(frames) else None,
     )
-    diffuse = first.diffuse
-    if diffuse is not None:
-        diffuse = diffuse.times(
-            float(counts.sum()) / max(float(first.histograms.photons.sum()), 1.0)
-        )
-    return replace(first, histograms=whole, blind=blind, diffuse=diffuse)
+    # What was found in the first is so much brighter in all of them.
+    factor = float(counts.sum()) / max(float(first.histograms.photons.sum()), 1.0)
+    arrivals = replace(first.arrivals, photons=factor * first.arrivals.photons)
+    diffuse = None if first.diffuse is None else first.diffuse.times(factor)
+    return replace(first, histograms=whole, arrivals=arrivals, blind=blind, diffuse=diffuse)
 
 
 def without_outliers(
@@ -303,15 +303,21 @@ def codes_of_pixels(
     response, other = sighting.timing.response, np.empty((0, 0))
     skew = found.skew_ps[:, np.newaxis]
     intervals = found.lower_ps - skew, found.upper_ps - skew
+    open_share = open_share_of(
+        sighting.histograms, pixels.rows, pixels.cols, (found.lower_ps, found.upper_ps)
+    )
     if sighting.diffuse is not None:
         other = sighting.diffuse.counts(
             pixels.rows, pixels.cols, intervals,
             float(sighting.histograms.laser_period_ps or 0.0), setting.camera.shape,
         )  # fmt: skip
+        # As in its cells: of photons of which those that came first are counted.
+        other *= open_share / open_share.max(axis=1, keepdims=True)
     pulses = strange_pulses(sighting, state, setting, std_ps)
     whole = whole_pulses(sighting, pulses)
     if whole.any():
         more = counts_of_pulses(sighting, pulses[whole], pixels.rows, pixels.cols, intervals)
+        more *= open_share
         other = more if not other.size else other + more
     # What is not known well enough to be expected would be fitted as background.
     strange = np.zeros(setting.camera.shape, dtype=bool)
@@ -322,9 +328,7 @@ def codes_of_pixels(
         upper_ps=found.upper_ps,
         period_ps=float(sighting.histograms.laser_period_ps or 0.0),
         use_outside=~strange[pixels.rows, pixels.cols],
-        open_share=open_share_of(
-            sighting.histograms, pixels.rows, pixels.cols, (found.lower_ps, found.upper_ps)
-        ),
+        open_share=open_share,
         shape=np.empty((3, 0)) if response is None else response.table(),
         other=other,
     )

@@ -112,6 +112,8 @@ class Known:
         Whether a further round would move them no more.
     dispersion : float
         Variance of counts over that of Poisson's.
+    pulses : Pulses
+        Where and how wide light was expected when the pixels were fitted.
     """
 
     strengths: light.Strengths
@@ -121,6 +123,7 @@ class Known:
     step: Floats
     settled: bool
     dispersion: float
+    pulses: Pulses
 
     def misfit(self) -> float:
         """Deviance of the counts: twice what the log-likelihood lacks, up to a constant."""
@@ -169,7 +172,7 @@ def strengths_of(
     value, before, damping = np.zeros(size), np.zeros(size + free), 1.0
     for _ in range(_MOST_ROUNDS):
         now = light.Strengths(value, np.zeros((size, size)))
-        other, _ = beside.other(now, second)
+        expected, (other, _) = pulses, beside.other(now, second)
         pixels = lit_pixels(
             beside.cells, pulses, dispersion=dispersion, tails=now.tails, other=other
         )
@@ -205,7 +208,7 @@ def strengths_of(
             second = second.of_width(float(np.median(pixels.std_ps[:, 0])))
     covariance: Floats = np.linalg.inv(total).astype(np.float64, copy=False)
     found = light.Strengths(value, covariance)
-    return Known(found, second, pixels, dark, step, settled, dispersion)
+    return Known(found, second, pixels, dark, step, settled, dispersion, expected)
 
 
 def _precision(value: Floats, free: int) -> Floats:
@@ -225,13 +228,13 @@ def _length(step: Floats, size: int) -> float:
     return float(np.abs(scaled).max())
 
 
-def of_repeat(known: Known, pulses: Pulses, beside: Beside, cells: Cells, part: float) -> Known:
+def of_repeat(known: Known, beside: Beside, cells: Cells, part: float) -> Known:
     """One repeat, in the light that all of them show: `part` of it."""
     second = None if known.second is None else known.second.times(part)
     mine = replace(beside, cells=cells, wide=part * beside.wide)
     pixels = lit_pixels(
         cells,
-        pulses,
+        known.pulses,
         dispersion=known.dispersion,
         tails=known.strengths.tails,
         other=mine.other(known.strengths, second)[0],

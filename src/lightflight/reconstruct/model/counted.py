@@ -166,7 +166,9 @@ class Pixels:
 
     def taken_of(self, columns: Floats) -> Floats:
         """By how much the pixels' unknowns take up columns (n, m, k); (n, q, k)."""
-        return self.said_of(columns)[2]
+        weighted = self.weight[:, :, np.newaxis] * columns
+        taken: Floats = self.inverse @ (np.swapaxes(self.slopes, 1, 2) @ weighted)
+        return taken
 
     def said_of(self, columns: Floats) -> tuple[Floats, Floats, Floats]:
         """What the counts say of the sizes of columns (n, m, k), the pixels' own eliminated.
@@ -274,7 +276,7 @@ def lit_pixels(
     center = np.zeros_like(unknown)
     center[:, -1] = start
     # Two pulses at one place may trade light without end.
-    most = cells.counts.sum(axis=1)[:, np.newaxis] + 1.0
+    most = np.sum(cells.counts / cells.open_share, axis=1)[:, np.newaxis] + 1.0
     steps = _STEPS if s else 2
     for step in range(steps):
         mean, slopes = _expected(cells, width, late, std, unknown, pulses.shape, tails, other)
