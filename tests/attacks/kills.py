@@ -23,7 +23,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -248,7 +248,8 @@ class Tally:
     new: int = 0
     lost: int = 0
     half: int = 0
-    litter: int = 0
+    left: list[str] = field(default_factory=list)
+    """Files, and processes, that lie there after all."""
     swept: int = 0
 
     def moment(self, rng: np.random.Generator, *, while_writing: bool) -> float:
@@ -258,7 +259,7 @@ class Tally:
     def line(self) -> str:
         """A row of the table."""
         times = (f"{self.seconds:.2g}", f"{self.writes_from_s:.2g}")
-        found = (self.kills, self.old, self.new, self.swept, self.lost, self.half, self.litter)
+        found = (self.kills, self.old, self.new, self.swept, self.lost, self.half, len(self.left))
         return "| " + " | ".join(map(str, (self.name, *times, *found))) + " |"
 
 
@@ -391,7 +392,7 @@ def killed_at_random(
     branched(words[0], None)
     tally.half += sum(_state(here / name, whole[name]) not in whole[name] for name in whole)
     left = litter_in(here, command.outputs) + litter_in(folder / "tmp", ())
-    tally.litter = len(left + processes_with(folder / "tmp"))
+    tally.left = left + [f"process {one}" for one in processes_with(folder / "tmp")]
     return tally
 
 
@@ -452,7 +453,9 @@ def _main() -> int:
     _say(HEAD)
     found = run(options.kills, large_bytes=options.large_mb * 1_000_000, only=options.only,
                 report=_say)  # fmt: skip
-    return 1 if any(one.lost or one.half or one.litter for one in found) else 0
+    for one in found:
+        _say("".join(f"{one.name} left {name}\n" for name in one.left))
+    return 1 if any(one.lost or one.half or one.left for one in found) else 0
 
 
 if __name__ == "__main__":

@@ -166,15 +166,67 @@ def test_chunks_that_lack_within_shards_are_told(tmp_path):
 
 @pytest.mark.parametrize("packed", ["zstd", "blosc", "gzip", "two gzip"])
 def test_chunks_that_would_swell_are_refused_unpacked(tmp_path, packed):
-    """A chunk of 640 bytes that would become 64 MB."""
+    """A chunk of 640 bytes that would become 16 MB."""
     codecs = zarr.codecs
     kinds = {"zstd": codecs.ZstdCodec(), "blosc": codecs.BloscCodec(), "gzip": codecs.GzipCodec()}
     path = folder_of(tmp_path, 3, compressors=kinds[packed.split()[-1]])
-    zeros = bytes(64 << 20)
+    zeros = bytes(16 << 20)
     packers = {"zstd": numcodecs.Zstd(), "blosc": numcodecs.Blosc(), "gzip": numcodecs.GZip()}
     content = bytes(packers[packed.split()[-1]].encode(zeros))
     if packed == "two gzip":
         content = bytes(numcodecs.GZip().encode(b"\0")) + content
     (path / "c" / "0" / "0" / "0").write_bytes(content)
     with pytest.raises(FileFormatError, match=r"becomes .* bytes or does not say how many"):
+        read(path, axes="yxt")
+
+
+def _shards(inner: list[int], codecs: list[Any]) -> dict[str, Any]:
+    index = [{"name": "bytes", "configuration": {"endian": "little"}}]
+    told = {"chunk_shape": inner, "codecs": codecs, "index_codecs": index, "index_location": "end"}
+    return {"name": "sharding_indexed", "configuration": told}
+
+
+_BYTES = {"name": "bytes", "configuration": {"endian": "little"}}
+_BLOSC = {
+    "name": "blosc",
+    "configuration": {
+        "cname": "zstd", "clevel": 5, "shuffle": "noshuffle", "typesize": 2, "blocksize": 0,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["packed again", "within shards", "too long", "too many"])
+def test_what_lies_in_shards_is_not_hidden(tmp_path, kind):
+    """64 MB in a few kilobytes, where the index of its shard does not show it."""
+    bomb = bytes(numcodecs.Blosc(cname="zstd").encode(bytes(64 << 20)))
+    inner, packed = [4, 5, 16], [_BYTES, _BLOSC]
+    entry = np.array([0, len(bomb)], "<u8").tobytes()
+    content, codecs = bomb + entry, [_shards(inner, packed)]
+    if kind == "packed again":
+        zeros = bytes(numcodecs.Zstd().encode(bytes(64 << 20)))
+        content, codecs = zeros, [_shards(inner, [_BYTES]), {"name": "zstd", "configuration": {}}]
+    elif kind == "within shards":
+        # The outer index: one entry; read as that of two, it says that nothing is there.
+        content += np.array([0, len(content)], "<u8").tobytes()
+        codecs = [_shards(inner, [_shards(inner, packed)])]
+    elif kind == "too long":
+        content = bomb + np.array([0, len(bomb) + 999], "<u8").tobytes()
+    path = changed(folder_of(tmp_path), 3, codecs=codecs)
+    if kind == "too many":
+        grid = {"name": "regular", "configuration": {"chunk_shape": [4, 5, 1 << 40]}}
+        changed(path, 3, codecs=[_shards([1, 1, 1], packed)], chunk_grid=grid)
+    for file in path.rglob("c/*/0/0"):
+        file.write_bytes(content)
+    with pytest.raises(FileFormatError, match=r"several layers|is cut|becomes|in each shard|multi"):
+        read(path, axes="yxt")
+
+
+@pytest.mark.parametrize("name", [".zattrs", "0.0.0"])
+def test_files_of_a_store_are_no_longer_than_what_they_stand_for(tmp_path, name, monkeypatch):
+    """A gigabyte of holes behind metadata or a chunk: zarr reads files whole."""
+    path = folder_of(tmp_path, 2)
+    with (path / name).open("ab") as file:
+        file.truncate(1 << 30)
+    monkeypatch.setattr(zarr, "open_array", lambda *_, **__: pytest.fail("zarr was asked"))
+    with pytest.raises(FileFormatError, match=r"is too large|a multiple of what it stands for"):
         read(path, axes="yxt")

@@ -42,6 +42,7 @@ _MOST_LENGTH = 1 << 48
 # What is no larger can do no harm, whatever it says.
 _SPARE_BYTES = 1 << 16
 _ABSENT = (1 << 64) - 1
+_INDEX_ENTRY_BYTES = 16
 # zarr takes 0.1 ms and 3 kB for a chunk, there or not: 6 s and 200 MB for nothing are enough.
 _MOST_ABSENT, _ABSENT_PER_FOUND = 1 << 16, 16
 _BEHIND = ("crc32c", "sharding_indexed")
@@ -96,6 +97,8 @@ def checked_arrays(folder: Path) -> dict[str, Mapping[str, Any]]:
     found: dict[str, Mapping[str, Any]] = {}
     for place, names in _files_in(folder):
         name = place.relative_to(folder).as_posix() if place != folder else ""
+        if ".zattrs" in names:
+            _check_length(place / ".zattrs", folder)
         if "zarr.json" in names:
             known = _json_of(place / "zarr.json", folder)
             if known.get("node_type") == "array":
@@ -127,9 +130,13 @@ def _raise(error: OSError) -> None:
     raise error
 
 
-def _json_of(file: Path, folder: Path) -> dict[str, Any]:
+def _check_length(file: Path, folder: Path) -> None:
     if file.stat().st_size > _METADATA_BYTES:
         raise FileFormatError(f"{file.name} is too large: the folder is damaged", path=folder)
+
+
+def _json_of(file: Path, folder: Path) -> dict[str, Any]:
+    _check_length(file, folder)
     try:
         found = json.loads(file.read_bytes())
     except (ValueError, RecursionError):
@@ -164,9 +171,11 @@ def _check_array(name: str, metadata: Mapping[str, Any], folder: Path) -> None:
     packers = [k for k, one in enumerate(codecs) if one in _COMPRESSORS]
     # What is outermost says how long a chunk becomes; a checksum behind it does not hide that.
     outer = [one for one in codecs[packers[0] + 1 :] if one not in _BEHIND] if packers else []
-    if outer:
+    # The index of shards is where they end: nothing may be packed around them, no shards either.
+    if outer or "sharding_indexed" in codecs[:-1]:
         raise FileFormatError(
-            f"array {name!r} is packed in several layers ({', '.join(codecs)}): save it with one",
+            f"array {name!r} is packed in several layers ({', '.join(codecs[-6:])}): save it with "
+            "one",
             path=folder,
         )
 
@@ -275,11 +284,33 @@ def checked_chunks(folder: Path, name: str, metadata: Mapping[str, Any]) -> Stor
     # A filter may have made wider numbers of them.
     most = math.prod(inner) * max(8, _item_bytes(metadata)) + _SPARE_BYTES
     per_shard = math.prod(-(-a // b) for a, b in zip(chunks, inner, strict=True)) if shards else 1
+    if _INDEX_ENTRY_BYTES * per_shard > _METADATA_BYTES:
+        raise FileFormatError(
+            f"array {name!r} asks for {per_shard} chunks in each shard: it is damaged, or save it "
+            "in larger ones",
+            path=folder,
+        )
+    # What does not shrink grows a little; what is longer would only be read.
+    longest = most + most // 64
     n_found = n_bytes = 0
     for file in _chunk_files(place, grid, metadata):
-        n_bytes += file.stat().st_size
+        size = file.stat().st_size
+        if size > per_shard * (longest + _INDEX_ENTRY_BYTES):
+            where = file.relative_to(folder)
+            raise FileFormatError(
+                f"chunk {where} has {size} bytes, a multiple of what it stands for: the folder is "
+                "damaged",
+                path=folder,
+            )
+        n_bytes += size
         with file.open("rb") as stream:
             for start, length in _pieces(stream, per_shard, shards):
+                if start + length > size:
+                    raise FileFormatError(
+                        f"chunk {file.relative_to(folder)} is cut, or its index is damaged: copy "
+                        "the folder again",
+                        path=folder,
+                    )
                 n_found += 1
                 stream.seek(start)
                 _check_piece(stream, length, packer, most, file.relative_to(folder), folder)
@@ -327,17 +358,17 @@ def _pieces(
     if shards is None:
         yield 0, size
         return
-    index = 16 * per_shard
+    index = _INDEX_ENTRY_BYTES * per_shard
     tail = index + 4 * (len(shards["index_codecs"]) - 1)
     stream.seek(0 if shards.get("index_location") == "start" else max(0, size - tail))
     # Read in parts: a shard may claim any number of chunks, and its file ends them.
     for _ in range(per_shard):
-        entry = stream.read(16)
-        if len(entry) < 16:
+        entry = stream.read(_INDEX_ENTRY_BYTES)
+        if len(entry) < _INDEX_ENTRY_BYTES:
             return
         at = stream.tell()
         start, length = (int.from_bytes(entry[k : k + 8], "little") for k in (0, 8))
-        if start != _ABSENT and start + length <= size:
+        if start != _ABSENT:
             yield start, length
         stream.seek(at)
 
