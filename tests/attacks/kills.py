@@ -13,6 +13,7 @@ be left either: `batch` has workers.
 from __future__ import annotations
 
 import argparse
+import atexit
 import hashlib
 import os
 import shutil
@@ -285,10 +286,12 @@ def branched(
             for stream in (0, 1) if after_s is None else (0, 1, 2):
                 os.dup2(nowhere, stream)
             litter._swept.clear()
+            atexit._clear()  # what this process wants to be done at its end is not for a branch
             result = CliRunner().invoke(main, words)
             code = result.exit_code
             if code:
                 os.write(2, result.output.encode())
+            atexit._run_exitfuncs()  # which `os._exit` leaves out
         os._exit(code)
     ended, status = os.waitpid(pid, os.WNOHANG)
     while not ended:

@@ -166,11 +166,11 @@ def test_chunks_that_lack_within_shards_are_told(tmp_path):
 
 @pytest.mark.parametrize("packed", ["zstd", "blosc", "gzip", "two gzip"])
 def test_chunks_that_would_swell_are_refused_unpacked(tmp_path, packed):
-    """A chunk of 640 bytes that would become 16 MB."""
+    """A chunk of 640 bytes that would become 4 MB."""
     codecs = zarr.codecs
     kinds = {"zstd": codecs.ZstdCodec(), "blosc": codecs.BloscCodec(), "gzip": codecs.GzipCodec()}
     path = folder_of(tmp_path, 3, compressors=kinds[packed.split()[-1]])
-    zeros = bytes(16 << 20)
+    zeros = bytes(4 << 20)
     packers = {"zstd": numcodecs.Zstd(), "blosc": numcodecs.Blosc(), "gzip": numcodecs.GZip()}
     content = bytes(packers[packed.split()[-1]].encode(zeros))
     if packed == "two gzip":
