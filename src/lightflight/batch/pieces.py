@@ -18,6 +18,7 @@ from lightflight.batch.job import Job, finish, make_folder, recording_of, task
 from lightflight.batch.kept import is_kept_whole, kept_arrays
 from lightflight.batch.warnings_said import caught_warnings
 from lightflight.errors import FileFormatError
+from lightflight.files.mapped import rows_of
 from lightflight.recording.counting import histogram
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording, SlicedArray
@@ -52,7 +53,7 @@ class PartOfArray:
 
     def __getitem__(self, key: slice) -> Any:
         first, last, _ = key.indices(self.end - self.start)
-        return self.whole[self.start + first : self.start + max(first, last)]
+        return rows_of(self.whole, self.start + first, self.start + max(first, last))
 
 
 def bytes_of(recording: Recording) -> int:

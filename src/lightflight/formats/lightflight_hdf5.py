@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from lightflight.errors import ConfigError, FileFormatError
 from lightflight.files.filecheck import check_memory, record_error_as_format_error
+from lightflight.files.mapped import rows_of
 from lightflight.files.store import kind_of_record, load_record, new_record, open_record, read_array
 from lightflight.formats.photons import photon_blocks
 from lightflight.formats.registry import Format
@@ -218,7 +219,7 @@ def _append_all(out: Any, name: str, source: Any) -> None:
     """Copy frames or footers (n, ...) in blocks, so that memory does not grow with them."""
     out.append(name, np.empty((0, *source.shape[1:]), source.dtype), compress=True)
     for first in range(0, source.shape[0], _FRAMES_PER_APPEND):
-        out.append(name, np.asarray(source[first : first + _FRAMES_PER_APPEND]))
+        out.append(name, np.asarray(rows_of(source, first, first + _FRAMES_PER_APPEND)))
 
 
 def _arrays_and_values(truth: Any) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:

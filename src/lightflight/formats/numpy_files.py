@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from lightflight.errors import ConfigError, FileFormatError
 from lightflight.files.filecheck import check_claim, damage_as_format_error, readable_file
+from lightflight.files.mapped import mapped
 from lightflight.files.whole_file import atomic_path
 from lightflight.formats.clock import pf32_clock
 from lightflight.formats.cubes import (
@@ -94,7 +95,7 @@ def read_npy(
     _check_length(found, dtype, path, offset)
     axes = axes_of("array", found, axes, path=path)
     # Mapped, so that frames larger than memory can be counted.
-    values: Any = np.memmap(path, dtype, "r", offset, found, "F" if fortran else "C")
+    values: Any = mapped(path, dtype, found, offset=offset, order="F" if fortran else "C")
     if "f" not in axes:
         axes_of_file = axes[::-1] if fortran else axes
         lengths = found[::-1] if fortran else found

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lightflight.errors import ConfigError, FileFormatError
 from lightflight.files.filecheck import record_error_as_format_error
+from lightflight.files.mapped import mapped, rows_of
 from lightflight.files.whole_file import atomic_path
 from lightflight.formats.clock import PF32_CODES, pf32_clock
 from lightflight.formats.cubes import checked_shape
@@ -72,7 +73,7 @@ def read(
     n_frames, left = divmod(path.stat().st_size, stride)
     if left or n_frames == 0:
         raise _odd_size(path, rows, cols, (footer_bytes,))
-    words = np.memmap(path, "<u2", "r", shape=(n_frames, stride // 2))
+    words = mapped(path, "<u2", (n_frames, stride // 2), order="C")
     frames = words[:, : rows * cols].reshape(n_frames, rows, cols)
     footers = words[:, rows * cols :].view(np.uint8) if footer_bytes else None
     fields, notes = pf32_clock(clock)
@@ -113,8 +114,9 @@ def _found_footer(path: Path, frame_bytes: int, n_codes: int) -> int:
 
 def _last_frames(path: Path, n_words: int) -> NDArray[np.uint16]:
     """(frames, n_words), the end of the file cut into frames of so many words."""
-    words = np.memmap(path, "<u2", "r")
-    frames: NDArray[np.uint16] = np.array(words[-n_words * _FRAMES_LOOKED_AT :])
+    there = path.stat().st_size // 2
+    first = max(0, there - n_words * _FRAMES_LOOKED_AT)
+    frames: NDArray[np.uint16] = np.fromfile(path, "<u2", offset=2 * first)
     return frames.reshape(-1, n_words)
 
 
@@ -151,7 +153,7 @@ def write(record: Recording | Histograms, path: Path) -> None:
         raise ValueError("raw files hold dense frames: write .h5 to keep events or histograms")
     with atomic_path(path) as fresh, fresh.open("wb") as file:
         for first in range(0, record.frames.shape[0], 4096):
-            block = np.asarray(record.frames[first : first + 4096])
+            block = np.asarray(rows_of(record.frames, first, first + 4096))
             file.write(np.ascontiguousarray(block, dtype="<u2").data)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.files.mapped import rows_of
 from lightflight.recording.counting import check_codes
 from lightflight.recording.recording import Recording, pixel_dtype
 
@@ -82,7 +83,7 @@ def _blocks_of_frames(recording: Recording) -> Iterator[PhotonBlock]:
     pixels = np.empty(step * n_pixels + SPARE, pixel_dtype(recording.shape))
     codes = np.empty(step * n_pixels + SPARE, np.uint16)
     for first in range(0, source.shape[0], step):
-        block = np.ascontiguousarray(source[first : first + step], np.uint16)
+        block = np.ascontiguousarray(rows_of(source, first, first + step), np.uint16)
         block = block.reshape(-1, n_pixels)
         counts = np.empty(block.shape[0], np.uint32)
         n = list_photons(block, np.uint16(absent), pixels, codes, counts)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
-from lightflight.files.filecheck import check_memory, record_error_as_format_error
+from lightflight.files.filecheck import blame, check_memory, record_error_as_format_error
 from lightflight.formats.registry import Format
 from lightflight.recording.recording import Recording
 
@@ -138,7 +138,16 @@ class _Photons:
     def _read(self, first: int, last: int) -> NDArray[np.uint32]:
         found, block = [], max(0, bisect.bisect_right(self.starts, first) - 1)
         while block < len(self.starts) - 1 and self.starts[block] < last:
-            photons, start = _photons_of_block(self.path, block), self.starts[block]
+            start, end = self.starts[block : block + 2]
+            try:
+                photons = _photons_of_block(self.path, block)
+            except OSError as error:
+                raise FileFormatError(blame(error), path=self.path) from error
+            if photons.size != end - start:
+                raise FileFormatError(
+                    "was changed while it was read: wait until it is written, and read it again",
+                    path=self.path,
+                )
             found.append(photons[max(0, first - start) : last - start])
             block += 1
         return np.concatenate(found) if found else np.empty(0, np.uint32)

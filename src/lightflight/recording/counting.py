@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
 from lightflight.files.filecheck import allowed_memory_bytes, memory_sentence
+from lightflight.files.mapped import map_of, rows_of
 from lightflight.recording.clock_fields import clock_fields_of
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Progress, Recording
@@ -175,7 +176,7 @@ def _count_frames(
         return kernels.add_frames_in_window(*given, slot, *kept, lit, codes, counts)
 
     for first, last in _chunks(start, end, chunk_bytes // (slot.size * source.dtype.itemsize)):
-        block = np.ascontiguousarray(source[first:last], np.uint16).reshape(-1, slot.size)
+        block = np.ascontiguousarray(rows_of(source, first, last), np.uint16).reshape(-1, slot.size)
         if absent is None:
             check_codes(recording, block, first)
             kernels.add_all_codes(block, slot, *kept, counts)
@@ -252,7 +253,10 @@ def _count_events(
     is_whole = window.shape == (*recording.shape, recording.n_codes)
     # A photon takes four bytes: pixel and code, two each.
     for first, last in _chunks(start, end, chunk_bytes // 4):
-        pixels, codes = np.asarray(pixel[first:last]), np.asarray(code[first:last])
+        pixels, codes = (
+            np.asarray(rows_of(pixel, first, last)),
+            np.asarray(rows_of(code, first, last)),
+        )
         if not add_events(pixels, codes, recording.n_codes, slot, *kept, is_whole, counts):
             raise _no_such_photon(recording, pixels, codes, first)
         _release_pages(pixel)
@@ -318,11 +322,9 @@ def _column_without_photon(record: Recording | Histograms, window: _Window) -> i
 def _release_pages(source: object) -> None:
     """Give back the pages of a read-only memory map, which would count as our memory."""
     if isinstance(source, np.memmap) and source.mode == "r" and hasattr(mmap, "MADV_DONTNEED"):
-        base: Any = source.base
-        while isinstance(base, np.ndarray):
-            base = base.base
-        if isinstance(base, mmap.mmap):
-            base.madvise(mmap.MADV_DONTNEED)
+        whole = map_of(source)
+        if whole is not None:
+            whole.madvise(mmap.MADV_DONTNEED)
 
 
 def _histograms_from_counts(
