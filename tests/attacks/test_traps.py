@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -102,6 +103,41 @@ def test_settings_that_lie_there_are_not_those_of_libraries(tmp_path):
     )
     done = run_there(tmp_path, sys.executable, "-P", "-c", asked, os.fspath(tmp_path))
     assert done.stdout.split() == ["True", "False", "ffmpeg", "True"], done.stderr
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="POSIX")
+def test_kernels_are_not_taken_from_where_others_can_write(tmp_path, monkeypatch, caplog):
+    """They are pickles and machine code: who can put them there can run code."""
+    import numba
+
+    from lightflight._kernels import jit
+
+    def kept_in(folder: Path, mode: int) -> bool:
+        folder.mkdir(exist_ok=True)
+        folder.chmod(mode)
+        monkeypatch.setattr(numba.config, "CACHE_DIR", str(folder))
+        jit._is_ours.cache_clear()
+        kernel: Any = jit.jit(_nothing)
+        return kernel.stats.cache_path is not None
+
+    assert kept_in(tmp_path / "own", 0o755)
+    assert kept_in(tmp_path / "sticky", 0o1777)
+    assert not caplog.records
+    assert not kept_in(tmp_path / "open", 0o777)
+    assert "other users can write to" in caplog.text
+    # A folder in it that somebody made before us, for what is kept of this very file.
+    (within,) = (tmp_path / "sticky").iterdir()
+    within.chmod(0o777)
+    assert not kept_in(tmp_path / "sticky", 0o1777)
+    within.chmod(0o755)
+    if os.getuid() == 0:  # who alone can give folders away
+        os.chown(tmp_path / "own", 12_345, -1)
+        assert not kept_in(tmp_path / "own", 0o755)
+    jit._is_ours.cache_clear()
+
+
+def _nothing() -> None:
+    pass
 
 
 UNITS = """

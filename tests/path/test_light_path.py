@@ -73,6 +73,13 @@ class TestRecord:
         with pytest.raises(ValueError, match="vertices_mm must be finite: vertex 2 is"):
             make_path(vertices, vertex_times_ps=np.arange(4.0), source=Source())
 
+    def test_a_path_is_not_beyond_what_pictures_hold(self):
+        """`export -o x.glb` of such a file ended in an internal error."""
+        vertices = PAPER_VERTICES.copy()
+        vertices[2, 1] = 1e300
+        with pytest.raises(ValueError, match=r"vertices_mm must lie within 1e\+15 mm"):
+            make_path(vertices, vertex_times_ps=np.arange(4.0), source=Source())
+
     def test_goodness_without_freedom_has_no_ratio(self):
         assert np.isnan(Goodness(3.0, 0, 1, 0, 1.0, 0.0, True).reduced_chi2)
         assert Goodness(3.0, 2, 1, 0, 1.0, 0.0, True).reduced_chi2 == 1.5

@@ -12,9 +12,13 @@ newcomer's first command waits for is their compilation, each function 0.1 s and
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import logging
 import os
+import stat
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -58,13 +62,37 @@ def jit(function: F) -> F:
 
     Numba refuses to decorate a cached function where neither the package's folder nor the
     user's cache folder can be written (a read-only install, a locked-down cluster node): the
-    kernel is then compiled once per process. Types are found at the first call, never here.
+    kernel is then compiled once per process, and so it is where others can write there, for
+    what is kept is code. Types are found at the first call, never here.
     """
     _KERNELS.add(function)
-    try:
-        return cast(F, numba.njit(cache=True, **_OPTIONS)(function))
-    except RuntimeError:
-        return cast(F, numba.njit(cache=False, **_OPTIONS)(function))
+    with contextlib.suppress(RuntimeError):
+        kept = numba.njit(cache=True, **_OPTIONS)(function)
+        if _is_ours(kept.stats.cache_path, function.__code__.co_filename):
+            return cast(F, kept)
+    return cast(F, numba.njit(cache=False, **_OPTIONS)(function))
+
+
+@functools.cache
+def _is_ours(folder: str, source: str) -> bool:
+    """Whether nobody may write there but us, the administrator and who owns the package."""
+    if not hasattr(os, "geteuid"):  # Windows
+        return True
+    trusted = {0, os.geteuid(), Path(source).stat().st_uid}
+    named: str = getattr(numba.config, "CACHE_DIR", "")
+    for place in {folder, named or folder}:
+        status = Path(place).stat()
+        # A sticky folder for all (`/tmp`) may hold a folder of ours, and nothing else that is kept.
+        is_open = bool(status.st_mode & stat.S_IWOTH)
+        is_sticky = place != folder and bool(status.st_mode & stat.S_ISVTX)
+        if status.st_uid not in trusted or (is_open and not is_sticky):
+            logging.getLogger("lightflight").warning(
+                "compiled kernels are not kept: other users can write to %s; name a folder of your "
+                "own in NUMBA_CACHE_DIR",
+                place,
+            )
+            return False
+    return True
 
 
 def piece(function: F) -> F:
