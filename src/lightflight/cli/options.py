@@ -6,6 +6,7 @@ are never checked by click: whether one can be read or written is said by who re
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -50,6 +51,9 @@ strict_option = click.option(
     is_flag=True,
     help='End with exit code 6 unless the verdict is "trust"; what was asked for is written.',
 )
+
+_OUTPUTS = ("output", "outputs", "plot", "plots")
+"""Parameters of commands that name files to write."""
 
 RECORD_SUFFIXES = (".h5", ".hdf5")
 """Of our own files."""
@@ -195,6 +199,24 @@ def lab_options(command: Command) -> Command:
     return lab(set_option("set-up")(dry_run(command)))
 
 
+def with_lab(command: Callable[..., None]) -> Callable[..., None]:
+    """The options of `lab_options`, for a command that takes `lab` and is left out by --dry-run."""
+
+    @functools.wraps(command)
+    def run(
+        *, lab_path: Path | None, assignments: tuple[str, ...], dry_run: bool, **options: object
+    ) -> None:
+        from lightflight.cli.records import lab_from_options, print_lab
+
+        lab = lab_from_options(lab_path, assignments)
+        if dry_run:
+            print_lab(lab)
+        else:
+            command(lab=lab, **options)
+
+    return lab_options(run)
+
+
 def _hints_from_texts(
     _context: click.Context, _option: click.Parameter, texts: Iterable[str]
 ) -> dict[str, Any]:
@@ -230,10 +252,17 @@ def hint_option(command: Command) -> Command:
     return hint(trust_option(command))
 
 
+def _inputs_of_command() -> list[Path]:
+    """All files that the command was given to read."""
+    given = click.get_current_context().params
+    read = [value for name, value in given.items() if name not in _OUTPUTS]
+    parts = [part for value in read for part in (value if isinstance(value, tuple) else (value,))]
+    return [part for part in parts if isinstance(part, Path)]
+
+
 def check_outputs(
     outputs: Iterable[Path],
     *,
-    inputs: Iterable[Path],
     suffixes: Iterable[str],
     kinds: tuple[str, ...] = (),
     option: str = "-o",
@@ -244,8 +273,6 @@ def check_outputs(
     ----------
     outputs : iterable of Path
         Files to write.
-    inputs : iterable of Path
-        Files that are read, which no output may replace.
     suffixes : iterable of str
         What the outputs may end in, lower case.
     kinds : tuple of str, optional
@@ -256,10 +283,10 @@ def check_outputs(
     Raises
     ------
     click.UsageError
-        For an unknown suffix, a folder that does not exist, an output that is an input, and a
-        file in the place of an HDF5 output that is not an earlier result of the same kind.
+        For an unknown suffix, a folder that does not exist, an output that the command reads, and
+        a file in the place of an HDF5 output that is not an earlier result of the same kind.
     """
-    allowed, read = list(suffixes), list(inputs)
+    allowed, read = list(suffixes), _inputs_of_command()
     for output in outputs:
         given = f"{option} {output}"
         if output.suffix.lower() not in allowed:

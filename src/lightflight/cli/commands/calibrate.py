@@ -142,10 +142,8 @@ def command(
         raise click.UsageError("give --code-density, --flat, or better both")
     if not outputs:
         raise click.UsageError("give -o with the calibration (.h5) or a figure to write")
-    inputs = [path for path in (code_density, *flats, dark) if path is not None]
     check_outputs(
         outputs,
-        inputs=inputs,
         suffixes=(*RECORD_SUFFIXES, *PLOT_SUFFIXES),
         kinds=("calibration",),
     )

@@ -83,8 +83,7 @@ def command(
         read_histograms,
     )
 
-    inputs = [path for path in (lab_path, recording, timing_path) if path is not None]
-    check_outputs(outputs, inputs=inputs, suffixes=PLOT_SUFFIXES)
+    check_outputs(outputs, suffixes=PLOT_SUFFIXES)
     lab = lab_from_options(lab_path, assignments)
     hist = read_histograms(recording, lab, hints)
     checked = _checked(lab, hist, calibration_from_option(timing_path))

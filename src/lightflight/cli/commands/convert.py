@@ -14,11 +14,12 @@ from lightflight.cli.options import (
     debug_option,
     hint_option,
     json_option,
-    lab_options,
     outputs_option,
+    with_lab,
 )
 
 if TYPE_CHECKING:
+    from lightflight.lab import Lab
     from lightflight.recording.histograms import Histograms
     from lightflight.recording.recording import Recording
 
@@ -52,7 +53,7 @@ def _range_option(name: str, what: str) -> Callable[[Command], Command]:
     "once.",
     required=True,
 )
-@lab_options
+@with_lab
 @hint_option
 @json_option
 @debug_option
@@ -65,10 +66,8 @@ def command(
     cols: tuple[int, int] | None,
     frames: tuple[int, int] | None,
     outputs: tuple[Path, ...],
-    lab_path: Path | None,
-    assignments: tuple[str, ...],
+    lab: Lab,
     hints: dict[str, Any],
-    dry_run: bool,
     as_json: bool,
 ) -> None:
     """Write the recording in FILE, of any format that can be read, in other formats.
@@ -83,12 +82,8 @@ def command(
       lightflight convert series.mat --hint axes=tyx --hint bin_width_ps=55 -o recording.h5
       lightflight convert recording.h5 --codes 200 400 -o window.npz -o window.mat
     """
-    from lightflight.cli.records import lab_from_options, print_lab, read_hinted
+    from lightflight.cli.records import read_hinted
 
-    lab = lab_from_options(lab_path, assignments)
-    if dry_run:
-        print_lab(lab)
-        return
     _check_targets(outputs, file)
     record = read_hinted(file, lab, hints)
     parts = {"codes": codes, "rows": rows, "cols": cols, "frames": frames}

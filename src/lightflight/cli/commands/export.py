@@ -42,7 +42,7 @@ def command(*, file: Path, what: str, samples: int, outputs: tuple[Path, ...]) -
       lightflight export path.h5 --what pulses -o pulses.parquet
       lightflight export path.h5 -o path.vtu -o path.glb
     """
-    check_outputs(outputs, inputs=[file], suffixes=EXPORT_SUFFIXES, kinds=())
+    check_outputs(outputs, suffixes=EXPORT_SUFFIXES, kinds=())
     from lightflight.path.light_path import LightPath
     from lightflight.view.export.files import export_path
 

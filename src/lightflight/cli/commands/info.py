@@ -14,9 +14,9 @@ from lightflight.cli.options import (
     debug_option,
     hint_option,
     json_option,
-    lab_options,
     path_option,
     timing_option,
+    with_lab,
 )
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     type=click.IntRange(min=2),
     help="Cut a long recording into this many stretches and say how its pulses move.",
 )
-@lab_options
+@with_lab
 @hint_option
 @json_option
 @debug_option
@@ -46,10 +46,8 @@ def command(
     timing_path: Path | None,
     slices: int | None,
     plot: Path | None,
-    lab_path: Path | None,
-    assignments: tuple[str, ...],
+    lab: Lab,
     hints: dict[str, Any],
-    dry_run: bool,
     as_json: bool,
 ) -> None:
     """Say what FILE holds: a recording of any known format, a calibration or a path.
@@ -61,14 +59,8 @@ def command(
       lightflight info new_flat.h5 --timing calibration.h5
       lightflight info long.h5 --slices 10
     """
-    from lightflight.cli.records import lab_from_options, print_lab
-
-    lab = lab_from_options(lab_path, assignments)
-    if dry_run:
-        print_lab(lab)
-        return
     if plot is not None:
-        check_outputs([plot], inputs=[file], suffixes=PLOT_SUFFIXES, option="--plot")
+        check_outputs([plot], suffixes=PLOT_SUFFIXES, option="--plot")
     # Before anything is drawn: a file that cannot be read leaves no figure behind.
     path = _path_in(file)
     facts, sentences = _facts_of(file, lab, hints) if path is None else _path_facts(path)

@@ -13,9 +13,9 @@ from lightflight.cli.options import (
     check_viewpoint,
     debug_option,
     hint_option,
-    lab_options,
     outputs_option,
     viewpoint_options,
+    with_lab,
 )
 from lightflight.view.suffixes import MOVIE_SUFFIXES
 
@@ -72,7 +72,7 @@ def _size_from_text(
 )
 @click.option("--title", default="", help="Of a recording: heading of the film.")
 @outputs_option("Film to write (.mp4 .gif).", required=True)
-@lab_options
+@with_lab
 @hint_option
 @debug_option
 def command(
@@ -87,10 +87,8 @@ def command(
     slice_codes: int,
     title: str,
     outputs: tuple[Path, ...],
-    lab_path: Path | None,
-    assignments: tuple[str, ...],
+    lab: Lab,
     hints: dict[str, Any],
-    dry_run: bool,
 ) -> None:
     """Make a film of what FILE holds: a path (both clocks side by side) or a recording.
 
@@ -103,15 +101,9 @@ def command(
       lightflight movie path.h5 --viewpoint 900 40 30 -o from-the-side.mp4
       lightflight movie recording.h5 -o recording.mp4
     """
-    from lightflight.cli.records import lab_from_options, print_lab
     from lightflight.files.store import kind_of_record
 
-    lab = lab_from_options(lab_path, assignments)
-    if dry_run:
-        print_lab(lab)
-        return
-    inputs = [p for p in (file, lab_path) if p is not None]
-    check_outputs(outputs, inputs=inputs, suffixes=MOVIE_SUFFIXES, kinds=())
+    check_outputs(outputs, suffixes=MOVIE_SUFFIXES, kinds=())
     check_viewpoint(lab, from_lab_camera=from_lab_camera, viewpoint_mm=viewpoint_mm)
     kind = kind_of_record(file)
     if kind == "calibration":

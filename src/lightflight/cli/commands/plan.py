@@ -131,8 +131,7 @@ def command(
     from lightflight.lab import scene_from_lab
     from lightflight.reconstruct.limits.planning import plan
 
-    inputs = [] if setup is None else [setup]
-    check_outputs(outputs, inputs=inputs, suffixes=PLOT_SUFFIXES)
+    check_outputs(outputs, suffixes=PLOT_SUFFIXES)
     lab = lab_from_options(setup, assignments)
     scene = scene_from_lab(lab)
     if photons is None:

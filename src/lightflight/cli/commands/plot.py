@@ -13,9 +13,9 @@ from lightflight.cli.options import (
     check_outputs,
     debug_option,
     hint_option,
-    lab_options,
     outputs_option,
     timing_option,
+    with_lab,
 )
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ _DRAWERS = {
 )
 @click.option("--dpi", type=click.FloatRange(min=10, max=2000), help="Dots per inch of pixels.")
 @outputs_option("Figure to write (.png .pdf .svg); may be given more than once.", required=True)
-@lab_options
+@with_lab
 @hint_option
 @debug_option
 def command(
@@ -67,10 +67,8 @@ def command(
     pixel: tuple[int, int] | None,
     dpi: float | None,
     outputs: tuple[Path, ...],
-    lab_path: Path | None,
-    assignments: tuple[str, ...],
+    lab: Lab,
     hints: dict[str, Any],
-    dry_run: bool,
 ) -> None:
     """Draw a figure of what FILE holds.
 
@@ -85,14 +83,7 @@ def command(
       lightflight plot path.h5 --what times -o fig6b.svg
       lightflight plot recording.h5 --timing calibration.h5 --what pixel --pixel 12 16 -o p.png
     """
-    from lightflight.cli.records import lab_from_options, print_lab
-
-    lab = lab_from_options(lab_path, assignments)
-    if dry_run:
-        print_lab(lab)
-        return
-    inputs = [p for p in (file, timing_path, lab_path) if p is not None]
-    check_outputs(outputs, inputs=inputs, suffixes=PLOT_SUFFIXES, kinds=())
+    check_outputs(outputs, suffixes=PLOT_SUFFIXES, kinds=())
     from lightflight.view.export.files import write_figure
 
     figure = _figure_of(file, what, timing_path, pixel, lab, hints)

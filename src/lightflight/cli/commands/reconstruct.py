@@ -117,7 +117,6 @@ def command(
     lab = _lab_with_options(lab_path, assignments, method, n_legs, free)
     check_outputs(
         outputs,
-        inputs=inputs,
         suffixes=(*RECORD_SUFFIXES, ".csv", *PLOT_SUFFIXES),
         kinds=("path",),
     )

@@ -73,9 +73,7 @@ def command(
     from lightflight.simulate import simulate
 
     inputs = [] if lab_path is None else [lab_path]
-    check_outputs(
-        [output], inputs=inputs, suffixes=RECORD_SUFFIXES, kinds=("histograms", "recording")
-    )
+    check_outputs([output], suffixes=RECORD_SUFFIXES, kinds=("histograms", "recording"))
     lab = lab_from_options(lab_path, assignments)
     scene = scene_from_lab(lab)
     if dry_run:

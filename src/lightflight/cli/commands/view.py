@@ -13,11 +13,11 @@ from lightflight.cli.options import (
     check_viewpoint,
     debug_option,
     hint_option,
-    lab_options,
     outputs_option,
     path_option,
     timing_option,
     viewpoint_options,
+    with_lab,
 )
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ PAGE_SUFFIXES = (".html", ".htm")
 @click.option("--title", default="", help="Heading of the page.")
 @click.option("--open", "show", is_flag=True, help="Open the page in the browser.")
 @outputs_option("Page to write (.html).  [default: the path's name, ending in .html]")
-@lab_options
+@with_lab
 @hint_option
 @debug_option
 def command(
@@ -55,10 +55,8 @@ def command(
     title: str,
     show: bool,
     outputs: tuple[Path, ...],
-    lab_path: Path | None,
-    assignments: tuple[str, ...],
+    lab: Lab,
     hints: dict[str, Any],
-    dry_run: bool,
 ) -> None:
     """Make one self-contained page about the path in PATHS (path files of `reconstruct`).
 
@@ -71,20 +69,13 @@ def command(
       lightflight view path.h5 --viewpoint 900 40 30
       lightflight view run-*/path.h5 -o campaign.html
     """
-    from lightflight.cli.records import lab_from_options, print_lab
-
-    lab = lab_from_options(lab_path, assignments)
-    if dry_run:
-        print_lab(lab)
-        return
-    inputs = [p for p in (*paths, recording_path, timing_path, lab_path) if p is not None]
     if len(outputs) > 1:
         raise click.UsageError("-o may be given once: there is one page")
     if len(paths) > 1:
         output = outputs[0] if outputs else Path("campaign.html")
     else:
         output = outputs[0] if outputs else paths[0].with_suffix(".html")
-    check_outputs([output], inputs=inputs, suffixes=PAGE_SUFFIXES, kinds=())
+    check_outputs([output], suffixes=PAGE_SUFFIXES, kinds=())
     check_viewpoint(lab, from_lab_camera=from_lab_camera, viewpoint_mm=viewpoint_mm)
     # What goes with one path alone would have to be of all of them.
     if len(paths) > 1:
