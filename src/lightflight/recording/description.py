@@ -41,18 +41,8 @@ class Description:
     ----------
     kind : str
         "histograms", "frames" or "events".
-    shape : (int, int)
-        (rows, cols).
-    n_codes : int
-        Number of TDC codes.
     live_codes : (int, int) or None
         First and last code in which pixels that do not scream hold photons; None: none do.
-    bin_width_ps : float or None
-        Nominal width of a code, ps.
-    laser_period_ps : float or None
-        Period of the laser, ps.
-    n_frames : int or None
-        Frames recorded.
     photons : float
         Photons (scaled intensities: their sum) in all pixels.
     median_photons : float
@@ -75,8 +65,6 @@ class Description:
         frames are unknown or nothing shows a pulse.
     drift_std_codes : float or None
         Photon error of `drift_codes`.
-    settings : mapping of str
-        What the file said beyond that.
     missing : tuple of str
         What is still needed to reconstruct a path, a sentence each.
     remarks : tuple of str
@@ -85,17 +73,7 @@ class Description:
 
     kind: str
 
-    shape: tuple[int, int]
-
-    n_codes: int
-
     live_codes: tuple[int, int] | None
-
-    bin_width_ps: float | None
-
-    laser_period_ps: float | None
-
-    n_frames: int | None
 
     photons: float
 
@@ -116,8 +94,6 @@ class Description:
     drift_codes: float | None
 
     drift_std_codes: float | None
-
-    settings: dict[str, Any]
 
     missing: tuple[str, ...]
 
@@ -159,12 +135,7 @@ def describe_recording(
     occupancy = hist.occupancy
     return Description(
         kind="histograms" if isinstance(record, Histograms) else record.kind,
-        shape=hist.shape,
-        n_codes=hist.n_codes,
         live_codes=live,
-        bin_width_ps=hist.bin_width_ps,
-        laser_period_ps=hist.laser_period_ps,
-        n_frames=hist.n_frames,
         photons=float(photons.sum()),
         median_photons=float(np.median(photons)),
         occupancy=None if occupancy is None else float(np.median(occupancy)),
@@ -175,7 +146,6 @@ def describe_recording(
         has_pulse=has_pulse,
         drift_codes=None if drift is None else drift[0],
         drift_std_codes=None if drift is None else drift[1],
-        settings=dict(hist.settings),
         missing=_missing(hist, has_pulse),
         remarks=_remarks(hist, photons, drift),
     )

@@ -126,7 +126,7 @@ def _recording_facts(file: Path, lab: Lab, hints: dict[str, Any]) -> tuple[list[
     record = read_hinted(file, lab, hints)
     with step(f"counting {file.name}") as progress:
         found = describe_recording(record, progress=progress)
-    extra = {str(name): value for name, value in found.settings.items() if _fits_a_line(value)}
+    extra = {str(name): value for name, value in record.settings.items() if _fits_a_line(value)}
     facts = [
         Fact("holds", "kind", found.kind, f"recording ({found.kind})"),
         *clock_facts(record),

@@ -73,16 +73,12 @@ class CodeDensityFit:
         True spread (rms) between pixels of each of `phases`, the noise taken off.
     code_widths : array of float, shape (codes,)
         Relative widths all pixels share; 0 for dead codes.
-    regular_widths : array of float, shape (codes,)
-        The same without the first live codes' extra time and without dead codes.
     first_live_code : int
         The first code that is not dead.
     first_live_width : array of float, shape (rows, cols)
         Relative width of that code in each pixel; NaN where not its own.
     end_code : array of float, shape (rows, cols)
         Fractional code at which the laser period ends.
-    end_code_std : array of float, shape (rows, cols)
-        Its standard error, codes.
     end_blur_codes : float
         Standard deviation of the clock's own jitter, as it blurs the end, codes.
     end_widths : array of float, shape (m,)
@@ -122,15 +118,11 @@ class CodeDensityFit:
 
     code_widths: Floats
 
-    regular_widths: Floats
-
     first_live_code: int
 
     first_live_width: Floats
 
     end_code: Floats
-
-    end_code_std: Floats
 
     end_blur_codes: float
 
@@ -355,9 +347,9 @@ def _fit(
     fit = CodeDensityFit(
         flux=pattern.flux.reshape(shape), phases=pattern.phases.reshape(*shape, -1),
         phase_std=pattern.phase_std.reshape(*shape, -1), phase_spread=pattern.phase_spread,
-        code_widths=pattern.widths, regular_widths=pattern.regular,
-        first_live_code=plateau.first_live, first_live_width=first.reshape(shape),
-        end_code=end.end_code.reshape(shape), end_code_std=end.end_code_std.reshape(shape),
+        code_widths=pattern.widths, first_live_code=plateau.first_live,
+        first_live_width=first.reshape(shape),
+        end_code=end.end_code.reshape(shape),
         end_blur_codes=end.blur_codes, end_widths=end.end_widths,
         period_end_seen=plateau.end_seen, codes_absorbed=absorbed.reshape(shape),
         codes_lost=lost.reshape(shape),

@@ -92,8 +92,6 @@ class ShapedFits:
         (n,), its photon error, ps.
     photons : array of float
         (n,), photons of the pulse.
-    background_per_ps : array of float
-        (n,), counts per ps.
     likelihood : array of float
         (n,), log-likelihood, without the terms that only the counts decide.
     chi2 : array of float
@@ -109,8 +107,6 @@ class ShapedFits:
     onset_std_ps: Floats
 
     photons: Floats
-
-    background_per_ps: Floats
 
     likelihood: Floats
 
@@ -213,9 +209,7 @@ def fit_shape(
             break
     std = np.sqrt(np.linalg.inv(state.fisher)[:, 0, 0])
     dof = observed.shape[1] - 3
-    return ShapedFits(
-        theta[:, 0], std, theta[:, 1], theta[:, 2], state.likelihood, state.chi2, dof, converged
-    )
+    return ShapedFits(theta[:, 0], std, theta[:, 1], state.likelihood, state.chi2, dof, converged)
 
 
 class _Score(NamedTuple):
@@ -352,9 +346,8 @@ def _fit_blocks(pixels: _Pixels, shape: PulseShape, start_ps: Floats) -> ShapedF
 
     return ShapedFits(
         onset_ps=joined("onset_ps"), onset_std_ps=joined("onset_std_ps"),
-        photons=joined("photons"), background_per_ps=joined("background_per_ps"),
-        likelihood=joined("likelihood"), chi2=joined("chi2"), dof=parts[0].dof,
-        converged=joined("converged"),
+        photons=joined("photons"), likelihood=joined("likelihood"), chi2=joined("chi2"),
+        dof=parts[0].dof, converged=joined("converged"),
     )  # fmt: skip
 
 

@@ -117,9 +117,6 @@ class _Score(NamedTuple):
     gradient: Floats
     information: Floats
 
-    def some(self, index: Bools) -> _Score:
-        return _Score(*(values[index] for values in self))
-
 
 def _score(window: Window, dark: Floats, theta: Floats, model: Model) -> _Score:
     """Poisson log-likelihood (of densities: the same for every window), or minus half the squares.
