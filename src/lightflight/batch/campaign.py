@@ -168,7 +168,7 @@ class Campaign:
     piece_megabytes: float
     tile_megabytes: float
     file: Path
-    settings: Mapping[str, Any]
+    settings: Mapping[str, object]
 
 
 def campaign_from_toml(
@@ -225,7 +225,7 @@ def campaign_from_toml(
     )
 
 
-def _settings_of(lab: Lab, codes: Any, tile_megabytes: float) -> dict[str, Any]:
+def _settings_of(lab: Lab, codes: Any, tile_megabytes: float) -> dict[str, object]:
     """What results depend on. Pieces are not among it: counts are whole numbers."""
     window = {"codes": None if codes is None else list(codes), "tile_megabytes": tile_megabytes}
     return {**table_from_lab(lab), "campaign": window}
@@ -238,7 +238,7 @@ def _checked_campaign(table: object, where: str) -> dict[str, Any]:
     return config.checked_table(table, CAMPAIGN_KEYS, section="campaign", where=where)
 
 
-def _checked_groups(tables: object, where: str) -> list[dict[str, Any]]:
+def _checked_groups(tables: object, where: str) -> list[dict[str, object]]:
     """Keys of every [[groups]]; there is one at least, and each names recordings."""
     if tables is None:
         raise ConfigError(f"{where}: names no recordings: write [[groups]] with recordings = [...]")
@@ -253,7 +253,7 @@ def _checked_groups(tables: object, where: str) -> list[dict[str, Any]]:
     return groups
 
 
-def _check_other_sections(table: Mapping[str, Any], where: str) -> None:
+def _check_other_sections(table: Mapping[str, object], where: str) -> None:
     """Unknown sections are refused here, with those of campaigns among the guesses."""
     known = [*CAMPAIGN_SECTIONS, *SECTIONS]
     keys = {key.name: name for name, keys in CAMPAIGN_SECTIONS.items() for key in keys}
@@ -266,7 +266,7 @@ def _check_other_sections(table: Mapping[str, Any], where: str) -> None:
         raise ConfigError(f"{where}: unknown section {name!r}; {hint}")
 
 
-def _lab_of(table: Mapping[str, Any], lab_file: Path | None, where: str) -> Lab:
+def _lab_of(table: Mapping[str, object], lab_file: Path | None, where: str) -> Lab:
     """Lab of the campaign's own sections, laid key by key over those of the lab's file."""
     if lab_file is None:
         return lab_from_table(table, where=where)

@@ -193,7 +193,7 @@ def _set_log_level(level: int) -> None:
             logging.getLogger(name).setLevel(level)
 
 
-def _dask_options(log_level: int, start_method: str, scratch: Path) -> dict[str, Any]:
+def _dask_options(log_level: int, start_method: str, scratch: Path) -> dict[str, object]:
     """Options of Dask, by name."""
     return {
         # The scheduler would leave a folder of its own in that of the machine.

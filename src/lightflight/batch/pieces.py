@@ -42,7 +42,7 @@ class PartOfArray:
         return (self.end - self.start, *self.whole.shape[1:])
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype[np.generic]:
         """As the whole."""
         return self.whole.dtype
 
@@ -167,7 +167,7 @@ def count_piece(job: Job, index: int, n_pieces: int) -> str:
 
 
 @task
-def add_up(job: Job, *parts: str | NDArray[Any]) -> NDArray[Any]:
+def add_up(job: Job, *parts: str | NDArray[np.generic]) -> NDArray[np.generic]:
     """Sum of pieces (files) and of sums (arrays).
 
     Parameters
@@ -210,7 +210,7 @@ def _counts_of_piece(file: str, key: str) -> NDArray[Any]:
 
 
 @task
-def finish_pieces(job: Job, total: NDArray[Any]) -> None:
+def finish_pieces(job: Job, total: NDArray[np.generic]) -> None:
     """Reconstruct the path from the sum of all pieces.
 
     Parameters
@@ -227,7 +227,7 @@ def finish_pieces(job: Job, total: NDArray[Any]) -> None:
 
 
 def histograms_from_sum(
-    recording: Recording, total: NDArray[Any], codes: tuple[int, int] | None
+    recording: Recording, total: NDArray[np.generic], codes: tuple[int, int] | None
 ) -> Histograms:
     """What `histogram` gives for the whole recording, from the sum over its pieces.
 

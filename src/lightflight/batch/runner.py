@@ -123,7 +123,7 @@ def run_campaign(
     _refuse_links(campaign.output)
     jobs = jobs_from_campaign(campaign)
     (campaign.output / "paths").mkdir(parents=True, exist_ok=True)
-    rows: dict[int, dict[str, Any]] = {}
+    rows: dict[int, dict[str, object]] = {}
     for i, job in enumerate(jobs):
         path = finished_path(job)
         if path is not None:
@@ -172,7 +172,7 @@ class _Run:
 
     campaign: Campaign
     jobs: list[Job]
-    rows: dict[int, dict[str, Any]]
+    rows: dict[int, dict[str, object]]
     progress: Report | None
     futures: dict[int, list[Any]] = field(default_factory=dict)
     ended: queue.SimpleQueue[tuple[int, int, str, Any]] = field(default_factory=queue.SimpleQueue)

@@ -169,13 +169,13 @@ class CampaignTable:
         tuple of Repeats
             In the order of the table; a group whose paths have no such leg is empty.
         """
-        groups: dict[tuple[str, float | None], list[Mapping[str, Any]]] = {}
+        groups: dict[tuple[str, float | None], list[Mapping[str, object]]] = {}
         for row in self.rows:
             found = groups.setdefault((row["group"], row.get("set_point_deg")), [])
             if f"leg{leg}_angle_deg" in row:
                 found.append(row)
 
-        def column(rows: list[Mapping[str, Any]], name: str) -> NDArray[np.float64]:
+        def column(rows: list[Mapping[str, object]], name: str) -> NDArray[np.float64]:
             return np.array([row[f"leg{leg}_{name}"] for row in rows], dtype=np.float64)
 
         return tuple(
@@ -193,7 +193,7 @@ class CampaignTable:
 # --- rows ------------------------------------------------------------------------------------
 
 
-def row_from_failure(shot: Shot, reason: str) -> dict[str, Any]:
+def row_from_failure(shot: Shot, reason: str) -> dict[str, object]:
     """Row of a recording that gave no path.
 
     Parameters
@@ -211,7 +211,7 @@ def row_from_failure(shot: Shot, reason: str) -> dict[str, Any]:
     return {**_names_of(shot), "status": FAILED, "reason": reason}
 
 
-def row_from_path(shot: Shot, path: LightPath) -> dict[str, Any]:
+def row_from_path(shot: Shot, path: LightPath) -> dict[str, object]:
     """Row of a recording and its path.
 
     Parameters
@@ -260,16 +260,16 @@ def row_from_path(shot: Shot, path: LightPath) -> dict[str, Any]:
     return row | _truth_of(path)
 
 
-def _names_of(shot: Shot) -> dict[str, Any]:
+def _names_of(shot: Shot) -> dict[str, object]:
     """What a recording is called, and what was set up for it."""
-    names: dict[str, Any] = {"recording": shot.label, "group": shot.group}
+    names: dict[str, object] = {"recording": shot.label, "group": shot.group}
     return names if shot.set_point_deg is None else names | {"set_point_deg": shot.set_point_deg}
 
 
-def _verdict_of(path: LightPath) -> dict[str, Any]:
+def _verdict_of(path: LightPath) -> dict[str, object]:
     """Level, names of the findings in their order, and how much of the recording is explained."""
     verdict = path.verdict
-    row: dict[str, Any] = {
+    row: dict[str, object] = {
         "verdict": str(verdict.level),
         "findings": " ".join(finding.name for finding in verdict.findings),
         "verdict_p_value": verdict.p_value,

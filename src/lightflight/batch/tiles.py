@@ -415,13 +415,13 @@ def _all_pulses(
     )
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     """Text from an array that went through HDF5, as bytes or not."""
     return value.decode("utf-8") if isinstance(value, bytes) else str(value)
 
 
 def pixels_near(
-    rows: NDArray[Any], cols: NDArray[Any], shape: tuple[int, int]
+    rows: NDArray[np.generic], cols: NDArray[np.generic], shape: tuple[int, int]
 ) -> NDArray[np.bool_]:
     """Pixels within `REACH_PX` of any of some pixels, along either axis.
 
@@ -486,7 +486,7 @@ class _Joined:
         return (sum(part.shape[0] for part in self.parts),)
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype[np.generic]:
         return self.parts[0].dtype
 
     def __getitem__(self, key: slice) -> Any:

@@ -165,11 +165,11 @@ class Fact(NamedTuple):
 
     label: str
     key: str
-    value: Any
+    value: object
     text: str | None = None
 
 
-def json_from_facts(facts: Iterable[Fact]) -> dict[str, Any]:
+def json_from_facts(facts: Iterable[Fact]) -> dict[str, object]:
     """Keys and values of facts, for programs.
 
     Parameters

@@ -219,7 +219,7 @@ def with_lab(command: Callable[..., None]) -> Callable[..., None]:
 
 def _hints_from_texts(
     _context: click.Context, _option: click.Parameter, texts: Iterable[str]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Reading hints by name, from `key=value` texts; values are written as in TOML.
 
     Raises

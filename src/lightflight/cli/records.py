@@ -58,7 +58,7 @@ def print_lab(lab: Lab) -> None:
         click.echo(f"# no camera yet: [camera] lacks {' and '.join(lab.camera_needs)}")
 
 
-def read_hinted(path: Path, lab: Lab, hints: Mapping[str, Any]) -> Recording | Histograms:
+def read_hinted(path: Path, lab: Lab, hints: Mapping[str, object]) -> Recording | Histograms:
     """Recording or histograms from a file of any known format.
 
     Parameters
@@ -81,7 +81,7 @@ def read_hinted(path: Path, lab: Lab, hints: Mapping[str, Any]) -> Recording | H
         return read(path, **{**lab.recording, **hints})
 
 
-def read_histograms(path: Path, lab: Lab, hints: Mapping[str, Any]) -> Histograms:
+def read_histograms(path: Path, lab: Lab, hints: Mapping[str, object]) -> Histograms:
     """Histograms from a file; recordings are counted.
 
     Parameters
@@ -199,7 +199,7 @@ def photon_facts(found: Description) -> list[Fact]:
 
 def provenance_of_command(
     command: str, inputs: Iterable[Path | None], lab: Lab, **more: Any
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Provenance of what a command makes, with the resolved set-up.
 
     Parameters
@@ -221,7 +221,7 @@ def provenance_of_command(
     from lightflight.lab import table_from_lab
     from lightflight.provenance import provenance_record
 
-    settings: Mapping[str, Any] = table_from_lab(lab)
+    settings: Mapping[str, object] = table_from_lab(lab)
     return provenance_record(
         command=f"lightflight {command}",
         inputs=[path for path in inputs if path is not None],

@@ -44,7 +44,7 @@ def check_chunks(dataset: Any, *, path: str | os.PathLike[str]) -> None:
         )
 
 
-def read_in_parts(dataset: Any, key: Any = ()) -> NDArray[Any]:
+def read_in_parts(dataset: Any, key: object = ()) -> NDArray[Any]:
     """`dataset[key]`, few chunks at a time.
 
     Parameters

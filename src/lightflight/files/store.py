@@ -63,8 +63,8 @@ def save_record(
     path: str | os.PathLike[str],
     *,
     kind: str,
-    arrays: Mapping[str, NDArray[Any]],
-    attributes: Mapping[str, Any],
+    arrays: Mapping[str, NDArray[np.generic]],
+    attributes: Mapping[str, object],
 ) -> None:
     """Write one record, whole or not at all.
 
@@ -94,7 +94,7 @@ def save_record(
 
 @contextlib.contextmanager
 def new_record(
-    path: str | os.PathLike[str], *, kind: str, attributes: Mapping[str, Any]
+    path: str | os.PathLike[str], *, kind: str, attributes: Mapping[str, object]
 ) -> Iterator[RecordWriter]:
     """Open a record for writing piece by piece; it appears at `path` when the block ends well.
 
@@ -153,7 +153,7 @@ def new_hdf5(path: str | os.PathLike[str]) -> Iterator[RecordWriter]:
         disk.check()
 
 
-def json_text(attributes: Mapping[str, Any]) -> str:
+def json_text(attributes: Mapping[str, object]) -> str:
     """JSON of attributes that may hold NumPy values.
 
     Parameters
@@ -189,7 +189,7 @@ class RecordWriter:
         self.file = file
         self._disk = disk
 
-    def write(self, name: str, array: NDArray[Any]) -> None:
+    def write(self, name: str, array: NDArray[np.generic]) -> None:
         """Write one array, compressed and with checksums where it is not small.
 
         Parameters
@@ -228,7 +228,7 @@ class RecordWriter:
         seal(self.file, self._disk)
         self._disk.check()
 
-    def append(self, name: str, values: NDArray[Any], *, compress: bool = False) -> None:
+    def append(self, name: str, values: NDArray[np.generic], *, compress: bool = False) -> None:
         """Grow an array along its first axis; it is made on first use.
 
         Parameters
@@ -267,7 +267,7 @@ class RecordWriter:
         self._disk.check()
 
 
-_FILTERS: dict[str, Any] = {
+_FILTERS: dict[str, object] = {
     "compression": "gzip",
     "compression_opts": 1,
     "shuffle": True,
@@ -275,7 +275,7 @@ _FILTERS: dict[str, Any] = {
 }
 
 
-def _storable(name: str, values: NDArray[Any]) -> NDArray[Any]:
+def _storable(name: str, values: NDArray[Any]) -> NDArray[np.generic]:
     """The array as HDF5 takes it: texts as UTF-8 bytes."""
     if values.dtype.hasobject:
         raise TypeError(f"array {name!r} holds Python objects: give numbers, booleans or text")
@@ -313,7 +313,7 @@ def _json_value(value: object) -> Any:
 
 def load_record(
     path: str | os.PathLike[str], *, kind: str, try_newer: bool = False
-) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+) -> tuple[dict[str, NDArray[np.generic]], dict[str, Any]]:
     """Read one record written by `save_record`.
 
     Parameters
@@ -350,7 +350,7 @@ def load_record(
 @contextlib.contextmanager
 def open_record(
     path: str | os.PathLike[str], *, kind: str, try_newer: bool = False
-) -> Iterator[tuple[h5py.File, dict[str, Any]]]:
+) -> Iterator[tuple[h5py.File, dict[str, object]]]:
     """Open a record to read its arrays in parts.
 
     Parameters
@@ -440,7 +440,7 @@ def text_attribute(node: Any, name: str) -> str | None:
     return bytes(value).decode("utf-8", "replace") if isinstance(value, np.bytes_) else None
 
 
-def read_array(dataset: Any, *, path: str | os.PathLike[str]) -> NDArray[Any]:
+def read_array(dataset: Any, *, path: str | os.PathLike[str]) -> NDArray[np.generic]:
     """Read a whole dataset of a record, after `check_dataset`.
 
     Parameters
@@ -578,7 +578,7 @@ def _number_attribute(node: Any, name: str) -> int | None:
     return int(value) if np.ndim(value) == 0 else None
 
 
-def _attributes_from(file: h5py.File, path: str | os.PathLike[str]) -> dict[str, Any]:
+def _attributes_from(file: h5py.File, path: str | os.PathLike[str]) -> dict[str, object]:
     """The JSON values of an open record."""
     text = read_array(file.get(_ATTRIBUTES), path=path)
     try:

@@ -245,8 +245,8 @@ def unknown_name_sentence(name: str, valid: Sequence[str]) -> str:
 
 
 def checked_table(
-    table: Mapping[str, Any], keys: Sequence[Key], *, section: str, where: str
-) -> dict[str, Any]:
+    table: Mapping[str, object], keys: Sequence[Key], *, section: str, where: str
+) -> dict[str, object]:
     """Values of one section, checked and in the form the records take them.
 
     Parameters
@@ -284,7 +284,7 @@ def checked_table(
 
 
 def checked_sections(
-    table: Mapping[str, Any], sections: Mapping[str, Sequence[Key] | None], *, where: str
+    table: Mapping[str, object], sections: Mapping[str, Sequence[Key] | None], *, where: str
 ) -> dict[str, dict[str, Any]]:
     """All sections of a set-up, checked.
 
@@ -370,7 +370,7 @@ class _TooDeepError(ValueError):
     """Tables, lists or numbers beyond what a set-up needs."""
 
 
-def _table_of(text: str) -> dict[str, Any]:
+def _table_of(text: str) -> dict[str, object]:
     """Parse TOML; whatever the parser cannot bear is one error of two kinds."""
     # A dotted key takes the parser a time that grows with the square of its parts.
     words = re.split(r"[^\w.\"'-]+", text.replace(" ", "").replace("\t", ""))

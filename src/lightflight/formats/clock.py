@@ -32,7 +32,7 @@ PF32_CODES = 1024
 """TDC codes of a PF32 (10 bits)."""
 
 
-def checked_clock(hints: Mapping[str, Any]) -> dict[str, Any]:
+def checked_clock(hints: Mapping[str, Any]) -> dict[str, object]:
     """Clock hints of the right type.
 
     Parameters
@@ -74,7 +74,7 @@ def _is_number(value: Any) -> bool:
 
 
 def pf32_clock(
-    clock: Mapping[str, Any], *, laser_period_ps: float | None = None
+    clock: Mapping[str, object], *, laser_period_ps: float | None = None
 ) -> tuple[dict[str, Any], list[str]]:
     """Clock of a PF32 in the mode where the laser is the master, and notes of what was assumed.
 
@@ -95,7 +95,7 @@ def pf32_clock(
     notes : list of str
         A sentence for each thing that was assumed.
     """
-    defaults: dict[str, Any] = {"no_photon_code": 0}
+    defaults: dict[str, object] = {"no_photon_code": 0}
     notes = ["code 0 is taken as: no photon in this frame (PF32)"]
     period = clock.get("laser_period_ps", laser_period_ps)
     if period is not None:

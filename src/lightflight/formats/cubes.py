@@ -125,7 +125,7 @@ def record_from_array(
     shape: tuple[int, int] | None = None,
     n_codes: int | None = None,
     poisson: bool | None = None,
-    settings: Mapping[str, Any] | None = None,
+    settings: Mapping[str, object] | None = None,
 ) -> Recording | Histograms:
     """Histograms, or a recording of frames, from an array whose axes are known.
 
@@ -199,7 +199,7 @@ def check_axes(axes: str, shape: tuple[int, ...], path: str | os.PathLike[str]) 
         )
 
 
-def _ordered(values: Any, axes: str, wanted: str) -> NDArray[Any]:
+def _ordered(values: Any, axes: str, wanted: str) -> NDArray[np.generic]:
     """The array with its axes in the wanted order; not touched where they are."""
     order = [axes.index(letter) for letter in wanted]
     if order == sorted(order):
@@ -208,11 +208,11 @@ def _ordered(values: Any, axes: str, wanted: str) -> NDArray[Any]:
 
 
 def _with_pixels(
-    values: NDArray[Any],
+    values: NDArray[np.generic],
     axis: int,
     shape: tuple[int, int] | None,
     path: str | os.PathLike[str],
-) -> NDArray[Any]:
+) -> NDArray[np.generic]:
     """Split the axis of pixels into (rows, cols) where there is one; check `shape` otherwise."""
     kept = 2 if len(values.shape) == 3 else 1
     found = tuple(values.shape[axis : axis + kept])

@@ -35,7 +35,7 @@ _NAMED_AXES = re.compile(r"_([yxtf])_([yxtf])_([yxtf])$")
 
 def read(
     path: Path,
-    clock: Mapping[str, Any],
+    clock: Mapping[str, object],
     *,
     dataset: str | None = None,
     axes: str | None = None,
@@ -105,7 +105,7 @@ def read(
 
 def datasets_in(file: h5py.File) -> dict[str, Any]:
     """All datasets of numbers, by their path in the file."""
-    found: dict[str, Any] = {}
+    found: dict[str, object] = {}
     for name, _, node in entries_of(file):
         is_numbers = isinstance(node, h5py.Dataset) and node.dtype.kind in "uifb"
         if is_numbers and node.shape is not None:
@@ -149,9 +149,9 @@ def _has_texts(node: Any) -> bool:
     return any(node.attrs.get_id(name).dtype.hasobject for name in node.attrs)
 
 
-def _attributes_of(node: Any, *, texts: bool = False) -> tuple[dict[str, Any], list[str]]:
+def _attributes_of(node: Any, *, texts: bool = False) -> tuple[dict[str, object], list[str]]:
     """Single numbers and texts among the attributes of a dataset and its group; axis labels."""
-    kept: dict[str, Any] = {}
+    kept: dict[str, object] = {}
     for holder in (node.parent, node):
         for name in holder.attrs:
             if texts or not holder.attrs.get_id(name).dtype.hasobject:
@@ -163,7 +163,7 @@ def _attributes_of(node: Any, *, texts: bool = False) -> tuple[dict[str, Any], l
     return kept, [str(dimension.label) for dimension in node.dims] if texts else []
 
 
-def load_attributes(path: Path, *, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+def load_attributes(path: Path, *, name: str) -> tuple[dict[str, object], dict[str, object]]:
     """Attributes and axis labels of a dataset, texts included; runs in a child process.
 
     In a damaged file the HDF5 library can loop for ever over where texts are kept.

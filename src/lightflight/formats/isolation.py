@@ -38,8 +38,8 @@ _REFUSED, _MISSING = 3, 4
 
 
 def run_isolated(
-    function: str, path: Path, arguments: Mapping[str, Any]
-) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    function: str, path: Path, arguments: Mapping[str, object]
+) -> tuple[dict[str, NDArray[np.generic]], dict[str, Any]]:
     """Call `function` ("module:name") on a file in a child process.
 
     Returns
@@ -89,7 +89,7 @@ def _why_it_ended(code: int) -> str:
     return f"its reader crashed (exit code {code}): the file is damaged, or the reader is at fault"
 
 
-def _arrays_in(folder: Path) -> dict[str, NDArray[Any]]:
+def _arrays_in(folder: Path) -> dict[str, NDArray[np.generic]]:
     """Arrays that a child has left, closed to writing: records take such without a copy."""
     arrays = {file.stem: np.load(file, allow_pickle=False) for file in folder.glob("*.npy")}
     for array in arrays.values():

@@ -39,7 +39,7 @@ _FRAMES_PER_APPEND = 4096
 
 
 def read(
-    path: Path, clock: Mapping[str, Any], *, poisson: bool | None = None
+    path: Path, clock: Mapping[str, object], *, poisson: bool | None = None
 ) -> Recording | Histograms:
     """Read what `write` wrote.
 
@@ -76,7 +76,7 @@ def read(
     return _read_recording(path, clock)
 
 
-def _read_histograms(path: Path, clock: Mapping[str, Any], poisson: bool | None) -> Histograms:
+def _read_histograms(path: Path, clock: Mapping[str, object], poisson: bool | None) -> Histograms:
     arrays, attributes = load_record(path, kind="histograms")
     fields = _fields_from(attributes, path) | dict(clock)
     own = {name: array for name, array in arrays.items() if not name.startswith(_TRUTH)}
@@ -91,7 +91,7 @@ def _read_histograms(path: Path, clock: Mapping[str, Any], poisson: bool | None)
         return Histograms(counts, **fields, poisson=poisson, truth=truth)
 
 
-def _read_recording(path: Path, clock: Mapping[str, Any]) -> Recording:
+def _read_recording(path: Path, clock: Mapping[str, object]) -> Recording:
     """Recording whose arrays stay in the file; of frames, their starts are summed here."""
     with open_record(path, kind="recording") as (file, attributes):
         # Arrays of a recording stay in the file; the truth is small and read whole.
@@ -125,7 +125,7 @@ def _read_recording(path: Path, clock: Mapping[str, Any]) -> Recording:
         )
 
 
-def _fields_from(attributes: Mapping[str, Any], path: Path) -> dict[str, Any]:
+def _fields_from(attributes: Mapping[str, object], path: Path) -> dict[str, Any]:
     """The clock's fields and the settings, by name, from the attributes of a file."""
     settings = attributes.get("settings", {})
     if not isinstance(settings, dict):
@@ -134,7 +134,7 @@ def _fields_from(attributes: Mapping[str, Any], path: Path) -> dict[str, Any]:
     return {**fields, "settings": settings}
 
 
-def _truth_from(arrays: Mapping[str, NDArray[Any]], attributes: Mapping[str, Any]) -> Any:
+def _truth_from(arrays: Mapping[str, NDArray[np.generic]], attributes: Mapping[str, Any]) -> Any:
     """Truth of a simulation as a plain namespace; None where the file has none."""
     values = dict(attributes.get("truth") or {})
     values |= {
@@ -152,7 +152,7 @@ def write(
     record: Recording | Histograms,
     path: Path,
     *,
-    provenance: Mapping[str, Any] | None = None,
+    provenance: Mapping[str, object] | None = None,
 ) -> None:
     """Write histograms or a recording.
 
@@ -172,7 +172,7 @@ def write(
         Where the file cannot be written.
     """
     truth_arrays, truth_values = _arrays_and_values(record.truth)
-    attributes: dict[str, Any] = clock_fields_of(record)
+    attributes: dict[str, object] = clock_fields_of(record)
     attributes |= {
         "settings": dict(record.settings),
         "truth": truth_values,
@@ -222,7 +222,7 @@ def _append_all(out: Any, name: str, source: Any) -> None:
         out.append(name, np.asarray(rows_of(source, first, first + _FRAMES_PER_APPEND)))
 
 
-def _arrays_and_values(truth: Any) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+def _arrays_and_values(truth: object) -> tuple[dict[str, NDArray[np.generic]], dict[str, object]]:
     """Fields of a truth: arrays, and whatever else JSON can say."""
     if dataclasses.is_dataclass(truth) and not isinstance(truth, type):
         fields = {f.name: getattr(truth, f.name) for f in dataclasses.fields(truth)}
@@ -237,7 +237,7 @@ def _arrays_and_values(truth: Any) -> tuple[dict[str, NDArray[Any]], dict[str, A
     return arrays, values
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     """Numbers, text, lists and dictionaries of `value`; its text where it is none of them."""
     if value is None or isinstance(value, bool | int | float | str):
         return value

@@ -61,7 +61,7 @@ def texts_from_histograms(hist: Histograms) -> dict[str, str]:
 
 def fields_from_texts(
     texts: Mapping[str, str], path: str | os.PathLike[str]
-) -> tuple[dict[str, Any], dict[str, Any]]:
+) -> tuple[dict[str, object], dict[str, object]]:
     """What those texts say.
 
     Parameters
@@ -86,7 +86,7 @@ def fields_from_texts(
 
 
 def check_texts(
-    texts: Mapping[str, str], record: Any, stored: Any, path: str | os.PathLike[str]
+    texts: Mapping[str, str], record: object, stored: Any, path: str | os.PathLike[str]
 ) -> None:
     """Raise FileFormatError where counts and texts are not what their digest says.
 
@@ -115,7 +115,7 @@ def check_texts(
 
 def _parsed(
     text: str | None, path: str | os.PathLike[str]
-) -> tuple[dict[str, Any], dict[str, Any], bool]:
+) -> tuple[dict[str, object], dict[str, object], bool]:
     """Fields of the record, its settings, and whether the text says that there is a digest."""
     if text is None:
         return {}, {}, False

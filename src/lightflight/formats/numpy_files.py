@@ -53,7 +53,7 @@ _PF32_KEYS = {"hist", "sync_hz", "mode"}
 
 def read_npy(
     path: Path,
-    clock: Mapping[str, Any],
+    clock: Mapping[str, object],
     *,
     axes: str | None = None,
     shape: tuple[int, int] | None = None,
@@ -153,7 +153,7 @@ def _npy_header(
 
 def read_npz(
     path: Path,
-    clock: Mapping[str, Any],
+    clock: Mapping[str, object],
     *,
     key: str | None = None,
     axes: str | None = None,
@@ -225,7 +225,7 @@ def read_npz(
     return record
 
 
-def arrays_from_file(path: Path) -> dict[str, NDArray[Any]]:
+def arrays_from_file(path: Path) -> dict[str, NDArray[np.generic]]:
     """All arrays of numbers or text in a .npz, or the one of a .npy under the name "".
 
     Parameters
@@ -325,12 +325,12 @@ def _opened_member(path: Path, name: str) -> Iterator[IO[bytes]]:
         yield file
 
 
-def _cube_of(values: StreamedArray, header: _Header) -> NDArray[Any]:
+def _cube_of(values: StreamedArray, header: _Header) -> NDArray[np.generic]:
     """All of an array, its axes as they are stated."""
     return np.asarray(values).T if header.fortran else np.asarray(values)
 
 
-def _npz_array(archive: zipfile.ZipFile, key: str, path: Path) -> NDArray[Any]:
+def _npz_array(archive: zipfile.ZipFile, key: str, path: Path) -> NDArray[np.generic]:
     """One array of an archive, after checking what it claims."""
     with archive.open(f"{key}.npy") as file:
         header = _Header(*_npy_header(file, path, kinds="uifbU"))
@@ -338,7 +338,7 @@ def _npz_array(archive: zipfile.ZipFile, key: str, path: Path) -> NDArray[Any]:
 
 
 def _pf32_metadata(
-    clock: Mapping[str, Any], settings: dict[str, Any]
+    clock: Mapping[str, object], settings: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Clock of parsed PF32 histograms, from the keys they are kept with."""
     sync_hz = settings["sync_hz"]

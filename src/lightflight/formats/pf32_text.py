@@ -39,7 +39,7 @@ _GZIP_MAGIC = b"\x1f\x8b"
 
 
 def read(
-    path: Path, clock: Mapping[str, Any], *, shape: tuple[int, int] = (32, 32)
+    path: Path, clock: Mapping[str, object], *, shape: tuple[int, int] = (32, 32)
 ) -> Recording | Histograms:
     """Read printed histograms, plain or gzipped.
 
@@ -66,8 +66,8 @@ def read(
     with _opened(path) as file:
         counts, tail = _counts_and_tail(file, path, rows * cols)
     totals = counts.sum(axis=1, dtype=np.uint64)
-    told: dict[str, Any] = {}
-    settings: dict[str, Any] = {"camera": "PF32"}
+    told: dict[str, object] = {}
+    settings: dict[str, object] = {"camera": "PF32"}
     sync = [int(line) for line in tail if line.isdigit() and int(line) > 0]
     if sync:
         settings["sync_hz"] = sync[-1]
@@ -94,7 +94,7 @@ def _opened(path: Path) -> BufferedIOBase:
 
 def _counts_and_tail(
     file: BufferedIOBase, path: Path, n_pixels: int
-) -> tuple[NDArray[Any], list[str]]:
+) -> tuple[NDArray[np.generic], list[str]]:
     """Counts (pixels, codes) in the order of the pixel numbers, and the lines after them."""
     counts: NDArray[Any] | None = None
     seen = 0

@@ -53,7 +53,7 @@ _TIMESTAMPS_AT_ONCE = 1 << 20
 
 
 def read(
-    path: Path, clock: Mapping[str, Any], *, shape: tuple[int, int] | None = None
+    path: Path, clock: Mapping[str, object], *, shape: tuple[int, int] | None = None
 ) -> Recording:
     """Read photon events; they stay in the file.
 
@@ -117,7 +117,7 @@ def read(
         )
 
 
-def _settings_in(ours: Any, path: Path) -> dict[str, Any]:
+def _settings_in(ours: Any, path: Path) -> dict[str, object]:
     """Settings of the recording, from the JSON text we put there."""
     settings = json.loads(str(read_array(ours.get("settings"), path=path)))
     if not isinstance(settings, dict):
@@ -177,7 +177,7 @@ class _Converted:
     shape: tuple[int, ...]
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype[np.generic]:
         """Unsigned, of 32 bits."""
         return np.dtype(np.uint32)
 
@@ -192,7 +192,7 @@ class _Converted:
         first, last, _ = key.indices(self.shape[0])
         return np.zeros(max(0, last - first), np.uint32)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[np.generic]:
         """All of it."""
         return np.asarray(self[:] if self.whole is None else np.asarray(self.whole), np.uint32)
 
@@ -202,7 +202,7 @@ def _clock_in(file: Any, path: Path) -> dict[str, Any]:
     specs = file["photon_data"].get("nanotimes_specs")
     if not isinstance(specs, h5py.Group) or "tcspc_num_bins" not in specs:
         raise FileFormatError("does not tell tcspc_num_bins: the file is damaged", path=path)
-    told: dict[str, Any] = {"n_codes": int(_number(specs["tcspc_num_bins"], path))}
+    told: dict[str, object] = {"n_codes": int(_number(specs["tcspc_num_bins"], path))}
     if "tcspc_unit" in specs:
         told["bin_width_ps"] = _number(specs["tcspc_unit"], path) * 1e12
     rates = file.get("setup/laser_repetition_rates")

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from lightflight.recording.clock_fields import clock_fields_of
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording
 
-Table = dict[str, NDArray[Any]]
+Table = dict[str, NDArray[np.generic]]
 
 _ROWS_AT_ONCE = 1 << 16
 
@@ -105,10 +104,10 @@ def _table_of_row(hist: Histograms, row: int) -> Table:
 
 def _table_of_photons(
     recording: Recording,
-    pixel: NDArray[Any],
-    code: NDArray[Any],
+    pixel: NDArray[np.generic],
+    code: NDArray[np.generic],
     *,
-    frame: NDArray[Any] | None,
+    frame: NDArray[np.generic] | None,
 ) -> Table:
     """One row per photon; `pixel` and `code` (n,)."""
     row, col = np.divmod(pixel.astype(np.uint32), np.uint32(recording.shape[1]))

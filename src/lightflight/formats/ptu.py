@@ -24,7 +24,7 @@ _RECORD_BYTES = 4
 
 
 def read(
-    path: Path, clock: Mapping[str, Any], *, channel: int | None = None
+    path: Path, clock: Mapping[str, object], *, channel: int | None = None
 ) -> Recording | Histograms:
     """Read histograms; the frames of an image are added up.
 

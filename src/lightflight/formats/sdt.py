@@ -22,7 +22,7 @@ from lightflight.recording.recording import Recording
 
 
 def read(
-    path: Path, clock: Mapping[str, Any], *, block: int | None = None
+    path: Path, clock: Mapping[str, object], *, block: int | None = None
 ) -> Recording | Histograms:
     """Read one data block.
 

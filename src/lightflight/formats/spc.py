@@ -35,7 +35,7 @@ _TAC_WIDTH = re.compile(rb"\[SP_TAC_TC,F,([0-9.eE+-]+)\]")
 _LARGEST_SET_FILE = 1 << 24
 
 
-def read(path: Path, clock: Mapping[str, Any]) -> Recording:
+def read(path: Path, clock: Mapping[str, object]) -> Recording:
     """Read photon events; the routing channel is the column.
 
     Parameters
@@ -124,7 +124,7 @@ class _Photons:
     starts: tuple[int, ...]
     _kept: tuple[int, int, NDArray[np.uint32]] | None = field(default=None, repr=False)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return {**vars(self), "_kept": None}
 
     def part(self, first: int, last: int) -> NDArray[np.uint32]:
@@ -171,7 +171,7 @@ class _Column:
         return (self.photons.starts[-1],)
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype[np.generic]:
         """Of both."""
         return np.dtype(np.uint16)
 
@@ -184,7 +184,7 @@ class _Column:
         )
         return values.astype(np.uint16)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[np.generic]:
         """All of it, after checking that it fits into memory."""
         check_memory(2 * self.shape[0], path=self.path, what=f"{self.name} of all photons")
         return np.asarray(self[:], dtype)

@@ -35,7 +35,7 @@ class StoredArray:
         Dataset in it.
     shape : tuple of int
         Length of each axis.
-    dtype : np.dtype[Any]
+    dtype : np.dtype[np.generic]
         Type of the elements, native byte order.
     chunks : tuple of int or None
         Lengths of the blocks it is packed in.
@@ -47,7 +47,7 @@ class StoredArray:
 
     shape: tuple[int, ...]
 
-    dtype: np.dtype[Any]
+    dtype: np.dtype[np.generic]
 
     chunks: tuple[int, ...] | None = None
 
@@ -94,12 +94,12 @@ class StoredArray:
         """Length of the first axis."""
         return self.shape[0]
 
-    def __getitem__(self, key: object) -> NDArray[Any]:
+    def __getitem__(self, key: object) -> NDArray[np.generic]:
         """Part of it, read now."""
         with damage_as_format_error(self.path), h5py.File(self.path, "r") as file:
             return np.asarray(read_in_parts(file[self.name], key), self.dtype)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[np.generic]:
         """All of it, after checking that it fits into memory."""
         n_bytes = math.prod(self.shape) * self.dtype.itemsize
         check_memory(n_bytes, path=self.path, what=f"array {self.name} {self.shape}")

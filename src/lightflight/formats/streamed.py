@@ -40,7 +40,7 @@ class StreamedArray:
         The file.
     shape : tuple of int
         Length of each axis.
-    dtype : np.dtype[Any]
+    dtype : np.dtype[np.generic]
         Type of the elements, as they are stored.
     opened : Callable[[], AbstractContextManager[Stream]]
         Opens the file where the elements start.
@@ -50,11 +50,11 @@ class StreamedArray:
 
     path: str | os.PathLike[str]
     shape: tuple[int, ...]
-    dtype: np.dtype[Any]
+    dtype: np.dtype[np.generic]
     opened: Callable[[], AbstractContextManager[Stream]]
     ends: bool
 
-    def slabs(self) -> Iterator[NDArray[Any]]:
+    def slabs(self) -> Iterator[NDArray[np.generic]]:
         """Rows of the first axis, some at a time; FileFormatError where the stream is cut."""
         n_rows = self.shape[0] if self.shape else 1
         row = math.prod(self.shape[1:])
@@ -69,7 +69,7 @@ class StreamedArray:
                     f"holds more than its array {self.shape}: it is damaged", path=self.path
                 )
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[np.generic]:
         """All of it, after checking that it fits into memory."""
         n_bytes = math.prod(self.shape) * self.dtype.itemsize
         check_memory(n_bytes, path=self.path, what=f"an array {self.shape}")
@@ -90,7 +90,7 @@ def _exactly(stream: Stream, n: int, path: str | os.PathLike[str]) -> bytes:
     return block
 
 
-def slabs_of(source: Any) -> Iterator[NDArray[Any]]:
+def slabs_of(source: Any) -> Iterator[NDArray[np.generic]]:
     """Rows of the first axis of any array that can be sliced, whole chunks at a time."""
     if hasattr(source, "slabs"):
         yield from source.slabs()
@@ -115,7 +115,7 @@ def cube_from(
     *,
     poisson: bool,
     path: str | os.PathLike[str],
-) -> NDArray[Any]:
+) -> NDArray[np.generic]:
     """Counts (rows, cols, codes), read-only, from an array of others, slab by slab.
 
     Parameters

@@ -105,7 +105,7 @@ def lab_from_toml(path: str | os.PathLike[str] | None, *, assignments: Iterable[
     return lab_from_table(config.override_table(table, assignments), where=where)
 
 
-def lab_from_table(table: Mapping[str, Any], *, where: str = "set-up") -> Lab:
+def lab_from_table(table: Mapping[str, object], *, where: str = "set-up") -> Lab:
     """Lab from the tables of a set-up, as TOML gives them.
 
     Parameters
@@ -166,7 +166,7 @@ def reconstruct_options(lab: Lab) -> dict[str, Any]:
     return {**options, "waypoints": waypoints}
 
 
-def _with_camera_file(table: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+def _with_camera_file(table: Mapping[str, Any], where: str) -> Mapping[str, object]:
     """Keys of [camera], or those of the file it names (from the folder of this one)."""
     if "file" not in table:
         return table
@@ -191,7 +191,7 @@ def _naming(where: str, section: str) -> Iterator[None]:
         raise ConfigError(f"{where}: [{section}] {error}") from error
 
 
-def _missing_camera_keys(table: Mapping[str, Any]) -> tuple[str, ...]:
+def _missing_camera_keys(table: Mapping[str, object]) -> tuple[str, ...]:
     """Keys without which [camera] is no camera, in either way of saying where one stands."""
     wanted = (
         ("shape", "matrix", "world_from_camera")

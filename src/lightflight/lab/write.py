@@ -13,7 +13,7 @@ from lightflight.lab.keys import WORD_FOR_NONE
 from lightflight.lab.lab import OPTION_SECTIONS, Lab
 
 
-def table_from_lab(lab: Lab) -> dict[str, dict[str, Any]]:
+def table_from_lab(lab: Lab) -> dict[str, dict[str, object]]:
     """Tables of a set-up file that gives the same lab again, every default spelled out.
 
     Parameters
@@ -26,7 +26,7 @@ def table_from_lab(lab: Lab) -> dict[str, dict[str, Any]]:
     dict of str to dict
         Keys and values by section, as `tomllib` would read them: lists, numbers, texts.
     """
-    table: dict[str, dict[str, Any]] = {}
+    table: dict[str, dict[str, object]] = {}
     if lab.camera is not None:
         table["camera"] = _table_from_camera(lab.camera)
     table["source"] = _table_from_record(lab.source)
@@ -87,7 +87,7 @@ def _toml_text(value: object) -> str:
     return tomli_w.dumps({"value": value}).removeprefix("value = ").rstrip("\n")
 
 
-def _table_from_camera(camera: Camera) -> dict[str, Any]:
+def _table_from_camera(camera: Camera) -> dict[str, object]:
     """Keys of [camera]: always the matrix, which says what any camera can be."""
     table = {
         "shape": list(camera.shape),
@@ -101,7 +101,7 @@ def _table_from_camera(camera: Camera) -> dict[str, Any]:
     return table | {name: std for name, std in stated.items() if std > 0.0}
 
 
-def _table_from_medium(medium: Medium) -> dict[str, Any]:
+def _table_from_medium(medium: Medium) -> dict[str, object]:
     """Keys of [medium]; errors only where one is stated: campaigns are known by these tables."""
     table = _table_from_record(medium)
     exact = Medium(medium.path_group_index, medium.return_group_index)
@@ -109,7 +109,7 @@ def _table_from_medium(medium: Medium) -> dict[str, Any]:
     return {k: v for k, v in table.items() if medium != exact or k in known}
 
 
-def _table_from_record(record: Any) -> dict[str, Any]:
+def _table_from_record(record: Any) -> dict[str, object]:
     """Fields as TOML values; None is left out where it is the default, else the word for it."""
     table = {}
     for item in fields(record):

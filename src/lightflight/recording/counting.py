@@ -101,7 +101,7 @@ class _Window:
         rows, cols, codes = (end - start for start, end in (self.rows, self.cols, self.codes))
         return rows, cols, codes
 
-    def empty_cube(self, *, most: int) -> NDArray[Any]:
+    def empty_cube(self, *, most: int) -> NDArray[np.generic]:
         """Zeros (rows, cols, codes or a few more), of a type that `most` counts cannot wrap."""
         from lightflight._kernels.frames import padded_columns
 
@@ -118,7 +118,7 @@ class _Window:
         columns = padded_columns(codes, dtype.itemsize) if is_small else codes
         return np.zeros((rows, cols, columns), dtype)
 
-    def trimmed(self, cube: NDArray[Any]) -> NDArray[Any]:
+    def trimmed(self, cube: NDArray[np.generic]) -> NDArray[np.generic]:
         """The cube without the codes that were added to it; not copied where there are none."""
         return cube if cube.shape == self.shape else cube[..., : self.shape[2]].copy()
 
@@ -153,7 +153,7 @@ def _count_frames(
     frames: tuple[int, int] | None,
     progress: Progress | None,
     chunk_bytes: int,
-) -> tuple[NDArray[Any], int]:
+) -> tuple[NDArray[np.generic], int]:
     """(cube, number of frames), of dense frames."""
     from lightflight._kernels import frames as kernels
 
@@ -238,7 +238,7 @@ def _count_events(
     frames: tuple[int, int] | None,
     progress: Progress | None,
     chunk_bytes: int,
-) -> tuple[NDArray[Any], int | None]:
+) -> tuple[NDArray[np.generic], int | None]:
     """(cube, number of frames), of photon events."""
     from lightflight._kernels.frames import add_events
 
@@ -294,7 +294,7 @@ def _photons_of_frames(
 
 
 def _fill_no_photon_code(
-    recording: Recording, counts: NDArray[Any], window: _Window, n_frames: int | None
+    recording: Recording, counts: NDArray[np.generic], window: _Window, n_frames: int | None
 ) -> None:
     """Frames without a photon, in the column of the code that says so; 0 where unknown."""
     column = _column_without_photon(recording, window)
@@ -328,7 +328,7 @@ def _release_pages(source: object) -> None:
 
 
 def _histograms_from_counts(
-    record: Recording | Histograms, window: _Window, cube: NDArray[Any], n_frames: int | None
+    record: Recording | Histograms, window: _Window, cube: NDArray[np.generic], n_frames: int | None
 ) -> Histograms:
     """Record of a cube: the clock of the recording, moved to the first code that is kept."""
     clock = clock_fields_of(record)

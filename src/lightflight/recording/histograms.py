@@ -31,7 +31,7 @@ _SLAB_ELEMENTS = 1 << 20
 _MOST_COUNT = 2.0**64
 
 
-def _checked_counts(counts: ArrayLike, *, poisson: bool) -> NDArray[Any]:
+def _checked_counts(counts: ArrayLike, *, poisson: bool) -> NDArray[np.generic]:
     """Counts as a read-only array: unsigned integers, or float64 when not Poisson."""
     cube = np.asarray(counts)
     refuse_masks("counts", counts)
@@ -58,7 +58,7 @@ def _checked_counts(counts: ArrayLike, *, poisson: bool) -> NDArray[Any]:
     return out
 
 
-def _is_nobody_elses(cube: NDArray[Any]) -> bool:
+def _is_nobody_elses(cube: NDArray[np.generic]) -> bool:
     """Whether an array, or all of what it is a view of, is closed to writing."""
     whole = cube if cube.base is None else cube.base
     if not isinstance(whole, np.ndarray) or isinstance(whole, np.memmap):
@@ -66,7 +66,7 @@ def _is_nobody_elses(cube: NDArray[Any]) -> bool:
     return not cube.flags.writeable and not whole.flags.writeable and whole.flags.owndata
 
 
-def counts_dtype(dtype: np.dtype[Any], *, poisson: bool) -> np.dtype[Any]:
+def counts_dtype(dtype: np.dtype[np.generic], *, poisson: bool) -> np.dtype[np.generic]:
     """Type that counts stored as `dtype` are kept as, unless one is beyond 32 bits."""
     if not poisson:
         return np.dtype(np.float64)
@@ -74,20 +74,20 @@ def counts_dtype(dtype: np.dtype[Any], *, poisson: bool) -> np.dtype[Any]:
 
 
 def counts_from_slabs(
-    slabs: Iterable[NDArray[Any]],
-    dtype: np.dtype[Any],
+    slabs: Iterable[NDArray[np.generic]],
+    dtype: np.dtype[np.generic],
     shape: tuple[int, int, int],
     *,
     order: tuple[int, ...],
     poisson: bool,
-) -> NDArray[Any]:
+) -> NDArray[np.generic]:
     """Counts (rows, cols, codes), checked and filled in slab by slab: no second copy is made.
 
     Parameters
     ----------
     slabs : iterable of array
         Rows of the first axis of the source, one after another.
-    dtype : np.dtype[Any]
+    dtype : np.dtype[np.generic]
         Type of their elements.
     shape : (int, int, int)
         Rows, columns and codes.
@@ -267,7 +267,7 @@ class Histograms:
         kind = np.uint64 if self.poisson else np.float64
         if self.counts.dtype == np.uint64:
             _check_sums(self.counts)
-        total: NDArray[Any] = self.counts.sum(axis=2, dtype=kind)
+        total: NDArray[np.generic] = self.counts.sum(axis=2, dtype=kind)
         if self.no_photon_code is not None:
             # All codes less one: no copy of the cube without it is made.
             total = total - self.counts[..., self.no_photon_code].astype(kind)

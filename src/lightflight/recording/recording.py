@@ -36,7 +36,7 @@ class SlicedArray(Protocol):
         """Length of each axis."""
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype[np.generic]:
         """Type of the elements."""
 
     def __getitem__(self, key: Any) -> Any:
@@ -255,7 +255,7 @@ def pixel_dtype(shape: tuple[int, int]) -> type[np.unsignedinteger[Any]]:
     return np.uint16 if shape[0] * shape[1] <= 1 << 16 else np.uint32
 
 
-def _check_range(name: str, values: NDArray[Any], end: int) -> None:
+def _check_range(name: str, values: NDArray[np.generic], end: int) -> None:
     """Raise where values are no integers or reach beyond 0 ... end - 1."""
     if values.dtype.kind not in "iu":
         raise TypeError(f"{name} must hold integers, got dtype {values.dtype}")

@@ -70,7 +70,7 @@ def to_xarray(record: Any, *, samples: int = 1000) -> Any:
 def _path_dataset(xr: Any, path: LightPath, samples: int) -> Any:
     table = path.sample(samples)
     when = table["event_time_ps"]
-    variables: dict[str, Any] = {
+    variables: dict[str, object] = {
         name: ("event_time_ps", table[name], _unit_of(name))
         for name in table.dtype.names or ()
         if name != "event_time_ps"
@@ -91,7 +91,7 @@ def _path_dataset(xr: Any, path: LightPath, samples: int) -> Any:
 
 def _histogram_dataset(xr: Any, hist: Histograms) -> Any:
     rows, cols = hist.shape
-    coords: dict[str, Any] = {
+    coords: dict[str, object] = {
         "row": np.arange(rows),
         "col": np.arange(cols),
         "code": np.arange(hist.n_codes),
@@ -121,7 +121,7 @@ def _histogram_dataset(xr: Any, hist: Histograms) -> Any:
 
 
 def _clock_dataset(xr: Any, timing: TimingCalibration) -> Any:
-    variables: dict[str, Any] = {}
+    variables: dict[str, object] = {}
     for name in ("gain", "gain_std", "end_code", "skew_ps", "skew_std_ps", "response_std_ps"):
         values = getattr(timing, name, None)
         if values is not None:

@@ -25,7 +25,7 @@ from lightflight.view.types import Floats
 if TYPE_CHECKING:
     from lightflight import Histograms, LightPath
 
-Layer = tuple[NDArray[Any], dict[str, Any], str]
+Layer = tuple[NDArray[np.generic], dict[str, Any], str]
 """(array, attributes, kind of layer)."""
 
 UNITS = ("ps", "mm", "mm", "mm")
@@ -79,7 +79,7 @@ def layers_from_path(path: LightPath, *, step_ps: float = _STEP_PS) -> list[Laye
     return layers if pulses is None else [*layers, pulses]
 
 
-def _tracks(trace: Trace, times_ps: Floats, step_ps: float, attributes: dict[str, Any]) -> Layer:
+def _tracks(trace: Trace, times_ps: Floats, step_ps: float, attributes: dict[str, object]) -> Layer:
     """One point per step of the slider: (n, 5), id, time (steps), z, y, x."""
     steps = np.arange(int(np.floor(times_ps[-1] / step_ps)) + 1)
     place = [np.interp(steps * step_ps, times_ps, trace.points_mm[:, k]) for k in (2, 1, 0)]
@@ -90,11 +90,11 @@ def _tracks(trace: Trace, times_ps: Floats, step_ps: float, attributes: dict[str
     return rows, {**attributes, **more}, "tracks"
 
 
-def _vertex_points(path: LightPath, step_ps: float, common: dict[str, Any]) -> Layer:
+def _vertex_points(path: LightPath, step_ps: float, common: dict[str, object]) -> Layer:
     times = np.asarray(path.vertex_times_ps, dtype=float)
     vertices = np.asarray(path.vertices_mm, dtype=float)
     rows = np.column_stack(((times - times[0]) / step_ps, vertices[:, ::-1]))
-    features: dict[str, Any] = {"vertex": np.arange(len(times))}
+    features: dict[str, object] = {"vertex": np.arange(len(times))}
     std = getattr(path, "vertex_std", None)
     if std is not None:
         names = ("x_std_mm", "y_std_mm", "z_std_mm", "event_time_std_ps")
@@ -111,7 +111,7 @@ def _vertex_points(path: LightPath, step_ps: float, common: dict[str, Any]) -> L
 
 
 def _pulse_points(
-    path: LightPath, start_ps: float, step_ps: float, common: dict[str, Any]
+    path: LightPath, start_ps: float, step_ps: float, common: dict[str, object]
 ) -> Layer | None:
     """Measured pulses at their place on the path, with residuals as features."""
     places = places_from_path(path)

@@ -119,7 +119,7 @@ def command(
     outputs: tuple[Path, ...],
     lab_path: Path | None,
     assignments: tuple[str, ...],
-    hints: dict[str, Any],
+    hints: dict[str, object],
     dry_run: bool,
     as_json: bool,
 ) -> None:
@@ -170,7 +170,7 @@ def _calibrated(
     others: dict[str, Path | None],
     flats: tuple[Path, ...],
     lab: Lab,
-    hints: dict[str, Any],
+    hints: dict[str, object],
     options: dict[str, Any],
 ) -> TimingCalibration:
     """Calibration from the flats and `others`, which tells what it was made of."""
@@ -246,7 +246,7 @@ def flat_options(
         )
     if len(flats) == 1 and len(arrivals) > 1:
         raise click.UsageError(f"one --flat needs one --flat-arrival-ps, got {len(arrivals)}")
-    options: dict[str, Any] = {"flat_pulse": pulse}
+    options: dict[str, object] = {"flat_pulse": pulse}
     if response is not None:
         options["flat_pulse"] = _array_from_file(response)
     if arrivals:

@@ -90,7 +90,7 @@ def _shown(what: str) -> AbstractContextManager[Any]:
     return step(what, always=True)
 
 
-def comparison_rows(recordings: Recordings, estimates: list[Estimate]) -> list[dict[str, Any]]:
+def comparison_rows(recordings: Recordings, estimates: list[Estimate]) -> list[dict[str, object]]:
     """The comparison with the paper: one row per result, the paper's own first.
 
     Parameters
@@ -107,7 +107,7 @@ def comparison_rows(recordings: Recordings, estimates: list[Estimate]) -> list[d
     """
     from lightflight.demo import EVENT_TIME_RMS_PS, POSITION_RMS_MM, PRIORS
 
-    rows: list[dict[str, Any]] = [
+    rows: list[dict[str, object]] = [
         {
             "result": "paper, Fig. 6 (measured)",
             "method": None,
@@ -135,7 +135,7 @@ def comparison_rows(recordings: Recordings, estimates: list[Estimate]) -> list[d
     return rows
 
 
-def json_from_demo(recordings: Recordings, estimates: list[Estimate]) -> dict[str, Any]:
+def json_from_demo(recordings: Recordings, estimates: list[Estimate]) -> dict[str, object]:
     """The demo's results for programs; `tools/update_readme.py` reads them.
 
     Parameters
@@ -156,7 +156,7 @@ def json_from_demo(recordings: Recordings, estimates: list[Estimate]) -> dict[st
 def _print_comparison(recordings: Recordings, estimates: list[Estimate]) -> None:
     """The rows as a table, and what its columns mean."""
 
-    def cell(row: Mapping[str, Any], key: str, digits: str) -> str:
+    def cell(row: Mapping[str, object], key: str, digits: str) -> str:
         return "not stated" if row[key] is None else format(row[key], digits)
 
     print_table(

@@ -47,7 +47,7 @@ def command(
     slices: int | None,
     plot: Path | None,
     lab: Lab,
-    hints: dict[str, Any],
+    hints: dict[str, object],
     as_json: bool,
 ) -> None:
     """Say what FILE holds: a recording of any known format, a calibration or a path.
@@ -91,7 +91,7 @@ def _path_in(file: Path) -> LightPath | None:
     return LightPath.load(file) if kind_of_record(file) == "path" else None
 
 
-def _facts_of(file: Path, lab: Lab, hints: dict[str, Any]) -> tuple[list[Fact], list[str]]:
+def _facts_of(file: Path, lab: Lab, hints: dict[str, object]) -> tuple[list[Fact], list[str]]:
     """Facts and sentences about what a file holds."""
     from lightflight.files.store import kind_of_record
 
@@ -103,7 +103,7 @@ def _facts_of(file: Path, lab: Lab, hints: dict[str, Any]) -> tuple[list[Fact], 
     return _recording_facts(file, lab, hints)
 
 
-def _draw(file: Path, lab: Lab, hints: dict[str, Any], plot: Path) -> None:
+def _draw(file: Path, lab: Lab, hints: dict[str, object], plot: Path) -> None:
     """Draw where and when the photons of a recording fall."""
     from lightflight.cli.records import read_histograms
     from lightflight.files.store import kind_of_record

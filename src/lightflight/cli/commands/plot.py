@@ -68,7 +68,7 @@ def command(
     dpi: float | None,
     outputs: tuple[Path, ...],
     lab: Lab,
-    hints: dict[str, Any],
+    hints: dict[str, object],
 ) -> None:
     """Draw a figure of what FILE holds.
 
@@ -99,7 +99,7 @@ def _figure_of(
     timing_path: Path | None,
     pixel: tuple[int, int] | None,
     lab: Lab,
-    hints: dict[str, Any],
+    hints: dict[str, object],
 ) -> Figure:
     """Figure of what a file holds; UsageError where it cannot be drawn of that."""
     from lightflight.files.store import kind_of_record
@@ -150,7 +150,7 @@ def _recording_figure(
     timing_path: Path | None,
     pixel: tuple[int, int] | None,
     lab: Lab,
-    hints: dict[str, Any],
+    hints: dict[str, object],
 ) -> Figure:
     """Figure of a recording, whose pulses are fitted for it."""
     from lightflight import view

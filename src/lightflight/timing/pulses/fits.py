@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +70,7 @@ class Clock:
     upper: Floats
     period: float
 
-    def intervals(self, rows: NDArray[Any], cols: NDArray[Any]) -> tuple[Floats, Floats]:
+    def intervals(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """(lower, upper), each (n or 1, codes)."""
         if self.timing is None:
             return self.lower, self.upper
@@ -176,7 +176,7 @@ def exposure_ratio(background: Histograms, hist: Histograms) -> float:
     return background.n_frames / hist.n_frames
 
 
-def scannable(counts: NDArray[Any]) -> NDArray[Any]:
+def scannable(counts: NDArray[np.generic]) -> NDArray[np.generic]:
     """Counts (pixels, codes) as uint32, which scans fastest, or float64 where that cannot hold.
 
     `fit_tile` notices sums that uint32 cannot hold. Read-only, as histograms are: every other
@@ -245,7 +245,7 @@ class _Job:
     def bins(
         self,
         pixels: NDArray[np.int64],
-        counts: NDArray[Any],
+        counts: NDArray[np.generic],
         lower: Floats,
         upper: Floats,
         exposure: Floats,
@@ -292,7 +292,7 @@ def _fit_singles(
     """
     pixels, starts, results = _looked_through(job, wanted, model)
 
-    def fit_left(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
+    def fit_left(part: slice, counts: NDArray[np.generic], lower: Floats, upper: Floats) -> None:
         some = pixels[part]
         bins = job.bins(some, counts, lower, upper, results[2][kernel.EXPOSURE])
         found = fit(bins, starts[some], model)
@@ -316,7 +316,7 @@ def _looked_through(
     starts, left = np.empty((len(wanted), 4)), np.zeros(len(wanted), dtype=bool)
     fits = model.poisson and model.shape.shape[1] == 0
 
-    def find(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
+    def find(part: slice, counts: NDArray[np.generic], lower: Floats, upper: Floats) -> None:
         rest = np.empty(len(counts), dtype=np.int64)
         search = (
             lower, upper, job.clock.period, wanted[part], job.double_code[part], job.trials[part],
@@ -364,7 +364,7 @@ def misfit_of_shapes(
     pixels, starts, results = _looked_through(job, todo.ravel(), model_of(np.empty((3, 2))))
     parts: list[tuple[Bins, Floats]] = []
 
-    def lay_out(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
+    def lay_out(part: slice, counts: NDArray[np.generic], lower: Floats, upper: Floats) -> None:
         some = pixels[part]
         bins = job.bins(some, counts, lower, upper, results[2][kernel.EXPOSURE])
         parts.append((bins, starts[some]))
@@ -492,7 +492,7 @@ def _with_more_pulses(single: Fits, job: _Job, max_pulses: int, model: Model) ->
     covariances = np.full((len(pixels), size, size), np.nan)
     table = single.table[pixels].T
 
-    def split(part: slice, counts: NDArray[Any], lower: Floats, upper: Floats) -> None:
+    def split(part: slice, counts: NDArray[np.generic], lower: Floats, upper: Floats) -> None:
         some = pixels[part]
         bins = job.bins(some, counts, lower, upper, single.table[:, kernel.EXPOSURE])
         search = splitting.Search(

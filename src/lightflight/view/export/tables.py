@@ -56,7 +56,7 @@ def table_from_path(
     raise ValueError(f"there is no table {what!r}: choose one of {', '.join(TABLES)}")
 
 
-def _vertex_table(light_path: LightPath) -> NDArray[Any]:
+def _vertex_table(light_path: LightPath) -> NDArray[np.generic]:
     names = ("x_mm", "y_mm", "z_mm", "event_time_ps")
     errors = ("x_std_mm", "y_std_mm", "z_std_mm", "event_time_std_ps")
     n = len(light_path.vertex_times_ps)
@@ -158,7 +158,7 @@ def write_mat(light_path: LightPath, path: FilePath, *, samples: int = SAMPLES) 
     from scipy.io import savemat
 
     target, _ = checked_suffix(path, (".mat",))
-    fields: dict[str, Any] = {
+    fields: dict[str, object] = {
         "vertices_mm": np.asarray(light_path.vertices_mm, dtype=float),
         "vertex_times_ps": np.asarray(light_path.vertex_times_ps, dtype=float),
         "covariance": np.asarray(light_path.covariance, dtype=float),
@@ -178,7 +178,7 @@ def write_mat(light_path: LightPath, path: FilePath, *, samples: int = SAMPLES) 
         savemat(str(fresh), {"lightflight": fields}, oned_as="column", long_field_names=True)
 
 
-def _struct(table: NDArray[Any]) -> dict[str, NDArray[Any]]:
+def _struct(table: NDArray[Any]) -> dict[str, NDArray[np.generic]]:
     """Columns of a table; MATLAB knows no Boolean columns in files of this version."""
     return {
         name: table[name].astype(np.uint8) if table[name].dtype == bool else table[name]
@@ -186,9 +186,9 @@ def _struct(table: NDArray[Any]) -> dict[str, NDArray[Any]]:
     }
 
 
-def description_of(light_path: LightPath) -> dict[str, Any]:
+def description_of(light_path: LightPath) -> dict[str, object]:
     """Method, prior, statements and provenance, as JSON can hold them."""
-    described: dict[str, Any] = json_value(
+    described: dict[str, object] = json_value(
         {
             "method": getattr(light_path, "method", ""),
             "prior": getattr(light_path, "prior", ""),

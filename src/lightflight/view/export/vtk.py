@@ -56,7 +56,7 @@ def write_vtu(light_path: LightPath, path: FilePath, *, per_leg: int = 65) -> No
 
 def _grid(
     light_path: LightPath, per_leg: int
-) -> tuple[Floats, dict[str, NDArray[Any]], Whole, dict[str, NDArray[Any]]]:
+) -> tuple[Floats, dict[str, NDArray[np.generic]], Whole, dict[str, NDArray[Any]]]:
     """Points, point data, cells (n, 2) and cell data of path and truth together."""
     parts = [_lines_of(light_path, light_path, per_leg)]
     truth = getattr(light_path, "truth", None)
@@ -83,14 +83,14 @@ def _grid(
 
 def _lines_of(
     path: Polyline, owner: LightPath, per_leg: int
-) -> tuple[Floats, dict[str, NDArray[Any]], Whole]:
+) -> tuple[Floats, dict[str, NDArray[np.generic]], Whole]:
     from lightflight.path.apparent_speed import apparent_speed_along
 
     camera, medium = getattr(owner, "camera", None), getattr(owner, "medium", None)
     trace = trace_from_path(path, camera=camera, medium=medium, per_leg=per_leg)
     if len(trace.leg) == 0:
         raise ValueError("the path has no legs: there is nothing to export")
-    data: dict[str, NDArray[Any]] = {
+    data: dict[str, NDArray[np.generic]] = {
         "event_time_ps": trace.event_time_ps,
         "arrival_time_ps": trace.arrival_ps,
         "length_mm": trace.length_mm,
@@ -111,7 +111,7 @@ def _words(light_path: LightPath) -> str:
     return "; ".join(parts)
 
 
-def _array(name: str, values: NDArray[Any], *, components: int = 1) -> str:
+def _array(name: str, values: NDArray[np.generic], *, components: int = 1) -> str:
     """A DataArray element: inline base64, a UInt32 byte count before the numbers."""
     kind = values.dtype.kind + str(values.dtype.itemsize)
     raw = np.ascontiguousarray(values).astype(f"<{kind}").tobytes()
@@ -125,9 +125,9 @@ def _array(name: str, values: NDArray[Any], *, components: int = 1) -> str:
 
 def _document(
     points: Floats,
-    point_data: dict[str, NDArray[Any]],
+    point_data: dict[str, NDArray[np.generic]],
     cells: Whole,
-    cell_data: dict[str, NDArray[Any]],
+    cell_data: dict[str, NDArray[np.generic]],
     words: str,
 ) -> str:
     # A comment may not hold two dashes in a row.
