@@ -10,6 +10,7 @@ import math
 import os
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,7 +26,7 @@ _INDEX_BYTES = 16
 Ranges = tuple[tuple[int, int], ...]
 
 
-def check_chunks(dataset: Any, *, path: str | os.PathLike[str]) -> None:
+def check_chunks(dataset: h5py.Dataset, *, path: str | os.PathLike[str]) -> None:
     """Raise FileFormatError for an array of more chunks than its file can hold.
 
     Parameters
@@ -44,7 +45,7 @@ def check_chunks(dataset: Any, *, path: str | os.PathLike[str]) -> None:
         )
 
 
-def read_in_parts(dataset: Any, key: object = ()) -> NDArray[Any]:
+def read_in_parts(dataset: h5py.Dataset, key: object = ()) -> NDArray[Any]:
     """`dataset[key]`, few chunks at a time.
 
     Parameters

@@ -84,7 +84,7 @@ def check_seal(file: h5py.File, path: str | os.PathLike[str]) -> None:
         raise not_as_written(path)
 
 
-def _is_text(node: Any, name: str) -> bool:
+def _is_text(node: h5py.HLObject, name: str) -> bool:
     """Whether an attribute is a text of fixed length; others are not safe to read."""
     return name in node.attrs and node.attrs.get_id(name).dtype.kind == "S"
 
@@ -119,7 +119,7 @@ def _add(whole: Any, *words: object) -> None:
         whole.update(block)
 
 
-def _add_attribute(whole: Any, node: Any, key: str) -> None:
+def _add_attribute(whole: Any, node: h5py.HLObject, key: str) -> None:
     dtype = node.attrs.get_id(key).dtype
     if dtype.hasobject:  # we write none, and they are not safe to read
         _add(whole, key, "object")

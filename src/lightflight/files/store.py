@@ -417,7 +417,7 @@ def is_ours(file: h5py.File) -> bool:
     return text_attribute(file, "format") == FORMAT_NAME
 
 
-def text_attribute(node: Any, name: str) -> str | None:
+def text_attribute(node: h5py.HLObject, name: str) -> str | None:
     """Text of a fixed-length attribute.
 
     A text of variable length is never read: over a damaged one the HDF5 library can loop for ever.
@@ -440,7 +440,7 @@ def text_attribute(node: Any, name: str) -> str | None:
     return bytes(value).decode("utf-8", "replace") if isinstance(value, np.bytes_) else None
 
 
-def read_array(dataset: Any, *, path: str | os.PathLike[str]) -> NDArray[np.generic]:
+def read_array(dataset: h5py.Dataset, *, path: str | os.PathLike[str]) -> NDArray[np.generic]:
     """Read a whole dataset of a record, after `check_dataset`.
 
     Parameters
@@ -570,7 +570,7 @@ def _check_header(
     return version
 
 
-def _number_attribute(node: Any, name: str) -> int | None:
+def _number_attribute(node: h5py.HLObject, name: str) -> int | None:
     """Whole number among the attributes; None where there is none."""
     if name not in node.attrs or node.attrs.get_id(name).dtype.kind not in "iu":
         return None

@@ -144,7 +144,7 @@ def _stated_axes(name: str, n_axes: int, stated: object, labels: list[str]) -> s
     return None
 
 
-def _has_texts(node: Any) -> bool:
+def _has_texts(node: h5py.HLObject) -> bool:
     """Whether it has attributes of variable length, which are not safe to read here."""
     return any(node.attrs.get_id(name).dtype.hasobject for name in node.attrs)
 

@@ -117,7 +117,7 @@ def read(
         )
 
 
-def _settings_in(ours: Any, path: Path) -> dict[str, object]:
+def _settings_in(ours: h5py.Group, path: Path) -> dict[str, object]:
     """Settings of the recording, from the JSON text we put there."""
     settings = json.loads(str(read_array(ours.get("settings"), path=path)))
     if not isinstance(settings, dict):
@@ -133,13 +133,13 @@ def _stated_shape(attributes: Mapping[str, Any], pixel: Any, path: Path) -> tupl
     return int(stated[0]), int(stated[1])
 
 
-def _plain_attributes(node: Any) -> dict[str, Any]:
+def _plain_attributes(node: h5py.Group) -> dict[str, Any]:
     """Attributes that are numbers or texts of fixed length (see `store.text_attribute`)."""
     kinds = {name: node.attrs.get_id(name).dtype.kind for name in node.attrs}
     return {name: node.attrs[name] for name, kind in kinds.items() if kind in "iufbS"}
 
 
-def _number(node: Any, path: Path) -> float:
+def _number(node: h5py.Dataset, path: Path) -> float:
     """One number that a dataset holds."""
     value = read_array(node, path=path)
     if value.size != 1 or value.dtype.kind not in "iuf":
@@ -147,7 +147,7 @@ def _number(node: Any, path: Path) -> float:
     return float(value.reshape(-1)[0])
 
 
-def _unsigned(node: Any, path: Path) -> Any:
+def _unsigned(node: h5py.Dataset, path: Path) -> Any:
     """Array that stays in the file, its integers without a sign."""
     stored = StoredArray.streamed(node, path=path)
     if len(stored.shape) != 1 or stored.dtype.kind not in "ui":
@@ -162,7 +162,7 @@ def _unsigned(node: Any, path: Path) -> Any:
     return _Converted(stored, stored.shape)
 
 
-def _detectors(photons: Any, code: Any, path: Path) -> Any:
+def _detectors(photons: h5py.Group, code: Any, path: Path) -> Any:
     """(n,), pixel of each photon; all are of pixel 0 where the file knows no detectors."""
     if "detectors" in photons:
         return _unsigned(photons["detectors"], path)
@@ -197,7 +197,7 @@ class _Converted:
         return np.asarray(self[:] if self.whole is None else np.asarray(self.whole), np.uint32)
 
 
-def _clock_in(file: Any, path: Path) -> dict[str, Any]:
+def _clock_in(file: h5py.File, path: Path) -> dict[str, Any]:
     """Number and width of the codes, and the laser period where one laser is told."""
     specs = file["photon_data"].get("nanotimes_specs")
     if not isinstance(specs, h5py.Group) or "tcspc_num_bins" not in specs:
@@ -286,7 +286,7 @@ def write(
         _write_metadata(out.file, record, frame_duration_ps)
 
 
-def _write_metadata(file: Any, record: Recording, frame_duration_ps: float) -> None:
+def _write_metadata(file: h5py.File, record: Recording, frame_duration_ps: float) -> None:
     """Everything that is no list of photons: what the format prescribes, and what is ours."""
     frame_s = frame_duration_ps * 1e-12
     for name, text in _ROOT_TEXTS.items():
