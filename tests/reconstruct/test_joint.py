@@ -313,13 +313,13 @@ class TestTrouble:
         assert path.legs[0].angle_deg == pytest.approx(5.0, abs=6 * path.legs[0].angle_std_deg)
 
     def test_fewer_pixels_than_unknowns(self):
-        """Six pixels of one row, nothing known: entry, time and exit are five unknowns, and the
-        two pixels by the ends say where the view begins."""
+        """Five pixels side by side, nothing known but where to begin: entry, time and exit are
+        five unknowns, and the pixels by the ends say where the view begins."""
         lab = one_leg()
         mask = np.ones((32, 32), dtype=bool)
-        mask[15, [10, 12, 14, 16]] = False
-        with pytest.raises(NothingFoundError, match="pixels"):
-            joint(lab, exclude_mask=mask, source=Source())
+        mask[15, 9:14] = False
+        with pytest.raises(NothingFoundError, match="fewer than its 5 unknowns"):
+            joint(lab, exclude_mask=mask, source=Source(), start=lab.truth)
 
 
 class TestSharedErrors:
