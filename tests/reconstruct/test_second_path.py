@@ -91,3 +91,21 @@ def test_repeats_share_the_mirror(second):
     one, half = (s.counts(rows, cols, (np.zeros((5, 1)), np.full((5, 1), 5e4)), 0.0)
                  for s in (second, second.times(0.5)))  # fmt: skip
     np.testing.assert_allclose(half, 0.5 * one)
+
+
+def test_what_flies_beyond_the_mirror_has_no_image(second):
+    """As in the search for it: the plane through the middle of the leg leaves half of the light."""
+    rows, cols = (each.ravel() for each in np.indices(second.camera.shape))
+    normal = second.mirror.normal
+    places = second.places
+    depth = places.points_mm @ normal
+    assert np.ptp(depth) > 1.0
+    cut = Mirror(normal, float(np.median(depth)), np.ones(1))
+    before = depth < cut.distance_mm
+    alone = Places(
+        places.points_mm[before], places.leg[before], places.event_ps[before],
+        places.light[before], places.spot_px, places.std_ps, places.return_ps_per_mm,
+    )  # fmt: skip
+    shown, expected = (glow(cut, one, second.camera, rows, cols) for one in (places, alone))
+    assert expected.photons.sum() > 0.0
+    np.testing.assert_allclose(shown.photons, expected.photons, rtol=1e-9, atol=1e-12)

@@ -137,6 +137,8 @@ def glow(mirror: Mirror, places: Places, camera: Camera, rows: Indices, cols: In
         seen = (np.abs(row - 0.5 * n_rows) < 0.5 * n_rows + half) & (
             np.abs(col - 0.5 * n_cols) < 0.5 * n_cols + half
         )
+    # What flies beyond the plane has no image.
+    seen &= places.points_mm @ mirror.normal < mirror.distance_mm
     found = np.zeros((3, len(rows), places.n_legs))
     found[2] = 1.0
     window = np.arange(-half, half + 1)
