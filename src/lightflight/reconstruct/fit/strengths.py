@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.errors import NothingFoundError
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.around import Group, Seen
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.cells import Cells
-from lightflight.reconstruct.model.counted import Pixels, Pulses, dark_pixels, lit_pixels
+from lightflight.reconstruct.model.counted import Pixels, Pulses, Tails, dark_pixels, lit_pixels
 from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
@@ -26,6 +27,8 @@ _MOST_ROUNDS = 30
 """Typically 3 without diffuse light, 12 where two waits share one tail."""
 _STILL = 0.1
 """A round that moves the strengths by less than this many of their errors was the last."""
+_ROUGHLY_STILL = 0.02
+"""The same where only legs are found with them: shares that move by less."""
 _LINEAR = 0.01
 """Strengths below this move times in proportion: pixels are not fitted again (error: a square)."""
 _LONGEST = 0.3
@@ -50,6 +53,7 @@ class Beside:
     Attributes
     ----------
     seen : Seen
+        Asked for where a second path shows alone.
     cells : Cells
     wide : array of float, shape (n, m, k - 6)
         Counts at a strength of one.
@@ -143,6 +147,7 @@ def strengths_of(
     second: SecondPath | None = None,
     *,
     dispersion: float = 1.0,
+    rough: bool = False,
 ) -> Known:
     """Strengths of diffuse light, and of a second path if there is one.
 
@@ -160,6 +165,9 @@ def strengths_of(
         Where its mirror is, roughly.
     dispersion : float, optional
         Variance of counts over that of Poisson's.
+    rough : bool, optional
+        Whether no time will be measured with them: pulses stay where they were found, waits of
+        little light are as free as those of much, and shares need not stand as still.
 
     Returns
     -------
@@ -184,7 +192,7 @@ def strengths_of(
             said = empty.said_of(np.concatenate((unlit.wide, more), axis=2))
             score[at_dark] += said[0]
             information[np.ix_(at_dark, at_dark)] += said[1]
-        prior = _precision(value, free)
+        prior = _precision(value, free, rough=rough)
         total = information + np.diag(prior)
         # A plane is as likely as any other; shares of light are not.
         shares = np.zeros(0) if second is None else np.append(np.zeros(3), second.mirror.share)
@@ -198,12 +206,14 @@ def strengths_of(
         value = value + step[:size]
         second = None if second is None else second.moved(step[size:])
         small = second is None and np.abs(value[:-n_late]).max() < _LINEAR
-        settled = bool(small or moved < _STILL**2)
+        still = np.abs(step[:n_late]).max() < _ROUGHLY_STILL if rough else moved < _STILL**2
+        settled = bool(small or still)
         if settled:
             break
         # Of pulses with tails the width of a Gaussian is not that of their core.
         wider = float(np.log(np.nanmedian((pixels.std_ps / pulses.std_ps)[:, 0])))
-        pulses = replace(pulses, std_ps=pulses.std_ps * np.exp(damping * wider))
+        late = pixels.late_ps if rough else pulses.late_ps
+        pulses = replace(pulses, late_ps=late, std_ps=pulses.std_ps * np.exp(damping * wider))
         if second is not None:
             second = second.of_width(float(np.median(pixels.std_ps[:, 0])))
     covariance: Floats = np.linalg.inv(total).astype(np.float64, copy=False)
@@ -211,12 +221,44 @@ def strengths_of(
     return Known(found, second, pixels, dark, step, settled, dispersion, expected)
 
 
-def _precision(value: Floats, free: int) -> Floats:
+def tails_of(cells: Cells, pulses: Pulses) -> tuple[Tails, Pixels]:
+    """Shares that are late and their mean waits, of pixels that each show a pulse of their own.
+
+    Parameters
+    ----------
+    cells : Cells
+        Their counts.
+    pulses : Pulses
+        Where the pulses are, roughly.
+
+    Returns
+    -------
+    tails : Tails
+    pixels : Pixels
+        As they were fitted last.
+
+    Raises
+    ------
+    NothingFoundError
+        Where no tails explain the counts.
+    """
+    # Which pixels these are is asked of light that others send to them: there is none here.
+    nowhere, none = np.zeros(0, dtype=np.int64), np.zeros((0, 1))
+    seen = Seen(nowhere, nowhere, none.astype(np.int64), none, none, none)
+    own = Beside(seen, cells, np.zeros((*cells.counts.shape, 0)))
+    known = strengths_of(pulses, own, None, None, rough=True)
+    if not known.settled:
+        raise NothingFoundError("the shares of late light do not settle")
+    return known.strengths.tails, known.pixels
+
+
+def _precision(value: Floats, free: int, *, rough: bool) -> Floats:
     """Of what would surprise nobody: the same for all kinds of diffuse light, and for shares."""
     size, n = len(value), light.N_LATE
     prior = np.full(size + free, PLAUSIBLE[FindingName.HAZE].size ** -2.0)
     here = value[:n] ** 2
-    prior[size - n : size] = (_WAIT_STD * (here + 1e-8) / (here + _TELLING**2)) ** -2.0
+    freedom = 1.0 if rough else (here + 1e-8) / (here + _TELLING**2)
+    prior[size - n : size] = (_WAIT_STD * freedom) ** -2.0
     prior[size : size + 3] = _PLANE_PRIOR[:free]
     return prior
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lightflight.errors import NothingFoundError
 from lightflight.reconstruct.fit.around import FINE_GROWTH, FINE_STDS
-from lightflight.reconstruct.fit.late import tails_of
+from lightflight.reconstruct.fit.strengths import tails_of
 from lightflight.reconstruct.model.cells import cells_about, lag_edges
 from lightflight.reconstruct.model.counted import Pulses, Shape, Tails, shape_of
 from lightflight.reconstruct.model.sighting import Sighting
