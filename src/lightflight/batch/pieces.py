@@ -119,15 +119,28 @@ def piece_of(recording: Recording, index: int, n_pieces: int) -> tuple[Recording
         return recording, {"frames": share_of(recording.n_frames, index, n_pieces)}
     # Nobody knows how many frames a run of photons spans: n_frames is of the whole alone.
     assert recording.pixel is not None
+    return photons_between(recording, *share_of(recording.pixel.shape[0], index, n_pieces)), {}
+
+
+def photons_between(recording: Recording, start: int, end: int) -> Recording:
+    """Photons start ... end - 1 of a list of them, which no longer tells their frames.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of events.
+    start, end : int
+        First photon, and the one after the last.
+    """
+    assert recording.pixel is not None
     assert recording.code is not None
-    start, end = share_of(recording.pixel.shape[0], index, n_pieces)
-    part = replace(
+    return replace(
         recording,
         pixel=PartOfArray(recording.pixel, start, end),
         code=PartOfArray(recording.code, start, end),
+        frame_starts=None,
         n_frames=None,
     )
-    return part, {}
 
 
 def share_of(length: int, index: int, n_pieces: int) -> tuple[int, int]:

@@ -27,7 +27,7 @@ from lightflight.batch.job import (
     timing_of,
 )
 from lightflight.batch.kept import is_kept, kept_arrays
-from lightflight.batch.pieces import PartOfArray, bytes_of, share_of
+from lightflight.batch.pieces import PartOfArray, bytes_of, photons_between, share_of
 from lightflight.batch.warnings_said import caught_warnings
 from lightflight.batch.window import TimingWindow
 from lightflight.errors import ConfigError, FileFormatError, NothingFoundError
@@ -209,15 +209,7 @@ def _photons_of(recording: Recording, index: int, n_pieces: int) -> Recording:
     part = share_of(length, index, n_pieces)
     if recording.frames is not None:
         return replace(recording, frames=PartOfArray(recording.frames, *part), n_frames=None)
-    assert recording.pixel is not None
-    assert recording.code is not None
-    return replace(
-        recording,
-        pixel=PartOfArray(recording.pixel, *part),
-        code=PartOfArray(recording.code, *part),
-        frame_starts=None,
-        n_frames=None,
-    )
+    return photons_between(recording, *part)
 
 
 def _sorted_photons(

@@ -93,9 +93,7 @@ def read(
     ConfigError
         Where `variable` is not there, or a hint is none.
     """
-    with path.open("rb") as file:
-        opened = _opened_v73 if file.read(10) == b"MATLAB 7.3" else _opened_v5
-    shapes, load, texts = opened(path)
+    shapes, load, texts = _opened(path)
     name = _chosen(variable, shapes, path)
     fields, settings = fields_from_texts(texts, path)
     axes = axes_of(name, shapes[name], axes or stated_axes(texts.get("axes")), path=path)
@@ -136,10 +134,15 @@ def array_from_file(path: Path, variable: str | None) -> NDArray[Any]:
     FileFormatError
         For what is no MATLAB file, or has no such array.
     """
-    with path.open("rb") as file:
-        opened = _opened_v73 if file.read(10) == b"MATLAB 7.3" else _opened_v5
-    shapes, load, _ = opened(path)
+    shapes, load, _ = _opened(path)
     return np.asarray(load(_chosen(variable, shapes, path))).T
+
+
+def _opened(path: Path) -> tuple[_Shapes, _Load, dict[str, str]]:
+    """Shapes, how to load an array, and texts, by name."""
+    with path.open("rb") as file:
+        is_v73 = file.read(10) == b"MATLAB 7.3"
+    return _opened_v73(path) if is_v73 else _opened_v5(path)
 
 
 def _opened_v5(path: Path) -> tuple[_Shapes, _Load, dict[str, str]]:

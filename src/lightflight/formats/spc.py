@@ -178,11 +178,7 @@ class _Column:
     def __getitem__(self, key: slice) -> NDArray[np.uint16]:
         first, last, _ = key.indices(self.shape[0])
         records = self.photons.part(first, max(first, last))
-        # The ADC runs backwards.
-        values = (
-            records >> 12 & 0xF if self.name == "channel" else _CODES - 1 - (records >> 16 & 0xFFF)
-        )
-        return values.astype(np.uint16)
+        return _channels_of(records) if self.name == "channel" else _codes_of(records)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[np.generic]:
         """All of it, after checking that it fits into memory."""
