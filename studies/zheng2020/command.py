@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from lightflight.cli.options import json_option, seed_option
 from lightflight.files.json_values import json_value
 from lightflight.files.whole_file import atomic_path
 from lightflight.view.export.files import write_figure
-from lightflight.view.film.encode import write_pictures
+from lightflight.view.film.encode import Frame
 from studies.zheng2020.discussion import NOT_COVERED
 from studies.zheng2020.figures import visualization1_frames
 from studies.zheng2020.run import CHOICES, EXPERIMENTS, records_of_results
@@ -138,6 +138,30 @@ def _draw(records: dict[str, Any], output: Path) -> list[str]:
             n_frames = write_pictures(visualization1_frames(records["fig6"]), folder)
             written.append(f"{folder} ({n_frames} frames)")
     return written
+
+
+def write_pictures(frames: Iterable[Frame], folder: Path) -> int:
+    """Write frames as frame-0000.png ... into a folder, in place of those there; how many.
+
+    Parameters
+    ----------
+    frames : iterable of arrays
+        Pictures (height, width, 3).
+    folder : Path
+        Where to; made if it is not there.
+    """
+    from PIL import Image
+
+    folder.mkdir(parents=True, exist_ok=True)
+    # Frames of a longer film before would be taken for the end of this one.
+    for old in folder.glob("frame-????.png"):
+        old.unlink()
+    n_frames = 0
+    for frame in frames:
+        with atomic_path(folder / f"frame-{n_frames:04d}.png") as fresh:
+            Image.fromarray(frame).save(fresh, format="PNG", compress_level=3)
+        n_frames += 1
+    return n_frames
 
 
 def _write_table(

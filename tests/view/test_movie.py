@@ -279,16 +279,3 @@ def test_a_recordings_film_plays(tmp_path: Path) -> None:
     film: Any
     with Image.open(file) as film:
         assert film.n_frames > 5
-
-
-def test_frames_as_pictures_take_the_place_of_those_that_were_there(tmp_path: Path) -> None:
-    from PIL import Image
-
-    rng = np.random.default_rng(3)
-    frames = rng.integers(0, 256, (3, 20, 30, 3), dtype=np.uint8)
-    folder = tmp_path / "new" / "frames"
-    assert encode.write_pictures(frames, folder) == 3
-    assert encode.write_pictures(frames[:2], folder) == 2
-    assert sorted(file.name for file in folder.iterdir()) == ["frame-0000.png", "frame-0001.png"]
-    with Image.open(folder / "frame-0001.png") as picture:
-        np.testing.assert_array_equal(np.asarray(picture), frames[1])

@@ -2,11 +2,13 @@
 
 import json
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 from studies.zheng2020 import fig5a, run
-from studies.zheng2020.command import command
+from studies.zheng2020.command import command, write_pictures
 from studies.zheng2020.table import Row, markdown_from_rows
 from tests.studies.zheng2020 import fakes
 
@@ -70,3 +72,14 @@ def test_markdown_has_every_cell():
     assert "| angle | deg | 0.15 | 0.2 | 0.01 | – | 0.005 | 15 | all known |" in text
     assert "\n\nOne thing.\n\nAnother.\n\n" in text
     assert "quick run" in text
+
+
+def test_frames_as_pictures_take_the_place_of_those_that_were_there(tmp_path):
+    rng = np.random.default_rng(3)
+    frames = rng.integers(0, 256, (3, 20, 30, 3), dtype=np.uint8)
+    folder = tmp_path / "new" / "frames"
+    assert write_pictures(frames, folder) == 3
+    assert write_pictures(frames[:2], folder) == 2
+    assert sorted(file.name for file in folder.iterdir()) == ["frame-0000.png", "frame-0001.png"]
+    with Image.open(folder / "frame-0001.png") as picture:
+        np.testing.assert_array_equal(np.asarray(picture), frames[1])

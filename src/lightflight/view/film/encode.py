@@ -111,31 +111,6 @@ def _telling(frames: Iterable[Frame], n_frames: int, progress: Progress | None) 
             progress(k + 1, n_frames)
 
 
-def write_pictures(frames: Iterable[Frame], folder: FilePath) -> int:
-    """Write frames as frame-0000.png ... into a folder, in place of those there; how many.
-
-    Parameters
-    ----------
-    frames : iterable of arrays
-        Pictures (height, width, 3).
-    folder : path
-        Where to; made if it is not there.
-    """
-    from PIL import Image
-
-    place = Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
-    # Frames of a longer film before would be taken for the end of this one.
-    for old in place.glob("frame-????.png"):
-        old.unlink()
-    n_frames = 0
-    for frame in frames:
-        with atomic_path(place / f"frame-{n_frames:04d}.png") as fresh:
-            Image.fromarray(frame).save(fresh, format="PNG", compress_level=3)
-        n_frames += 1
-    return n_frames
-
-
 def _write_mp4(
     frames: Iterable[Frame], file: Path, size_px: tuple[int, int], frames_per_second: float
 ) -> None:
