@@ -276,7 +276,9 @@ def lit_pixels(
     center = np.zeros_like(unknown)
     center[:, -1] = start
     # Two pulses at one place may trade light without end.
-    most = np.sum(cells.counts / cells.open_share, axis=1)[:, np.newaxis] + 1.0
+    seen = cells.open_share
+    came = np.divide(cells.counts, seen, out=np.zeros_like(cells.counts), where=seen > 0.0)
+    most = came.sum(axis=1)[:, np.newaxis] + 1.0
     steps = _STEPS if s else 2
     for step in range(steps):
         mean, slopes = _expected(cells, width, late, std, unknown, pulses.shape, tails, other)
