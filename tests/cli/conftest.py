@@ -5,6 +5,12 @@ from click.testing import CliRunner
 
 from lightflight.cli import main
 
+
+def lines_said(done):
+    """Lines on stderr, without those that tell on a busy machine what takes long ("... ...")."""
+    return [line for line in done.stderr.strip().splitlines() if not line.endswith(" ...")]
+
+
 LAB = """
 [camera]
 distance_mm = 535.0

@@ -15,6 +15,7 @@ import pytest
 import lightflight as lf
 from lightflight import errors
 from lightflight.cli.errors import EXIT_CODES, one_line, sentence_and_code
+from tests.cli.conftest import lines_said
 
 
 def assert_refused(done, code, *words):
@@ -161,7 +162,7 @@ def test_counts_that_cannot_be(run, tmp_path, counts, word):
     done = run("info", path, *HINTS)
     assert done.exit_code in (2, 3), done.stderr
     assert "Traceback" not in done.stderr
-    assert len(done.stderr.splitlines()) == 1
+    assert len(lines_said(done)) == 1
     assert word in done.stderr or "axes" in done.stderr
 
 
@@ -281,7 +282,7 @@ def test_a_process_ends_with_one_line_and_the_code():
     done = in_a_process("info", "no-such-file.h5")
     assert done.returncode == 3
     assert done.stdout == ""
-    assert len(done.stderr.splitlines()) == 1
+    assert len(lines_said(done)) == 1
     assert "no-such-file.h5" in done.stderr
 
 

@@ -77,7 +77,7 @@ def test_wrong_input_is_one_sentence_and_writes_nothing(
     done = run("convert", *words)
     assert done.exit_code == code, done.stderr
     assert said in done.stderr
-    assert len(done.stderr.splitlines()) == 1
+    assert len(lines_said(done)) == 1
     assert [file.name for file in frames_file.parent.iterdir()] == ["frames.bin"]
 
 

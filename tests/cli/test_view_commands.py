@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lightflight.path.light_path import LightPath
+from tests.cli.conftest import lines_said
 from tests.files.unsealed import unsealed
 from tests.view import fakes
 
@@ -162,7 +163,7 @@ def test_wrong_calls_are_refused_in_a_sentence(run, path_file, lab_folder, words
     done = run(*(word.format(**given) for word in words))
     assert done.exit_code == 2
     assert sentence in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    assert len(lines_said(done)) == 1
 
 
 @pytest.mark.parametrize("what", ["summary", "space", "times", "errors", "residuals", "pulls"])
