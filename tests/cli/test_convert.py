@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import lightflight as lf
+from tests.cli.conftest import lines_said
 
 read: Any = lf.read
 
