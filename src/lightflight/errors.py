@@ -10,6 +10,8 @@ import importlib
 import os
 from typing import Any
 
+_LONGEST_SENTENCE = 1000
+
 
 class FileFormatError(ValueError):
     """A file is missing, empty, truncated, foreign or damaged.
@@ -31,6 +33,10 @@ class FileFormatError(ValueError):
     ) -> None:
         self.path = None if path is None else os.fspath(path)
         self.offset = offset
+        if len(message) > _LONGEST_SENTENCE:  # a file may hold a word of any length
+            message = (
+                f"{message[: _LONGEST_SENTENCE // 2]} ... {message[-_LONGEST_SENTENCE // 4 :]}"
+            )
         where = "" if self.path is None else f"{self.path}: "
         at = "" if offset is None else f" (at byte {offset})"
         super().__init__(f"{where}{message}{at}")

@@ -104,7 +104,8 @@ class Command:
         if self.text.startswith("batch"):
             return "batch -> results"
         first = self.text.replace("../in/", "").replace("-{}", "").replace("{}", "x")
-        return f"{' '.join(first.split()[:2])} -> {' '.join(self.outputs)}"
+        n_words = 3 if "--code" in first else 2
+        return f"{' '.join(first.split()[:n_words])} -> {' '.join(self.outputs)}"
 
     @property
     def replaces(self) -> bool:

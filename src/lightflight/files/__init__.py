@@ -5,6 +5,7 @@
 - our versioned HDF5: `store`, with a digest over everything: `digest`; tables: `tables`; what JSON
   can hold: `json_values`
 - set-up files: `toml_tables`
+- arrays that stay in their file: `mapped`
 - checks before memory is taken, and who is to blame for what is raised: `filecheck`
 - how every child process is started: `children`
 """

@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 PATH_KIND = "path"
 """Kind of record in our HDF5 files."""
 _INDICES = ("path_group_index", "return_group_index")
+_KINDS: dict[str, tuple[type, ...]] = {
+    "dof": (int,), "n_pulses": (int,), "n_rejected": (int,), "converged": (bool,),
+}  # fmt: skip
+_MOST = 2**62
+_LONGEST_TEXT, _MOST_SENTENCES = 10_000, 1_000
 
 
 def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
@@ -150,8 +155,7 @@ def _fields_from_record(arrays: Mapping[str, Any], attributes: Mapping[str, Any]
     # JSON knows no tuples.
     if isinstance(source.get("position_std_mm"), list):
         source["position_std_mm"] = tuple(source["position_std_mm"])
-    if not isinstance(attributes["method"], str):
-        raise TypeError(f"method is {attributes['method']!r}")
+    _check_plain(attributes)
     return {
         "vertices_mm": arrays["vertices_mm"],
         "vertex_times_ps": arrays["vertex_times_ps"],
@@ -171,6 +175,36 @@ def _fields_from_record(arrays: Mapping[str, Any], attributes: Mapping[str, Any]
         "verdict": _verdict_from_record(attributes),
         "explained": _explained_from_record(attributes),
     }
+
+
+def _check_plain(attributes: Mapping[str, Any]) -> None:
+    """Raise ValueError where a number, a text or a list is something else, or of any length."""
+    goodness = {**attributes["goodness"], **attributes.get("goodness_with_floor", {})}
+    for name, value in goodness.items():
+        kinds = _KINDS.get(name, (int, float))
+        is_none = value is None and name == "chi2_with_floor"
+        fits = type(value) in kinds and not (type(value) is int and abs(value) > _MOST)
+        if not (is_none or fits):
+            raise ValueError(f"goodness.{name} cannot be {value!r:.60}")
+    for name in ("method", "prior"):
+        if not isinstance(attributes[name], str):
+            raise ValueError(f"{name} cannot be {attributes[name]!r:.60}")
+    for name in ("statements", "prices"):
+        told = attributes.get(name, [])
+        if not isinstance(told, list) or not all(isinstance(one, str) for one in told):
+            raise ValueError(f"{name} cannot be {told!r:.60}")
+        if len(told) > _MOST_SENTENCES:
+            raise ValueError(f"it holds {len(told)} {name}")
+    if not isinstance(attributes["provenance"], Mapping):
+        raise ValueError(f"provenance cannot be {attributes['provenance']!r:.60}")
+    # Pictures and pages set each in type: minutes for megabytes.
+    pending: list[Any] = [{k: v for k, v in attributes.items() if k != "provenance"}]
+    while pending:
+        one = pending.pop()
+        if isinstance(one, str) and len(one) > _LONGEST_TEXT:
+            raise ValueError(f"it holds a text of {len(one)} characters")
+        if isinstance(one, dict | list):
+            pending += one.values() if isinstance(one, dict) else one
 
 
 def _verdict_from_record(attributes: Mapping[str, Any]) -> Verdict:

@@ -93,8 +93,11 @@ def load_calibration(
         raise FileFormatError(f"calibration lacks {', '.join(sorted(missing))}", path=path)
     with damage_as_format_error(path), record_error_as_format_error(path):
         check_plain_values(values)
-        for name in ("shape", "notes", "flat_mode_names"):
-            values[name] = tuple(values[name])
+        for name, kind in (("shape", int), ("notes", str), ("flat_mode_names", str)):
+            told = values.get(name, [])
+            if not isinstance(told, list) or not all(type(one) is kind for one in told):
+                raise ValueError(f"{name} cannot be {told!r:.60}: the file is damaged")
+            values[name] = tuple(told)
         return make(**{name: values[name] for name in known if name in values})
 
 
