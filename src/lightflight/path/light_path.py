@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_FARTHEST_MM = 1e15
+FARTHEST_MM = 1e15
 """An hour of light; squares of more have no place in the 32 bits of pictures."""
 
 
@@ -195,8 +195,8 @@ class LightPath:
         if not np.isfinite(vertices).all():
             bad = int(np.argmin(np.isfinite(vertices).all(axis=1)))
             raise ValueError(f"vertices_mm must be finite: vertex {bad} is {vertices[bad]}")
-        if np.abs(vertices).max() > _FARTHEST_MM:
-            raise ValueError(f"vertices_mm must lie within {_FARTHEST_MM:g} mm, got {vertices}")
+        if np.abs(vertices).max() > FARTHEST_MM:
+            raise ValueError(f"vertices_mm must lie within {FARTHEST_MM:g} mm, got {vertices}")
         if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
             raise ValueError(f"vertex_times_ps must be finite and ascend, got {times}")
         for array in (vertices, times, covariance):

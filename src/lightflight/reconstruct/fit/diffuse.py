@@ -246,9 +246,13 @@ def _with_second(
     """Strengths with a second path where the counts show one: as found before, or looked for."""
     if so_far is not None and so_far.second is not None:
         here = places(so_far.second.places.std_ps)
-        return strengths(SecondPath(so_far.second.mirror, here, camera))
+        # A leg may have left the picture since, and with it its share.
+        if here.n_legs == len(so_far.second.mirror.share):
+            return strengths(SecondPath(so_far.second.mirror, here, camera))
     known = strengths(None)
     here = places(float(np.median(known.pixels.std_ps[:, 0])))
+    if not here.n_legs:
+        return known
     second = second_path_in(seen, known.pixels, known.dark, here, camera)
     if second is None:
         return known

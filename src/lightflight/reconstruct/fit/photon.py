@@ -24,7 +24,7 @@ from lightflight.reconstruct.fit.membership import (
     fraction_at,
     roughly_on_leg,
 )
-from lightflight.reconstruct.fit.result import prior_in_words
+from lightflight.reconstruct.fit.result import prior_in_words, refuse_run_away
 from lightflight.reconstruct.fit.strangers import (
     counts_of_pulses,
     further_pulses,
@@ -370,7 +370,7 @@ def photon_path(
     Raises
     ------
     NothingFoundError
-        Where no pixel lies near the path.
+        Where no pixel lies near the path, or the counts lead it out of all bounds.
     """
     whole = without_outliers(merged(sightings), rough, std_ps, tips, setting)
     # The path is seen by camera and medium as they were found, told by those of the user.
@@ -423,6 +423,7 @@ def photon_path(
         if step < 0.02 and not (found & ~known).any():
             break
     assert ended is not None
+    refuse_run_away(state)
     return _path_from_climb(ended, rough)
 
 

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight import flags
+from lightflight.errors import NothingFoundError
 from lightflight.flight import Source
-from lightflight.path.light_path import LightPath
+from lightflight.path.light_path import FARTHEST_MM, LightPath
 from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.model.geometry import footprints
+from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import vertices_by_parameters
 from lightflight.reconstruct.model.sighting import Sighting
@@ -121,6 +122,26 @@ def residual_table(fit: JointFit, sightings: list[Sighting], setting: Setting) -
     return table if times.view is None else table[times.view == 0]
 
 
+def refuse_run_away(state: PathState) -> None:
+    """Refuse a path that no bench holds.
+
+    Parameters
+    ----------
+    state : PathState
+        As a fit ended.
+
+    Raises
+    ------
+    NothingFoundError
+        Where the counts held it by nothing.
+    """
+    if not np.abs(state.vertices_mm).max() <= FARTHEST_MM:
+        raise NothingFoundError(
+            "the fit runs out of all bounds, so these pulses are no light of one straight flight: "
+            "look at the picture (lightflight check) or give a starting path (start=)"
+        )
+
+
 def path_from_fit(
     fit: JointFit,
     sightings: list[Sighting],
@@ -153,6 +174,7 @@ def path_from_fit(
         Covariance in three classes, residuals, goodness and prior.
     """
     solution = fit.solution
+    refuse_run_away(solution.state)
     parts = covariance_parts(fit)
     used = fit.times.weight > 0
     residual = solution.residual_ps[used]

@@ -84,7 +84,8 @@ def places_of_path(
     state, medium = fit.solution.state, fit.solution.medium
     times = state.vertex_times_ps(medium)
     open_ends = fit.tips[0] is None and not source_told, fit.tips[1] is None
-    parts = []
+    # About light that is mostly another's, a leg may run away from the picture: no place then.
+    parts = [(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))]
     for k, (leg, of) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         step = np.diff(state.vertices_mm, axis=0)[k]
         # A path ends where the view does, its light runs on; where light ends in view it does not.
