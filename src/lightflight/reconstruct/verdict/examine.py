@@ -31,6 +31,7 @@ from lightflight.reconstruct.verdict.bookkeeping import (
     noticed,
 )
 from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
+from lightflight.reconstruct.verdict.doubtful import verdict_with_doubtful_corners
 from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry
 from lightflight.reconstruct.verdict.hidden import (
@@ -79,6 +80,8 @@ def examined(
         verdict = verdict_with_light_taken_up(
             verdict, evidence, aside, fit, sightings, nominal=nominal_clock
         )
+        if n_legs is None:
+            verdict = verdict_with_doubtful_corners(verdict, fit, sightings, setting)
     if verdict.level is Level.CONTRADICTED:
         verdict = replace(verdict, findings=(*_mistakes(sightings[0], setting), *verdict.findings))
     if verdict.level is not Level.TRUST:

@@ -1,0 +1,105 @@
+"""Corners that nobody told and that an error of the set-up may have drawn.
+
+A clock whose codes are longer, or a medium told wrong, bends the times along a leg; a corner more
+takes that up, and all tests of the longer path pass. So where light turns by little, the path
+without that corner is fitted as well, and each cause freed in it: where one explains the
+recording as well as the corner does, the corner is in doubt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from lightflight.path.verdict import Finding, Level, Severity, Verdict
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint
+from lightflight.reconstruct.fit.least_squares import OUTLIER
+from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.fit.revise import turn_deg
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.verdict.evidence import WITHIN, Evidence
+from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry, stated_solution
+
+_SHALLOW_DEG = 30.0
+"""Corners that turn by more are not asked about, deg: errors of plausible size bend a leg by up to
+14 degrees in the tests' worlds. It costs a fit for each corner and decides nothing else."""
+_OF_A_CORNER = 3
+"""Parameters that a corner brings: its place."""
+_MOST_NAMED = 6
+
+
+def verdict_with_doubtful_corners(
+    verdict: Verdict, fit: JointFit, sightings: list[Sighting], setting: Setting
+) -> Verdict:
+    """The verdict, "check" where a corner may be an error of the set-up.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        On the path as it was found; only one of "trust" can change.
+    fit : JointFit
+        The path; its number of legs was not told.
+    sightings : list of Sighting
+        Its recordings.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    Verdict
+        With the causes that explain the recording as well as the corner.
+    """
+    if verdict.level is not Level.TRUST:
+        return verdict
+    told = {index for index, _, _ in setting.waypoints}
+    state = fit.solution.state
+    shallow = [
+        k for k in range(1, state.n_legs) if k not in told and turn_deg(state, k) < _SHALLOW_DEG
+    ]
+    for corners in dict.fromkeys((tuple(shallow), *((k,) for k in shallow))):
+        causes = _causes_instead(corners, fit, sightings, setting) if corners else ()
+        if causes:
+            findings = tuple(_finding(one, corners, state) for one in causes[:_MOST_NAMED])
+            return replace(verdict, level=Level.CHECK, findings=findings)
+    return verdict
+
+
+def _causes_instead(
+    corners: tuple[int, ...], fit: JointFit, sightings: list[Sighting], setting: Setting
+) -> tuple[Evidence, ...]:
+    """Causes that explain the recording without these corners as well as it is with them."""
+    state = fit.solution.state
+    straight = PathState(np.delete(state.vertices_mm, corners, axis=0), state.start_time_ps)
+    moved = tuple((i - sum(k < i for k in corners), p, s) for i, p, s in setting.waypoints)
+    narrowed = replace(setting, waypoints=moved)
+    shorter = fit_or_reason(lambda: fit_joint(sightings, straight, narrowed, legs=None))
+    if isinstance(shorter, NoFit):
+        return ()
+    longer_chi2, shorter_chi2 = (
+        float(np.sum(stated_solution(one, its).rows ** 2))
+        for one, its in ((fit, setting), (shorter, narrowed))
+    )
+    # A pulse that only one of the two explains counts as much as an outlier may.
+    lost = int((fit.times.weight > 0).sum()) - int((shorter.times.weight > 0).sum())
+    needed = shorter_chi2 - longer_chi2 + OUTLIER**2 * lost
+    needed -= _OF_A_CORNER * len(corners) + WITHIN
+    evidence = evidence_from_geometry(shorter, sightings, narrowed)
+    enough = [one for one in evidence if not one.symptom and one.gain > max(needed, 0.0)]
+    return tuple(sorted(enough, key=lambda one: -one.gain))
+
+
+def _finding(cause: Evidence, corners: tuple[int, ...], state: PathState) -> Finding:
+    turns = " and ".join(f"{turn_deg(state, k):.2g}°" for k in corners)
+    which = " and ".join(str(k) for k in corners)
+    many = len(corners) > 1
+    return Finding(
+        cause.name,
+        f"{cause.sentence}, or light that turns by {turns} at corner{'s' if many else ''} "
+        f"{which}: both explain the recording",
+        0.0,
+        f"{cause.remedy}; or say how many legs there are (n_legs, --n-legs)",
+        Severity.CHECK,
+    )
