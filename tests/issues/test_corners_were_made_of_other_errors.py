@@ -1,0 +1,38 @@
+"""Codes 0.1 % longer, source told as exact: four legs instead of three, every test passed, "trust".
+
+The corner that was found turns by 14 degrees where the light is straight. A clock, an index or a
+source that is off explains the same recording without it, which is now said. Light that does turn
+by 12 degrees is explained by no such error and stays trusted.
+"""
+
+import numpy as np
+import pytest
+
+import lightflight as lf
+from tests.oracles.worlds.border import record, what_the_user_tells
+from tests.oracles.worlds.random_worlds import random_world
+
+
+def test_a_corner_that_a_clock_explains_is_in_doubt():
+    world = random_world(9253, 3).but(scale=1e-3)
+    with pytest.warns(lf.errors.SuspectDataWarning):
+        path = lf.reconstruct(record(world, 9253), **what_the_user_tells(world))
+    names = [finding.name for finding in path.verdict.findings]
+    assert path.n_legs == 4
+    assert path.verdict.level == "check"
+    assert "clock_scale" in names
+    assert "turns by 15° at corner 1" in path.verdict.findings[0].sentence
+    assert "--n-legs" in path.verdict.findings[0].remedy
+
+
+@pytest.mark.parametrize("seed", [700, 702])
+def test_light_that_turns_by_twelve_degrees_is_not(seed):
+    world = random_world(seed, 2)
+    start, end = world.vertices[:2]
+    step = end - start
+    aside = np.cross(step, [0.3, 0.4, 0.5])
+    aside *= np.tan(np.radians(6.0)) * np.linalg.norm(step) / 2 / np.linalg.norm(aside)
+    world = world.but(vertices=np.array([start, (start + end) / 2 + aside, end]))
+    path = lf.reconstruct(record(world, seed), **what_the_user_tells(world))
+    assert path.n_legs == 2
+    assert path.verdict.level == "trust"
