@@ -5,6 +5,7 @@
     python benchmarks/verdict.py --only defects --runs 10 --cells barrel,index --strength 1
     python benchmarks/verdict.py --only defects --held-out --apart --runs 1 --first 7000
                                                                    # the defects kept back
+    python benchmarks/verdict.py --only turns --runs 6 --first 700  # light that turns by little
 
 undisturbed  worlds with nothing wrong, by number of legs, photons, prior and estimator: share of
              "trust" with its 95 % interval (Clopper-Pearson), the chance (Kolmogorov-Smirnov) that
@@ -15,6 +16,9 @@ defects      worlds with one thing wrong: share seen, share in which the cause i
              more than three stated errors and 0.3 mm with "trust"; these one by one, with the
              sigma at which the oracle's Fisher information shows their defect, all that is told as
              uncertain free, and whether `blind_to` names it
+
+turns        worlds with nothing wrong whose light turns by a few degrees in the picture, by prior
+             and estimator: number of legs right, "trust"
 
 Seeds are fixed: run k of a cell is world `--first` + k; `--apart` gives each cell worlds of its own
 and draws their order, so that a run that is stopped is a fair sample. `--json` holds one line for
@@ -47,6 +51,7 @@ from tests.oracles.worlds.random_worlds import random_world
 from tests.oracles.worlds.world import World
 
 PRIORS = ("known", "lab")
+TURNS_DEG = (3.0, 6.0, 12.0, 20.0)
 WRONG_STDS, WRONG_MM = 3.0, 0.3
 SMALL = 0.002
 """Of a defect's strength: counts are straight in so much of it (not in a twentieth: light that is
@@ -76,6 +81,15 @@ def defect_cells(
             }  # fmt: skip
 
 
+def turn_cells(seeds: range, methods: list[str]) -> Iterator[Cell]:
+    for method, turn_deg, prior in product(methods, TURNS_DEG, PRIORS):
+        for seed in seeds:
+            yield {
+                "table": "turns", "turn_deg": turn_deg, "defect": "", "method": method, "n_legs": 2,
+                "photons": 40_000.0, "prior": prior, "seed": seed,
+            }  # fmt: skip
+
+
 def apart(cells: list[Cell]) -> list[Cell]:
     """Each cell in a world of its own, in an order drawn once."""
     own = [{**cell, "seed": cell["seed"] + number} for number, cell in enumerate(cells)]
@@ -84,9 +98,21 @@ def apart(cells: list[Cell]) -> list[Cell]:
 
 def world_of(cell: Cell) -> World:
     world = random_world(cell["seed"], cell["n_legs"], cell["photons"], cell["prior"])
+    if cell["table"] == "turns":
+        return turning(world, cell["turn_deg"], cell["seed"])
     if not cell["defect"]:
         return world
     return DEFECTS[cell["defect"]].applied(world, cell["strength"])
+
+
+def turning(world: World, turn_deg: float, seed: int) -> World:
+    """Its first leg with a corner in the middle, anywhere about it, and no more."""
+    start, end = world.vertices[:2]
+    length = float(np.linalg.norm(end - start))
+    along, aside = (end - start) / length, np.random.default_rng(seed).normal(size=3)
+    aside -= aside @ along * along
+    aside *= np.tan(np.radians(turn_deg / 2)) * length / 2 / np.linalg.norm(aside)
+    return world.but(vertices=np.array([start, (start + end) / 2 + aside, end]))
 
 
 def result_of(cell: Cell) -> Cell:
@@ -161,6 +187,16 @@ def print_undisturbed(rows: list[Cell]) -> None:
     for key in dict.fromkeys(key_of(row) for row in rows):
         print_trust(key, [row for row in rows if key_of(row) == key])
     print_trust("all", rows)
+
+
+def print_turns(rows: list[Cell]) -> None:
+    print(f"{'turns by':30s} {'n':>5s} {'legs right':>10s} {'trust':>6s}")
+    for key in dict.fromkeys((row["turn_deg"], row["prior"], row["method"]) for row in rows):
+        own = [row for row in rows if (row["turn_deg"], row["prior"], row["method"]) == key]
+        right = sum(row.get("n_legs_found") == 2 for row in own)
+        trusted = sum(row["outcome"] == "trust" for row in own)
+        name = f"{key[0]:g} deg {key[1]} {key[2]}"
+        print(f"{name:30s} {len(own):5d} {right:10d} {trusted:6d}")
 
 
 def print_trust(key: str, rows: list[Cell]) -> None:
@@ -253,7 +289,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--only", choices=("undisturbed", "defects"))
+    parser.add_argument("--only", choices=("undisturbed", "defects", "turns"))
     parser.add_argument("--runs", type=int, default=3, help="recordings of each cell")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--methods", default="joint,photon")
@@ -270,6 +306,9 @@ def main() -> None:
     legs = [int(n) for n in options.legs.split(",")]
     methods = options.methods.split(",")
     seeds = range(options.first, options.first + options.runs)
+    if options.only == "turns":
+        print_turns(run(list(turn_cells(seeds, methods)), options.json))
+        return
     if options.only != "defects":
         print_undisturbed(run(list(undisturbed_cells(seeds, methods)), options.json))
     if options.only != "undisturbed":
