@@ -1,7 +1,7 @@
 """Light that the counts would not show, though it moves the path.
 
 A second pulse of size s adds s c to the counts of a pixel, c its column. Of c the pixel's own delay
-takes up t (`Pixels.said_of`), so its time moves by s t, and the path by the gain of the fit times
+takes up t (`Pixels.taken_of`), so its time moves by s t, and the path by the gain of the fit times
 that. The counts show s at s sqrt(I) sigma, I what the score test knows of it (`Sums.information`),
 or in a single cell where the path leaves none. What the fit has a place for itself (haze, halo,
 glare where it measured their strengths) moves no path by more than is stated; of another pulse it
@@ -182,7 +182,7 @@ def shift_of_pulses(
                 one.shape,
             )
             used = np.append(used, spread)
-            taken = np.concatenate((taken, left.pixels.said_of(wide)[2]), axis=2)
+            taken = np.concatenate((taken, left.pixels.taken_of(wide)), axis=2)
         pulse, pixel, slot = _pulses_at(one, fit)
         late[pulse[:, np.newaxis], used] = taken[pixel, s + slot]
     if fit.strengths:
