@@ -7,6 +7,7 @@ turns nothing). Both are decided by likelihood, with thresholds far beyond chanc
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -227,10 +228,10 @@ def _opened(
     longer = PathState(np.insert(vertices, leg + 1, corner, axis=0), state.start_time_ps)
     # Waypoints name vertices by number: those after the new corner count one more.
     moved = tuple((i + (i > leg), p, s) for i, p, s in setting.waypoints)
-    return _refitted(sightings, longer, replace(setting, waypoints=moved))
+    return refitted(sightings, longer, replace(setting, waypoints=moved))
 
 
-def _refitted(sightings: list[Sighting], state: PathState, setting: Setting) -> JointFit | NoFit:
+def refitted(sightings: list[Sighting], state: PathState, setting: Setting) -> JointFit | NoFit:
     """The joint fit from a path with other corners, or why there is none."""
     return fit_or_reason(lambda: fit_joint(sightings, state, setting, legs=None))
 
@@ -253,7 +254,7 @@ def _merged_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> 
         needless = loss < _GAIN_CHI2 or turn_deg(state, corner) < _LEAST_TURN_DEG
         if not needless and loss > _DOUBTFUL_GAINS * _GAIN_CHI2:
             return None
-        merged = _refitted(sightings, straight_state, setting)
+        merged = refitted(sightings, straight_state, setting)
         if not isinstance(merged, NoFit) and (needless or not _gains(merged, fit)):
             return merged
     return None
@@ -285,7 +286,7 @@ def _thinned_once(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
             if state.n_legs <= len(some) or len(set(vertices)) < len(some):
                 continue
             kept = np.delete(state.vertices_mm, vertices, axis=0)
-            trial = _refitted(sightings, PathState(kept, state.start_time_ps), setting)
+            trial = refitted(sightings, PathState(kept, state.start_time_ps), setting)
             if not isinstance(trial, NoFit) and _fits_as_well(trial, fit):
                 return trial
     return None
@@ -300,6 +301,12 @@ def _fits_as_well(trial: JointFit, fit: JointFit) -> bool:
     )
 
 
+def setting_without(setting: Setting, corners: Sequence[int]) -> Setting:
+    """The setting of a path without some corners: waypoints name vertices by number."""
+    moved = tuple((i - sum(k < i for k in corners), p, s) for i, p, s in setting.waypoints)
+    return replace(setting, waypoints=moved)
+
+
 def _without_corner(fit: JointFit, corner: int, setting: Setting) -> Solution | NoFit:
     """Fit of the same data with two legs taken as one."""
     state = fit.solution.state
@@ -307,8 +314,7 @@ def _without_corner(fit: JointFit, corner: int, setting: Setting) -> Solution | 
     shifted = replace(fit.times, leg=fit.times.leg - (fit.times.leg >= corner))
     lines = replace(fit.lines, leg=fit.lines.leg - (fit.lines.leg >= corner))
     merged = PathState(vertices, state.start_time_ps)
-    moved = tuple((i - (i > corner), p, s) for i, p, s in setting.waypoints)
-    narrowed = replace(setting, waypoints=moved)
+    narrowed = setting_without(setting, (corner,))
     try:
         return fit_path(
             merged,

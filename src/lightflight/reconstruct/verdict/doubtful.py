@@ -13,22 +13,22 @@ from dataclasses import replace
 import numpy as np
 
 from lightflight.path.verdict import Finding, Level, Severity, Verdict
-from lightflight.reconstruct.fit.joint import JointFit, fit_joint
+from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import OUTLIER
-from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
-from lightflight.reconstruct.fit.revise import turn_deg
+from lightflight.reconstruct.fit.outcome import NoFit
+from lightflight.reconstruct.fit.revise import refitted, setting_without, turn_deg
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.verdict.evidence import WITHIN, Evidence
+from lightflight.reconstruct.verdict.evidence import MOST_NAMED, WITHIN, Evidence
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry, stated_solution
+from lightflight.reconstruct.verdict.judge import best_of_each
 
 _SHALLOW_DEG = 30.0
 """Corners that turn by more are not asked about, deg: errors of plausible size bend a leg by up to
 14 degrees in the tests' worlds. It costs a fit for each corner and decides nothing else."""
 _OF_A_CORNER = 3
 """Parameters that a corner brings: its place."""
-_MOST_NAMED = 6
 
 
 def verdict_with_doubtful_corners(
@@ -60,24 +60,23 @@ def verdict_with_doubtful_corners(
         k for k in range(1, state.n_legs) if k not in told and turn_deg(state, k) < _SHALLOW_DEG
     ]
     for corners in dict.fromkeys((tuple(shallow), *((k,) for k in shallow))):
-        causes = _causes_instead(corners, fit, sightings, setting) if corners else ()
+        causes = _causes_instead(corners, fit, sightings, setting) if corners else []
         if causes:
-            findings = tuple(_finding(one, corners, state) for one in causes[:_MOST_NAMED])
+            findings = tuple(_finding(one, corners, state) for one in causes[:MOST_NAMED])
             return replace(verdict, level=Level.CHECK, findings=findings)
     return verdict
 
 
 def _causes_instead(
     corners: tuple[int, ...], fit: JointFit, sightings: list[Sighting], setting: Setting
-) -> tuple[Evidence, ...]:
+) -> list[Evidence]:
     """Causes that explain the recording without these corners as well as it is with them."""
     state = fit.solution.state
     straight = PathState(np.delete(state.vertices_mm, corners, axis=0), state.start_time_ps)
-    moved = tuple((i - sum(k < i for k in corners), p, s) for i, p, s in setting.waypoints)
-    narrowed = replace(setting, waypoints=moved)
-    shorter = fit_or_reason(lambda: fit_joint(sightings, straight, narrowed, legs=None))
+    narrowed = setting_without(setting, corners)
+    shorter = refitted(sightings, straight, narrowed)
     if isinstance(shorter, NoFit):
-        return ()
+        return []
     longer_chi2, shorter_chi2 = (
         float(np.sum(stated_solution(one, its).rows ** 2))
         for one, its in ((fit, setting), (shorter, narrowed))
@@ -88,7 +87,7 @@ def _causes_instead(
     needed -= _OF_A_CORNER * len(corners) + WITHIN
     evidence = evidence_from_geometry(shorter, sightings, narrowed)
     enough = [one for one in evidence if not one.symptom and one.gain > max(needed, 0.0)]
-    return tuple(sorted(enough, key=lambda one: -one.gain))
+    return best_of_each(sorted(enough, key=lambda one: -one.gain))
 
 
 def _finding(cause: Evidence, corners: tuple[int, ...], state: PathState) -> Finding:

@@ -20,6 +20,8 @@ SEEN_AT = 3.7
 """What is this many sigma is seen in half of all recordings: the threshold of some 40 tests."""
 WITHIN = 9.0
 """Causes whose gain is within this of the best cannot be told from it."""
+MOST_NAMED = 6
+"""Causes that are named together."""
 AT_MOST = 9.0
 """Chi-square below which a test is silent whose chance is only known to be at most so large (few
 counts, a usual share): it takes no more of the budget than 3 sigma, which raise no alarm alone."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from lightflight.path.verdict import BlindSpot, Finding, FindingName, Level, Severity, Verdict
-from lightflight.reconstruct.verdict.evidence import CHECK_AT, LIGHT, WITHIN, Evidence
+from lightflight.reconstruct.verdict.evidence import CHECK_AT, LIGHT, MOST_NAMED, WITHIN, Evidence
 
 Floats = NDArray[np.float64]
 
@@ -26,7 +26,6 @@ _TABLE = 200
 _LEAST_P = 1e-300
 _TAIL = 0.05
 """Below this, drawn p-values are too few: how far tests are alike is taken from here."""
-_MOST_NAMED = 6
 
 
 def verdict_from_evidence(evidence: Sequence[Evidence], noticed: Sequence[Finding] = ()) -> Verdict:
@@ -108,7 +107,7 @@ def named(evidence: Sequence[Evidence]) -> list[Evidence]:
     A symptom comes first where the best cause leaves it improbable all the same. What is off with
     the times is no excuse for light that is none of the path's: its causes are named as well.
     """
-    causes = _best_of_each(sorted((e for e in evidence if not e.symptom), key=lambda e: -e.gain))
+    causes = best_of_each(sorted((e for e in evidence if not e.symptom), key=lambda e: -e.gain))
     best = causes[0] if causes and causes[0].gain > 0.0 else None
     group = _alike(best, causes)
     if best is not None and best.data != LIGHT:
@@ -118,7 +117,7 @@ def named(evidence: Sequence[Evidence]) -> list[Evidence]:
     at = CHECK_AT / len(evidence)
     left = [e for e in evidence if e.symptom and _left_by(best, e) < at]
     # Of equally clear ones that which says where: it knows what remains.
-    unexplained = _best_of_each(sorted(left, key=lambda e: (e.p_value, np.isnan(e.remains))))
+    unexplained = best_of_each(sorted(left, key=lambda e: (e.p_value, np.isnan(e.remains))))
     # Light of one place is no halo, though a halo may be made of it: NaN is not more.
     weak = (
         best is None
@@ -130,10 +129,10 @@ def named(evidence: Sequence[Evidence]) -> list[Evidence]:
     raised = min(evidence, key=lambda e: e.p_value)
     if all(one.p_value > CHECK_AT for one in ordered) or not ordered:
         ordered.insert(0, raised)
-    return ordered[:_MOST_NAMED]
+    return ordered[:MOST_NAMED]
 
 
-def _best_of_each(ranked: Sequence[Evidence]) -> list[Evidence]:
+def best_of_each(ranked: Sequence[Evidence]) -> list[Evidence]:
     """The first of each name."""
     first: dict[FindingName, Evidence] = {}
     for one in ranked:
