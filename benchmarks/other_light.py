@@ -14,7 +14,10 @@ error / bound   rms, whitened by the Cramer-Rao bound of the same world with the
 pull            rms, whitened by the stated errors
 stated / bound  rms
 mm              median error
+trust ...       how many the verdict trusts, checks, contradicts
 silent          trusted with more than 20 mm and 3 stated errors off, or with another number of legs
+
+Below: pulls of all worlds that have other light, by number of legs, and how many are above 3.
 
 `--before` holds rows of the same seeds by another version: errors over those. `--json`
 holds one line for each recording; a run that was cut short goes on from there.
@@ -181,7 +184,10 @@ def line_of(own: list[Row], bounds: dict[Any, np.ndarray], before: dict[Any, Row
             now.append(whitened(error, least))
             then.append(whitened(np.array(other["error"]), least))
     middle = float(np.median(found["mm"])) if right else float("nan")
-    trusted = sum(row.get("level") == "trust" for row in own)
+    levels = " ".join(
+        f"{sum(row.get('level') == level for row in own):5d}"
+        for level in ("trust", "check", "contradicted")
+    )
     silent = sum(
         row.get("level") == "trust"
         and float(np.abs(row["error"]).max()) > _FAR_MM
@@ -193,8 +199,21 @@ def line_of(own: list[Row], bounds: dict[Any, np.ndarray], before: dict[Any, Row
     paired = f"{rms(now) / rms(then):8.3f}" if then else ""
     return (
         f"{len(right):3d}/{len(own):<3d} {rms(found['bound']):10.2f} {rms(found['pull']):7.2f} "
-        f"{rms(found['stated']):8.2f} {middle:9.3f} {trusted:6d} {silent:6d} {cpu:6.2f} {paired}"
+        f"{rms(found['stated']):8.2f} {middle:9.3f} {levels} {silent:6d} {cpu:6.2f} {paired}"
     )
+
+
+def print_pooled(rows: list[Row]) -> None:
+    for n_legs in dict.fromkeys(row["n_legs"] for row in rows):
+        pulls = [
+            whitened(np.array(row["error"]), np.array(row["stated"]))
+            for row in rows
+            if row["n_legs"] == n_legs and "error" in row and not row["world"].startswith("none")
+        ]
+        above = sum(pull > _FAR_STDS for pull in pulls)
+        print(
+            f"other light, {n_legs} legs: {len(pulls)} pulls, rms {rms(pulls):.2f}, {above} above 3"
+        )
 
 
 def main() -> None:
@@ -225,11 +244,14 @@ def main() -> None:
     least = run(cells_of(["bound"]), options.bounds or options.json)
     bounds = {key_of(row): np.array(row["bound"]) for row in least}
     before = {key_of(row): row for row in done_in(options.before)}
-    head = "right     error/bnd    pull stat/bnd  mm (med.)  trust silent  cpu s now/before"
+    head = (
+        "right     error/bnd    pull stat/bnd mm (med.) trust check contr silent  cpu s now/before"
+    )
     print(f"{'world':22s} {'':14s} {head}")
     for (name, n_legs), method in product(kinds, options.methods.split(",")):
         own = [row for row in rows if key_of(row)[:3] == (name, n_legs, method)]
         print(f"{name:22s} {n_legs} legs {method:7s} {line_of(own, bounds, before)}")
+    print_pooled(rows)
 
 
 if __name__ == "__main__":

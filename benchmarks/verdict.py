@@ -15,7 +15,9 @@ defects      worlds with one thing wrong: share seen, share in which the cause i
              among those that cannot be told apart, size of that group, and how many are wrong by
              more than three stated errors and 0.3 mm with "trust"; these one by one, with the
              sigma at which the oracle's Fisher information shows their defect, all that is told as
-             uncertain free, and whether `blind_to` names it
+             uncertain free, and whether `blind_to` names it; and how many of the wrong ones that
+             show at 6 sigma or more are trusted, with the 95 % interval of that share. Defects
+             without a small part (another camera) are counted apart.
 
 turns        worlds with nothing wrong whose light turns by a few degrees in the picture, by prior
              and estimator: number of legs right, "trust"
@@ -33,7 +35,7 @@ import json
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -53,6 +55,8 @@ from tests.oracles.worlds.world import World
 PRIORS = ("known", "lab")
 TURNS_DEG = (3.0, 6.0, 12.0, 20.0)
 WRONG_STDS, WRONG_MM = 3.0, 0.3
+SHOWN_SIGMA = 6.0
+"""Defects that the oracle's Fisher information shows as clearly as this are to be seen."""
 SMALL = 0.002
 """Of a defect's strength: counts are straight in so much of it (not in a twentieth: light that is
 even moves with a source, and codes that grow pass the end of the period)."""
@@ -203,8 +207,7 @@ def print_trust(key: str, rows: list[Cell]) -> None:
     p_values = [row["p_value"] for row in rows if np.isfinite(row.get("p_value", np.nan))]
     uniform = kstest(p_values, "uniform").pvalue if p_values else float("nan")
     n, trusted = len(rows), sum(row["outcome"] == "trust" for row in rows)
-    low = beta.ppf(0.025, trusted, n - trusted + 1) if trusted else 0.0
-    high = beta.ppf(0.975, trusted + 1, n - trusted) if trusted < n else 1.0
+    low, high = interval(trusted, n)
     against = sum(row["outcome"] == "contradicted" for row in rows)
     cpu = np.nanmedian([row.get("verdict_share", np.nan) for row in rows])
     middle = np.median(p_values) if p_values else float("nan")
@@ -232,19 +235,35 @@ def print_defects(rows: list[Cell]) -> None:
 def print_silent(rows: list[Cell]) -> None:
     """How many of the wrong are trusted, and what the oracle says of these."""
     off = [row for row in rows if wrong(row)]
-    silent = [row for row in off if row["outcome"] == "trust"]
-    high = (
-        beta.ppf(0.975, len(silent) + 1, len(off) - len(silent)) if len(silent) < len(off) else 1.0
-    )
-    print(
-        f"\n{len(off)} of {len(rows)} wrong, {len(silent)} of these trusted (95 %: to {high:.3f})"
-    )
-    for row in silent:
+    sigmas = [row["sigma"] if "sigma" in row else sigma_of(row) for row in off]
+    silent = [row["outcome"] == "trust" for row in off]
+    print()
+    print_share("wrong", silent)
+    clear = [sigma >= SHOWN_SIGMA for sigma in sigmas]
+    print_share(f"wrong at {SHOWN_SIGMA:g} sigma or more", np.compress(clear, silent))
+    print_share("wrong, no small part", np.compress(np.isnan(sigmas), silent))
+    for row, sigma in zip(off, sigmas, strict=True):
+        if row["outcome"] != "trust":
+            continue
         told = DEFECTS[row["defect"]].finding in row["blind_to"]
         print(
             f"{key_of(row):58s} {row['error_mm']:7.2f} mm {row['stds']:6.1f} stated errors, oracle "
-            f"{sigma_of(row):5.1f} sigma, {'' if told else 'not '}in blind_to"
+            f"{sigma:5.1f} sigma, {'' if told else 'not '}in blind_to"
         )
+
+
+def print_share(name: str, silent: Sequence[bool]) -> None:
+    n, trusted = len(silent), int(np.sum(silent))
+    if n:
+        low, high = interval(trusted, n)
+        print(f"{name}: {n}, trusted {trusted} = {trusted / n:.3f} [{low:.3f}, {high:.3f}]")
+
+
+def interval(k: int, n: int) -> tuple[float, float]:
+    """Clopper and Pearson's, 95 %, of a share of which k of n were seen."""
+    low = beta.ppf(0.025, k, n - k + 1) if k else 0.0
+    high = beta.ppf(0.975, k + 1, n - k) if k < n else 1.0
+    return float(low), float(high)
 
 
 def sigma_of(cell: Cell) -> float:
@@ -278,6 +297,8 @@ def run(cells: list[Cell], file: Path | None) -> list[Cell]:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 row = {**cell, **result_of(cell)}
+                if cell["defect"] and wrong(row):
+                    row["sigma"] = sigma_of(row)
             if file is not None:
                 with file.open("a", encoding="utf-8") as out:
                     out.write(json.dumps(row) + "\n")
