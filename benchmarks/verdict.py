@@ -269,8 +269,8 @@ def interval(k: int, n: int) -> tuple[float, float]:
 def sigma_of(cell: Cell) -> float:
     """At how many sigma a recording shows the defect, to first order, all that is free fitted."""
     defect = DEFECTS[cell["defect"]]
-    if "|" in defect.unit or defect.unit in ("camera", "legs"):
-        return float("nan")  # A place in a list has no small part.
+    if set("|/") & set(defect.unit) or defect.unit in ("camera", "legs"):
+        return float("nan")  # A place in a list or an exchange has no small part.
     base = as_told(random_world(cell["seed"], cell["n_legs"], cell["photons"], cell["prior"]))
     small = defect.applied(base, cell["strength"] * SMALL)
     return fisher(as_told(small, base)).seen_at(small) / SMALL
