@@ -47,7 +47,7 @@ def test_images_of_places_are_the_oracles(world, second):
 def test_light_falls_where_and_when_the_oracle_has_it(world, second):
     """Sums over all places by hand: photons, mean time and spread of it in every pixel."""
     rows, cols = (each.ravel() for each in np.indices(world.view.shape))
-    shown = glow(second.mirror, second.places, second.camera, rows, cols)
+    shown = glow(second.mirror, second.places, second.camera).at(rows, cols)
     beam = mirrored(world, stations(world, stride=0.5))
     row, col = world.view.image(beam.place)
     away = np.subtract.outer(rows, row) ** 2 + np.subtract.outer(cols, col) ** 2
@@ -67,7 +67,7 @@ def test_light_falls_where_and_when_the_oracle_has_it(world, second):
 def test_counts_follow_the_mirror_as_told(second):
     """Cells and codes hold the same light; derivatives are those of a step each way."""
     rows, cols = np.arange(6, 26), np.full(20, 15)
-    shown = glow(second.mirror, second.places, second.camera, rows, cols)
+    shown = glow(second.mirror, second.places, second.camera).at(rows, cols)
     reference = shown.arrival_ps[:, 0] - 100.0
     edges = np.tile(lag_edges(70.0, 56.0, 1.3, 50_000.0), (20, 1))
     everywhere = np.ones((20, edges.shape[1] - 1))
@@ -95,7 +95,6 @@ def test_repeats_share_the_mirror(second):
 
 def test_what_flies_beyond_the_mirror_has_no_image(second):
     """As in the search for it: the plane through the middle of the leg leaves half of the light."""
-    rows, cols = (each.ravel() for each in np.indices(second.camera.shape))
     normal = second.mirror.normal
     places = second.places
     depth = places.points_mm @ normal
@@ -106,6 +105,6 @@ def test_what_flies_beyond_the_mirror_has_no_image(second):
         places.points_mm[before], places.leg[before], places.event_ps[before],
         places.light[before], places.spot_px, places.std_ps, places.return_ps_per_mm,
     )  # fmt: skip
-    shown, expected = (glow(cut, one, second.camera, rows, cols) for one in (places, alone))
+    shown, expected = (glow(cut, one, second.camera) for one in (places, alone))
     assert expected.photons.sum() > 0.0
     np.testing.assert_allclose(shown.photons, expected.photons, rtol=1e-9, atol=1e-12)

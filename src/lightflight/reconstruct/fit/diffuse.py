@@ -326,8 +326,8 @@ def _measured(known: Known, beside: Beside, beam: light.Beam, part: float) -> _M
     s = pulses.late_ps.shape[1]
     own = slice(s, 2 * s)
     mine = replace(beside, cells=pixels.cells, wide=part * beside.wide)
-    spread, _ = mine.other(strengths, known.second)
-    taken = pixels.taken_of(mine.columns(pixels, strengths, known.second))[:, own]
+    spread, by_second = mine.other(strengths, known.second)
+    taken = pixels.taken_of(mine.columns(pixels, strengths, by_second))[:, own]
     shift = np.nan_to_num(pixels.late_ps - pulses.late_ps) - taken @ known.step
     variance = np.diagonal(pixels.inverse[:, own, own], axis1=1, axis2=2)
     # Times were held near the expected ones by the pulse's width: that is no measurement.

@@ -17,7 +17,7 @@ from lightflight.reconstruct.fit.around import Group, Seen
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.cells import Cells
 from lightflight.reconstruct.model.counted import Pixels, Pulses, Tails, dark_pixels, lit_pixels
-from lightflight.reconstruct.model.second_path import SecondPath
+from lightflight.reconstruct.model.second_path import Images, SecondPath
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 
@@ -63,21 +63,26 @@ class Beside:
     cells: Cells
     wide: Floats
 
-    def other(self, strengths: light.Strengths, second: SecondPath | None) -> tuple[Floats, Floats]:
-        """Counts of light that is no leg's (n, m), and how they follow a second path's unknowns."""
+    def other(
+        self, strengths: light.Strengths, second: SecondPath | None, images: Images | None = None
+    ) -> tuple[Floats, Floats]:
+        """Counts of light that is no leg's (n, m), and how they follow a second path's unknowns.
+
+        `images` are those of the second path, where they are drawn already.
+        """
         spread: Floats = self.wide @ strengths.wide
         if second is None:
             return spread, np.zeros((*spread.shape, 0))
         seen = self.seen
-        more, columns = second.light(self.cells, seen.rows, seen.cols, seen.arrival_ps[:, 0])
+        more, columns = second.light(
+            self.cells, seen.rows, seen.cols, seen.arrival_ps[:, 0], images
+        )
         return spread + more, columns
 
-    def columns(
-        self, pixels: Pixels, strengths: light.Strengths, second: SecondPath | None
-    ) -> Floats:
+    def columns(self, pixels: Pixels, strengths: light.Strengths, by_second: Floats) -> Floats:
         """How the counts of lit pixels follow all unknowns (n, m, k): strengths, second path."""
         own = light.diffuse_light(pixels, self.wide, strengths.tails)
-        return np.concatenate((own, self.other(strengths, second)[1]), axis=2)
+        return np.concatenate((own, by_second), axis=2)
 
 
 def beside_in(whole: Sighting, seen: Seen, cells: Cells, beam: light.Beam) -> Beside:
@@ -180,13 +185,15 @@ def strengths_of(
     value, before, damping = np.zeros(size), np.zeros(size + free), 1.0
     for _ in range(_MOST_ROUNDS):
         now = light.Strengths(value, np.zeros((size, size)))
-        expected, (other, _) = pulses, beside.other(now, second)
+        # The images fall on lit pixels and on dark ones: they are drawn once for both.
+        images = None if second is None else second.images()
+        expected, (other, by_second) = pulses, beside.other(now, second, images)
         pixels = lit_pixels(
             beside.cells, pulses, dispersion=dispersion, tails=now.tails, other=other
         )
-        score, information, _ = pixels.said_of(beside.columns(pixels, now, second))
+        score, information, _ = pixels.said_of(beside.columns(pixels, now, by_second))
         if dark is not None and unlit is not None:
-            other, more = unlit.other(now, second)
+            other, more = unlit.other(now, second, images)
             empty = dark_pixels(unlit.cells, dispersion=dispersion, other=other)
             dark = replace(dark, pixels=empty)
             said = empty.said_of(np.concatenate((unlit.wide, more), axis=2))

@@ -110,7 +110,7 @@ class Mirror:
 
 @dataclass(frozen=True, eq=False)
 class Glow:
-    """Light of the images of the legs in n pixels; (n, L) each.
+    """Light of the images of the legs in n pixels, or in a whole picture; (n, L), (rows, cols, L).
 
     Attributes
     ----------
@@ -124,9 +124,17 @@ class Glow:
     arrival_ps: Floats
     std_ps: Floats
 
+    def at(self, rows: Indices, cols: Indices) -> Glow:
+        """Some pixels (n,) of a picture."""
+        return Glow(*(each[rows, cols] for each in (self.photons, self.arrival_ps, self.std_ps)))
 
-def glow(mirror: Mirror, places: Places, camera: Camera, rows: Indices, cols: Indices) -> Glow:
-    """Photons, mean time and width of each leg's image in pixels (n,), at a share of one."""
+
+Images = tuple[Glow, ...]
+"""A mirror's pictures: as it stands, and a step on and back of each of `_STEPS`."""
+
+
+def glow(mirror: Mirror, places: Places, camera: Camera) -> Glow:
+    """Photons, mean time and width of each leg's image in the picture, at a share of one."""
     image = mirror.image_of(places.points_mm)
     row, col = camera.pixels_from_points(image)
     way = np.linalg.norm(image - camera.center_mm, axis=1)
@@ -139,7 +147,7 @@ def glow(mirror: Mirror, places: Places, camera: Camera, rows: Indices, cols: In
         )
     # What flies beyond the plane has no image.
     seen &= places.points_mm @ mirror.normal < mirror.distance_mm
-    found = np.zeros((3, len(rows), places.n_legs))
+    found = np.zeros((3, n_rows, n_cols, places.n_legs))
     found[2] = 1.0
     window = np.arange(-half, half + 1)
     for k in range(places.n_legs):
@@ -163,13 +171,13 @@ def glow(mirror: Mirror, places: Places, camera: Camera, rows: Indices, cols: In
         photons, first, second = (
             np.bincount(pixel.ravel(), (weight * late**j).ravel(), n_rows * n_cols).reshape(
                 n_rows, n_cols
-            )[rows, cols]
+            )
             for j in range(3)
         )
         safe = np.maximum(photons, 1e-300)
         mean, square = first / safe, second / safe
-        found[0, :, k], found[1, :, k] = photons, middle + mean
-        found[2, :, k] = np.sqrt(np.maximum(square - mean**2, 0.0) + places.std_ps**2)
+        found[0, :, :, k], found[1, :, :, k] = photons, middle + mean
+        found[2, :, :, k] = np.sqrt(np.maximum(square - mean**2, 0.0) + places.std_ps**2)
     return Glow(*found)
 
 
@@ -217,29 +225,39 @@ class SecondPath:
         """The same of pulses of this standard deviation, ps."""
         return replace(self, places=replace(self.places, std_ps=std_ps))
 
+    def images(self) -> Images:
+        """The pictures from which `light` tells counts and how they follow the unknowns."""
+        mirrors = [self.mirror]
+        for step in np.diag(np.append(_STEPS, np.zeros(self.size - 3)))[:3]:
+            mirrors.extend((self.mirror.moved(step), self.mirror.moved(-step)))
+        return tuple(glow(mirror, self.places, self.camera) for mirror in mirrors)
+
     def light(
-        self, cells: Cells, rows: Indices, cols: Indices, reference_ps: Floats
+        self,
+        cells: Cells,
+        rows: Indices,
+        cols: Indices,
+        reference_ps: Floats,
+        images: Images | None = None,
     ) -> tuple[Floats, Floats]:
-        """Counts in cells of pixels (n, m), and how they follow the unknowns (n, m, 3 + L)."""
+        """Counts in cells of pixels (n, m), and how they follow the unknowns (n, m, 3 + L).
 
-        def of(mirror: Mirror) -> Floats:
-            shown = glow(mirror, self.places, self.camera, rows, cols)
-            return in_cells(shown, cells, reference_ps)
-
-        by_share, share = of(self.mirror), self.mirror.share
-        columns = []
-        for j, size in enumerate(_STEPS):
-            step = np.zeros(self.size)
-            step[j] = size
-            ahead, back = of(self.mirror.moved(step)), of(self.mirror.moved(-step))
-            columns.append((ahead - back) @ share / (2.0 * size))
+        `images` are those of `images()`, where they are drawn already.
+        """
+        drawn = self.images() if images is None else images
+        by_share, *moved = (in_cells(each.at(rows, cols), cells, reference_ps) for each in drawn)
+        share = self.mirror.share
+        columns = [
+            (ahead - back) @ share / (2.0 * size)
+            for ahead, back, size in zip(moved[::2], moved[1::2], _STEPS, strict=True)
+        ]
         return by_share @ share, np.concatenate((np.stack(columns, axis=2), by_share), axis=2)
 
     def shows(
         self, rows: Indices, cols: Indices, arrival_ps: Floats, photons: Floats
     ) -> NDArray[np.bool_]:
         """(n,), True for pulses of which the images bring at least half of the light."""
-        shown = glow(self.mirror, self.places, self.camera, rows, cols)
+        shown = glow(self.mirror, self.places, self.camera).at(rows, cols)
         near = np.abs(shown.arrival_ps - arrival_ps[:, np.newaxis]) < _GATE_STDS * shown.std_ps
         brought = np.sum(near * self.mirror.share * shown.photons, axis=1)
         mostly: NDArray[np.bool_] = brought > 0.5 * photons
@@ -249,7 +267,7 @@ class SecondPath:
         self, rows: Indices, cols: Indices, intervals_ps: tuple[Floats, Floats], period_ps: float
     ) -> Floats:
         """(n, codes), counts in codes from, to `intervals_ps`, on the clock of arrivals."""
-        shown = glow(self.mirror, self.places, self.camera, rows, cols)
+        shown = glow(self.mirror, self.places, self.camera).at(rows, cols)
         out = np.zeros(intervals_ps[0].shape)
         for k, share in enumerate(self.mirror.share):
             lit = np.flatnonzero(shown.photons[:, k] > _FAINT)
