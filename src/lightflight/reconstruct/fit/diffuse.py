@@ -238,7 +238,7 @@ def _scattered(strengths: Callable[..., Known], whole: Sighting) -> Known:
 
 def _with_second(
     seen: Seen,
-    strengths: Callable[[SecondPath | None], Known],
+    strengths: Callable[..., Known],
     places: Callable[[float], Places],
     so_far: light.Diffuse | None,
     camera: Camera,
@@ -256,14 +256,14 @@ def _with_second(
     second = second_path_in(seen, known.pixels, known.dark, here, camera)
     if second is None:
         return known
-    more = strengths(second)
+    enough = known.misfit() - LEAST_GAIN
+    more = strengths(second, most_misfit=enough)
     assert more.second is not None
     share = more.second.mirror.share
     std = np.sqrt(np.diagonal(more.strengths.covariance))[-len(share) :]
     # About a wrong path a mirror may help that no light would come from.
     possible = bool(np.all((share > -3.0 * std) & (share < 1.0)))
-    better = known.misfit() - more.misfit() > LEAST_GAIN
-    return more if more.settled and possible and better else known
+    return more if more.settled and possible and more.misfit() < enough else known
 
 
 def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> light.Beam:

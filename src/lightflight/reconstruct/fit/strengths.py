@@ -42,6 +42,12 @@ _TELLING = 0.01
 light that is hardly there sway about each other for ever; what they do to a path is a hundredth."""
 _PLANE_PRIOR = (1.0, 1.0, 1e-6)
 """Precision of what is known of a mirror beforehand: turns to 1 rad, its distance to 1 m."""
+_PATIENCE = 6
+"""Rounds after which a second path is given up that cannot explain as much as is asked of it:
+shares of light that is not there leave the plane free, and it wanders on and on. The light of a
+wall is there after five."""
+_HOPES = 4.0
+"""How many times as much as a round promises may still come, where it is asked whether any can."""
 _FAR_PLANE = (0.05, 0.05, 5.0)
 """Most that a mirror turns, rad, and moves, mm, in a round: its image stays on the same pulses."""
 
@@ -136,12 +142,15 @@ class Known:
 
     def misfit(self) -> float:
         """Deviance of the counts: twice what the log-likelihood lacks, up to a constant."""
-        groups = [self.pixels] if self.dark is None else [self.pixels, self.dark.pixels]
-        return sum(
-            2.0 * float(np.sum(mean - counts * np.log(mean)))
-            for each in groups
-            for mean, counts in [(x[each.weight > 0.0] for x in (each.mean, each.cells.counts))]
-        )
+        return _misfit(self.pixels, self.dark)
+
+
+def _misfit(pixels: Pixels, dark: Group | None) -> float:
+    return sum(
+        2.0 * float(np.sum(mean - counts * np.log(mean)))
+        for each in ([pixels] if dark is None else [pixels, dark.pixels])
+        for mean, counts in [(x[each.weight > 0.0] for x in (each.mean, each.cells.counts))]
+    )
 
 
 def strengths_of(
@@ -153,6 +162,7 @@ def strengths_of(
     *,
     dispersion: float = 1.0,
     rough: bool = False,
+    most_misfit: float = np.inf,
 ) -> Known:
     """Strengths of diffuse light, and of a second path if there is one.
 
@@ -173,6 +183,8 @@ def strengths_of(
     rough : bool, optional
         Whether no time will be measured with them: pulses stay where they were found, waits of
         little light are as free as those of much, and shares need not stand as still.
+    most_misfit : float, optional
+        Where no round to come can bring the deviance below this, none follows: not settled.
 
     Returns
     -------
@@ -183,7 +195,7 @@ def strengths_of(
     free = 0 if second is None else second.size
     at_dark = np.r_[n_late : size - n_late, size : size + free]
     value, before, damping = np.zeros(size), np.zeros(size + free), 1.0
-    for _ in range(_MOST_ROUNDS):
+    for number in range(_MOST_ROUNDS):
         now = light.Strengths(value, np.zeros((size, size)))
         # The images fall on lit pixels and on dark ones: they are drawn once for both.
         images = None if second is None else second.images()
@@ -215,7 +227,8 @@ def strengths_of(
         small = second is None and np.abs(value[:-n_late]).max() < _LINEAR
         still = np.abs(step[:n_late]).max() < _ROUGHLY_STILL if rough else moved < _STILL**2
         settled = bool(small or still)
-        if settled:
+        hopeless = number >= _PATIENCE and _misfit(pixels, dark) - _HOPES * moved > most_misfit
+        if settled or hopeless:
             break
         # Of pulses with tails the width of a Gaussian is not that of their core.
         wider = float(np.log(np.nanmedian((pixels.std_ps / pulses.std_ps)[:, 0])))

@@ -1,0 +1,42 @@
+"""Two thirds of the time of three legs went into the fit of a mirror where there is none.
+
+Shares of light that is not there leave the plane free: it wandered through all thirty rounds, and
+was then refused. After six it is asked whether what is still to come could be enough.
+"""
+
+import numpy as np
+import pytest
+
+import lightflight as lf
+from lightflight.reconstruct.fit import strengths
+from lightflight.reconstruct.model.second_path import SecondPath
+from tests.labs import three_legs
+
+
+def path_and_rounds(monkeypatch, seed):
+    rounds = []
+    drawn = SecondPath.images
+
+    def counted(second):
+        rounds.append(second)
+        return drawn(second)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(SecondPath, "images", counted)
+        lab = three_legs()
+        path = lf.reconstruct(
+            lab.recording(seed, 4000.0), camera=lab.camera, source=lab.timed, timing=lab.timing
+        )
+    return path, len(rounds)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_they_are_given_up_and_the_path_is_the_same(monkeypatch, seed):
+    """Recordings whose search for a mirror found a start: nothing of them may change."""
+    path, few = path_and_rounds(monkeypatch, seed)
+    monkeypatch.setattr(strengths, "_PATIENCE", 100)
+    patient, many = path_and_rounds(monkeypatch, seed)
+    assert many == 30
+    assert 0 < few <= 10
+    np.testing.assert_array_equal(path.vertices_mm, patient.vertices_mm)
+    np.testing.assert_array_equal(path.covariance, patient.covariance)
