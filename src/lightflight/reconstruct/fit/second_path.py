@@ -154,24 +154,36 @@ class _Scores:
     ) -> Floats:
         """(c,), chi-square of light of a free strength at places (c, k) with their times."""
         total = np.zeros((2, len(row)))
-        rows, cols = self.place.shape
+        (rows, cols), g = self.place.shape, len(self.lags_ps)
+        # A frame of pixels that say nothing: what falls outside of the picture is looked up there.
+        framed = np.pad(self.place % len(self.reference_ps), 1, constant_values=len(self.score) - 1)
         step = self.lags_ps[1] - self.lags_ps[0]
-        first_row, first_col = np.floor(np.nan_to_num(row)), np.floor(np.nan_to_num(col))
-        for down in (0.0, 1.0):
-            for across in (0.0, 1.0):
-                r, c = first_row + down, first_col + across
-                inside = np.isfinite(row) & (r >= 0) & (r < rows) & (c >= 0) & (c < cols)
-                r, c = np.where(inside, r, 0).astype(int), np.where(inside, c, 0).astype(int)
-                at = np.where(inside, self.place[r, c], -1)
-                lag = (arrival_ps - self.reference_ps[at] - self.lags_ps[0]) / step
-                g = np.rint(np.clip(np.nan_to_num(lag), 0, len(self.lags_ps) - 1)).astype(int)
-                away = (r - np.nan_to_num(row)) ** 2 + (c - np.nan_to_num(col)) ** 2
-                weight = light * np.exp(-0.5 * away / spot_px**2)
-                total[0] += np.sum(weight * self.score[at, g], axis=1)
-                total[1] += np.sum(weight**2 * self.information[at, g], axis=1)
+        first = (self.reference_ps + self.lags_ps[0]) / step
+        lag, score, information = arrival_ps / step, self.score.ravel(), self.information.ravel()
+        for r, near in _either_side(np.nan_to_num(row, nan=-9.0), rows, spot_px):
+            bright = light * near
+            for c, too in _either_side(np.nan_to_num(col), cols, spot_px):
+                at = framed[r, c]
+                late = np.rint(np.clip(np.nan_to_num(lag - first[at]), 0, g - 1)).astype(np.int64)
+                late += at * g
+                weight = bright * too
+                total[0] += np.sum(weight * score[late], axis=1)
+                total[1] += np.sum(weight**2 * information[late], axis=1)
         # Light cannot be less than none.
         found: Floats = np.maximum(total[0], 0.0) ** 2 / np.maximum(total[1], 1e-12)
         return found
+
+
+def _either_side(at: Floats, size: int, spot_px: float) -> list[tuple[Indices, Floats]]:
+    """The lines of a framed picture before and behind places, with the light that falls there."""
+    low = np.floor(at)
+    return [
+        (
+            (np.clip(line, -1, size) + 1).astype(np.int64),
+            np.exp(-0.5 * ((line - at) / spot_px) ** 2),
+        )
+        for line in (low, low + 1.0)
+    ]
 
 
 def _scores(
@@ -207,7 +219,8 @@ def _score_of(pixels: Pixels, lags_ps: Floats, std_ps: float) -> tuple[Floats, F
     left = columns - pixels.slopes @ taken
     residual = pixels.weight * (cells.counts - pixels.mean)
     score = np.einsum("nm,nmg->ng", residual, left) - np.einsum("nqg,nq->ng", taken, pixels.pull)
-    information = np.einsum("nmg,nm,nmg->ng", left, pixels.weight, columns)
+    left *= columns
+    information = np.einsum("nmg,nm->ng", left, pixels.weight)
     return score, np.maximum(information, 0.0)
 
 
