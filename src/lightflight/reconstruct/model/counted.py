@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 from scipy.special import ndtr
 
 from lightflight.reconstruct.model.cells import Cells
@@ -75,6 +74,9 @@ class Shape:
             return kept
         if not np.size(ratio):
             return np.zeros_like(z)
+        # A third of the time that importing `reconstruct` takes, and few clocks have a table.
+        from scipy.signal import lfilter
+
         place, before, _ = self.table
         middle = float(np.median(ratio))
         step = middle * float(place[1] - place[0])
