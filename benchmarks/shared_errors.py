@@ -20,9 +20,11 @@ information allows, with all that is told as uncertain free and the light's node
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -35,13 +37,15 @@ from tests.oracles.worlds.fisher import fisher
 from tests.oracles.worlds.random_worlds import random_world
 from tests.oracles.worlds.world import PRIORS, Prior, World
 
+Row = dict[str, Any]
+
 START_OFF_MM = 3.0
 """Rms by which a path that is given to start from misses the truth, each coordinate."""
 
 
 def pulls(
     seed: int, method: str, n_legs: int, prior: Prior, uneven: float, bound: bool
-) -> tuple[np.ndarray, float, float]:
+) -> tuple[list[float], float, float]:
     """Of x, y, z of each corner, and the mean squares of all together: over what is stated, and
     over the bound (nan: not asked).
     """
@@ -61,7 +65,7 @@ def pulls(
     together, over_bound = (
         float(off @ np.linalg.solve(stated, off)) / len(off) for stated in (covariance, least)
     )
-    return off / np.sqrt(np.diag(covariance)), together, over_bound
+    return (off / np.sqrt(np.diag(covariance))).tolist(), together, over_bound
 
 
 def corners_bound(world: World) -> np.ndarray:
@@ -96,30 +100,53 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", default=[], help="fields of the tests' Prior")
     parser.add_argument("--bound", action="store_true", help="against the oracle's Fisher bound")
     parser.add_argument("--methods", nargs="+", default=["joint", "photon"])
+    parser.add_argument("--json", type=Path, help="one line for each recording; goes on from there")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     prior = prior_of(given.prior, given.only)
+    done = {}
+    if given.json is not None and given.json.exists():
+        rows = map(json.loads, given.json.read_text("utf-8").splitlines())
+        done = {json.dumps(row["cell"]): row for row in rows}
     for method in given.methods:
-        single, together, over_bound, refused = [], [], [], 0
+        rows = []
         for seed in range(given.first, given.first + given.runs):
-            try:
-                one, mean_square, over = pulls(
-                    seed, method, given.legs, prior, given.uneven, given.bound
-                )
-            except (GeometryError, NothingFoundError) as reason:
-                refused += 1
-                print(f"{method} {seed}: {reason}")
-                continue
-            single.append(one)
-            together.append(mean_square)
-            over_bound.append(over)
-        squares = np.square(single)
-        print(
-            f"{method}: {len(together)} recordings, {refused} refused; rms pull "
-            f"{rms_in_words(squares.mean(axis=1))}, above 3: {100 * np.mean(squares > 9):.2f} %; "
-            f"whitened {rms_in_words(np.array(together))}"
-            + (f"; over the bound {rms_in_words(np.array(over_bound))}" if given.bound else "")
+            cell = {
+                "method": method, "seed": seed, "legs": given.legs, "prior": given.prior,
+                "only": given.only, "uneven": given.uneven, "bound": given.bound,
+            }  # fmt: skip
+            rows.append(done.get(json.dumps(cell)) or kept(cell, prior, given.json))
+        print_pulls(method, rows, bound=given.bound)
+
+
+def kept(cell: Row, prior: Prior, file: Path | None) -> Row:
+    """The row of one recording, added to the file."""
+    row = {"cell": cell}
+    try:
+        row["pulls"], row["together"], row["over_bound"] = pulls(
+            cell["seed"], cell["method"], cell["legs"], prior, cell["uneven"], cell["bound"]
         )
+    except (GeometryError, NothingFoundError) as reason:
+        row["says"] = str(reason)
+    if file is not None:
+        with file.open("a", encoding="utf-8") as out:
+            out.write(json.dumps(row) + "\n")
+    return row
+
+
+def print_pulls(method: str, rows: list[Row], *, bound: bool) -> None:
+    refused = [row for row in rows if "says" in row]
+    for row in refused:
+        print(f"{method} {row['cell']['seed']}: {row['says']}")
+    found = [row for row in rows if "says" not in row]
+    squares = np.square([row["pulls"] for row in found])
+    over_bound = np.array([row["over_bound"] for row in found])
+    print(
+        f"{method}: {len(found)} recordings, {len(refused)} refused; rms pull "
+        f"{rms_in_words(squares.mean(axis=1))}, above 3: {100 * np.mean(squares > 9):.2f} %; "
+        f"whitened {rms_in_words(np.array([row['together'] for row in found]))}"
+        + (f"; over the bound {rms_in_words(over_bound)}" if bound else "")
+    )
 
 
 if __name__ == "__main__":
