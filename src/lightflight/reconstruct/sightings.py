@@ -12,7 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lightflight import flags
-from lightflight.errors import CalibrationError, SuspectDataWarning, UncalibratedWarning
+from lightflight.errors import (
+    CalibrationError,
+    NothingFoundError,
+    SuspectDataWarning,
+    UncalibratedWarning,
+)
 from lightflight.reconstruct.fit.tail import shape_with_tail
 from lightflight.reconstruct.legs.find import unwrapped_arrivals
 from lightflight.reconstruct.model.setting import Setting, earliest_arrival_ps
@@ -124,7 +129,11 @@ def _with_late_light(seen: Sighting, find: Callable[..., Arrivals], *, nominal: 
     if tail is None:
         return seen
     shape, core_std_ps = tail
-    arrivals = find(response=shape)
+    try:
+        arrivals = find(response=shape)
+    except NothingFoundError:
+        # In fog each pixel has its own share of late light, and pulses have no shape in common.
+        return seen
     # Widths are those of the light that is not late, as everywhere else.
     narrower = core_std_ps / shape.std_ps
     arrivals = replace(

@@ -118,7 +118,8 @@ class Rows:
         ahead = np.array(camera.pixels_from_points(points + _AHEAD * step)) - seen
         away = np.array(other.pixels_from_points(points)) - seen
         along = np.sum(away * ahead, axis=0) / np.maximum(np.hypot(*ahead), 1e-12)
-        by_time[here] = -self.traced.slope_ps_per_px[here] * along
+        # A runaway leg's pulses may lie behind the camera, where no picture tells of its lens.
+        by_time[here] = -self.traced.slope_ps_per_px[here] * np.nan_to_num(along)
         anchors, places = self.lines.anchors[drawn], _pixels_of(camera, self.lines.anchors[drawn])
         there = undistorted_px(other, *places)
         for sign, eye, points_px in ((-1.0, camera, anchors), (1.0, other, there)):

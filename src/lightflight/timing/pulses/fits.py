@@ -48,6 +48,9 @@ MIN_PIXELS = 8
 MAX_SPREAD = 0.2
 """Relative spread (robust standard deviation) of widths beyond which none is typical."""
 
+BRIGHT = 0.5
+"""Of the photons of the brightest pulses (the `MIN_PIXELS`-th): more is bright."""
+
 BATCH_CODES = 1 << 18
 """... and where NumPy works on them, which makes some twenty arrays of them."""
 
@@ -417,11 +420,11 @@ def _rows(pixel: NDArray[np.int64], values: Floats, covariance: Floats, table: F
 
 
 def typical_std_of(fits: Fits) -> float:
-    """Typical std of the array's pulses: the median over good rows, weighted by photons.
+    """Typical std of the array's pulses: what all of them share, or the brightest, if narrower.
 
-    No pixel weighs more than ten median ones; of very many rows an even sample serves. NaN where
-    fewer than MIN_PIXELS rows are good or widths scatter by more than MAX_SPREAD: then no width
-    is typical.
+    Light is widened on its way (fog, haze), never narrowed: of many pixels with scattered light
+    and a few that see the beam, these few tell what the camera's pulses are. NaN where neither
+    share a width. Of very many rows an even sample serves.
     """
     some = even_sample(len(fits.pixel))
     std, photons = fits.values[some, 1], fits.values[some, 2]
@@ -435,8 +438,18 @@ def typical_std_of(fits: Fits) -> float:
         )
     if np.count_nonzero(good) < MIN_PIXELS:
         return math.nan
-    width, photons = np.log(std[good]), photons[good]
-    weight = np.minimum(photons, 10.0 * np.median(photons))
+    std, photons = std[good], photons[good]
+    # Few hot pixels must not say what is bright.
+    bright = photons > BRIGHT * np.partition(photons, -MIN_PIXELS)[-MIN_PIXELS]
+    return float(np.fmin(_shared_std(std, photons), _shared_std(std[bright], photons[bright])))
+
+
+def _shared_std(std: Floats, photons: Floats) -> float:
+    """Median of widths (n,), weighted by photons; NaN where they scatter too much.
+
+    No pixel weighs more than ten median ones.
+    """
+    width, weight = np.log(std), np.minimum(photons, 10.0 * np.median(photons))
     middle = _weighted_median(width, weight)
     spread = 1.4826 * _weighted_median(np.abs(width - middle), weight)
     return math.exp(middle) if spread < MAX_SPREAD else math.nan
