@@ -31,7 +31,7 @@ TIME_LIMIT_S = 30.0 * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
 """What a file may take: half a minute of a machine that has nothing else to do."""
 
 MEMORY_LIMIT_BYTES = 1 << 30
-_REAL_STARTS = 10
+_REAL_STARTS = int(os.environ.get("LIGHTFLIGHT_REAL_STARTS", "10"))
 """One of so many vendors' readers is started as users start it; the others branch off."""
 
 _LATE = "its reader did not finish in"
@@ -160,8 +160,8 @@ class Surroundings:
     def _seen(self) -> list[str]:
         return [one.name for one in self._secrets if one.stat().st_atime != 1_000_000_000]
 
-    def touched(self) -> str | None:
-        """What reading a file did to the folder; None: nothing."""
+    def touched(self, n_files: int = 1) -> str | None:
+        """What reading did to the folder, where so many files were put; None: nothing."""
         if seen := self._seen():
             self._hide()
             return f"disclosed: {', '.join(seen)} was read"
@@ -170,7 +170,7 @@ class Surroundings:
         new += [f"work/{one.name}" for one in self.work.iterdir()]
         for one in self.work.iterdir():
             shutil.rmtree(one) if one.is_dir() else one.unlink()
-        new += [one.name for one in list((self._folder / "now").iterdir())[1:]]
+        new += [one.name for one in list((self._folder / "now").iterdir())[n_files:]]
         return f"left: {', '.join(new)}" if new else None
 
 

@@ -28,8 +28,8 @@ import tempfile
 import time
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import h5py
@@ -53,6 +53,24 @@ class Finding:
 
     what: str
     """What happened."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mutant:
+    """A valid file that was changed."""
+
+    seed: Seed
+
+    content: bytes
+
+    made_new: bool = False
+    """Whether it comes with new checksums: that is another file, and no damage."""
+
+    beside: Mapping[str, bytes] = field(default_factory=dict)
+    """Other files that lie in its folder."""
+
+    change: str = ""
+    """What was changed, in words."""
 
 
 # --- mutations --------------------------------------------------------------------------
@@ -145,15 +163,27 @@ def run(
     findings : list of Finding
         The rest; their files are copied to `keep`.
     """
+    with tempfile.TemporaryDirectory(prefix="lightflight-fuzz-") as name:
+        mutants = _mutants(Path(name), n_files, seed, only, vendors)
+        return read_all(mutants, Path(name), keep=keep, first=first, report=report)
+
+
+def read_all(
+    mutants: Iterable[Mutant],
+    folder: Path,
+    *,
+    keep: Path | None = None,
+    first: int = 0,
+    report: Callable[[str], None] = lambda text: None,
+) -> tuple[dict[str, dict[str, int]], list[Finding]]:
+    """Read mutated files one after another in a `folder`, as `run` does, and tell as it does."""
     tally: dict[str, dict[str, int]] = {}
     findings: list[Finding] = []
-    with tempfile.TemporaryDirectory(prefix="lightflight-fuzz-") as name:
-        folder = Path(name)
-        around = Surroundings(folder)
-        report(f"{'sees' if around.sees else 'does not see'} who reads a file beside the recording")
-        reader = Reader(around.work)
-        known: dict[str, str | None] = {}
-        for number, mutant in enumerate(_mutants(folder, n_files, seed, only, vendors)):
+    around = Surroundings(folder)
+    report(f"{'sees' if around.sees else 'does not see'} who reads a file beside the recording")
+    known: dict[str, str | None] = {}
+    with contextlib.closing(Reader(around.work)) as reader:
+        for number, mutant in enumerate(mutants):
             one = mutant.seed
             if number % 1000 == 999:
                 report(f"{number + 1} files, {len(findings)} findings")
@@ -166,8 +196,10 @@ def run(
             path = placed(folder / "now", one, mutant.content)
             if path is None:
                 continue
+            for name, content in mutant.beside.items():
+                (folder / "now" / name).write_bytes(content)
             answer = reader.answer(path, one.hints, one.reads)
-            outcome = around.touched() or answer.outcome
+            outcome = around.touched(1 + len(mutant.beside)) or answer.outcome
             other = answer.told is not None and answer.told != known[one.name]
             if outcome == "read" and one.checked and not mutant.made_new and other:
                 outcome = "other values, in silence"
@@ -177,24 +209,16 @@ def run(
                 reader.close()
             if outcome not in ("read", "refused"):
                 findings.append(Finding(one.name, number, outcome))
-                report(f"{one.name} #{number}: {outcome}")
+                report(f"{one.name} #{number} {mutant.change}: {outcome}")
                 if keep is not None:
                     keep.mkdir(parents=True, exist_ok=True)
                     (keep / f"{number:06d}-{one.name}").write_bytes(mutant.content)
-        reader.close()
     return tally, findings
-
-
-@dataclass(frozen=True, eq=False)
-class _Mutant:
-    seed: Seed
-    content: bytes
-    made_new: bool
 
 
 def _mutants(
     folder: Path, n_files: int, seed: int, only: str | None, vendors: float
-) -> Iterator[_Mutant]:
+) -> Iterator[Mutant]:
     """Mutated files, formats taking turns; the same for the same `seed`."""
     made = folder / "made"
     made.mkdir()
@@ -202,7 +226,7 @@ def _mutants(
     rng = np.random.default_rng(seed)
     weights = np.array([one.weight * (vendors if one.isolated else 1.0) for one in valid])
     for choice in rng.choice(len(valid), n_files, p=weights / weights.sum()):
-        yield _Mutant(valid[choice], *mutation(valid[choice], rng))
+        yield Mutant(valid[choice], *mutation(valid[choice], rng))
 
 
 def placed(folder: Path, seed: Seed, content: bytes) -> Path | None:

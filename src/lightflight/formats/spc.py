@@ -85,7 +85,8 @@ def read(path: Path, clock: Mapping[str, object]) -> Recording:
     code: Any = _Column(photons_of_file, "code")
     if held:
         pixel, code = (np.concatenate(parts) for parts in zip(*held, strict=True))
-    width, notes = _code_width_ps(path)
+    # Who told the width is obeyed, and the file beside it not asked.
+    width, notes = (None, []) if clock.get("bin_width_ps") is not None else _code_width_ps(path)
     told: dict[str, Any] = {} if width is None else {"bin_width_ps": width}
     settings = {"macro_clock_ns": (header & 0xFFFFFF) / 10, "notes": notes}
     with record_error_as_format_error(path):
@@ -194,7 +195,16 @@ def _code_width_ps(path: Path) -> tuple[float | None, list[str]]:
     found = _TAC_WIDTH.search(beside.read_bytes())
     if found is None:
         return None, []
-    width = float(found[1]) * 1e12
+    try:
+        width = float(found[1]) * 1e12
+    except ValueError:
+        width = float("nan")
+    if not 0 < width < float("inf"):
+        raise FileFormatError(
+            f"{beside.name} beside it gives {found[1][:40].decode()!r} as the width of a code: say "
+            "bin_width_ps=, or take that file away",
+            path=path,
+        )
     return width, [f"a code is {width:.6g} ps wide: {beside.name} beside it"]
 
 
