@@ -3,11 +3,12 @@
     python -m tests.attacks.kills --kills 100
 
 Each command first runs undisturbed, over what an earlier run has written. Then it runs again and
-again with one of two inputs in turn, and is killed at any moment of that, every other time while
-it writes; what it writes must be that of the one or of the other, whole. At the end it runs once
-more: beside its outputs nothing may lie there, nor in the temporary folder. Commands branch off a
-process that has everything imported, so that kills fall into the work. No process of theirs may
-be left either: `batch` has workers.
+again with one of two inputs in turn, and is killed at any moment of that, or (every other time, or
+each with `--writing`) at a moment in the life of one of the temporary files that it writes, which
+is waited for; what it writes must be that of the one or of the other, whole. At the end it runs
+once more: beside its outputs nothing may lie there, nor in the temporary folder. Commands branch
+off a process that has everything imported, so that kills fall into the work. No process of theirs
+may be left either: `batch` has workers.
 """
 
 from __future__ import annotations
@@ -237,6 +238,15 @@ def _of_record(path: Path) -> str:
 # --- kills ------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class Moment:
+    """When a command is killed: so many seconds of processors after its start, or see `which`."""
+
+    after_s: float
+    which: int | None = None
+    """So many seconds of a clock after the temporary file of this number appeared."""
+
+
 @dataclass
 class Tally:
     """What became of one command."""
@@ -245,7 +255,11 @@ class Tally:
     seconds: float = 0.0
     writes_from_s: float = 0.0
     """When the first name appeared beside what was there."""
+    lives_s: list[float] = field(default_factory=list)
+    """How long each temporary file was there, by a clock, in the order in which they appeared."""
     kills: int = 0
+    in_writing: int = 0
+    """Kills that left a half written file: it was just being written."""
     old: int = 0
     new: int = 0
     lost: int = 0
@@ -254,37 +268,74 @@ class Tally:
     """Files, and processes, that lie there after all."""
     swept: int = 0
 
-    def moment(self, rng: np.random.Generator, *, while_writing: bool) -> float:
-        """When to kill: at any moment, or once writing began."""
-        return rng.uniform(self.writes_from_s if while_writing else 0.0, 1.05 * self.seconds)
+    def moment(self, rng: np.random.Generator, *, while_writing: bool) -> Moment:
+        """When to kill: at any moment, or while one of its temporary files is there."""
+        if not (while_writing and self.lives_s):
+            return Moment(rng.uniform(0.0, 1.05 * self.seconds))
+        # A kill takes a millisecond to come: what lives shorter is hit by those that come at once.
+        which = int(rng.integers(len(self.lives_s)))
+        return Moment(rng.uniform(0.0, self.lives_s[which]), which)
 
     def line(self) -> str:
         """A row of the table."""
         times = (f"{self.seconds:.2g}", f"{self.writes_from_s:.2g}")
-        found = (self.kills, self.old, self.new, self.swept, self.lost, self.half, len(self.left))
+        found = (
+            self.kills,
+            self.in_writing,
+            self.old,
+            self.new,
+            self.swept,
+            self.lost,
+            self.half,
+            len(self.left),
+        )
         return "| " + " | ".join(map(str, (self.name, *times, *found))) + " |"
 
 
 HEAD = (
-    "| command | s of CPU | writes from, s | kills | as before | new, whole | swept | lost | half |"
-    " left after the next |\n|---|---|---|---|---|---|---|---|---|---|"
+    "| command | s of CPU | writes from, s | kills | in writing | as before | new, whole | swept |"
+    " lost | half | left after the next |\n|---|---|---|---|---|---|---|---|---|---|---|"
 )
 
 
+class Temporaries:
+    """Temporary files of one run in a folder, as they come and go."""
+
+    def __init__(self, folder: Path) -> None:
+        """Those that lie there are of others."""
+        self._folder, self._others = folder, set(_temporary(folder))
+        self.seen: dict[str, tuple[float, float]] = {}
+        """When each was seen first and last, by a clock."""
+
+    def look(self) -> None:
+        """Note which are there now."""
+        now = time.perf_counter()
+        for name in set(_temporary(self._folder)) - self._others:
+            first, _ = self.seen.get(name, (now, now))
+            self.seen[name] = first, now
+
+
+def _temporary(folder: Path) -> list[str]:
+    with os.scandir(folder) as entries:
+        return [entry.name for entry in entries if entry.name.startswith(".lightflight-")]
+
+
 def branched(
-    words: list[str], after_s: float | None, watch: Callable[[float], None] = lambda used_s: None
+    words: list[str], kill: Moment | None, watch: Callable[[float], None] = lambda used_s: None
 ) -> bool:
     """Run a command in a branch of this process; True where it was killed before its end.
 
-    Moments are those of its processors, not of a clock, so that a busy machine does not shift them.
+    Moments are those of its processors, not of a clock, so that a busy machine does not shift them,
+    but for those in the life of a temporary file: most of that is waiting for the disk.
     """
+    files = Temporaries(Path.cwd())
     sys.stdout.flush()
     pid = os.fork()
     if pid == 0:
         code = 1
         with suppress(BaseException):
             nowhere = os.open(os.devnull, os.O_RDWR)
-            for stream in (0, 1) if after_s is None else (0, 1, 2):
+            for stream in (0, 1) if kill is None else (0, 1, 2):
                 os.dup2(nowhere, stream)
             litter._swept.clear()
             atexit._clear()  # what this process wants to be done at its end is not for a branch
@@ -297,15 +348,26 @@ def branched(
     ended, status = os.waitpid(pid, os.WNOHANG)
     while not ended:
         asked = time.perf_counter()
-        watch(used_s := _used_s(pid))
-        if after_s is not None and used_s >= after_s:
+        if kill is None:
+            watch(_used_s(pid))
+        if kill is not None and _is_time(kill, files, pid):
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
         # Asking about workers, too, takes a while: a fifth of the time at most.
-        time.sleep(max(0.001, 4 * (time.perf_counter() - asked)))
+        time.sleep(max(0.0005, 4 * (time.perf_counter() - asked)))
         ended, status = os.waitpid(pid, os.WNOHANG)
-    assert after_s is not None or status == 0, words
+    assert kill is not None or status == 0, words
     return os.WIFSIGNALED(status)
+
+
+def _is_time(kill: Moment, files: Temporaries, pid: int) -> bool:
+    if kill.which is None:
+        return _used_s(pid) >= kill.after_s
+    files.look()
+    appeared = [first for first, _ in files.seen.values()]
+    if len(appeared) <= kill.which:
+        return False
+    return time.perf_counter() - appeared[kill.which] >= kill.after_s
 
 
 def _used_s(process: int | str) -> float:
@@ -345,7 +407,7 @@ def processes_with(folder: Path) -> list[str]:
 
 
 def killed_at_random(
-    command: Command, folder: Path, n_kills: int, rng: np.random.Generator
+    command: Command, folder: Path, n_kills: int, rng: np.random.Generator, *, writing: bool
 ) -> Tally:
     """Kill one command so many times; `folder` holds `in`, and `tmp` for temporary files."""
     here = folder / "work"
@@ -358,13 +420,16 @@ def killed_at_random(
         _remove(command, here)
         there, used = sorted(_within(here)), [0.0]
         first: list[float] = []
+        files = Temporaries(here)
 
         def watch(
             used_s: float,
             there: list[Path] = there,
             used: list[float] = used,
             first: list[float] = first,
+            files: Temporaries = files,
         ) -> None:
+            files.look()
             used.append(max(used_s, used[-1]))
             if not first and sorted(_within(here)) != there:
                 first.append(used[-2])
@@ -372,6 +437,7 @@ def killed_at_random(
         branched(one, None, watch)
         tally.seconds = used[-1]
         tally.writes_from_s = first[0] if first else tally.seconds
+        tally.lives_s = [last - first for first, last in files.seen.values()]
         for name in command.outputs:
             whole[name].add(content(here / name))
     before = {name: content(here / name) for name in command.outputs}
@@ -380,8 +446,11 @@ def killed_at_random(
         tries += 1
         before = _remove(command, here) or before
         known = set(litter_in(here, command.outputs) + litter_in(folder / "tmp", ()))
-        was_killed = branched(words[tries % 2], tally.moment(rng, while_writing=tries % 4 > 1))
+        moment = tally.moment(rng, while_writing=writing or tries % 4 > 1)
+        others = set(_temporary(here))
+        was_killed = branched(words[tries % 2], moment)
         tally.kills += was_killed
+        tally.in_writing += was_killed and bool(set(_temporary(here)) - others)
         tally.swept += len(known - set(litter_in(here, ()) + litter_in(folder / "tmp", ())))
         for name in command.outputs:
             now = _state(here / name, whole[name])
@@ -420,7 +489,7 @@ def _state(path: Path, whole: set[str]) -> str:
 
 
 def run(
-    n_kills: int, *, large_bytes: int, only: str = "", seed: int = 16,
+    n_kills: int, *, large_bytes: int, only: str = "", seed: int = 16, writing: bool = False,
     report: Callable[[str], None] = lambda text: None,
 ) -> list[Tally]:  # fmt: skip
     """Kill each command so many times, in a temporary folder."""
@@ -435,7 +504,8 @@ def run(
         try:
             with environment({"TMPDIR": str(folder / "tmp")}):
                 for command in chosen:
-                    found.append(killed_at_random(command, folder, n_kills, rng))
+                    tally = killed_at_random(command, folder, n_kills, rng, writing=writing)
+                    found.append(tally)
                     report(found[-1].line())
         finally:
             os.chdir(home)
@@ -453,10 +523,11 @@ def _main() -> int:
     parser.add_argument("--kills", type=int, default=100, help="of each command")
     parser.add_argument("--large-mb", type=int, default=300, help="size of the large files")
     parser.add_argument("--only", default="", help="part of a command's name")
+    parser.add_argument("--writing", action="store_true", help="each kill while a file is written")
     options = parser.parse_args()
     _say(HEAD)
     found = run(options.kills, large_bytes=options.large_mb * 1_000_000, only=options.only,
-                report=_say)  # fmt: skip
+                writing=options.writing, report=_say)  # fmt: skip
     for one in found:
         _say("".join(f"{one.name} left {name}\n" for name in one.left))
     return 1 if any(one.lost or one.half or one.left for one in found) else 0
