@@ -29,6 +29,9 @@ from lightflight.files.litter import temporary_folder
 TIME_LIMIT_S = 60.0
 """Seconds a reader may take for a small file; large ones get a second per megabyte more."""
 
+_CPU_LIMIT_S = 25
+"""Of a processor it may take less than by the clock: who hangs, works; who waits, does not."""
+
 _LIBRARIES_BYTES = 1 << 30
 _EMPTY_CUBE_BYTES = 2 << 30
 """Room for the cube of an image with hardly a photon in it, whose file is small."""
@@ -76,6 +79,12 @@ def run_isolated(
             raise MissingExtraError(last_line)
         if done.returncode == _REFUSED:
             raise FileFormatError(last_line, path=path)
+        if done.returncode == -getattr(signal, "SIGXCPU", 24):
+            raise FileFormatError(
+                f"its reader did not finish in {_cpu_limit_s(path)} s of a processor: the file is "
+                "damaged",
+                path=path,
+            )
         if done.returncode != 0:
             raise FileFormatError(_why_it_ended(done.returncode), path=path)
         values = json.loads((folder / "values.json").read_text("utf-8"))
@@ -97,7 +106,12 @@ def _arrays_in(folder: Path) -> dict[str, NDArray[np.generic]]:
     return arrays
 
 
-def _limit_memory(path: Path) -> None:
+def _cpu_limit_s(path: Path) -> int:
+    """Seconds of a processor that the reader of a file may take."""
+    return _CPU_LIMIT_S + int(path.stat().st_size / _BYTES_PER_S)
+
+
+def _limit_time_and_memory(path: Path) -> None:
     """Bound what may be taken: by the free memory, and by what so small a file can hold."""
     try:
         import resource
@@ -107,15 +121,16 @@ def _limit_memory(path: Path) -> None:
     # A header can claim any size; what a file can hold is bounded by its own.
     limit = min(allowed_memory_bytes(), unpacked) + _LIBRARIES_BYTES
     # The hard limit of an administrator may be lower, and cannot be raised.
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    if hard == resource.RLIM_INFINITY or limit < hard:
-        resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
+    for kind, most in ((resource.RLIMIT_AS, limit), (resource.RLIMIT_CPU, _cpu_limit_s(path))):
+        _, hard = resource.getrlimit(kind)
+        if hard == resource.RLIM_INFINITY or most < hard:
+            resource.setrlimit(kind, (most, hard))
 
 
 def _main(function: str, path: str, folder: str) -> int:
     module, _, name = function.partition(":")
     arguments = json.loads(sys.stdin.read())
-    _limit_memory(Path(path))
+    _limit_time_and_memory(Path(path))
     try:
         arrays, values = getattr(importlib.import_module(module), name)(Path(path), **arguments)
     except ImportError as error:

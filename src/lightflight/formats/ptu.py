@@ -21,6 +21,8 @@ from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording
 
 _RECORD_BYTES = 4
+_MARKS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
+_MOST_MARKS = 32
 
 
 def read(
@@ -90,7 +92,7 @@ def load(path: Path, *, channel: int | None) -> tuple[dict[str, NDArray[Any]], d
 
 
 def _check_claims(ptu: Any, path: Path) -> None:
-    """Refuse a header that promises more records than the file has bytes."""
+    """Refuse a header that promises more records than there are bytes, or marks that are none."""
     there = path.stat().st_size - int(ptu.record_offset)
     needed = int(ptu.number_records) * _RECORD_BYTES
     if there < needed:
@@ -98,6 +100,11 @@ def _check_claims(ptu: Any, path: Path) -> None:
             f"is truncated: {ptu.number_records} records need {needed} bytes, {there} are there",
             offset=path.stat().st_size,
         )
+    for name in _MARKS:
+        # ptufile raises two to this power, in whole numbers of any length.
+        number = ptu.tags.get(name, 0)
+        if not isinstance(number, int | float) or not -1 <= number <= _MOST_MARKS:
+            raise FileFormatError(f"says {name} = {number!r:.40}, which is no number of a mark")
 
 
 def _chosen_channel(channel: int | None, channels: list[int]) -> int:
