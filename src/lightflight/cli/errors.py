@@ -75,6 +75,8 @@ def sentence_and_code(error: BaseException) -> tuple[str, int]:
         case click.Abort() | KeyboardInterrupt():
             return "interrupted; no half-written file remains", 130
         # Errors of ours that are an OSError or MemoryError too have a better sentence.
+        case FileNotFoundError() if error.filename is None and not _here_is_a_folder():
+            return "the folder that this was started in is gone: go to another one", 3
         case OSError() if not isinstance(code, int):
             reason = error.strerror or str(error) or type(error).__name__
             named = os.fsdecode(error.filename) if error.filename is not None else ""
@@ -90,6 +92,15 @@ def sentence_and_code(error: BaseException) -> tuple[str, int]:
         f"internal error, {one_line(what)} (run again with --debug and report the traceback)",
         1,
     )
+
+
+def _here_is_a_folder() -> bool:
+    """Whether the current folder is there: another program may have taken it away."""
+    try:
+        os.getcwd()  # noqa: PTH109
+    except OSError:
+        return False
+    return True
 
 
 def _raised_at_a_door(error: BaseException) -> bool:
