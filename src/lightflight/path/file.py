@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from lightflight.camera.model import Camera
 from lightflight.errors import FileFormatError
@@ -30,6 +30,10 @@ _KINDS: dict[str, tuple[type, ...]] = {
 }  # fmt: skip
 _MOST = 2**62
 _LONGEST_TEXT, _MOST_SENTENCES = 10_000, 1_000
+_MOST_TRUE_VERTICES, _FARTHEST = 10_000, 1e16
+"""Of what a simulation knows: of bent light, too; mm and ps."""
+_MOST_PULSES, _MOST_PIXELS = 2_000_000, 1 << 24
+"""Many times what the largest cameras have: each is drawn, and takes a kilobyte on the way."""
 
 
 def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
@@ -97,6 +101,16 @@ class TruePath:
         self.vertices_mm = np.asarray(vertices_mm, dtype=float)
         self.vertex_times_ps = np.asarray(vertex_times_ps, dtype=float)
 
+    def check(self) -> None:
+        """Raise ValueError where no pulse was: it would be drawn."""
+        times, vertices = self.vertex_times_ps, self.vertices_mm
+        m = len(times) if times.ndim == 1 else 0
+        fits = 2 <= m <= _MOST_TRUE_VERTICES and vertices.shape == (m, 3)
+        # NaN is no bound of anything.
+        fits = fits and bool((np.abs(vertices) <= _FARTHEST).all() and (np.diff(times) >= 0).all())
+        if not (fits and (np.abs(times) <= _FARTHEST).all()):
+            raise ValueError(f"its truth {vertices.shape} is no path")
+
 
 def load_path(
     file: str | os.PathLike[str], *, make: Callable[..., LightPath], try_newer: bool = False
@@ -141,16 +155,18 @@ def load_path(
 
 def _fields_from_record(arrays: Mapping[str, Any], attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Fields of a `LightPath` from the arrays and attributes of its file."""
-    table = np.zeros(len(arrays["residuals_row"]), RESIDUAL_DTYPE)
-    for name in RESIDUAL_DTYPE.names or ():
-        table[name] = arrays[f"residuals_{name}"]
+    table = _residuals_from_record(arrays)
     camera = {k.removeprefix("camera_"): v for k, v in arrays.items() if k.startswith("camera_")}
+    sides = np.asarray(camera["shape"], dtype=float)
+    if (sides > _MOST_PIXELS).any() or np.prod(sides) > _MOST_PIXELS:
+        raise ValueError(f"its camera cannot have {camera['shape']!r:.60} pixels")
     parts = {
         k.removeprefix("covariance_"): v for k, v in arrays.items() if k.startswith("covariance_")
     }
     truth = None
     if "truth_vertices_mm" in arrays:
         truth = TruePath(arrays["truth_vertices_mm"], arrays["truth_vertex_times_ps"])
+        truth.check()
     source = dict(attributes["source"])
     # JSON knows no tuples.
     if isinstance(source.get("position_std_mm"), list):
@@ -175,6 +191,20 @@ def _fields_from_record(arrays: Mapping[str, Any], attributes: Mapping[str, Any]
         "verdict": _verdict_from_record(attributes),
         "explained": _explained_from_record(attributes),
     }
+
+
+def _residuals_from_record(arrays: Mapping[str, Any]) -> NDArray[Any]:
+    """Pulses and how far each lies off the path, from the columns of a file."""
+    n = len(arrays["residuals_row"])
+    if n > _MOST_PULSES:
+        raise ValueError(f"it holds {n} pulses")
+    table = np.zeros(n, RESIDUAL_DTYPE)
+    for name in RESIDUAL_DTYPE.names or ():
+        table[name] = arrays[f"residuals_{name}"]
+        # NaN is what is not known; the rest is drawn.
+        if table[name].dtype.kind == "f" and (np.abs(table[name]) > _FARTHEST).any():
+            raise ValueError(f"residuals_{name} must be below {_FARTHEST:g}")
+    return table
 
 
 def _check_plain(attributes: Mapping[str, Any]) -> None:

@@ -32,6 +32,15 @@ Floats = NDArray[np.float64]
 FARTHEST_MM = 1e15
 """An hour of light; squares of more have no place in the 32 bits of pictures."""
 
+SHORTEST_MM = 1e-9
+"""Of a leg; what is shorter has no direction."""
+
+FARTHEST_PS = 1e16
+"""Light is there before; times of more have no picoseconds left."""
+
+MOST_LEGS = 100
+"""No search finds more than a few; drawing takes time for each, and errors grow by its square."""
+
 
 @dataclass(frozen=True, eq=False)
 class Leg:
@@ -189,6 +198,8 @@ class LightPath:
                 "a path needs vertices_mm of shape (m, 3) and vertex_times_ps of shape (m,) with "
                 f"m >= 2, got {vertices.shape} and {times.shape}"
             )
+        if m > MOST_LEGS + 1:
+            raise ValueError(f"a path has at most {MOST_LEGS} legs, got {m - 1}")
         covariance = np.array(self.covariance, dtype=float)
         if covariance.shape != (4 * m, 4 * m):
             raise ValueError(f"covariance must be ({4 * m}, {4 * m}), got {covariance.shape}")
@@ -197,6 +208,10 @@ class LightPath:
             raise ValueError(f"vertices_mm must be finite: vertex {bad} is {vertices[bad]}")
         if np.abs(vertices).max() > FARTHEST_MM:
             raise ValueError(f"vertices_mm must lie within {FARTHEST_MM:g} mm, got {vertices}")
+        if not (np.abs(np.diff(vertices, axis=0)).max(axis=1) > SHORTEST_MM).all():
+            raise ValueError(f"vertices_mm must differ from one to the next, got {vertices}")
+        if np.abs(times).max() > FARTHEST_PS:
+            raise ValueError(f"vertex_times_ps must lie within {FARTHEST_PS:g} ps, got {times}")
         if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
             raise ValueError(f"vertex_times_ps must be finite and ascend, got {times}")
         for array in (vertices, times, covariance):

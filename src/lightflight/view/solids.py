@@ -5,6 +5,7 @@ NumPy only; glTF is made of these.
 
 from __future__ import annotations
 
+from dataclasses import fields
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     from lightflight import Camera
 
 Solid = tuple[Floats, Whole]
+
+_FARTHEST_MM = 1e30
+"""Squares of more have no place in single precision."""
 
 _TUBE_SHARE = 0.022
 """Radius of a magnified error tube as a share of the scene's longest side."""
@@ -57,26 +61,27 @@ def tube_along(vertices_mm: ArrayLike, radius_mm: float, *, sides: int = 12) -> 
 def error_rings(trace: Trace, leg: int, *, magnification: float, sides: int) -> Floats:
     """One-sigma error ellipses across a leg; (n, sides, 3), world, mm; NaN without errors."""
     of_leg = trace.leg == leg
-    variances, axes = across_axes(trace)
-    radii = magnification * np.sqrt(np.maximum(variances[of_leg], 0.0))
+    part = Trace(**{one.name: getattr(trace, one.name)[of_leg] for one in fields(Trace)})
+    variances, axes = across_axes(part)
+    radii = magnification * np.sqrt(np.maximum(variances, 0.0))
     turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
     circle = np.stack((np.cos(turn), np.sin(turn)), axis=1)
-    frame = axes[of_leg].copy()
+    frame = axes.copy()
     # The axes may flip from one ring to the next: a tube needs them to follow on.
     for i in range(1, len(frame)):
         for k in range(2):
             if frame[i, k] @ frame[i - 1, k] < 0:
                 frame[i, k] *= -1
     offsets = np.einsum("sk,nk,nkx->nsx", circle, radii, frame)
-    return np.asarray(trace.points_mm[of_leg][:, np.newaxis, :] + offsets)
+    return np.asarray(part.points_mm[:, np.newaxis, :] + offsets)
 
 
 def error_tube(trace: Trace, magnification: float, *, sides: int = 16) -> Solid | None:
-    """Tubes of one-sigma error around every leg, enlarged; None without finite errors."""
+    """Tubes of one-sigma error around every leg, enlarged; None without errors of any size."""
     solids = []
     for leg in np.unique(trace.leg):
         rings = error_rings(trace, int(leg), magnification=magnification, sides=sides)
-        if not np.isfinite(rings).all():
+        if not (np.abs(rings) < _FARTHEST_MM).all():  # NaN, too
             return None
         solids.append(_rings(rings))
     return _joined(solids) if solids else None

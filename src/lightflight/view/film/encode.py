@@ -21,6 +21,8 @@ Frame = NDArray[np.uint8]
 Progress = Callable[[int, int], None]
 
 SMALLEST_PX, LARGEST_PX = 160, 7680
+_MOST_FRAMES = 10_000
+"""Minutes of drawing, and of film; what times in a file ask for has no end."""
 
 
 def check_movie(file: FilePath, *, size_px: tuple[int, int], frames_per_second: float) -> None:
@@ -59,6 +61,27 @@ def check_movie(file: FilePath, *, size_px: tuple[int, int], frames_per_second: 
     # Asked for now: drawing takes minutes, and would end in the error.
     if suffix == ".mp4":
         _encoder()
+
+
+def check_length(n_frames: float, *, shorter: str) -> None:
+    """Refuse a film without end, before any frame is drawn.
+
+    Parameters
+    ----------
+    n_frames : float
+        How many frames it would have; may be infinite.
+    shorter : str
+        What makes it shorter, for the message.
+
+    Raises
+    ------
+    ValueError
+        For more than ten thousand frames.
+    """
+    if not n_frames <= _MOST_FRAMES:
+        raise ValueError(
+            f"the film would have {n_frames:.3g} frames, more than {_MOST_FRAMES}: give {shorter}"
+        )
 
 
 def _encoder() -> Any:

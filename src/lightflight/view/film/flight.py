@@ -31,7 +31,7 @@ from lightflight.units import std_from_fwhm
 from lightflight.view import style
 from lightflight.view.figures.path import draw_path_3d
 from lightflight.view.figures.timing import leg_mark, shade_out_of_view
-from lightflight.view.film.encode import Frame, Progress, check_movie, write_frames
+from lightflight.view.film.encode import Frame, Progress, check_length, check_movie, write_frames
 from lightflight.view.film.stage import Stage
 from lightflight.view.page.tables import heading
 from lightflight.view.types import FilePath, Floats
@@ -88,6 +88,7 @@ def readings(trace: Trace, settings: MovieSettings) -> Floats:
     # Without a camera there is no arrival time.
     last = np.nanmax([event, arrival]) + _LEAD_PS
     step = settings.pace_ps_per_s / settings.frames_per_second
+    check_length((last + _LEAD_PS) / step, shorter="a larger pace, or fewer frames per second")
     return np.arange(-_LEAD_PS, last + step, step)
 
 

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from lightflight.errors import NothingFoundError
 from lightflight.recording.histograms import nominal_intervals
 from lightflight.view import style
-from lightflight.view.film.encode import Frame, Progress, check_movie, write_frames
+from lightflight.view.film.encode import Frame, Progress, check_length, check_movie, write_frames
 from lightflight.view.film.stage import Stage
 from lightflight.view.types import FilePath, Floats, Marks, Whole
 
@@ -79,8 +79,11 @@ def slices_from_histograms(
     if not float(np.asarray(hist.photons, dtype=float).sum()) > 0:
         raise NothingFoundError("the recording holds no photons: there is nothing to show")
     lower, upper, order, unit = _codes_in_time(hist)
-    cube = np.asarray(hist.counts, dtype=float)[..., order]
-    total = cube[_quiet(cube)].sum(axis=0)
+    # Row by row: as numbers with a fraction the whole cube is four times as large.
+    quiet = _quiet(np.array([row[:, order].sum(axis=1, dtype=float) for row in hist.counts]))
+    total = np.zeros(len(order))
+    for row, is_quiet in zip(hist.counts, quiet, strict=True):
+        total += row[is_quiet][:, order].sum(axis=0, dtype=float)
     if window is None:
         first, last = _lit_range(total, margin=max(3, 2 * slice_codes))
     else:
@@ -91,11 +94,15 @@ def slices_from_histograms(
                 f"{upper[-1]:g} {unit}"
             )
         first, last = int(inside[0]), int(inside[-1]) + 1
+    check_length((last - first) / slice_codes, shorter="more codes per slice, or a window")
     starts = np.arange(first, last, slice_codes)
-    counts = np.add.reduceat(cube[..., :last], starts, axis=2)
+    counts = np.empty((len(starts), *hist.shape))
+    for k, row in enumerate(hist.counts):
+        in_time = row[:, order[:last]].astype(float)
+        counts[:, k] = np.add.reduceat(in_time, starts, axis=1).T
     return TimeSlices(
         edges=np.append(lower[starts], upper[last - 1]),
-        counts=np.moveaxis(counts, 2, 0),
+        counts=counts,
         unit=unit,
     )
 
@@ -108,9 +115,8 @@ def _codes_in_time(hist: Histograms) -> tuple[Floats, Floats, Whole, str]:
     return lower[order], upper[order], order, unit
 
 
-def _quiet(cube: Floats) -> Marks:
-    """(rows, cols), True for pixels that are not absurdly loud."""
-    photons = cube.sum(axis=2)
+def _quiet(photons: Floats) -> Marks:
+    """(rows, cols), True for pixels that are not absurdly loud, of the counts of each."""
     lit = photons[photons > 0]
     typical = float(np.median(lit)) if lit.size else 0.0
     quiet = photons <= _LOUD_FACTOR * max(typical, 1.0)
@@ -213,7 +219,7 @@ class _RecordingStage(Stage):
         )
         picture = self.figure.add_axes((0.10, 0.30, 0.80, 0.60))
         sums = self.figure.add_axes((0.10, 0.08, 0.86, 0.13))
-        quiet = _quiet(np.moveaxis(slices.counts, 0, 2))
+        quiet = _quiet(slices.counts.sum(axis=0))
         # One scale for all frames, which a single bright slice of a single pixel must not set.
         top = float(np.percentile(slices.counts[:, quiet].max(axis=0), 99.5))
         self.light = picture.imshow(
