@@ -42,11 +42,12 @@ def test_light_behind_the_camera_leaves_the_verdict_numbers(monkeypatch):
     asked = []
     tests = importlib.import_module("lightflight.reconstruct.verdict.geometry_tests")
     candidates = tests.geometry_candidates
-    monkeypatch.setattr(
-        tests,
-        "geometry_candidates",
-        lambda rows, **named: asked.append(rows) or candidates(rows, **named),
-    )
+
+    def overheard(rows, **named):
+        asked.append(rows)
+        return candidates(rows, **named)
+
+    monkeypatch.setattr(tests, "geometry_candidates", overheard)
     world = random_world(9017, 1)
     path = lf.reconstruct(record(world, 9017), **what_the_user_tells(world))
     eye, rows = path.camera, asked[0]
