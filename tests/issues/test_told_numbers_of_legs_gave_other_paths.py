@@ -56,6 +56,7 @@ def scene_of(seed):
         10,  # a first leg of 7 pixels, whose light the second one took
         44,  # a first leg of 4 pixels, found as one with the second
         53, 78,  # one leg found as two that lie in line
+        212,  # a line off its pixels, bright by exp(400): "arange: cannot compute length"
     ],
 )  # fmt: skip
 # Of eighty paths that are right, one will be "check": that is not asked here.

@@ -79,6 +79,9 @@ _CORE_STDS = 1.5
 """Half width of what counts as about a pulse, in its standard deviations."""
 _GATE_STDS = 4.0
 """A pulse this near to the expected time is the one that was measured, in standard deviations."""
+_MOST_LIGHT = 10.0
+"""Of all counts: a path runs on outside the picture, but more of it is no path's. A short leg whose
+line is off its pixels is bright by exp(400), and no sum of counts holds that."""
 _FAR_PX = 25.0
 """Light this far outside of the picture reaches it no more, px."""
 _PLACES = 400
@@ -284,6 +287,11 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
     -------
     Beam
         Outside of the picture a leg is as bright as where it leaves it.
+
+    Raises
+    ------
+    NothingFoundError
+        Where a leg gives more light than the recording holds.
     """
     camera, picture = fit.solution.cameras[whole.view], fit.pictures[number]
     state, medium = fit.solution.state, fit.solution.medium
@@ -310,6 +318,8 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
             (row[near], col[near], np.full(int(near.sum()), k), arrival[near], light_of[near])
         )
     row, col, leg_of, arrival, photons = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if photons.sum() > _MOST_LIGHT * whole.histograms.photons.sum(dtype=np.float64):
+        raise NothingFoundError("the line of a leg lies beside its light")
     return light.Beam(np.column_stack((row, col)), leg_of, arrival, photons, std_ps)
 
 
