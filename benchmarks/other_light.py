@@ -50,10 +50,11 @@ WORLDS = (
     "none:0", "haze_500ps:0.05", "haze_500ps:0.2", "haze_500ps:0.5", "haze_150ps:0.05",
     "haze_150ps:0.2", "haze_150ps:0.5", "tail_200ps:0.3", "prompt_halo_8px:0.2",
     "veiling_glare:0.05", "wall_60mm:0.1", "wall_15mm:0.1",
+    "fog_8px:0.3", "fog_8px:0.6",
 )  # fmt: skip
 FREE = {
     "haze": ("haze",), "prompt": ("halo",), "veiling": ("glare",),
-    "wall": ("wall", "wall_depth_mm"), "tail": ("tail",),
+    "wall": ("wall", "wall_depth_mm"), "tail": ("tail",), "fog": ("late_halo",),
 }  # fmt: skip
 """By the first word of a world's name: the parameters that the bound leaves free."""
 _FAR_MM, _FAR_STDS = 20.0, 3.0
@@ -71,6 +72,8 @@ def world_of(name: str, n_legs: int, seed: int) -> World:
     if defect == "tail_200ps":
         # Of the recording's response; the clock's flat has none.
         return plain.but(tail=float(strength), tail_ps=200.0)
+    if defect == "fog_8px":
+        return plain.but(late_halo=float(strength), late_halo_std_px=8.0, late_halo_ps=600.0)
     if defect == "wall_15mm":
         # As `wall_60mm`, nearer: light that comes 100 ps later, a pulse's width.
         nearer = DEFECTS["wall_60mm"].applied(plain, float(strength))
