@@ -156,7 +156,8 @@ def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed, ma
     sizes = "import resource as r, runpy, sys; r.setrlimit(r.RLIMIT_FSIZE, (9000, 9000)); "
     script = f"{sizes}sys.argv = sys.argv[1:]; runpy.run_module('lightflight', run_name='__main__')"
     done = subprocess.run(
-        [sys.executable, "-c", script, *COMMAND[2:], "--workers", "1"],
+        # -B: Python would leave half a file of byte code, and nobody could import it again.
+        [sys.executable, "-B", "-c", script, *COMMAND[2:], "--workers", "1"],
         cwd=folder, capture_output=True, text=True, check=False, timeout=LIMIT_S,
     )  # fmt: skip
     assert done.returncode == 3, done.stderr
