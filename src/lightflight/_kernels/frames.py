@@ -11,7 +11,8 @@ slower than with `padded_columns`.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
@@ -21,6 +22,18 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from lightflight._kernels.jit import jit, piece
+
+if TYPE_CHECKING:
+    from numba.core.base import BaseContext as Target
+    from numba.core.typing.context import BaseContext as Typing
+    from numba.core.typing.templates import Signature
+
+    Build = Callable[[Target, ir.IRBuilder, Signature, list[ir.Value]], ir.Value]
+    """What Numba asks to write the machine language of one call."""
+    BitsOf = Callable[[np.uint64], int]
+    Fetch = Callable[[NDArray[np.generic], int], None]
+
+Whole = NDArray[np.integer]
 
 # --- five words of machine language that Numba has no name for: 64 codes at a time, and ahead --
 #
@@ -37,10 +50,14 @@ _BYTE, _CODE, _WORD, _LONG = (ir.IntType(bits) for bits in (8, 16, 32, 64))
 _CODES = ir.VectorType(_CODE, LANES)
 
 
-def _lanes_other_than(typing_context: Any, row: Any, start: Any, code: Any) -> Any:
+def _lanes_other_than(
+    typing_context: Typing, row: types.Type, start: types.Type, code: types.Type
+) -> tuple[Signature, Build]:
     """uint64 whose bit j tells whether row[start + j] != code; row is a contiguous uint16."""
 
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def build(
+        context: Target, builder: ir.IRBuilder, signature: Signature, arguments: list[ir.Value]
+    ) -> ir.Value:
         array = context.make_array(signature.args[0])(context, builder, arguments[0])
         place = builder.bitcast(builder.gep(array.data, [arguments[1]]), _CODES.as_pointer())
         codes = builder.load(place)
@@ -54,42 +71,52 @@ def _lanes_other_than(typing_context: Any, row: Any, start: Any, code: Any) -> A
     return types.uint64(row, types.intp, types.uint16), build
 
 
-lanes_other_than: Any = intrinsic(_lanes_other_than)
+lanes_other_than = cast(
+    "Callable[[NDArray[np.uint16], int, np.uint16], np.uint64]", intrinsic(_lanes_other_than)
+)
 
 
-def _count_of_bits(typing_context: Any, word: Any) -> Any:
+def _count_of_bits(typing_context: Typing, word: types.Type) -> tuple[Signature, Build]:
     """How many bits of a uint64 are set."""
 
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def build(
+        context: Target, builder: ir.IRBuilder, signature: Signature, arguments: list[ir.Value]
+    ) -> ir.Value:
         return builder.ctpop(arguments[0])
 
     return types.int64(types.uint64), build
 
 
-count_of_bits: Any = intrinsic(_count_of_bits)
+count_of_bits = cast("BitsOf", intrinsic(_count_of_bits))
 
 
-def _lowest_bit(typing_context: Any, word: Any) -> Any:
+def _lowest_bit(typing_context: Typing, word: types.Type) -> tuple[Signature, Build]:
     """Place of the lowest bit of a uint64 that is set; 64 where none is."""
 
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def build(
+        context: Target, builder: ir.IRBuilder, signature: Signature, arguments: list[ir.Value]
+    ) -> ir.Value:
         zero_is_defined = ir.Constant(ir.IntType(1), 0)
         return builder.cttz(arguments[0], zero_is_defined)
 
     return types.int64(types.uint64), build
 
 
-lowest_bit: Any = intrinsic(_lowest_bit)
+lowest_bit = cast("BitsOf", intrinsic(_lowest_bit))
 
 
-def _fetch(keep: int) -> Any:
+def _fetch(keep: int) -> Fetch:
     """Intrinsic (values, place) that asks memory for a line; `keep`: 3 in all caches, 2 not in L1.
 
     The line is the one that holds values[place]; harmless wherever that is.
     """
 
-    def fetch(typing_context: Any, values: Any, place: Any) -> Any:
-        def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def fetch(
+        typing_context: Typing, values: types.Type, place: types.Type
+    ) -> tuple[Signature, Build]:
+        def build(
+            context: Target, builder: ir.IRBuilder, signature: Signature, arguments: list[ir.Value]
+        ) -> ir.Value:
             array = context.make_array(signature.args[0])(context, builder, arguments[0])
             address = builder.gep(array.data, [arguments[1]])
             address = builder.bitcast(address, _BYTE.as_pointer())
@@ -101,11 +128,11 @@ def _fetch(keep: int) -> Any:
 
         return types.void(values, types.intp), build
 
-    return intrinsic(fetch)
+    return cast("Fetch", intrinsic(fetch))
 
 
-fetch_ahead: Any = _fetch(3)
-fetch_far_ahead: Any = _fetch(2)
+fetch_ahead = _fetch(3)
+fetch_far_ahead = _fetch(2)
 
 # --- counting ----------------------------------------------------------------------------------
 
@@ -140,7 +167,7 @@ def padded_columns(n_codes: int, item_bytes: int) -> int:
 
 
 @piece
-def list_lit(row: NDArray[np.uint16], absent: np.uint16, lit: NDArray[Any]) -> int:
+def list_lit(row: NDArray[np.uint16], absent: np.uint16, lit: Whole) -> int:
     """List the pixels of a row of codes that hold a photon, in order; returns how many.
 
     `absent` (uint16) is the code that means no photon. The list has room for every pixel and
@@ -174,9 +201,9 @@ def list_lit(row: NDArray[np.uint16], absent: np.uint16, lit: NDArray[Any]) -> i
 def list_photons(
     frames: NDArray[np.uint16],
     absent: np.uint16,
-    pixels: NDArray[Any],
+    pixels: Whole,
     codes: NDArray[np.uint16],
-    photons_per_frame: NDArray[Any],
+    photons_per_frame: Whole,
 ) -> int:
     """List pixel and code of every photon of contiguous frames (n, pixels); returns how many.
 
@@ -192,23 +219,23 @@ def list_photons(
 
 
 @piece
-def take_codes(row: NDArray[np.uint16], lit: NDArray[Any], codes: NDArray[np.uint16]) -> None:
+def take_codes(row: NDArray[np.uint16], lit: Whole, codes: NDArray[np.uint16]) -> None:
     """Codes of some pixels of a row."""
     for k in range(lit.size):
         codes[k] = row[lit[k]]
 
 
 @piece
-def largest_of(values: NDArray[Any]) -> Any:
+def largest_of(values: Whole) -> np.integer:
     """Largest of at least one value."""
-    largest = values[0]
+    largest: np.integer = values[0]
     for i in range(values.size):
         largest = max(largest, values[i])
     return largest
 
 
 @piece
-def add_photons(pixels: NDArray[Any], codes: NDArray[Any], counts: NDArray[Any]) -> None:
+def add_photons(pixels: Whole, codes: Whole, counts: Whole) -> None:
     """Add photons to `counts` (pixels, codes), whose rows lie one after another."""
     flat, n_columns = counts.reshape(counts.size), counts.shape[1]
     n_told = max(0, pixels.size - _PHOTONS_AHEAD)
@@ -222,12 +249,12 @@ def add_photons(pixels: NDArray[Any], codes: NDArray[Any], counts: NDArray[Any])
 
 @piece
 def add_photons_in_window(
-    pixels: NDArray[Any],
-    codes: NDArray[Any],
+    pixels: Whole,
+    codes: Whole,
     slot: NDArray[np.int64],
     first_code: int,
     n_kept: int,
-    counts: NDArray[Any],
+    counts: Whole,
 ) -> None:
     """Add photons to `counts` (slots, `n_kept` codes from `first_code`); slot -1 is left out."""
     for i in range(pixels.size):
@@ -239,11 +266,11 @@ def add_photons_in_window(
 
 @jit
 def add_all_codes(
-    frames: NDArray[Any],
+    frames: Whole,
     slot: NDArray[np.int64],
     first_code: int,
     n_kept: int,
-    counts: NDArray[Any],
+    counts: Whole,
 ) -> None:
     """Add every code of frames (n, pixels), for cameras without a code for "no photon"."""
     n_frames, n_pixels = frames.shape
@@ -261,7 +288,7 @@ def add_frames(
     n_codes: int,
     lit: NDArray[np.uint16],
     places: NDArray[np.uint64],
-    counts: NDArray[Any],
+    counts: Whole,
 ) -> bool:
     """Add the photons of contiguous frames (n, pixels) to `counts` (pixels, codes).
 
@@ -291,9 +318,9 @@ def place_photons(
     lit: NDArray[np.uint16],
     first_pixel: int,
     n_columns: int,
-    flat: NDArray[Any],
+    flat: Whole,
     places: NDArray[np.uint64],
-) -> Any:
+) -> np.uint16:
     """Where in `flat` the pixels of a piece of a frame are counted; returns the largest code.
 
     Asks memory for these counts and, for each, for a line of the frames to come: this keeps
@@ -311,7 +338,7 @@ def place_photons(
 
 
 @piece
-def add_ones(places: NDArray[np.uint64], flat: NDArray[Any]) -> None:
+def add_ones(places: NDArray[np.uint64], flat: Whole) -> None:
     """Count one more at each place; unsigned, so that none is looked for from the end."""
     for k in range(places.size):
         flat[places[k]] += 1
@@ -327,7 +354,7 @@ def add_frames_in_window(
     n_kept: int,
     lit: NDArray[np.uint16],
     codes: NDArray[np.uint16],
-    counts: NDArray[Any],
+    counts: Whole,
 ) -> bool:
     """As `add_frames`, for `counts` as in `add_photons_in_window`; `codes` is scratch, too."""
     n_frames, n_pixels = frames.shape
@@ -345,14 +372,14 @@ def add_frames_in_window(
 
 @jit
 def add_events(
-    pixels: NDArray[Any],
-    codes: NDArray[Any],
+    pixels: Whole,
+    codes: Whole,
     n_codes: int,
     slot: NDArray[np.int64],
     first_code: int,
     n_kept: int,
     is_whole: bool,
-    counts: NDArray[Any],
+    counts: Whole,
 ) -> bool:
     """Add photons to `counts`; False, and stops, where one is of no pixel or code there is.
 

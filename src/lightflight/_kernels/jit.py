@@ -28,7 +28,7 @@ from numba.extending import register_jitable
 # Numba asks the current folder again before each compilation: see `elsewhere`.
 numba.core.config._config_fname = os.devnull
 
-F = TypeVar("F", bound=Callable[..., Any])
+F = TypeVar("F", bound=Callable[..., object])
 
 _OPTIONS: dict[str, Any] = {
     "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
@@ -36,7 +36,7 @@ _OPTIONS: dict[str, Any] = {
 }  # fmt: skip
 """IEEE division; sums in any order, and fused with multiplications: both make them vectors."""
 
-_KERNELS: set[Any] = set()
+_KERNELS: set[Callable[..., object]] = set()
 
 
 class _Announcer(event.Listener):

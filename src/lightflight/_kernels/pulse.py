@@ -12,7 +12,6 @@ of any number of pulses of any shape; tests hold the two against each other.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,8 @@ from numpy.typing import NDArray
 from lightflight._kernels.jit import jit, piece
 
 Floats = NDArray[np.float64]
+Counts = NDArray[np.generic]
+"""uint32 or float64: what `timing.pulses.fits.scannable` makes of them."""
 
 N_COLUMNS = 12
 """Columns of a table of fits (rows in the kernel, which keep each together in memory)."""
@@ -616,7 +617,7 @@ def leave_blank(values, covariances, table, at):
         table[a, at] = math.nan
 
 
-def room_for(counts: NDArray[Any]) -> tuple[NDArray[Any], Floats, NDArray[np.int64], Floats]:
+def room_for(counts: Counts) -> tuple[Counts, Floats, NDArray[np.int64], Floats]:
     """What `fit_tile` works in: levels of sums, rows of a pixel, codes of its bins, a window."""
     size = 2 * counts.shape[1] + 2
     levels = np.empty((int(math.log2(size)) + 2, 2 * size), counts.dtype)
@@ -670,7 +671,7 @@ def fit_one(
 
 @jit
 def fit_tile(
-    counts: NDArray[Any],
+    counts: Counts,
     lower: Floats,
     upper: Floats,
     period: float,
@@ -688,7 +689,7 @@ def fit_tile(
     values: Floats,
     covariances: Floats,
     table: Floats,
-    levels: NDArray[Any],
+    levels: Counts,
     row: Floats,
     codes: NDArray[np.int64],
     w: Floats,

@@ -9,7 +9,6 @@ from __future__ import annotations
 import mmap
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +100,7 @@ class _Window:
         rows, cols, codes = (end - start for start, end in (self.rows, self.cols, self.codes))
         return rows, cols, codes
 
-    def empty_cube(self, *, most: int) -> NDArray[np.generic]:
+    def empty_cube(self, *, most: int) -> NDArray[np.unsignedinteger]:
         """Zeros (rows, cols, codes or a few more), of a type that `most` counts cannot wrap."""
         from lightflight._kernels.frames import padded_columns
 
@@ -268,7 +267,7 @@ def _count_events(
 
 
 def _no_such_photon(
-    recording: Recording, pixels: NDArray[Any], codes: NDArray[Any], first: int
+    recording: Recording, pixels: NDArray[np.integer], codes: NDArray[np.integer], first: int
 ) -> ValueError:
     """Error that says which photon is of a pixel or a code that does not exist."""
     n_pixels, n_codes = recording.shape[0] * recording.shape[1], recording.n_codes
