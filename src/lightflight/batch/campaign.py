@@ -41,8 +41,8 @@ def _is_text(value: object) -> bool:
 def _at_least(least: float, check: config.Check) -> config.Check:
     """Make a check that accepts what `check` accepts, from `least` on."""
 
-    def checked(value: object) -> Any:
-        number = check(value)
+    def checked(value: object) -> float:
+        number: float = check(value)
         if number < least:
             raise ValueError(f"must be at least {least:g}")
         return number
@@ -225,7 +225,7 @@ def campaign_from_toml(
     )
 
 
-def _settings_of(lab: Lab, codes: Any, tile_megabytes: float) -> dict[str, object]:
+def _settings_of(lab: Lab, codes: Sequence[int] | None, tile_megabytes: float) -> dict[str, object]:
     """What results depend on. Pieces are not among it: counts are whole numbers."""
     window = {"codes": None if codes is None else list(codes), "tile_megabytes": tile_megabytes}
     return {**table_from_lab(lab), "campaign": window}

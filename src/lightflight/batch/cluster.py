@@ -11,11 +11,14 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from lightflight.errors import ConfigError, LightflightWarning, MissingExtraError
 from lightflight.files.children import SAFE_ENVIRONMENT, environment, safe_children
 from lightflight.files.litter import folder_of_process
+
+if TYPE_CHECKING:
+    from distributed import LocalCluster, Security, Worker, WorkerPlugin
 
 _MOST_DEATHS = 2
 """Workers a task may take with it before it is given up."""
@@ -49,6 +52,47 @@ _PRELOADED = (
 """What every worker needs: seconds to import, so it is done once for all of them."""
 
 
+class Future(Protocol):
+    """What is used of a `distributed.Future`."""
+
+    status: str
+
+    def result(self) -> object:
+        """What the task gave; raises what it raised."""
+
+    def exception(self) -> BaseException | None:
+        """What the task raised."""
+
+    def add_done_callback(self, function: Callable[[Future], None], /) -> None:
+        """Have it called with this future when the task ends."""
+
+
+class Client(Protocol):
+    """What is used of a `distributed.Client`."""
+
+    @property
+    def scheduler(self) -> Scheduler:
+        """Whom it asks."""
+
+    def submit(
+        self, function: Callable[..., object], *arguments: object, key: str, pure: bool
+    ) -> Future:
+        """Hand a call to a worker."""
+
+    def sync(self, function: Callable[[], object], *, callback_timeout: float) -> object:
+        """Call and wait so many seconds for the answer."""
+
+    def register_plugin(self, plugin: WorkerPlugin, name: str) -> object:
+        """Have every worker set it up."""
+
+
+class Scheduler(Protocol):
+    """What is used of the way to a scheduler."""
+
+    def identity(self) -> object:
+        """Who it says it is."""
+
+
 def cores() -> int:
     """Cores this process may use.
 
@@ -70,7 +114,7 @@ def workers(
     n_workers: int | None = None,
     scratch: Path,
     loud: bool = False,
-) -> Iterator[Any]:
+) -> Iterator[Client]:
     """Client of a cluster: a new one on this machine, or the one at `scheduler`.
 
     Parameters
@@ -125,17 +169,17 @@ def workers(
 
 
 @contextlib.contextmanager
-def _client(address: Any, security: Any) -> Iterator[Any]:
+def _client(address: str | LocalCluster, security: Security | None) -> Iterator[Client]:
     """A client of one scheduler; raises ConfigError where none answers."""
     import distributed
 
-    dask_client: Any = distributed.Client
+    connect: Callable[..., contextlib.AbstractContextManager[Client]] = distributed.Client
     told = {} if security is None else {"security": security}
     with contextlib.ExitStack() as stack:
         try:
             client = stack.enter_context(
                 # The caller's program may have a client of its own: that stays its default.
-                dask_client(address, timeout=_CONNECT_S, set_as_default=False, **told)
+                connect(address, timeout=_CONNECT_S, set_as_default=False, **told)
             )
         except (OSError, ValueError, TypeError, RuntimeError) as error:
             raise ConfigError(
@@ -146,13 +190,13 @@ def _client(address: Any, security: Any) -> Iterator[Any]:
         yield client
 
 
-def _own_security() -> Any:
+def _own_security() -> Security:
     """Certificates of this run alone: else any user of this machine could hand pickles to it."""
     import distributed
 
-    security: Any = distributed.Security
+    temporary: Callable[[], Security] = distributed.Security.temporary
     try:
-        return security.temporary()
+        return temporary()
     except ImportError as error:
         raise MissingExtraError(
             "workers of this machine are reached by TLS, which needs cryptography: "
@@ -160,7 +204,7 @@ def _own_security() -> Any:
         ) from error
 
 
-def _told_security(certificates: Certificates | None) -> Any:
+def _told_security(certificates: Certificates | None) -> Security | None:
     """Certificates for a scheduler of the lab's; None where Dask's own settings tell."""
     if certificates is None:
         return None
@@ -177,7 +221,7 @@ def _told_security(certificates: Certificates | None) -> Any:
             LightflightWarning,
             stacklevel=2,
         )
-    security: Any = distributed.Security
+    security: Callable[..., Security] = distributed.Security
     return security(
         tls_ca_file=os.fspath(authority),
         tls_client_cert=os.fspath(certificate),
@@ -215,16 +259,18 @@ def _dask_options(log_level: int, start_method: str, scratch: Path) -> dict[str,
     }
 
 
-def _local_cluster(n_workers: int, scratch: Path, security: Any, *, log_level: int) -> Any:
+def _local_cluster(
+    n_workers: int, scratch: Path, security: Security | None, *, log_level: int
+) -> contextlib.AbstractContextManager[LocalCluster]:
     """Workers on this machine; raises ConfigError where none can be started."""
     import distributed
 
     dask_utils: Any = distributed.utils
     dask_utils._forkserver_preload_set = True  # else Dask imports all it knows, pandas too
-    dask_cluster: Any = distributed.LocalCluster
+    start: Callable[..., LocalCluster] = distributed.LocalCluster
     # Nobody but this machine is listened to, and of it nobody without our certificate.
     try:
-        return dask_cluster(
+        return start(
             n_workers=n_workers,
             threads_per_worker=1,
             host="127.0.0.1",
@@ -291,19 +337,21 @@ def _why_not(error: Exception, scratch: Path) -> str:
     )
 
 
-def _deaf_to_interrupts() -> Any:
+def _deaf_to_interrupts() -> WorkerPlugin:
     """Plug-in that lets the main process alone answer Ctrl-C, which a terminal sends to all."""
     from distributed import WorkerPlugin
 
     class Deaf(WorkerPlugin):
-        def setup(self, worker: Any) -> None:
+        def setup(self, worker: Worker) -> None:
             with contextlib.suppress(ValueError):  # not in the main thread: nothing arrives there
                 signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     return Deaf()
 
 
-def submit(client: Any, function: Callable[..., Any], *arguments: Any, name: str) -> Any:
+def submit(
+    client: Client, function: Callable[..., object], *arguments: object, name: str
+) -> Future:
     """Hand a call to a worker.
 
     Parameters
@@ -325,7 +373,7 @@ def submit(client: Any, function: Callable[..., Any], *arguments: Any, name: str
     return client.submit(function, *arguments, key=name, pure=False)
 
 
-def is_lost(future: Any) -> bool:
+def is_lost(future: Future) -> bool:
     """Whether the connection to the scheduler went, and the answer with it.
 
     Parameters
@@ -341,7 +389,7 @@ def is_lost(future: Any) -> bool:
     return future.status in ("cancelled", "lost")
 
 
-def answers(client: Any) -> bool:
+def answers(client: Client) -> bool:
     """Whether the scheduler is there.
 
     Parameters

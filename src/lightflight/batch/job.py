@@ -18,7 +18,7 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 from lightflight._version import __version__
 from lightflight.batch.campaign import Campaign
@@ -112,8 +112,8 @@ class Job:
     codes: tuple[int, int] | None
     piece_bytes: float
     tile_bytes: float
-    settings: Mapping[str, Any] = field(repr=False)
-    inputs: tuple[Mapping[str, Any], ...] = field(default=(), repr=False)
+    settings: Mapping[str, object] = field(repr=False)
+    inputs: tuple[Mapping[str, object], ...] = field(default=(), repr=False)
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,14 @@ made again over it: there is no journal that could get out of step with the file
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
 
 
-def kept_arrays(file: Path, kind: str, key: str) -> dict[str, NDArray[Any]]:
+def kept_arrays(file: Path, kind: str, key: str) -> dict[str, NDArray[np.generic]]:
     """Arrays of a file that a task of the same job made.
 
     Parameters

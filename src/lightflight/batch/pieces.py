@@ -47,7 +47,7 @@ class PartOfArray:
         return self.whole.dtype
 
     @property
-    def path(self) -> Any:
+    def path(self) -> Path | None:
         """The file it lies in, for errors about its content."""
         return getattr(self.whole, "path", None)
 
@@ -200,9 +200,9 @@ def add_up(job: Job, *parts: str | NDArray[np.generic]) -> NDArray[np.generic]:
     JobError
         Where a piece is gone.
     """
-    total: NDArray[Any] | None = None
+    total: NDArray[np.uint64] | None = None
     for part in parts:
-        counts = _counts_of_piece(part, job.key) if isinstance(part, str) else part
+        counts: NDArray[Any] = _counts_of_piece(part, job.key) if isinstance(part, str) else part
         # 64 bits while adding, whatever a piece was counted in.
         if total is None:
             total = counts.astype(np.uint64)

@@ -15,7 +15,6 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from lightflight.batch import cluster, pieces, tiles, work
 from lightflight.batch.campaign import Campaign
@@ -77,7 +76,7 @@ class StoppedError(OSError):
 
 
 Report = Callable[[Status], None]
-Task = Callable[..., Any]
+Task = Callable[..., object]
 
 
 def run_campaign(
@@ -174,8 +173,10 @@ class _Run:
     jobs: list[Job]
     rows: dict[int, dict[str, object]]
     progress: Report | None
-    futures: dict[int, list[Any]] = field(default_factory=dict)
-    ended: queue.SimpleQueue[tuple[int, int, str, Any]] = field(default_factory=queue.SimpleQueue)
+    futures: dict[int, list[cluster.Future]] = field(default_factory=dict)
+    ended: queue.SimpleQueue[tuple[int, int, str, cluster.Future]] = field(
+        default_factory=queue.SimpleQueue
+    )
     done_share: dict[int, float] = field(default_factory=dict)
     n_tasks: dict[int, int] = field(default_factory=dict)
     n_begun: dict[int, int] = field(default_factory=dict)
@@ -190,7 +191,7 @@ class _Run:
         total = sum(sizes.values()) or 1.0
         self.weight = {i: size / total for i, size in sizes.items()}
 
-    def drive(self, client: Any) -> None:
+    def drive(self, client: cluster.Client) -> None:
         """Hand out all recordings, and answer what comes back until none is left."""
         self.started = time.monotonic()
         for i in self.left:
@@ -214,14 +215,14 @@ class _Run:
         begun = self.n_begun.get(i, 1)
         return "-".join([f"lightflight_{role}", self.nonce, str(i), *map(str, (begun, *numbers))])
 
-    def _watch(self, i: int, role: str, future: Any) -> None:
+    def _watch(self, i: int, role: str, future: cluster.Future) -> None:
         """Take note when a task ends; of which beginning it is goes with it."""
         # Dask drops a task, and what waits for it, when the last future of it is gone.
         self.futures.setdefault(i, []).append(future)
         begun = self.n_begun.get(i, 1)
         future.add_done_callback(lambda one: self.ended.put((i, begun, role, one)))
 
-    def _answer(self, client: Any, i: int, role: str, future: Any) -> bool:
+    def _answer(self, client: cluster.Client, i: int, role: str, future: cluster.Future) -> bool:
         """Take up one finished task; True where nothing more is to come for its recording."""
         if cluster.is_lost(future):
             return self._begin_again(client, i)
@@ -246,7 +247,7 @@ class _Run:
         self._failed(i, JobError(_NOT_THERE))
         return True
 
-    def _begin_again(self, client: Any, i: int) -> bool:
+    def _begin_again(self, client: cluster.Client, i: int) -> bool:
         """Where an answer was lost: what its tasks kept is there, so little is done twice."""
         if not cluster.answers(client):
             raise self._stopped("the scheduler is gone", "see to it")
@@ -257,16 +258,18 @@ class _Run:
         self._begin(client, i)
         return False
 
-    def _begin(self, client: Any, i: int) -> None:
+    def _begin(self, client: cluster.Client, i: int) -> None:
         """Hand out a recording: one task, which does it or says how to share it out."""
         name = self._name(i, "begin")
         self.futures[i] = []
         self._watch(i, "begin", cluster.submit(client, work.begin, self.jobs[i], name=name))
 
-    def _hand_out(self, client: Any, i: int, shares: Shares) -> None:
+    def _hand_out(self, client: cluster.Client, i: int, shares: Shares) -> None:
         """The tasks of a recording that is done in pieces or tiles."""
 
-        def submitted(role: str, function: Task, *arguments: Any, number: tuple[int, ...]) -> Any:
+        def submitted(
+            role: str, function: Task, *arguments: object, number: tuple[int, ...]
+        ) -> cluster.Future:
             name = self._name(i, role, *number)
             return cluster.submit(client, function, self.jobs[i], *arguments, name=name)
 
@@ -346,9 +349,9 @@ def _size_of(path: str) -> int:
     return 1
 
 
-def _exception_of(future: Any) -> BaseException | None:
+def _exception_of(future: cluster.Future) -> BaseException | None:
     """What a task raised; where asking raises, that."""
     try:
-        return future.exception()  # type: ignore[no-any-return]
+        return future.exception()
     except BaseException as error:  # noqa: BLE001  (a cancelled future raises instead)
         return error

@@ -352,12 +352,12 @@ def write_table_parquet(table: CampaignTable, file: str | os.PathLike[str]) -> N
             return pa.int64()
         return pa.string() if name in (*_TEXTS, *_LAST) else pa.float64()
 
-    def values(name: str) -> Sequence[Any]:
+    def values(name: str) -> Sequence[object]:
         return [_without_nan(row.get(name)) for row in table.rows]
 
     columns = {name: pa.array(values(name), type_of(name)) for name in table.columns}
     write_parquet([columns], file)
 
 
-def _without_nan(value: object) -> Any:
+def _without_nan(value: object) -> object:
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,7 +236,9 @@ def _sorted_photons(
     return (pixel - tile * per_tile)[order], code[order], starts
 
 
-def _check_photons(pixel: NDArray[Any], code: NDArray[Any], recording: Recording, job: Job) -> None:
+def _check_photons(
+    pixel: NDArray[np.integer], code: NDArray[np.integer], recording: Recording, job: Job
+) -> None:
     """Raise FileFormatError for a pixel or a code that the camera does not have."""
     n_pixels = recording.shape[0] * recording.shape[1]
     bad = (pixel >= n_pixels) | (code >= recording.n_codes)
@@ -314,7 +316,9 @@ def _empty_window(recording: Recording, codes: tuple[int, int] | None) -> Histog
     return histogram(bare, codes=codes)
 
 
-def _pulses_of_tile(job: Job, hist: Histograms, rows: tuple[int, int]) -> dict[str, NDArray[Any]]:
+def _pulses_of_tile(
+    job: Job, hist: Histograms, rows: tuple[int, int]
+) -> dict[str, NDArray[np.generic]]:
     """Columns of the pulses that were found, and pixels that tell nothing."""
     from lightflight.reconstruct.model.sighting import blind_pixels
     from lightflight.timing.pulses.arrivals import find_arrivals
@@ -481,7 +485,7 @@ class _Joined:
     def dtype(self) -> np.dtype[np.generic]:
         return self.parts[0].dtype
 
-    def __getitem__(self, key: slice) -> Any:
+    def __getitem__(self, key: slice) -> NDArray[np.generic]:
         start, end, _ = key.indices(self.shape[0])
         found = []
         for part in self.parts:
