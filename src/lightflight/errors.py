@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 import os
-from typing import Any
+from types import ModuleType
 
 _LONGEST_SENTENCE = 1000
 
@@ -67,7 +67,7 @@ class GeometryError(ValueError):
 
     exit_code = 5
 
-    def __init__(self, message: str, *, offenders: Any = None) -> None:
+    def __init__(self, message: str, *, offenders: object = None) -> None:
         self.offenders = offenders
         super().__init__(message)
 
@@ -90,7 +90,7 @@ class MissingExtraError(ImportError):
     exit_code = 2
 
 
-def optional_package(name: str, otherwise: str) -> Any:
+def optional_package(name: str, otherwise: str) -> ModuleType:
     """A package that only some users have.
 
     Parameters

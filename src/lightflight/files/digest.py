@@ -16,7 +16,6 @@ import io
 import logging
 import os
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import h5py
 import numpy as np
@@ -98,7 +97,7 @@ def _read_at(handle: int, start: int, n: int) -> bytes:
 
 def _digest_of(file: h5py.File, read_at: ReadAt) -> str:
     """Digest of all groups and datasets and their attributes, but for the digest itself."""
-    nodes: dict[str, Any] = {"": file}
+    nodes: dict[str, h5py.HLObject] = {"": file}
     nodes |= {name: node for name, _, node in entries_of(file) if node is not None}
     whole = hashlib.blake2b(digest_size=32)
     for name in sorted(nodes):
@@ -111,7 +110,7 @@ def _digest_of(file: h5py.File, read_at: ReadAt) -> str:
     return str(whole.hexdigest())
 
 
-def _add(whole: Any, *words: object) -> None:
+def _add(whole: hashlib.blake2b, *words: object) -> None:
     """Add words, so that no two lists of them look alike."""
     for word in words:
         block = word if isinstance(word, bytes) else str(word).encode("utf-8", "surrogateescape")
@@ -119,7 +118,7 @@ def _add(whole: Any, *words: object) -> None:
         whole.update(block)
 
 
-def _add_attribute(whole: Any, node: h5py.HLObject, key: str) -> None:
+def _add_attribute(whole: hashlib.blake2b, node: h5py.HLObject, key: str) -> None:
     dtype = node.attrs.get_id(key).dtype
     if dtype.hasobject:  # we write none, and they are not safe to read
         _add(whole, key, "object")
@@ -128,7 +127,7 @@ def _add_attribute(whole: Any, node: h5py.HLObject, key: str) -> None:
     _add(whole, key, dtype.descr, value.shape, value.tobytes())
 
 
-def _add_dataset(whole: Any, dataset: h5py.Dataset, read_at: ReadAt) -> None:
+def _add_dataset(whole: hashlib.blake2b, dataset: h5py.Dataset, read_at: ReadAt) -> None:
     _add(whole, dataset.dtype.descr, dataset.shape, dataset.chunks)
     if dataset.chunks is None:
         if not dataset.dtype.hasobject and dataset.shape is not None and _lies_here(dataset):
@@ -137,7 +136,7 @@ def _add_dataset(whole: Any, dataset: h5py.Dataset, read_at: ReadAt) -> None:
     with_checksums = dataset.id.get_num_chunks() <= _MOST_CHECKSUMS
     lines: list[bytes] = []
 
-    def note(chunk: Any) -> None:
+    def note(chunk: h5py.h5d.StoreInfo) -> None:
         lines.append(b"%r %d %d" % (chunk.chunk_offset, chunk.size, chunk.filter_mask))
         if with_checksums:
             last = chunk.byte_offset + chunk.size - _CHECKSUM_BYTES

@@ -9,7 +9,10 @@ import signal
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer, WriteableBuffer
 
 
 @contextlib.contextmanager
@@ -93,7 +96,7 @@ class DiskFile(io.RawIOBase):
             self.fail(error)
         return size
 
-    def write(self, block: Any) -> int:
+    def write(self, block: ReadableBuffer) -> int:
         """Take all of `block`, whether it can be written or not."""
         n_bytes = memoryview(block).nbytes
         try:
@@ -113,7 +116,7 @@ class DiskFile(io.RawIOBase):
         while block.nbytes:
             block = block[self._file.write(block) :]
 
-    def readinto(self, buffer: Any) -> int:
+    def readinto(self, buffer: WriteableBuffer) -> int:
         """Fill `buffer`; beyond the end are zeros."""
         view = memoryview(buffer).cast("B")
         view[:] = bytes(view.nbytes)

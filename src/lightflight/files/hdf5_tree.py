@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from typing import Any
 
 import h5py
 
@@ -18,7 +17,7 @@ _MOST_ENTRIES = 100_000
 """Bounds of time, not of sense: some seconds. Ours have 2 levels and 30 entries."""
 
 
-def entries_of(file: h5py.File) -> Iterator[tuple[str, int, Any]]:
+def entries_of(file: h5py.File) -> Iterator[tuple[str, int, h5py.HLObject | None]]:
     """Every entry below a file's root; no link is followed.
 
     Parameters
@@ -44,8 +43,8 @@ def entries_of(file: h5py.File) -> Iterator[tuple[str, int, Any]]:
 
 
 def _below(
-    group: h5py.Group, prefix: str, seen: set[Any], number: Iterator[int]
-) -> Iterator[tuple[str, int, Any]]:
+    group: h5py.Group, prefix: str, seen: set[tuple[int, ...]], number: Iterator[int]
+) -> Iterator[tuple[str, int, h5py.HLObject | None]]:
     if prefix.count("/") > _DEEPEST:
         raise _too_much(f"more than {_DEEPEST} groups within groups", group)
     for name in group:
@@ -64,7 +63,7 @@ def _below(
             yield from _below(node, f"{prefix}{name}/", seen, number)
 
 
-def _place_of(group: Any, name: bytes) -> tuple[Any, ...]:
+def _place_of(group: h5py.h5g.GroupID, name: bytes) -> tuple[int, ...]:
     """Where an object lies in the file: one object may have several names, and hold itself."""
     return tuple(h5py.h5g.get_objinfo(group, name, follow_link=False).objno)
 

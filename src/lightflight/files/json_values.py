@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 
-def without_numpy(value: object) -> Any:
+def without_numpy(value: object) -> object:
     """Python numbers and lists for NumPy's."""
     return value.tolist() if hasattr(value, "tolist") else value
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from lightflight.errors import FileFormatError
 
@@ -26,8 +26,13 @@ _FILES: weakref.WeakKeyDictionary[mmap.mmap, tuple[int, int]] = weakref.WeakKeyD
 
 
 def mapped(
-    path: Path, dtype: Any, shape: tuple[int, ...], *, offset: int = 0, order: Literal["C", "F"]
-) -> np.memmap[Any, Any]:
+    path: Path,
+    dtype: DTypeLike,
+    shape: tuple[int, ...],
+    *,
+    offset: int = 0,
+    order: Literal["C", "F"],
+) -> np.memmap[tuple[int, ...], np.dtype[np.generic]]:
     """Map an array; `rows_of` reads from it.
 
     Parameters
@@ -54,7 +59,9 @@ def mapped(
         Where the file is not there, or shorter than the array.
     """
     with path.open("rb") as file:
-        array: np.memmap[Any, Any] = np.memmap(file, dtype, "r", offset, shape, order)
+        array: np.memmap[tuple[int, ...], np.dtype[np.generic]] = np.memmap(
+            file, dtype, "r", offset, shape, order
+        )
         whole = map_of(array)
         if whole is not None and hasattr(os, "preadv"):
             handle = os.dup(file.fileno())
@@ -76,7 +83,7 @@ def map_of(source: object) -> mmap.mmap | None:
     mmap.mmap or None
         None for what is in memory.
     """
-    base: Any = source
+    base = source
     while isinstance(base, np.ndarray):
         base = base.base
     return base if isinstance(base, mmap.mmap) else None

@@ -297,7 +297,7 @@ def _chunk_shape(
     return tuple(reversed(chunks))
 
 
-def _json_value(value: object) -> Any:
+def _json_value(value: object) -> object:
     """What JSON can say instead of a NumPy value or a path."""
     if isinstance(value, np.generic):
         return value.item()
@@ -529,7 +529,7 @@ def refuse_links(
             )
 
 
-def _is_cut_short(chunk: Any) -> bool | None:
+def _is_cut_short(chunk: h5py.h5d.StoreInfo) -> bool | None:
     """Whether a stored chunk is shorter than its checksum: HDF5 would read far beyond its end."""
     return True if chunk.size < _CHECKSUM_BYTES else None
 

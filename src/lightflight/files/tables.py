@@ -7,10 +7,14 @@ import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from lightflight.errors import optional_package
 from lightflight.files.whole_file import atomic_path
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 _WITHOUT_PYARROW = (
     'Parquet needs pyarrow, which is not installed: pip install "lightflight[batch]", '
@@ -18,7 +22,7 @@ _WITHOUT_PYARROW = (
 )
 
 
-def pyarrow() -> Any:
+def pyarrow() -> ModuleType:
     """The package `pyarrow`.
 
     Raises
@@ -64,7 +68,7 @@ def _harmless(cell: str) -> str:
 
 
 def write_parquet(
-    blocks: Iterable[Mapping[str, Any]], file: str | os.PathLike[str], *, about: str = ""
+    blocks: Iterable[Mapping[str, ArrayLike]], file: str | os.PathLike[str], *, about: str = ""
 ) -> None:
     """Write a table as Parquet, part after part.
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -103,12 +102,13 @@ def read(
     )
 
 
-def datasets_in(file: h5py.File) -> dict[str, Any]:
+def datasets_in(file: h5py.File) -> dict[str, h5py.Dataset]:
     """All datasets of numbers, by their path in the file."""
-    found: dict[str, object] = {}
+    found: dict[str, h5py.Dataset] = {}
     for name, _, node in entries_of(file):
-        is_numbers = isinstance(node, h5py.Dataset) and node.dtype.kind in "uifb"
-        if is_numbers and node.shape is not None:
+        if not isinstance(node, h5py.Dataset) or node.shape is None:
+            continue
+        if node.dtype.kind in "uifb":
             found[name] = node
         if len(found) > _MOST_DATASETS:
             break
@@ -149,7 +149,9 @@ def _has_texts(node: h5py.HLObject) -> bool:
     return any(node.attrs.get_id(name).dtype.hasobject for name in node.attrs)
 
 
-def _attributes_of(node: Any, *, texts: bool = False) -> tuple[dict[str, object], list[str]]:
+def _attributes_of(
+    node: h5py.HLObject, *, texts: bool = False
+) -> tuple[dict[str, object], list[str]]:
     """Single numbers and texts among the attributes of a dataset and its group; axis labels."""
     kept: dict[str, object] = {}
     for holder in (node.parent, node):

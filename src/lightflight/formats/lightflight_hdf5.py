@@ -21,7 +21,14 @@ from numpy.typing import NDArray
 from lightflight.errors import ConfigError, FileFormatError
 from lightflight.files.filecheck import check_memory, record_error_as_format_error
 from lightflight.files.mapped import rows_of
-from lightflight.files.store import kind_of_record, load_record, new_record, open_record, read_array
+from lightflight.files.store import (
+    RecordWriter,
+    kind_of_record,
+    load_record,
+    new_record,
+    open_record,
+    read_array,
+)
 from lightflight.formats.photons import photon_blocks
 from lightflight.formats.registry import Format
 from lightflight.formats.schema import check_arrays
@@ -29,7 +36,7 @@ from lightflight.formats.stored import StoredArray
 from lightflight.provenance import provenance_record
 from lightflight.recording.clock_fields import CLOCK_FIELDS, clock_fields_of
 from lightflight.recording.histograms import Histograms
-from lightflight.recording.recording import Recording
+from lightflight.recording.recording import Recording, SlicedArray
 
 _TRUTH = "truth/"
 _FRAMES_PER_APPEND = 4096
@@ -187,7 +194,7 @@ def write(
     with new_record(path, kind=kind, attributes=attributes) as out:
         if isinstance(record, Histograms):
             out.write("counts", record.counts)
-        elif record.kind == "frames" and record.no_photon_code is None:
+        elif record.frames is not None and record.no_photon_code is None:
             _append_all(out, "frames", record.frames)
         else:
             _write_photons(out, record)
@@ -197,7 +204,7 @@ def write(
             out.write(f"{_TRUTH}{name}", array)
 
 
-def _write_photons(out: Any, recording: Recording) -> None:
+def _write_photons(out: RecordWriter, recording: Recording) -> None:
     # Pixel numbers beyond 16 bits hold many zero bits; compressed they need two bytes as well.
     """Write `pixel`, `code` and, where frames are known, `photons_per_frame`."""
     many_pixels = recording.shape[0] * recording.shape[1] > 1 << 16
@@ -215,7 +222,7 @@ def _write_photons(out: Any, recording: Recording) -> None:
             out.append("photons_per_frame", block.photons_per_frame)
 
 
-def _append_all(out: Any, name: str, source: Any) -> None:
+def _append_all(out: RecordWriter, name: str, source: SlicedArray) -> None:
     """Copy frames or footers (n, ...) in blocks, so that memory does not grow with them."""
     out.append(name, np.empty((0, *source.shape[1:]), source.dtype), compress=True)
     for first in range(0, source.shape[0], _FRAMES_PER_APPEND):
@@ -237,7 +244,7 @@ def _arrays_and_values(truth: object) -> tuple[dict[str, NDArray[np.generic]], d
     return arrays, values
 
 
-def _plain(value: object) -> Any:
+def _plain(value: object) -> object:
     """Numbers, text, lists and dictionaries of `value`; its text where it is none of them."""
     if value is None or isinstance(value, bool | int | float | str):
         return value

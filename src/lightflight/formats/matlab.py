@@ -114,7 +114,7 @@ def read(
     return record
 
 
-def array_from_file(path: Path, variable: str | None) -> NDArray[Any]:
+def array_from_file(path: Path, variable: str | None) -> NDArray[np.generic]:
     """One array of numbers from a MATLAB file.
 
     Parameters

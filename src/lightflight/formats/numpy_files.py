@@ -114,7 +114,9 @@ def _opened_at(path: Path, offset: int) -> Iterator[BinaryIO]:
         yield file
 
 
-def _check_length(found: tuple[int, ...], dtype: np.dtype[Any], path: Path, offset: int) -> None:
+def _check_length(
+    found: tuple[int, ...], dtype: np.dtype[np.generic], path: Path, offset: int
+) -> None:
     """Raise FileFormatError where the file ends before the array does."""
     needed, there = math.prod(found) * dtype.itemsize, path.stat().st_size - offset
     if there < needed:
@@ -127,7 +129,7 @@ def _check_length(found: tuple[int, ...], dtype: np.dtype[Any], path: Path, offs
 
 def _npy_header(
     file: BinaryIO | IO[bytes], path: Path, *, kinds: str = "uifb"
-) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
     """(shape, Fortran order, dtype) of a .npy; the file stands at the first byte of the array."""
     try:
         version = np.lib.format.read_magic(file)
@@ -259,7 +261,7 @@ class _Header(NamedTuple):
 
     shape: tuple[int, ...]
     fortran: bool
-    dtype: np.dtype[Any]
+    dtype: np.dtype[np.generic]
 
 
 _Headers = Mapping[str, _Header]
@@ -339,7 +341,7 @@ def _npz_array(archive: zipfile.ZipFile, key: str, path: Path) -> NDArray[np.gen
 
 def _pf32_metadata(
     clock: Mapping[str, object], settings: dict[str, Any]
-) -> tuple[dict[str, Any], dict[str, Any]]:
+) -> tuple[dict[str, object], dict[str, object]]:
     """Clock of parsed PF32 histograms, from the keys they are kept with."""
     sync_hz = settings["sync_hz"]
     told: dict[str, Any] = {}

@@ -14,7 +14,6 @@ import time
 from collections.abc import Iterator, Mapping
 from io import BufferedIOBase
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +95,7 @@ def _counts_and_tail(
     file: BufferedIOBase, path: Path, n_pixels: int
 ) -> tuple[NDArray[np.generic], list[str]]:
     """Counts (pixels, codes) in the order of the pixel numbers, and the lines after them."""
-    counts: NDArray[Any] | None = None
+    counts: NDArray[np.unsignedinteger] | None = None
     seen = 0
     tail: list[str] = []
     lines = _lines(file, path)

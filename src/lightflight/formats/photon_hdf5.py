@@ -18,7 +18,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from lightflight._version import __version__
 from lightflight.errors import FileFormatError
@@ -37,7 +37,7 @@ from lightflight.formats.registry import Format
 from lightflight.formats.stored import StoredArray
 from lightflight.recording.clock_fields import CLOCK_FIELDS
 from lightflight.recording.histograms import Histograms
-from lightflight.recording.recording import Recording
+from lightflight.recording.recording import Recording, SlicedArray
 
 _FORMAT = "Photon-HDF5"
 _ROOT_TEXTS = {
@@ -125,7 +125,7 @@ def _settings_in(ours: h5py.Group, path: Path) -> dict[str, object]:
     return settings
 
 
-def _stated_shape(attributes: Mapping[str, Any], pixel: Any, path: Path) -> tuple[int, int]:
+def _stated_shape(attributes: Mapping[str, Any], pixel: SlicedArray, path: Path) -> tuple[int, int]:
     """(rows, cols) as the file says; one row of all pixels with photons where it does not."""
     stated = np.ravel(attributes.get("shape", (1, _largest(pixel) + 1)))
     if len(stated) != 2 or stated.dtype.kind not in "iu":
@@ -147,7 +147,7 @@ def _number(node: h5py.Dataset, path: Path) -> float:
     return float(value.reshape(-1)[0])
 
 
-def _unsigned(node: h5py.Dataset, path: Path) -> Any:
+def _unsigned(node: h5py.Dataset, path: Path) -> SlicedArray:
     """Array that stays in the file, its integers without a sign."""
     stored = StoredArray.streamed(node, path=path)
     if len(stored.shape) != 1 or stored.dtype.kind not in "ui":
@@ -162,7 +162,7 @@ def _unsigned(node: h5py.Dataset, path: Path) -> Any:
     return _Converted(stored, stored.shape)
 
 
-def _detectors(photons: h5py.Group, code: Any, path: Path) -> Any:
+def _detectors(photons: h5py.Group, code: SlicedArray, path: Path) -> SlicedArray:
     """(n,), pixel of each photon; all are of pixel 0 where the file knows no detectors."""
     if "detectors" in photons:
         return _unsigned(photons["detectors"], path)
@@ -192,7 +192,9 @@ class _Converted:
         first, last, _ = key.indices(self.shape[0])
         return np.zeros(max(0, last - first), np.uint32)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[np.generic]:
+    def __array__(
+        self, dtype: DTypeLike | None = None, copy: bool | None = None
+    ) -> NDArray[np.generic]:
         """All of it."""
         return np.asarray(self[:] if self.whole is None else np.asarray(self.whole), np.uint32)
 
@@ -211,7 +213,7 @@ def _clock_in(file: h5py.File, path: Path) -> dict[str, Any]:
     return told
 
 
-def _largest(pixel: Any) -> int:
+def _largest(pixel: SlicedArray) -> int:
     """Largest pixel number, read in parts."""
     largest = 0
     for first in range(0, pixel.shape[0], _TIMESTAMPS_AT_ONCE):
@@ -219,7 +221,7 @@ def _largest(pixel: Any) -> int:
     return largest
 
 
-def _frame_starts(timestamps: Any, n_frames: int, path: Path) -> NDArray[np.uint64]:
+def _frame_starts(timestamps: SlicedArray, n_frames: int, path: Path) -> NDArray[np.uint64]:
     """(n_frames + 1,) from one frame number per photon, in order."""
     # One list of frames, its running sum, and what is looked up block by block.
     n_bytes = 16 * (n_frames + 1)

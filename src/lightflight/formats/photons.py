@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +29,9 @@ class PhotonBlock:
         (frames of the block,); None where frames are unknown.
     """
 
-    pixel: NDArray[Any]
+    pixel: NDArray[np.integer]
 
-    code: NDArray[Any]
+    code: NDArray[np.integer]
 
     photons_per_frame: NDArray[np.uint32] | None
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +94,7 @@ def _points_from_csv(path: Path) -> tuple[Floats, Floats]:
 
 
 def _points_of_arrays(
-    arrays: Mapping[str, NDArray[Any]], path: Path
+    arrays: Mapping[str, NDArray[np.generic]], path: Path
 ) -> tuple[Floats, Floats, tuple[int, int] | None]:
     """points_mm (n, 3), pixels (n, 2) and, where it is there, shape (rows, cols)."""
     points, seen, shape = arrays["points_mm"], arrays["pixels"], arrays.get("shape")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from lightflight.formats.isolation import run_isolated
 from lightflight.formats.registry import Format
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording
+
+if TYPE_CHECKING:
+    import ptufile
 
 _RECORD_BYTES = 4
 _MARKS = ("ImgHdr_LineStart", "ImgHdr_LineStop", "ImgHdr_Frame")
@@ -58,7 +61,9 @@ def read(
     )
 
 
-def load(path: Path, *, channel: int | None) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+def load(
+    path: Path, *, channel: int | None
+) -> tuple[dict[str, NDArray[np.generic]], dict[str, object]]:
     """Counts (rows, cols, codes) and what the header says; runs in a child process."""
     ptufile = optional_package(
         "ptufile", otherwise="reading .ptu needs ptufile: pip install 'lightflight[readers]'"
@@ -91,7 +96,7 @@ def load(path: Path, *, channel: int | None) -> tuple[dict[str, NDArray[Any]], d
     return {"counts": counts}, values
 
 
-def _check_claims(ptu: Any, path: Path) -> None:
+def _check_claims(ptu: ptufile.PtuFile, path: Path) -> None:
     """Refuse a header that promises more records than there are bytes, or marks that are none."""
     there = path.stat().st_size - int(ptu.record_offset)
     needed = int(ptu.number_records) * _RECORD_BYTES

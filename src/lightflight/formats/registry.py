@@ -83,7 +83,7 @@ class Format:
         return _options_of(self.write) if self.write else ()
 
 
-def _options_of(function: Callable[..., Any]) -> tuple[str, ...]:
+def _options_of(function: Callable[..., object]) -> tuple[str, ...]:
     """Names of the keyword-only parameters of a function."""
     parameters = inspect.signature(function).parameters.values()
     return tuple(p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY)

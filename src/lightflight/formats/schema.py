@@ -10,6 +10,7 @@ from importlib import resources
 from typing import Any
 
 from lightflight.errors import FileFormatError
+from lightflight.recording.recording import SlicedArray
 
 
 @cache
@@ -25,7 +26,9 @@ def file_schema() -> dict[str, Any]:
     return tomllib.loads(text)
 
 
-def check_arrays(kind: str, arrays: Mapping[str, Any], *, path: str | os.PathLike[str]) -> None:
+def check_arrays(
+    kind: str, arrays: Mapping[str, SlicedArray], *, path: str | os.PathLike[str]
+) -> None:
     """Hold the arrays of a file against the schema of its kind.
 
     Parameters

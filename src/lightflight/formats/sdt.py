@@ -54,7 +54,9 @@ def read(
     )
 
 
-def load(path: Path, *, block: int | None) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+def load(
+    path: Path, *, block: int | None
+) -> tuple[dict[str, NDArray[np.generic]], dict[str, object]]:
     """Counts (rows, cols, codes) and what the headers say; runs in a child process."""
     sdtfile = optional_package(
         "sdtfile", otherwise="reading .sdt needs sdtfile: pip install 'lightflight[readers]'"

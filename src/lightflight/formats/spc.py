@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from lightflight.errors import FileFormatError
 from lightflight.files.filecheck import blame, check_memory, record_error_as_format_error
@@ -181,7 +181,9 @@ class _Column:
         records = self.photons.part(first, max(first, last))
         return _channels_of(records) if self.name == "channel" else _codes_of(records)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[np.generic]:
+    def __array__(
+        self, dtype: DTypeLike | None = None, copy: bool | None = None
+    ) -> NDArray[np.generic]:
         """All of it, after checking that it fits into memory."""
         check_memory(2 * self.shape[0], path=self.path, what=f"{self.name} of all photons")
         return np.asarray(self[:], dtype)

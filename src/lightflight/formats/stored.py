@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass
-from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from lightflight.files.chunked import read_in_parts
 from lightflight.files.filecheck import (
@@ -52,7 +51,9 @@ class StoredArray:
     chunks: tuple[int, ...] | None = None
 
     @classmethod
-    def of(cls, dataset: Any, *, path: str | os.PathLike[str], ours: bool = True) -> StoredArray:
+    def of(
+        cls, dataset: h5py.Dataset, *, path: str | os.PathLike[str], ours: bool = True
+    ) -> StoredArray:
         """Array of an open dataset.
 
         Parameters
@@ -75,7 +76,7 @@ class StoredArray:
         return cls(where, dataset.name, dataset.shape, dtype, dataset.chunks)
 
     @classmethod
-    def streamed(cls, dataset: Any, *, path: str | os.PathLike[str]) -> StoredArray:
+    def streamed(cls, dataset: h5py.Dataset, *, path: str | os.PathLike[str]) -> StoredArray:
         """Array of somebody else's that is read through to its end, in parts.
 
         Raises
@@ -99,7 +100,9 @@ class StoredArray:
         with damage_as_format_error(self.path), h5py.File(self.path, "r") as file:
             return np.asarray(read_in_parts(file[self.name], key), self.dtype)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[np.generic]:
+    def __array__(
+        self, dtype: DTypeLike | None = None, copy: bool | None = None
+    ) -> NDArray[np.generic]:
         """All of it, after checking that it fits into memory."""
         n_bytes = math.prod(self.shape) * self.dtype.itemsize
         check_memory(n_bytes, path=self.path, what=f"array {self.name} {self.shape}")

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from lightflight.errors import FileFormatError
 from lightflight.files.filecheck import check_memory
 from lightflight.recording.histograms import counts_dtype, counts_from_slabs
+from lightflight.recording.recording import SlicedArray
 
 SLAB_BYTES = 16 << 20
 """Bytes read at a time, where the array can be cut so."""
@@ -69,7 +70,9 @@ class StreamedArray:
                     f"holds more than its array {self.shape}: it is damaged", path=self.path
                 )
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[np.generic]:
+    def __array__(
+        self, dtype: DTypeLike | None = None, copy: bool | None = None
+    ) -> NDArray[np.generic]:
         """All of it, after checking that it fits into memory."""
         n_bytes = math.prod(self.shape) * self.dtype.itemsize
         check_memory(n_bytes, path=self.path, what=f"an array {self.shape}")
@@ -90,7 +93,7 @@ def _exactly(stream: Stream, n: int, path: str | os.PathLike[str]) -> bytes:
     return block
 
 
-def slabs_of(source: Any) -> Iterator[NDArray[np.generic]]:
+def slabs_of(source: SlicedArray) -> Iterator[NDArray[np.generic]]:
     """Rows of the first axis of any array that can be sliced, whole chunks at a time."""
     if hasattr(source, "slabs"):
         yield from source.slabs()
@@ -100,7 +103,7 @@ def slabs_of(source: Any) -> Iterator[NDArray[np.generic]]:
         yield np.asarray(source[first : first + step])
 
 
-def _step_of(source: Any) -> int:
+def _step_of(source: SlicedArray) -> int:
     """Rows in a slab."""
     row_bytes = max(1, math.prod(source.shape[1:]) * int(source.dtype.itemsize))
     chunks = getattr(source, "chunks", None)

@@ -10,6 +10,7 @@ import math
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -125,7 +126,7 @@ def read(
     return record
 
 
-def _zarr() -> Any:
+def _zarr() -> ModuleType:
     return optional_package("zarr", otherwise="Zarr needs zarr: pip install 'lightflight[batch]'")
 
 

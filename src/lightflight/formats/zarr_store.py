@@ -36,6 +36,9 @@ CODECS = _SIMPLE | _FILTERS | _COMPRESSORS | {"sharding_indexed"}
 """Names of what may unpack a store; "numcodecs." before one of them is the same."""
 
 _METADATA_BYTES = 16 << 20
+Metadata = Mapping[str, Any]
+"""What JSON of a folder says of an array: whatever the file holds, until it is checked."""
+
 _MOST_DIMENSIONS = 32
 _ANY_DEFLATE = zlib.MAX_WBITS | 32
 _MOST_LENGTH = 1 << 48
@@ -75,7 +78,7 @@ class StoredChunks:
     stored_bytes: int
 
 
-def checked_arrays(folder: Path) -> dict[str, Mapping[str, Any]]:
+def checked_arrays(folder: Path) -> dict[str, Metadata]:
     """Metadata of all arrays in a folder, by name, after checking that they may be believed.
 
     Parameters
@@ -94,7 +97,7 @@ def checked_arrays(folder: Path) -> dict[str, Mapping[str, Any]]:
         For links, pipes and devices in the folder, and for types and codecs that are no numbers
         or not on the list.
     """
-    found: dict[str, Mapping[str, Any]] = {}
+    found: dict[str, Metadata] = {}
     for place, names in _files_in(folder):
         name = place.relative_to(folder).as_posix() if place != folder else ""
         if ".zattrs" in names:
@@ -149,7 +152,7 @@ def _json_of(file: Path, folder: Path) -> dict[str, Any]:
 # --- what the metadata say --------------------------------------------------------------
 
 
-def _check_array(name: str, metadata: Mapping[str, Any], folder: Path) -> None:
+def _check_array(name: str, metadata: Metadata, folder: Path) -> None:
     """Raise FileFormatError for metadata that could run code or contradict themselves."""
     try:
         shape, chunks = _lengths(metadata["shape"]), _chunk_lengths(metadata)
@@ -188,7 +191,7 @@ def _lengths(value: object) -> tuple[int, ...]:
     return tuple(value)
 
 
-def _chunk_lengths(metadata: Mapping[str, Any]) -> tuple[int, ...]:
+def _chunk_lengths(metadata: Metadata) -> tuple[int, ...]:
     if metadata["zarr_format"] == 2:
         return _lengths(metadata["chunks"])
     grid = metadata["chunk_grid"]
@@ -197,7 +200,7 @@ def _chunk_lengths(metadata: Mapping[str, Any]) -> tuple[int, ...]:
     return _lengths(grid["configuration"]["chunk_shape"])
 
 
-def _item_bytes(metadata: Mapping[str, Any]) -> int:
+def _item_bytes(metadata: Metadata) -> int:
     """Bytes of one element; ValueError for what is no number."""
     if metadata["zarr_format"] == 2:
         dtype = metadata["dtype"]
@@ -212,7 +215,7 @@ def _item_bytes(metadata: Mapping[str, Any]) -> int:
     return 1 if kind == "bool" else int(re.sub(r"\D", "", kind)) // 8
 
 
-def _codecs_of(metadata: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+def _codecs_of(metadata: Metadata) -> list[tuple[str, Metadata]]:
     """(name, settings) of all codecs, those within shards too; the outermost last."""
     if metadata["zarr_format"] == 2:
         listed = [*(metadata.get("filters") or ()), metadata.get("compressor")]
@@ -227,8 +230,8 @@ def _codecs_of(metadata: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]
     return [(name.removeprefix("numcodecs."), settings) for name, settings in found]
 
 
-def _codecs_in(listed: Any) -> list[tuple[str, Mapping[str, Any]]]:
-    found: list[tuple[str, Mapping[str, Any]]] = []
+def _codecs_in(listed: Any) -> list[tuple[str, Metadata]]:
+    found: list[tuple[str, Metadata]] = []
     for one in listed:
         name, settings = (
             (one, {}) if isinstance(one, str) else (one["name"], one.get("configuration"))
@@ -241,7 +244,7 @@ def _codecs_in(listed: Any) -> list[tuple[str, Mapping[str, Any]]]:
     return found
 
 
-def _check_shards(settings: Mapping[str, Any]) -> None:
+def _check_shards(settings: Metadata) -> None:
     """Shards whose index is the one of the specification: else the chunks in it are not seen."""
     index = [one if isinstance(one, str) else one["name"] for one in settings["index_codecs"]]
     if index not in (["bytes"], ["bytes", "crc32c"]):
@@ -251,7 +254,7 @@ def _check_shards(settings: Mapping[str, Any]) -> None:
 # --- what the chunks say ----------------------------------------------------------------
 
 
-def checked_chunks(folder: Path, name: str, metadata: Mapping[str, Any]) -> StoredChunks:
+def checked_chunks(folder: Path, name: str, metadata: Metadata) -> StoredChunks:
     """Chunks of an array, after asking each how long it becomes.
 
     Parameters
@@ -333,9 +336,9 @@ def checked_chunks(folder: Path, name: str, metadata: Mapping[str, Any]) -> Stor
     )
 
 
-def _chunk_files(place: Path, grid: Sequence[int], metadata: Mapping[str, Any]) -> Iterator[Path]:
+def _chunk_files(place: Path, grid: Sequence[int], metadata: Metadata) -> Iterator[Path]:
     """Files that are chunks of this array, by their names."""
-    encoding: Mapping[str, Any] = metadata.get("chunk_key_encoding") or {"name": "v2"}
+    encoding: Metadata = metadata.get("chunk_key_encoding") or {"name": "v2"}
     prefixed = metadata["zarr_format"] == 3 and encoding["name"] == "default"
     told = (encoding.get("configuration") or {}).get("separator")
     separator = told or metadata.get("dimension_separator") or ("/" if prefixed else ".")
@@ -350,9 +353,7 @@ def _chunk_files(place: Path, grid: Sequence[int], metadata: Mapping[str, Any]) 
                 yield Path(folder, name)
 
 
-def _pieces(
-    stream: BinaryIO, per_shard: int, shards: Mapping[str, Any] | None
-) -> Iterator[tuple[int, int]]:
+def _pieces(stream: BinaryIO, per_shard: int, shards: Metadata | None) -> Iterator[tuple[int, int]]:
     """(start, length) of each packed chunk in a file: one, or those the index of a shard names."""
     size = os.fstat(stream.fileno()).st_size
     if shards is None:
