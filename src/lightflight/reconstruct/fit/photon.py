@@ -219,7 +219,7 @@ def light_from_picture(picture: Picture, std_ps: float) -> Light:
             lit: Floats = np.maximum(seen, seen.max() - 12.0)
             return lit
 
-        knot, coefficient = strength_spline(*leg.span_px, measured)
+        knot, coefficient = strength_spline(*leg.span_px, measured, spacing_px=fit.knot_spacing_px)
         knots.append(knot)
         coefficients.append(coefficient)
     return Light(

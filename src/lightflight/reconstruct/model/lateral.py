@@ -3,7 +3,8 @@
 Takes the counts of the pixels about each leg, gives the line of the leg in the picture to a
 small fraction of a pixel, the width of the spot, and the strength of the light along the leg.
 The strength is unknown and uneven, so it is fitted with it: log-strength is a spline along the
-leg, one knot every three pixels; across the leg the counts follow the spot.
+leg, one knot every three pixels, or every one and a half where the light asks for it; across the
+leg the counts follow the spot.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from scipy.linalg import block_diag
 
 from lightflight.reconstruct.model.information import ascend
 from lightflight.reconstruct.model.strength import (
+    DENSE_KNOT_SPACING_PX,
+    KNOT_SPACING_PX,
     LOG_SPOT_RANGE,
     SPOT_PRIOR,
     knots_over,
@@ -76,6 +79,8 @@ class LineFit:
         Standard deviation of the spot (optics and active area), px.
     spline : BSpline
         Log of the photons per pixel on the line, against `along_px`.
+    knot_spacing_px : float
+        Largest distance of its knots, px.
     excess_variance : float
         Chi-square per degree of freedom; the covariance is already widened by it where > 1.
     log_scatter : float
@@ -92,6 +97,7 @@ class LineFit:
     anchors_along_px: Floats
     spot_std_px: float
     spline: BSpline
+    knot_spacing_px: float
     excess_variance: float
     log_scatter: float
     bend_places_px: Floats
@@ -125,6 +131,8 @@ class _Problem:
         Where each leg's pixels stand in `data`.
     starts : list of int
         Where each leg's parameters start; last, where the spot's stands.
+    spacing_px : list of float
+        Largest distance of each leg's knots, px.
     knots : list of array of float
         Knots of each leg's log-strength, px along it.
     anchors : list of array of float
@@ -142,6 +150,7 @@ class _Problem:
     data: LineData
     pixels: list[slice]
     starts: list[int]
+    spacing_px: list[float]
     knots: list[Floats]
     anchors: list[Floats]
     columns: Indices
@@ -163,7 +172,8 @@ def fit_lines(data: list[LineData]) -> list[LineFit]:
     """Line, spot and strength of every leg in one fit (the spot is common to all).
 
     Fisher scoring for Poisson counts with a logarithmic link, damped; pixels that disagree by
-    more than chance allows are left out after a first pass.
+    more than chance allows are left out after a first pass. Where a leg's counts scatter more than
+    chance allows, knots twice as dense are tried on it, and stay if they explain the scatter.
 
     Parameters
     ----------
@@ -180,7 +190,27 @@ def fit_lines(data: list[LineData]) -> list[LineFit]:
     Expected photons of a pixel at s along and y across the line are exp(B(s) - (y - y0(s))^2 / 2
     v), B a cubic spline and v the variance of the spot (method.md, What the counts say).
     """
-    problem = _problem(data)
+    usual = _fitted(_problem(data, [KNOT_SPACING_PX] * len(data)))
+    spacing = [DENSE_KNOT_SPACING_PX if fit.log_scatter > 0.0 else KNOT_SPACING_PX for fit in usual]
+    if min(spacing) == KNOT_SPACING_PX:
+        return usual
+    dense = _fitted(_problem(data, spacing))
+    better = any(map(_explains_more, dense, usual, data))
+    return dense if better else usual
+
+
+def _explains_more(dense: LineFit, usual: LineFit, data: LineData) -> bool:
+    """Whether more knots lower a leg's chi-square by more than Akaike asks for that many.
+
+    In units of the scatter that is left, because unequal pixels scatter however many knots.
+    """
+    n_usual, n_dense = (len(fit.spline.c) for fit in (usual, dense))
+    free = len(data.photons) - n_usual
+    more = (n_dense - n_usual) / max(1, free)
+    return usual.excess_variance > max(1.0, dense.excess_variance) * (1.0 + more)
+
+
+def _fitted(problem: _Problem) -> list[LineFit]:
     stacked = problem.data
     parameters = _scored(problem, _first_guess(problem), np.ones(len(stacked.photons)))
     mean, _ = _model(problem, parameters)
@@ -195,16 +225,16 @@ def fit_lines(data: list[LineData]) -> list[LineFit]:
     return _results(problem, parameters, weights)
 
 
-def _problem(data: list[LineData]) -> _Problem:
+def _problem(data: list[LineData], spacing_px: list[float]) -> _Problem:
     pixels: list[slice] = []
     starts, knots, anchors = [0], [], []
     columns, bases, levers, stiff = [], [], [], []
-    for d in data:
+    for d, spacing in zip(data, spacing_px, strict=True):
         # Knots only where there is light: a dark end would leave its coefficients to chance.
         lit = d.along_px[d.photons > 3.0 * np.sqrt(d.empty_variance + 1.0)]
         lit = lit if len(lit) > 1 else d.along_px
         low, high = float(lit.min()) - 0.5, float(lit.max()) + 0.5
-        knot = knots_over(low, high)
+        knot = knots_over(low, high, spacing)
         # A fifth in from both ends: there the two offsets are nearly independent.
         anchor = np.array([low + 0.2 * (high - low), high - 0.2 * (high - low)])
         share = (d.along_px - anchor[0]) / (anchor[1] - anchor[0])
@@ -227,6 +257,7 @@ def _problem(data: list[LineData]) -> _Problem:
         ),
         pixels=pixels,
         starts=starts,
+        spacing_px=spacing_px,
         knots=knots,
         anchors=anchors,
         columns=np.column_stack((touched, np.full(len(touched), starts[-1]))),
@@ -382,6 +413,7 @@ def _results(problem: _Problem, parameters: Floats, weights: Floats) -> list[Lin
                 anchors_along_px=problem.anchors[k],
                 spot_std_px=float(np.exp(parameters[-1])),
                 spline=BSpline(problem.knots[k], parameters[start : stop - 2], 3),
+                knot_spacing_px=problem.spacing_px[k],
                 excess_variance=excess,
                 log_scatter=_log_scatter(residual[here], mean[here], variance[here], weights[here]),
                 bend_places_px=places,
