@@ -2,10 +2,10 @@
 
 A pixel sees a stretch of its leg through the spot. Its mean time is that of its foot, later by
 (variance of the spot) x (slope of the times) x (slope of the log of the light that pixels see).
-The joint fit takes the light from a spline with a knot every three pixels; light that changes
-faster stays in the photons of the pulses as a scatter about it. Here that rest is taken for a
-Gaussian process along the leg, as strong as the photons show it: its mean corrects the times, its
-errors are columns of errors that pulses share.
+The joint fit takes the light from a spline, whose slopes have errors; light that changes faster
+than its knots lie stays in the photons of the pulses as a scatter about it. Here that rest is taken
+for a Gaussian process along the leg, as strong as the photons show it: its mean corrects the times.
+The errors of both are columns of errors that pulses share.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve, solve_triangular
 
 from lightflight.reconstruct.model.geometry import Footprint, footprints
@@ -23,6 +24,7 @@ from lightflight.reconstruct.model.lateral import LineFit
 from lightflight.reconstruct.model.picture import LegInPicture
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.strength import KNOT_SPACING_PX, span_of_knots
 
 if TYPE_CHECKING:
     from lightflight.reconstruct.fit.joint import JointFit
@@ -30,8 +32,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _ALIKE_PX = 1.0
-"""Over so much of the picture the rest is alike: knots leave waves of up to 6 px, a spot hides
-those shorter than 3 px; px."""
+"""Over so much of the picture the rest is alike: knots at the usual distance leave waves of up to
+6 px, a spot hides those shorter than 3 px; px."""
 _STRENGTHS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
 """Strengths of the rest that are tried, ln."""
 _GRAINS = (0.0, 0.02, 0.06, 0.2)
@@ -112,32 +114,53 @@ def _of_leg(
     low, high = strength.spline.t[3], strength.spline.t[-4]
     telling = (photons > _LEAST_PHOTONS) & (np.abs(lateral) < _NEAR_STDS)
     telling &= (along > low) & (along < high)
-    nothing = np.zeros(len(along)), np.zeros((len(along), 0))
-    if np.count_nonzero(telling) < _FEW:
-        return nothing
-    seen = along[telling]
-    rest = np.log(photons[telling]) - strength.spline(seen) + 0.5 * lateral[telling] ** 2
-    rest = rest - np.average(rest, weights=photons[telling])
-    alike = _kernel(np.subtract.outer(seen, seen))
-    best = _strongest(alike, rest, 1.0 / photons[telling])
-    if best is None:
-        return nothing
-    variance, factor = best
-    gap = np.subtract.outer(along, seen) / _ALIKE_PX
-    by_rest = -variance * gap / _ALIKE_PX * np.exp(-0.5 * gap**2)
     per_slope = strength.spot_std_px**2 * print_.slope_ps_per_px
-    late = per_slope * (by_rest @ cho_solve((factor, True), rest))
-    apart = np.subtract.outer(along, along) / _ALIKE_PX
-    prior = variance / _ALIKE_PX**2 * (1.0 - apart**2) * np.exp(-0.5 * apart**2)
-    slopes = prior - by_rest @ cho_solve((factor, True), by_rest.T)
-    covariance = slopes * np.outer(per_slope / error_ps, per_slope / error_ps)
-    values, vectors = np.linalg.eigh(covariance)
-    kept = values > _LEAST_EFFECT**2
-    return late, error_ps[:, np.newaxis] * vectors[:, kept] * np.sqrt(values[kept])
+    late = np.zeros(len(along))
+    errors = _slope_errors_of_spline(strength, along)
+    if np.count_nonzero(telling) >= _FEW:
+        seen = along[telling]
+        rest = np.log(photons[telling]) - strength.spline(seen) + 0.5 * lateral[telling] ** 2
+        rest = rest - np.average(rest, weights=photons[telling])
+        # Denser knots leave shorter waves.
+        alike = _ALIKE_PX * strength.knot_spacing_px / KNOT_SPACING_PX
+        found = _strongest(
+            _kernel(np.subtract.outer(seen, seen) / alike), rest, 1.0 / photons[telling]
+        )
+        if found is not None:
+            mean, more = _slopes_of_rest(along, seen, rest, alike, *found)
+            late, errors = per_slope * mean, np.hstack((errors, more))
+    scaled = (per_slope / error_ps)[:, np.newaxis] * errors
+    across, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
+    kept = sizes > _LEAST_EFFECT
+    return late, error_ps[:, np.newaxis] * across[:, kept] * sizes[kept]
 
 
-def _kernel(gap_px: Floats) -> Floats:
-    alike: Floats = np.exp(-0.5 * (gap_px / _ALIKE_PX) ** 2)
+def _slope_errors_of_spline(strength: LineFit, along: Floats) -> Floats:
+    """One-sigma columns (n, k) of the errors of the spline's slopes along the line, per px."""
+    knots = strength.spline.t
+    low, high = span_of_knots(knots)
+    slopes = BSpline(knots, np.eye(len(strength.spline.c)), 3).derivative()
+    inside = (along >= low) & (along <= high)
+    values, vectors = np.linalg.eigh(strength.spline_covariance)
+    columns: Floats = slopes(np.clip(along, low, high)) @ (vectors * np.sqrt(np.maximum(values, 0)))
+    return columns * inside[:, np.newaxis]
+
+
+def _slopes_of_rest(
+    along: Floats, seen: Floats, rest: Floats, alike_px: float, variance: float, factor: Floats
+) -> tuple[Floats, Floats]:
+    """Slopes (n,) of the rest along the line, per px, and one-sigma columns (n, k) of them."""
+    gap = np.subtract.outer(along, seen) / alike_px
+    by_rest = -variance * gap / alike_px * np.exp(-0.5 * gap**2)
+    apart = np.subtract.outer(along, along) / alike_px
+    prior = variance / alike_px**2 * (1.0 - apart**2) * np.exp(-0.5 * apart**2)
+    values, vectors = np.linalg.eigh(prior - by_rest @ cho_solve((factor, True), by_rest.T))
+    columns: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
+    return by_rest @ cho_solve((factor, True), rest), columns
+
+
+def _kernel(gap: Floats) -> Floats:
+    alike: Floats = np.exp(-0.5 * gap**2)
     return alike
 
 
