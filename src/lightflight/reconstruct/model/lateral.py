@@ -9,7 +9,7 @@ leg the counts follow the spot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,11 @@ Indices = NDArray[np.int64]
 
 _OFFSET_PRIOR_PX = 1.0
 """A line is looked for about where it is expected; few pixels must not throw it far, px."""
+
+_STRENGTH_PRIOR_LN = 5.0
+"""How far the light on a line may be from its brightest pixels nearby, ln: pixels on one side of a
+line cannot tell a near line from a far one that is brighter without end. A pixel that a line passes
+by at its corner, two stds off, has e^-2 of the light."""
 
 _MOST_LINE_STEPS = 40
 """Most steps of the fit of lines; what is left then is far below the counting noise."""
@@ -151,7 +156,9 @@ class _Problem:
     lever : array of float, shape (n, 2)
         Share of the leg's offsets.
     precision : array of float, shape (p, p)
-        Of the priors, about zero but for the spot's.
+        Of the priors.
+    expected : array of float, shape (p,)
+        What the priors expect.
     """
 
     data: LineData
@@ -164,6 +171,7 @@ class _Problem:
     basis: Floats
     lever: Floats
     precision: Floats
+    expected: Floats
 
     @cached_property
     def cells(self) -> Indices:
@@ -216,7 +224,9 @@ def _scatter_of_all(fits: list[LineFit], data: list[LineData]) -> float:
 
 def _fitted(problem: _Problem) -> list[LineFit]:
     stacked = problem.data
-    parameters = _scored(problem, _first_guess(problem), np.ones(len(stacked.photons)))
+    start = _first_guess(problem)
+    problem = replace(problem, expected=_expected(problem, start))
+    parameters = _scored(problem, start, np.ones(len(stacked.photons)))
     mean, _ = _model(problem, parameters)
     scaled = np.abs(stacked.photons - mean)
     scaled /= np.sqrt(np.maximum(mean, 0.3) + stacked.empty_variance)
@@ -268,6 +278,7 @@ def _problem(data: list[LineData], spacing_px: list[float]) -> _Problem:
         basis=np.vstack(bases),
         lever=np.vstack(levers),
         precision=block_diag(*stiff, np.full((1, 1), SPOT_PRIOR[1] ** -2.0)),
+        expected=np.zeros(starts[-1] + 1),
     )
 
 
@@ -277,7 +288,19 @@ def _leg_precision(n_spline: int) -> Floats:
     A dark stretch leaves its strength undefined: it is held weakly to its neighbours.
     """
     bend = 0.05 * np.diff(np.eye(n_spline), 2, axis=0)
-    return block_diag(bend.T @ bend, np.eye(2) / _OFFSET_PRIOR_PX**2)
+    level = np.eye(n_spline) / _STRENGTH_PRIOR_LN**2
+    return block_diag(bend.T @ bend + level, np.eye(2) / _OFFSET_PRIOR_PX**2)
+
+
+def _expected(problem: _Problem, guess: Floats) -> Floats:
+    """What the priors expect: lines where they are, a usual spot, the light that is guessed."""
+    pull = guess / _STRENGTH_PRIOR_LN**2
+    for stop in problem.starts[1:]:
+        pull[stop - 2 : stop] = 0.0
+    pull[-1] = SPOT_PRIOR[0] * problem.precision[-1, -1]
+    # Level and smoothness are two priors on one strength: this is where they agree.
+    expected: Floats = np.linalg.solve(problem.precision, pull).astype(np.float64, copy=False)
+    return expected
 
 
 def _first_guess(problem: _Problem) -> Floats:
@@ -357,8 +380,7 @@ def _slope_at(problem: _Problem, parameters: Floats, weights: Floats) -> _Slope:
     shifted = np.maximum(data.photons + data.empty_variance, 0.0)
     ratio = np.where(shifted > 0, shifted / variance, 1.0)
     value = -np.sum(weights * (shifted * np.log(ratio) - (shifted - variance)))
-    off = parameters.copy()
-    off[-1] -= SPOT_PRIOR[0]
+    off = parameters - problem.expected
     held = problem.precision @ off
     information = information + problem.precision + 1e-9 * np.eye(size)
     return _Slope(float(value - 0.5 * off @ held), score - held, information)
