@@ -14,21 +14,23 @@ from tests.issues.test_told_numbers_of_legs_gave_other_paths import scene_of
 from tests.reconstruct.test_lateral import drawn_line
 
 
-def test_a_line_seen_from_one_side_stays_by_its_pixels(rng):
-    """The line is 0.3 px off; 20 draws, each within three stated errors (1e-2 of one failing)."""
+def test_a_line_seen_from_one_side_stays_as_bright_as_its_pixels(rng):
+    """Light of e^9.9, its nearest pixels two stds off the line; e^18.3 before, e^14.9 now.
+
+    20 lines within three stated errors: their own chance of one that is not is 0.1, fixed seed.
+    """
     for _ in range(20):
-        whole = drawn_line(rng, start=0.3, end=0.3)
-        seen = (np.abs(whole.along_px) < 6) & (whole.across_px < -0.5)
+        whole = drawn_line(rng, strength=lambda s: np.full_like(s, 2e4), start=0.3, end=0.3)
+        side = 0.3 - whole.across_px
+        seen = (np.abs(whole.along_px) < 8) & (side > 0.7) & (side < 1.7)
         part = LineData(
             whole.along_px[seen], whole.across_px[seen], whole.photons[seen],
             whole.empty_variance[seen],
         )  # fmt: skip
-        wide = drawn_line(rng)
-        fit, _ = fit_lines([part, wide])
+        fit, _ = fit_lines([part, drawn_line(rng)])
         stated = np.sqrt(np.diag(fit.offset_covariance))
         assert (np.abs(fit.offset_px - 0.3) < 3 * stated).all()
-        assert np.abs(fit.offset_px).max() < 2.0
-        assert fit.spline.c.max() < 20.0
+        assert fit.spline.c.max() < 16.5
 
 
 def test_an_undisturbed_recording_was_contradicted():
