@@ -10,6 +10,8 @@ import importlib
 import os
 import sys
 
+from lightflight.errors import ConfigError
+
 
 def import_elsewhere(module: str, settings: str) -> None:
     """Import a module from another folder, where the current one holds settings for it.
@@ -29,3 +31,19 @@ def import_elsewhere(module: str, settings: str) -> None:
         importlib.import_module(module)
     finally:
         os.chdir(here)
+
+
+def check_number_of_threads() -> None:
+    """Raise ConfigError where Numba would not start for what NUMBA_NUM_THREADS says.
+
+    What is no number it passes over itself.
+    """
+    told = os.environ.get("NUMBA_NUM_THREADS", "")
+    try:
+        if "numba" in sys.modules or int(told) > 0:
+            return
+    except ValueError:
+        return
+    raise ConfigError(
+        f"NUMBA_NUM_THREADS is {told} in the environment: set it to 1 or more, or unset it"
+    )

@@ -42,6 +42,12 @@ class FileFormatError(ValueError):
         super().__init__(f"{where}{message}{at}")
 
 
+class LimitError(ValueError):
+    """More than this version takes, of whatever made it: nothing is damaged."""
+
+    exit_code = 3
+
+
 class ConfigError(ValueError):
     """A set-up file or an option is wrong."""
 

@@ -15,13 +15,15 @@ import pytest
 from click.testing import CliRunner
 
 import lightflight as lf
+from lightflight import elsewhere
 from lightflight.cli import main
-from lightflight.errors import FileFormatError
+from lightflight.errors import ConfigError, FileFormatError
 from lightflight.files.store import load_record, save_record
 from lightflight.formats import isolation, ptu
 from lightflight.path.tables import RESIDUAL_DTYPE
 from lightflight.path.trace import across_axes, trace_from_path
 from lightflight.view.export.files import export_path
+from lightflight.view.film import flight
 from lightflight.view.solids import error_tube
 from tests.attacks import fields
 from tests.formats.made_by_hand import ptu_image_bytes
@@ -112,14 +114,14 @@ def of_pulses(n: int, **columns: float) -> dict[str, np.ndarray]:
         ({"vertex_times_ps": np.linspace(0, 1e300, 4)}, "within 1e"),
         ({"vertex_times_ps": np.array([-1.7e308, 0.0, 1.0, 1.7e308])}, "within 1e"),
         ({"vertices_mm": np.zeros((4, 3))}, "must differ"),
-        (of_truth(zigzag(4) * 1e300), "its truth"),
+        (of_truth(zigzag(4) * 1e300), "its truth reaches beyond"),
         (of_truth(zigzag(4), times=np.array([0, 1, np.nan, 3])), "its truth"),
         (of_truth(zigzag(4), times=np.array([3.0, 2.0, 1.0, 0.0])), "its truth"),
         (of_truth(zigzag(4), times=np.arange(3.0)), "its truth"),
         (of_truth(zigzag(1)), "its truth"),
-        (of_truth(zigzag(10_001)), "its truth"),
-        ({"camera_shape": np.array([2**31, 2**31])}, "its camera cannot have"),
-        ({"camera_shape": np.array([1e300, 1e300])}, "its camera cannot have"),
+        (of_truth(zigzag(10_001)), "its truth has 10001 vertices"),
+        ({"camera_shape": np.array([2**31, 2**31])}, "its camera cannot have .* pixels"),
+        ({"camera_shape": np.array([1e300, 1e300])}, "its camera cannot have .* pixels"),
         (of_pulses(2_000_001), "it holds 2000001 pulses"),
         (of_pulses(9, std_ps=np.inf), "residuals_std_ps must be below"),
         (of_pulses(9, residual_ps=-1e300), "residuals_residual_ps must be below"),
@@ -129,8 +131,15 @@ def test_a_path_that_could_not_be_drawn_is_refused(sound, tmp_path, arrays, why)
     """500 legs drew for minutes, 10^7 pulses took 4 GB; the others ended in internal errors."""
     known, attributes = load_record(sound, kind="path")
     save_record(tmp_path / "x.h5", kind="path", arrays={**known, **arrays}, attributes=attributes)
-    with pytest.raises(FileFormatError, match=why):
+    with pytest.raises(FileFormatError, match=why) as caught:
         lf.LightPath.load(tmp_path / "x.h5")
+    # A limit of ours is not told as damage of the file.
+    is_limit = any(
+        word in why
+        for word in ("at most", "within", "beyond", "pulses", "below", "pixels", "10001")
+    )
+    assert ("beyond a limit" in str(caught.value)) == is_limit
+    assert ("damaged; copy" in str(caught.value)) != is_limit
 
 
 def test_a_film_without_end_is_refused(sound, tmp_path):
@@ -147,6 +156,45 @@ def test_a_film_without_end_is_refused(sound, tmp_path):
         assert done.exit_code == 2, done.output
         assert "frames, more than 10000: give" in done.output
     assert sorted(one.name for one in tmp_path.iterdir()) == ["x.h5", "y.h5"]
+
+
+def test_an_orbit_is_drawn_by_steps_of_a_pixel(monkeypatch):
+    """Each frame drew the whole scene anew: three hours for a hundred legs and 10,000 frames."""
+    drawn = []
+    real = flight.draw_path_3d
+
+    def noted(*args: Any, **options: Any) -> Any:
+        drawn.append(options["view"].azimuth_deg)
+        return real(*args, **options)
+
+    monkeypatch.setattr(flight, "draw_path_3d", noted)
+    settings = flight.MovieSettings(size_px=(320, 180), orbit_deg=3.0, pace_ps_per_s=500.0)
+    frames = list(flight.movie_frames(make_path(), settings=settings))
+    assert len(frames) > 180
+    # 0.6 degrees are a pixel there; one drawing more is of the scene before it turns.
+    assert 5 <= len(set(drawn)) <= 7
+    assert len(drawn) <= 8
+    assert (frames[0] != frames[-1]).any()
+
+
+def test_a_window_that_is_not_there_is_not_asked_for(tmp_path):
+    """MPLBACKEND=nonsense was an internal error: Matplotlib does not start with it."""
+    hist = lf.Histograms(np.ones((2, 2, 16), np.uint16), bin_width_ps=55.0)
+    lf.TimingCalibration.nominal(hist).save(tmp_path / "x.h5")
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "lightflight", "plot", "x.h5", "-o", "x.png"], cwd=tmp_path,
+        env={**os.environ, "MPLBACKEND": "nonsense"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("told", ["0", "-1"])
+def test_no_number_of_threads_is_told(monkeypatch, told):
+    """It was an internal error of every command that fits."""
+    monkeypatch.setenv("NUMBA_NUM_THREADS", told)
+    monkeypatch.delitem(sys.modules, "numba", raising=False)
+    with pytest.raises(ConfigError, match=f"NUMBA_NUM_THREADS is {told} in the environment"):
+        elsewhere.check_number_of_threads()
 
 
 def test_a_leg_is_drawn_without_the_others(monkeypatch):

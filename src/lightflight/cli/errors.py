@@ -152,6 +152,12 @@ def keep_algebra_to_one_thread() -> None:
             os.environ.setdefault(name, "1")
 
 
+def draw_without_a_window() -> None:
+    """Forget MPLBACKEND: no command opens a window, and Matplotlib stops at a wrong name."""
+    if "matplotlib" not in sys.modules:
+        os.environ.pop("MPLBACKEND", None)
+
+
 class _ToStderr(logging.Handler):
     """Log records as lines on stderr."""
 
@@ -200,6 +206,7 @@ class SpeakingGroup(click.Group):
             Always, with one of `EXIT_CODES`.
         """
         keep_algebra_to_one_thread()
+        draw_without_a_window()
         # Names of files need not be UTF-8; stderr spells such out by itself.
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")

@@ -13,7 +13,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from lightflight.errors import ConfigError, FileFormatError
+from lightflight.errors import ConfigError, FileFormatError, LimitError
 
 DEFLATE_MOST = 1100
 """Deflate shrinks at most 1032-fold."""
@@ -234,6 +234,8 @@ def blame(error: Exception) -> str:
         A sentence that goes on after the name of the file.
     """
     reason = _reason(error)
+    if isinstance(error, LimitError):
+        return f"is beyond a limit of this version, not damaged: {reason}"
     if isinstance(error, BlockingIOError) or any(word in str(error).lower() for word in _LOCKED):
         return "is locked: another program has it open; close it there, or wait"
     if isinstance(error, OSError) and error.errno is not None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.camera.model import Camera
-from lightflight.errors import FileFormatError
+from lightflight.errors import FileFormatError, LimitError
 from lightflight.files.filecheck import damage_as_format_error
 from lightflight.files.store import load_record, save_record
 from lightflight.flight import Medium, Source
@@ -105,6 +105,11 @@ class TruePath:
         """Raise ValueError where no pulse was: it would be drawn."""
         times, vertices = self.vertex_times_ps, self.vertices_mm
         m = len(times) if times.ndim == 1 else 0
+        if m > _MOST_TRUE_VERTICES:
+            raise LimitError(f"its truth has {m} vertices, more than {_MOST_TRUE_VERTICES}")
+        far = np.isfinite(vertices) & (np.abs(vertices) > _FARTHEST)
+        if far.any() or (np.isfinite(times) & (np.abs(times) > _FARTHEST)).any():
+            raise LimitError(f"its truth reaches beyond {_FARTHEST:g}")
         fits = 2 <= m <= _MOST_TRUE_VERTICES and vertices.shape == (m, 3)
         # NaN is no bound of anything.
         fits = fits and bool((np.abs(vertices) <= _FARTHEST).all() and (np.diff(times) >= 0).all())
@@ -159,7 +164,7 @@ def _fields_from_record(arrays: Mapping[str, Any], attributes: Mapping[str, Any]
     camera = {k.removeprefix("camera_"): v for k, v in arrays.items() if k.startswith("camera_")}
     sides = np.asarray(camera["shape"], dtype=float)
     if (sides > _MOST_PIXELS).any() or np.prod(sides) > _MOST_PIXELS:
-        raise ValueError(f"its camera cannot have {camera['shape']!r:.60} pixels")
+        raise LimitError(f"its camera cannot have {camera['shape']!r:.60} pixels")
     parts = {
         k.removeprefix("covariance_"): v for k, v in arrays.items() if k.startswith("covariance_")
     }
@@ -197,13 +202,13 @@ def _residuals_from_record(arrays: Mapping[str, Any]) -> NDArray[Any]:
     """Pulses and how far each lies off the path, from the columns of a file."""
     n = len(arrays["residuals_row"])
     if n > _MOST_PULSES:
-        raise ValueError(f"it holds {n} pulses")
+        raise LimitError(f"it holds {n} pulses, more than {_MOST_PULSES}")
     table = np.zeros(n, RESIDUAL_DTYPE)
     for name in RESIDUAL_DTYPE.names or ():
         table[name] = arrays[f"residuals_{name}"]
         # NaN is what is not known; the rest is drawn.
         if table[name].dtype.kind == "f" and (np.abs(table[name]) > _FARTHEST).any():
-            raise ValueError(f"residuals_{name} must be below {_FARTHEST:g}")
+            raise LimitError(f"residuals_{name} must be below {_FARTHEST:g}")
     return table
 
 
@@ -224,7 +229,7 @@ def _check_plain(attributes: Mapping[str, Any]) -> None:
         if not isinstance(told, list) or not all(isinstance(one, str) for one in told):
             raise ValueError(f"{name} cannot be {told!r:.60}")
         if len(told) > _MOST_SENTENCES:
-            raise ValueError(f"it holds {len(told)} {name}")
+            raise LimitError(f"it holds {len(told)} {name}, more than {_MOST_SENTENCES}")
     if not isinstance(attributes["provenance"], Mapping):
         raise ValueError(f"provenance cannot be {attributes['provenance']!r:.60}")
     # Pictures and pages set each in type: minutes for megabytes.
@@ -232,7 +237,7 @@ def _check_plain(attributes: Mapping[str, Any]) -> None:
     while pending:
         one = pending.pop()
         if isinstance(one, str) and len(one) > _LONGEST_TEXT:
-            raise ValueError(f"it holds a text of {len(one)} characters")
+            raise LimitError(f"it holds a text of {len(one)} characters, more than {_LONGEST_TEXT}")
         if isinstance(one, dict | list):
             pending += one.values() if isinstance(one, dict) else one
 

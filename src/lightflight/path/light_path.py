@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.display import count, with_error
+from lightflight.errors import LimitError
 from lightflight.flight import (
     Medium,
     Source,
@@ -199,7 +200,7 @@ class LightPath:
                 f"m >= 2, got {vertices.shape} and {times.shape}"
             )
         if m > MOST_LEGS + 1:
-            raise ValueError(f"a path has at most {MOST_LEGS} legs, got {m - 1}")
+            raise LimitError(f"a path has at most {MOST_LEGS} legs, got {m - 1}")
         covariance = np.array(self.covariance, dtype=float)
         if covariance.shape != (4 * m, 4 * m):
             raise ValueError(f"covariance must be ({4 * m}, {4 * m}), got {covariance.shape}")
@@ -207,11 +208,11 @@ class LightPath:
             bad = int(np.argmin(np.isfinite(vertices).all(axis=1)))
             raise ValueError(f"vertices_mm must be finite: vertex {bad} is {vertices[bad]}")
         if np.abs(vertices).max() > FARTHEST_MM:
-            raise ValueError(f"vertices_mm must lie within {FARTHEST_MM:g} mm, got {vertices}")
+            raise LimitError(f"vertices_mm must lie within {FARTHEST_MM:g} mm, got {vertices}")
         if not (np.abs(np.diff(vertices, axis=0)).max(axis=1) > SHORTEST_MM).all():
             raise ValueError(f"vertices_mm must differ from one to the next, got {vertices}")
         if np.abs(times).max() > FARTHEST_PS:
-            raise ValueError(f"vertex_times_ps must lie within {FARTHEST_PS:g} ps, got {times}")
+            raise LimitError(f"vertex_times_ps must lie within {FARTHEST_PS:g} ps, got {times}")
         if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
             raise ValueError(f"vertex_times_ps must be finite and ascend, got {times}")
         for array in (vertices, times, covariance):

@@ -308,17 +308,23 @@ class _FlightStage(Stage):
         return self.snapshot([*self.moving, *((self.picture, line) for line in lines)])
 
     def _turn(self, progress: float) -> None:
-        start = self.view.azimuth_deg
-        turned = start + self.settings.orbit_deg * (progress - 0.5)
-        # Everything in space turns, so what stood still is drawn anew; the moving parts are put
-        # back.
+        # By steps of a pixel at the picture's edge: drawing takes up to a second for many legs.
+        step = float(np.degrees(1.0 / (0.3 * self.settings.size_px[0])))
+        turned = self.settings.orbit_deg * (progress - 0.5)
+        turned = round(turned / step) * step
+        azimuth = self.view.azimuth_deg + turned
+        if self.turned is not self.view and self.turned.azimuth_deg == azimuth:
+            return
+        if self.turned is self.view:
+            self.keep_all_but(self.space)
+        # Everything in space turns, so it is drawn anew; the moving parts are put back.
         self.space.clear()
-        self.turned = replace(self.view, azimuth_deg=turned)
+        self.turned = replace(self.view, azimuth_deg=azimuth)
         self._draw_scene(self.turned)
         self.space.add_collection(self.body, autolim=False)
         self.space.add_line(self.dot)
         self.space.add_line(self.seen)
-        self.keep_background()
+        self.renew(self.space)
 
     def _move(self, reading: float) -> None:
         trace = self.trace

@@ -29,6 +29,19 @@ class Stage:
         self.canvas.draw()
         self.background = self.canvas.copy_from_bbox(self.figure.bbox)
 
+    def keep_all_but(self, axes: Axes) -> None:
+        """Draw what stands still while `axes` turn, and remember its pixels."""
+        axes.set_visible(False)
+        self.canvas.draw()
+        axes.set_visible(True)
+        self.still = self.canvas.copy_from_bbox(self.figure.bbox)
+
+    def renew(self, axes: Axes) -> None:
+        """Draw `axes` over what `keep_all_but` kept, as the background of frames to come."""
+        self.canvas.restore_region(self.still)
+        self.figure.draw_artist(axes)
+        self.background = self.canvas.copy_from_bbox(self.figure.bbox)
+
     def snapshot(self, moving: Iterable[tuple[Axes | Figure, Artist]]) -> Frame:
         """A frame (height, width, 3), uint8: the background and these over it, in their order."""
         self.canvas.restore_region(self.background)
