@@ -23,6 +23,7 @@ from lightflight.formats import isolation, ptu
 from lightflight.path.tables import RESIDUAL_DTYPE
 from lightflight.path.trace import across_axes, trace_from_path
 from lightflight.view.export.files import export_path
+from lightflight.view.figures.camera import draw_pixel_histogram
 from lightflight.view.film import flight
 from lightflight.view.solids import error_tube
 from tests.attacks import fields
@@ -195,6 +196,13 @@ def test_no_number_of_threads_is_told(monkeypatch, told):
     monkeypatch.delitem(sys.modules, "numba", raising=False)
     with pytest.raises(ConfigError, match=f"NUMBA_NUM_THREADS is {told} in the environment"):
         elsewhere.check_number_of_threads()
+
+
+def test_a_pixel_of_many_codes_is_drawn_at_once():
+    """A bar each: `plot --what pixel` took minutes for a pixel of 100,000 codes."""
+    hist = lf.Histograms(np.ones((1, 1, 100_000), np.uint16))
+    ax = draw_pixel_histogram(hist, 0, 0)
+    assert [len(bars.get_data().values) for bars in ax.patches] == [199_999]
 
 
 def test_a_leg_is_drawn_without_the_others(monkeypatch):

@@ -179,10 +179,12 @@ def draw_pixel_histogram(
     seen = _share_counted(hist, row, col, lower, upper)
     lower, upper, order = _unfolded(lower, upper, middle, period)
     counts = counts[order]
-    ax.bar(
-        lower, counts, upper - lower, align="edge", color="#b7c4dc", edgecolor="none", zorder=2,
-        label="counts",
-    )  # fmt: skip
+    # One outline, with nothing between codes: a bar each takes minutes for 100,000 of them.
+    edges = np.stack((lower, upper), axis=1).ravel()
+    heights = np.zeros(max(len(edges) - 1, 0))
+    heights[::2] = counts
+    if len(heights):
+        ax.stairs(heights, edges, fill=True, color="#b7c4dc", lw=0, zorder=2, label="counts")
     if pulses is not None and len(fits):
         sampled = pulses.method == "least_squares" and hist.poisson
         expected = _expected_counts(lower, upper, period, fits, sampled=sampled) * seen[order]
