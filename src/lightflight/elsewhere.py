@@ -10,8 +10,6 @@ import importlib
 import os
 import sys
 
-from lightflight.errors import ConfigError
-
 
 def import_elsewhere(module: str, settings: str) -> None:
     """Import a module from another folder, where the current one holds settings for it.
@@ -34,7 +32,7 @@ def import_elsewhere(module: str, settings: str) -> None:
 
 
 def check_number_of_threads() -> None:
-    """Raise ConfigError where Numba would not start for what NUMBA_NUM_THREADS says.
+    """Raise ValueError where Numba would not start for what NUMBA_NUM_THREADS says.
 
     What is no number it passes over itself.
     """
@@ -44,6 +42,6 @@ def check_number_of_threads() -> None:
             return
     except ValueError:
         return
-    raise ConfigError(
+    raise ValueError(
         f"NUMBA_NUM_THREADS is {told} in the environment: set it to 1 or more, or unset it"
     )

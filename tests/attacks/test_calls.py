@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from click.testing import CliRunner
 
 import lightflight as lf
 from lightflight.cli import main
+from lightflight.cli.errors import sentence_and_code
 from lightflight.errors import ConfigError
 from lightflight.files.toml_tables import table_from_toml, value_from_text
 
@@ -114,3 +116,104 @@ def test_counts_beyond_64_bits_are_refused(count):
 def test_sums_of_64_bits_do_not_wrap():
     with pytest.raises(ValueError, match="add up beyond 64 bits"):
         _ = lf.Histograms(np.full((1, 1, 4), 2**63, np.uint64)).photons
+
+
+PULSES = np.random.default_rng(16).poisson(
+    0.05 + 60 * np.exp(-0.5 * ((np.arange(64) - 30) / 2.0) ** 2), (4, 4, 64)
+)
+HIST = lf.Histograms(PULSES.astype(np.uint16), bin_width_ps=20.0, laser_period_ps=1280.0)
+CLOCK = lf.TimingCalibration.nominal(HIST)
+CAMERA = lf.Camera.facing_plane(shape=(4, 4))
+
+
+def of_shape(shape: tuple[int, ...]) -> dict[str, Any]:
+    """Arrays of this shape that are no array of numbers, and numbers that no clock has."""
+    some = np.ones(shape)
+    far = some.copy()
+    far.flat[-1] = 1e200
+    return {
+        "texts": np.full(shape, "a"), "bytes": np.full(shape, b"False"), "complex": some + 1j,
+        "dates": np.zeros(shape, "M8[s]"), "records": np.zeros(shape, [("a", "i4")]),
+        "objects": np.full(shape, None), "masked": np.ma.masked_array(some, some > 0),
+        "-inf": -np.inf * some, "far": far, "a text": "x", "ragged": [[1.0, 2.0], [3.0]],
+        "one axis more": some[..., None],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", [*of_shape((4, 4)), "nan", "tiny", "of two", "halves", "negative"])
+def test_masks_say_yes_or_no_of_each_pixel(kind):
+    """NaN, texts and -1 left a pixel out, None, dates and masked ones did not, all in silence."""
+    odd = {"nan": np.nan, "tiny": 1e-300, "of two": 2, "halves": 0.5, "negative": -1}
+    mask = np.full((4, 4), odd[kind]) if kind in odd else of_shape((4, 4))[kind]
+    for call in (lf.fit_pulses, lf.find_arrivals, lf.reconstruct):
+        also = {"camera": CAMERA} if call is lf.reconstruct else {}
+        with pytest.raises(ValueError, match=r"exclude_mask (must|are masked)"):
+            call(HIST, exclude_mask=mask, **also)
+
+
+@pytest.mark.parametrize("dtype", [bool, np.uint8, int, float])
+def test_masks_of_ones_and_zeros_are_taken(dtype):
+    pulses = lf.fit_pulses(HIST, exclude_mask=np.eye(4, dtype=dtype), max_pulses=1)
+    np.testing.assert_array_equal(np.isnan(pulses.delay_ps), np.eye(4).ravel() == 1)
+
+
+ARRAYS = [one.name for one in fields(CLOCK) if isinstance(getattr(CLOCK, one.name), np.ndarray)]
+# What stands for any shape: pairs of a curve, what is left out without names.
+ANY_SHAPE = ("end_widths", "flat_modes_ps", "response_curve")
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_a_calibration_holds_what_a_clock_may(name):
+    """Texts and None ended in NumPy's errors; dates, records, masks and -inf were taken."""
+    shape = getattr(CLOCK, name).shape
+    for kind, value in of_shape(shape if np.prod(shape) else (2, 4)).items():
+        if kind == "one axis more" and name in ANY_SHAPE:
+            continue
+        if kind == "-inf" and name == "flags":
+            value = np.full(shape, -1)
+        with pytest.raises(ValueError, match=name) as caught:
+            replace(CLOCK, **{name: value})
+        assert sentence_and_code(caught.value)[1] == 2, kind
+
+
+PLAIN = [one.name for one in fields(CLOCK) if one.name not in ARRAYS]
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_plain_fields_of_a_calibration_are_what_they_are_called(name):
+    """From Python nobody looked: `first_live_code=2**31` ended in an IndexError of NumPy."""
+    for value in (object(), [1], {"a": 1}, float("nan"), -np.inf, 10**30, "x", 1e300):
+        if name == "provenance" and isinstance(value, dict):
+            continue
+        with pytest.raises(ValueError, match=name) as caught:
+            replace(CLOCK, **{name: value})
+        assert sentence_and_code(caught.value)[1] == 2, value
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        *({"n_legs": value} for value in ("x", float("nan"), float("inf"), [1], 1.5, 0)),
+        *({name: value} for name in ("camera", "source", "medium", "timing", "background")
+          for value in (5, "x", [object()])),
+        *({"max_pulses": value} for value in (1.5, "x", None, 0, 10**9)),
+        *({"threads": value} for value in (1.5, "x", None, 0)),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_arguments_of_other_kinds_are_one_sentence(told):
+    """They ended in errors of Python that named none of them."""
+    call: Any = lf.fit_pulses if {"max_pulses", "threads"} & told.keys() else lf.reconstruct
+    also = {"camera": CAMERA} if call is lf.reconstruct else {}
+    with pytest.raises((ValueError, TypeError), match=next(iter(told))) as caught:
+        call(HIST, **{**also, **told})
+    text, code = sentence_and_code(caught.value)
+    assert code == 2, text
+
+
+@pytest.mark.parametrize("value", ["x", None, object(), [1, [2]], np.full((3, 3), "a")])
+@pytest.mark.parametrize("name", ["shape", "matrix", "distortion", "world_from_camera"])
+def test_a_camera_is_made_of_numbers(name, value):
+    with pytest.raises(ValueError) as caught:
+        replace(CAMERA, **{name: value})
+    assert sentence_and_code(caught.value)[1] in (2, 5), caught.value

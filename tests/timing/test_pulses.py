@@ -317,7 +317,11 @@ def test_a_background_recording_joins_the_likelihood(rng):
         ({"method": "magic"}, ValueError, "method must be one of likelihood, least_squares"),
         ({"max_pulses": 0}, ValueError, "max_pulses must be at least 1"),
         ({"threads": 0}, ValueError, "threads must be at least 1"),
-        ({"exclude_mask": np.zeros((3, 3))}, ValueError, "exclude_mask must have the shape"),
+        (
+            {"exclude_mask": np.zeros((3, 3))},
+            ValueError,
+            "exclude_mask must have the",
+        ),
     ],
 )
 def test_bad_options_raise_one_sentence(change, error, words, rng):

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.camera.rigid import read_only
 from lightflight.errors import GeometryError
 
 Floats = NDArray[np.float64]
@@ -37,7 +38,7 @@ def checked_distortion(distortion: ArrayLike) -> Floats:
     GeometryError
         For NaN or inf.
     """
-    k = np.array(distortion, dtype=np.float64).ravel()
+    k = read_only(distortion).flatten()
     k.setflags(write=False)
     if k.size not in _DISTORTION_SIZES:
         raise ValueError(

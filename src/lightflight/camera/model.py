@@ -101,7 +101,10 @@ class Camera:
     distortion_std: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        shape = tuple(int(n) for n in self.shape)
+        try:
+            shape = tuple(int(n) for n in self.shape)
+        except (TypeError, ValueError, OverflowError):
+            raise ValueError(f"shape must be (rows, cols), got {self.shape!r:.60}") from None
         if len(shape) != 2 or min(shape) < 1:
             raise ValueError(f"shape must be (rows, cols), both at least 1, got {self.shape}")
         object.__setattr__(self, "shape", shape)
@@ -119,9 +122,10 @@ class Camera:
                 )
             object.__setattr__(self, "intrinsics_per_pose", slopes)
         for name in LENS_ERRORS:
-            std = float(getattr(self, name))
-            if not (np.isfinite(std) and std >= 0.0):
-                raise ValueError(f"{name} must be finite and >= 0, got {std}")
+            told = read_only(getattr(self, name))
+            if told.ndim or not (np.isfinite(told) and told >= 0.0):
+                raise ValueError(f"{name} must be finite and >= 0, got {told}")
+            std = float(told)
             object.__setattr__(self, name, std)
 
     @classmethod

@@ -27,8 +27,16 @@ def read_only(values: ArrayLike) -> NDArray[np.float64]:
     -------
     array of float64
         Of the same shape.
+
+    Raises
+    ------
+    ValueError
+        For texts, objects and what is ragged.
     """
-    array = np.array(values, dtype=np.float64)
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"a camera is made of numbers, got {values!r:.60}") from None
     array.setflags(write=False)
     return array
 
@@ -108,7 +116,7 @@ def checked_pose(world_from_camera: ArrayLike) -> NDArray[np.float64]:
     GeometryError
         Where it scales, shears or mirrors, or is not finite.
     """
-    pose = np.array(world_from_camera, dtype=np.float64)
+    pose = read_only(world_from_camera).copy()
     if pose.shape != (4, 4):
         raise ValueError(f"world_from_camera must have shape (4, 4), got {pose.shape}")
     if not np.isfinite(pose).all():

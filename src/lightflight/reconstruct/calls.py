@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Integral, Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 from lightflight.errors import CalibrationError, GeometryError
 from lightflight.flight import Source
 from lightflight.reconstruct.estimators import ESTIMATORS, estimator_named
+from lightflight.recording.clock_fields import mask_of_pixels
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -47,6 +49,28 @@ def cameras_and_clocks(
             f"method={method!r} takes one camera: fit several at once with method='joint'"
         )
     return cameras, clocks
+
+
+def is_whole(number: object) -> bool:
+    """Whether it is a whole number, or a float that is one."""
+    if isinstance(number, Integral):
+        return True
+    return isinstance(number, Real) and float(number).is_integer()
+
+
+_KINDS = {
+    "camera": "shape", "source": "position_mm", "medium": "path_group_index",
+    "timing": "check_matches", "background": "counts",
+}  # fmt: skip
+"""What each of them has that others have not."""
+
+
+def check_kinds(**told: object) -> None:
+    """Raise TypeError where an argument, or one of several, is not what its name says."""
+    for name, value in told.items():
+        for one in value if isinstance(value, list | tuple) else [value]:
+            if one is not None and not hasattr(one, _KINDS[name]):
+                raise TypeError(f"{name} cannot be {one!r:.60}: see the help of reconstruct")
 
 
 def checked_call(
@@ -92,7 +116,7 @@ def checked_call(
         Where the camera is missing, has other pixels, or sits on the source.
     """
     estimator = estimator_named(method)
-    if n_legs is not None and (n_legs != int(n_legs) or n_legs < 1):
+    if n_legs is not None and not (is_whole(n_legs) and n_legs >= 1):
         raise ValueError(f"n_legs must be a whole number of at least 1, got {n_legs}")
     for one in repeats:
         if not hasattr(one, "counts"):
@@ -122,11 +146,8 @@ def checked_call(
             f"method={method!r} needs photon counts, and this recording holds scaled intensities "
             "(poisson=False): use method='joint'"
         )
-    if exclude_mask is not None and np.shape(exclude_mask) != tuple(camera.shape):
-        raise ValueError(
-            f"exclude_mask must have the camera's shape {camera.shape}, got "
-            f"{np.shape(exclude_mask)}"
-        )
+    if exclude_mask is not None:
+        mask_of_pixels("exclude_mask", exclude_mask, camera.shape)
     if source.position_mm is not None:
         gap = np.linalg.norm(np.asarray(source.position_mm, dtype=float) - camera.center_mm)
         # s = 0 in the closed form: every ray then meets the source at once.

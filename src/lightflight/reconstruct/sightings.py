@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from lightflight import flags
@@ -112,7 +111,7 @@ def sighting_from_histograms(
         hist,
         timing=clock,
         background=background,
-        exclude_mask=None if exclude_mask is None else np.asarray(exclude_mask, dtype=bool),
+        exclude_mask=exclude_mask,
     )
     # The paper fits one Gaussian per pixel and discards what is too wide for one.
     arrivals = find(method="least_squares", max_pulses=1) if least_squares else find()

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 CLOCK_FIELDS = (
     "bin_width_ps",
@@ -113,6 +114,21 @@ def pixels_of_shape(shape: Any) -> tuple[int, int]:
     if rows < 1 or cols < 1:
         raise ValueError(f"shape must be (rows, cols) of at least one pixel, got {shape}")
     return rows, cols
+
+
+def mask_of_pixels(name: str, mask: Any, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """A mask (rows, cols) as booleans; ValueError for what is no yes or no of each pixel."""
+    refuse_masks(name, mask)
+    try:
+        told = np.asarray(mask)
+    except ValueError:
+        raise ValueError(f"{name} must be an array of booleans, got {mask!r:.60}") from None
+    if told.shape != tuple(shape):
+        raise ValueError(f"{name} must have the camera's shape {tuple(shape)}, got {told.shape}")
+    # NaN, a text and -1 would all be True, None and a date False.
+    if told.dtype.kind not in "buif" or not ((told == 0) | (told == 1)).all():
+        raise ValueError(f"{name} must hold True or False (1 or 0) for each pixel")
+    return told.astype(bool)
 
 
 def refuse_masks(name: str, values: object) -> None:

@@ -37,6 +37,12 @@ from lightflight.timing.clock.code_edges import (
     relative_widths,
     walk_variance,
 )
+from lightflight.timing.clock.possible import (
+    check_plain_values,
+    check_texts,
+    possible_array,
+    possible_flags,
+)
 
 if TYPE_CHECKING:
     from lightflight.timing.clock.response import Response
@@ -212,31 +218,36 @@ class TimingCalibration:
     response_place_ps: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        check_plain_values(values)
+        check_texts(values)
         rows_cols = tuple(self.shape)
         for name, extra in _ARRAY_FIELDS.items():
-            array = np.array(getattr(self, name), dtype=np.float64)
+            array = possible_array(name, values[name])
             if array.shape[: len(rows_cols)] != rows_cols or array.ndim != 2 + extra:
                 raise ValueError(
                     f"{name} must have shape {rows_cols} and {extra} more axes, got {array.shape}"
                 )
             self._keep(name, array)
-        flags = np.array(self.flags, dtype=np.uint32)
+        flags = possible_flags(self.flags)
         if flags.shape != rows_cols:
             raise ValueError(f"flags must have shape {rows_cols}, got {flags.shape}")
         self._keep("flags", flags)
-        widths = np.array(self.code_widths, dtype=np.float64)
+        widths = possible_array("code_widths", self.code_widths)
         if widths.shape != (self.n_codes,):
             raise ValueError(f"code_widths must have shape ({self.n_codes},), got {widths.shape}")
         self._keep("code_widths", widths)
-        self._keep("end_widths", np.array(self.end_widths, dtype=np.float64).reshape(-1))
-        modes = np.array(self.flat_modes_ps, dtype=np.float64)
+        self._keep("end_widths", possible_array("end_widths", self.end_widths).reshape(-1))
+        modes = possible_array("flat_modes_ps", self.flat_modes_ps)
         if not self.flat_mode_names:
             modes = np.zeros((*rows_cols, 0))
         elif modes.shape != (*rows_cols, len(self.flat_mode_names)):
             raise ValueError(f"flat_modes_ps has shape {modes.shape}, names {self.flat_mode_names}")
         self._keep("flat_modes_ps", modes)
-        curve = np.array(self.response_curve, dtype=np.float64).reshape(2, -1)
-        self._keep("response_curve", curve)
+        curve = possible_array("response_curve", self.response_curve)
+        if curve.size % 2:
+            raise ValueError(f"response_curve must have shape (2, m), got {curve.shape}")
+        self._keep("response_curve", curve.reshape(2, -1))
 
     def _keep(self, name: str, array: NDArray[Any]) -> None:
         """Keep an array as a field that nobody can write into."""

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Mapping
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lightflight.errors import FileFormatError
 from lightflight.files.filecheck import damage_as_format_error, record_error_as_format_error
 from lightflight.files.store import load_record, save_record
+from lightflight.timing.clock.possible import check_plain_values
 
 if TYPE_CHECKING:
     from lightflight.timing.clock.calibration import TimingCalibration
@@ -22,15 +21,6 @@ _SCHEMA = 2
 
 _LATER_FIELDS = {"code_length_std", "response_curve", "response_place_ps"}
 """Fields that files of earlier versions do not have."""
-
-_NUMBERS = (
-    "first_edge_ps", "bin_width_ps", "laser_period_ps", "scale_std", "assumed_skew_std_ps",
-    "code_length_std", "response_place_ps",
-)  # fmt: skip
-_CODES = ("n_codes", "first_live_code", "no_photon_code")
-_YES_OR_NO = ("reversed_codes", "period_end_seen")
-_OR_NONE = ("laser_period_ps", "no_photon_code", "response_place_ps")
-_POSITIVE = ("bin_width_ps", "laser_period_ps", "n_codes")
 
 
 def save_calibration(timing: TimingCalibration, path: str | os.PathLike[str]) -> None:
@@ -92,41 +82,13 @@ def load_calibration(
     if missing:
         raise FileFormatError(f"calibration lacks {', '.join(sorted(missing))}", path=path)
     with damage_as_format_error(path), record_error_as_format_error(path):
-        check_plain_values(values)
+        try:
+            check_plain_values(values)
+        except ValueError as refused:
+            raise ValueError(f"{refused}: the file is damaged") from refused
         for name, kind in (("shape", int), ("notes", str), ("flat_mode_names", str)):
             told = values.get(name, [])
             if not isinstance(told, list) or not all(type(one) is kind for one in told):
                 raise ValueError(f"{name} cannot be {told!r:.60}: the file is damaged")
             values[name] = tuple(told)
         return make(**{name: values[name] for name in known if name in values})
-
-
-def check_plain_values(values: Mapping[str, Any]) -> None:
-    """Check the numbers, codes and answers of a calibration; absent ones are passed over.
-
-    Parameters
-    ----------
-    values : mapping
-        Fields of a `TimingCalibration` by name, as read from a file.
-
-    Raises
-    ------
-    ValueError
-        Where one is of another kind, or out of range.
-    """
-    for name in (*_NUMBERS, *_CODES, *_YES_OR_NO):
-        if name not in values or (name in _OR_NONE and values[name] is None):
-            continue
-        value = values[name]
-        if name in _YES_OR_NO:
-            fits = isinstance(value, bool)
-        elif name in _CODES:
-            fits = _is_number(value) and isinstance(value, int) and 0 <= value <= values["n_codes"]
-        else:
-            fits = _is_number(value)
-        if not fits or (name in _POSITIVE and value <= 0):
-            raise ValueError(f"{name} cannot be {value!r:.60}: the file is damaged")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

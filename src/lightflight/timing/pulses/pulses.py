@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags as fl
 from lightflight._kernels.pulse import CHI2, CHI2_BINS, N_PULSES
+from lightflight.recording.clock_fields import mask_of_pixels, whole_number
 from lightflight.recording.histograms import Histograms
 from lightflight.timing.pulses.checks import check_fits, flags_of
 from lightflight.timing.pulses.fits import (
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from lightflight.timing.clock.response import Response
 
 _FEW_PULSES = 0.1
+_MOST_PULSES = 100
+"""Of a pixel: each costs memory before it is looked for."""
 """Share of usable pulses below which a missing sync is looked for."""
 
 METHODS = ("likelihood", "least_squares")
@@ -197,9 +200,11 @@ def _check_options(
 ) -> None:
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
-    if max_pulses < 1:
+    if whole_number("max_pulses", max_pulses) < 1:
         raise ValueError(f"max_pulses must be at least 1, got {max_pulses}")
-    if threads < 1:
+    if max_pulses > _MOST_PULSES:
+        raise ValueError(f"max_pulses must be at most {_MOST_PULSES}, got {max_pulses}")
+    if whole_number("threads", threads) < 1:
         raise ValueError(f"threads must be at least 1, got {threads}")
     if response is not None and method == "least_squares":
         raise ValueError(
@@ -223,12 +228,7 @@ def _response_for(
 def _mask_to_fit(hist: Histograms, exclude_mask: ArrayLike | None) -> NDArray[np.bool_]:
     if exclude_mask is None:
         return np.ones(hist.shape, dtype=bool)
-    mask = np.asarray(exclude_mask)
-    if mask.shape != hist.shape:
-        raise ValueError(
-            f"exclude_mask must have the shape of the camera, {hist.shape}, got {mask.shape}"
-        )
-    return ~mask.astype(bool)
+    return ~mask_of_pixels("exclude_mask", exclude_mask, hist.shape)
 
 
 def _pulses_from_fits(

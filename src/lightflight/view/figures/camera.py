@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import StepPatch
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
@@ -184,14 +185,14 @@ def draw_pixel_histogram(
     heights = np.zeros(max(len(edges) - 1, 0))
     heights[::2] = counts
     if len(heights):
-        ax.stairs(heights, edges, fill=True, color="#b7c4dc", lw=0, zorder=2, label="counts")
+        look: Any = {"fill": True, "color": "#b7c4dc", "lw": 0, "zorder": 2}
+        _draw_steps(ax, heights, edges, **look, baseline=0, label="counts")
     if pulses is not None and len(fits):
         sampled = pulses.method == "least_squares" and hist.poisson
         expected = _expected_counts(lower, upper, period, fits, sampled=sampled) * seen[order]
-        ax.stairs(
-            expected, np.append(lower, upper[-1]), color=style.ARRIVAL, lw=1.1, zorder=4,
-            label="fit", baseline=None,
-        )  # fmt: skip
+        edges = np.append(lower, upper[-1])
+        look = {"fill": False, "color": style.ARRIVAL, "lw": 1.1, "zorder": 4}
+        _draw_steps(ax, expected, edges, **look, baseline=None, label="fit")
         _draw_centers(ax, fits, middle, period)
     unit = "ps" if timing is not None or hist.bin_width_ps is not None else "codes"
     half = _half_window(fits, lower, upper, window_ps)
@@ -202,6 +203,11 @@ def draw_pixel_histogram(
     if annotate:
         _annotate_pixel(ax, row, col, fits, unit)
     return ax
+
+
+def _draw_steps(ax: Axes, values: Floats, edges: Floats, **look: Any) -> None:
+    """Steps as `Axes.stairs` draws them, whose limits somebody else sets: they take seconds."""
+    ax.add_artist(StepPatch(values, edges, **look))
 
 
 def _unfolded(
