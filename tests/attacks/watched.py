@@ -6,6 +6,7 @@ read once without a watch (lazy imports and compiled kernels are then in place),
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import sys
@@ -108,20 +109,26 @@ def _read(path: str, hints: dict[str, Any], reads: str) -> str:
     return _try_to_read(path, hints, reads)
 
 
-def _modules_from_elsewhere() -> list[str]:
-    """Imported modules that lie in no folder of the environment, of this package or its tests."""
+@functools.cache
+def _homes() -> tuple[str, ...]:
+    """Folders of the environment, of this package and its tests."""
     import sysconfig
 
     roots = [Path(value) for value in sysconfig.get_paths().values()]
     roots += [Path(__file__).parents[2], Path(sys.base_prefix), Path(sys.prefix)]
     roots += [Path(p) for p in os.environ.get("LIGHTFLIGHT_HOMES", "").split(os.pathsep) if p]
-    resolved = [os.path.realpath(root) + os.sep for root in roots]
+    return tuple(os.path.realpath(root) + os.sep for root in roots)
+
+
+@functools.cache
+def _is_at_home(file: str) -> bool:
+    return os.path.realpath(file).startswith(_homes())
+
+
+def _modules_from_elsewhere() -> list[str]:
+    """Imported modules that lie elsewhere."""
     files = {name: getattr(module, "__file__", None) for name, module in sys.modules.items()}
-    return [
-        f"{name} {file}"
-        for name, file in files.items()
-        if file and not os.path.realpath(file).startswith(tuple(resolved))
-    ]
+    return [f"{name} {file}" for name, file in files.items() if file and not _is_at_home(file)]
 
 
 def main() -> None:
