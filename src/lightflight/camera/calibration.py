@@ -13,7 +13,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -488,7 +487,7 @@ def _camera_with_errors(model: LensModel, covariance: Floats, n_pose: int) -> Ca
         np.linalg.lstsq(correlation, covariance[:6, n_pose:] / std[:, None], rcond=1e-12)[0].T / std
     )
     fx, fy = camera.matrix[0, 0], camera.matrix[1, 1]
-    slopes: Any = np.zeros((9, 6))
+    slopes = np.zeros((9, 6))
     slopes[0] = fx * lens_slopes[0]
     slopes[1] = fy * (lens_slopes[0] + lens_slopes[1])
     slopes[2], slopes[3] = lens_slopes[3], lens_slopes[2]

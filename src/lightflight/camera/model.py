@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -526,9 +525,9 @@ class Camera:
             slopes = np.vstack((slopes, np.zeros((missing, 6))))
         return replace(self, matrix=matrix, distortion=distortion, intrinsics_per_pose=slopes)
 
-    def to_arrays(self) -> dict[str, NDArray[Any]]:
+    def to_arrays(self) -> dict[str, NDArray[np.generic]]:
         """The camera as a flat dictionary of arrays, for a file."""
-        arrays: dict[str, NDArray[Any]] = {
+        arrays: dict[str, NDArray[np.generic]] = {
             "matrix": np.array(self.matrix),
             "distortion": np.array(self.distortion),
             "world_from_camera": np.array(self.world_from_camera),

@@ -122,7 +122,7 @@ def _table_from_record(record: Any) -> dict[str, object]:
     return table
 
 
-def _toml_value(value: object) -> Any:
+def _toml_value(value: object) -> object:
     """Python numbers and lists for NumPy's values and for tuples."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()

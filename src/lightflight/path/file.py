@@ -51,7 +51,7 @@ def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
     OSError
         If the file cannot be written.
     """
-    arrays: dict[str, Any] = {
+    arrays: dict[str, NDArray[np.generic]] = {
         "vertices_mm": path.vertices_mm,
         "vertex_times_ps": path.vertex_times_ps,
         "covariance": path.covariance,
@@ -158,7 +158,9 @@ def load_path(
             raise FileFormatError(f"lacks {missing}: the file is damaged", path=file) from missing
 
 
-def _fields_from_record(arrays: Mapping[str, Any], attributes: Mapping[str, Any]) -> dict[str, Any]:
+def _fields_from_record(
+    arrays: Mapping[str, NDArray[np.generic]], attributes: Mapping[str, Any]
+) -> dict[str, Any]:
     """Fields of a `LightPath` from the arrays and attributes of its file."""
     table = _residuals_from_record(arrays)
     camera = {k.removeprefix("camera_"): v for k, v in arrays.items() if k.startswith("camera_")}
@@ -198,7 +200,7 @@ def _fields_from_record(arrays: Mapping[str, Any], attributes: Mapping[str, Any]
     }
 
 
-def _residuals_from_record(arrays: Mapping[str, Any]) -> NDArray[Any]:
+def _residuals_from_record(arrays: Mapping[str, NDArray[np.generic]]) -> NDArray[np.void]:
     """Pulses and how far each lies off the path, from the columns of a file."""
     n = len(arrays["residuals_row"])
     if n > _MOST_PULSES:

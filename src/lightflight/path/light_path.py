@@ -179,7 +179,7 @@ class LightPath:
     method: str = field(default="joint", kw_only=True)
     goodness: Goodness = field(kw_only=True)
     covariance_parts: Mapping[str, Floats] = field(default_factory=dict, kw_only=True, repr=False)
-    residuals: NDArray[Any] = field(
+    residuals: NDArray[np.void] = field(
         default_factory=lambda: np.empty(0, RESIDUAL_DTYPE), kw_only=True, repr=False
     )
     prior: str = field(default="", kw_only=True)
@@ -363,7 +363,7 @@ class LightPath:
         jacobian[:, 7] = -fraction * step / (t1 - t0)
         return jacobian, np.arange(4 * leg, 4 * leg + 8)
 
-    def sample(self, n: int = 1000) -> NDArray[Any]:
+    def sample(self, n: int = 1000) -> NDArray[np.void]:
         """Points at equal event times from first to last vertex.
 
         Parameters

@@ -172,7 +172,7 @@ class Verdict:
         said = "; ".join(finding.sentence for finding in self.findings)
         return f"{self.level}: {said}" if said else str(self.level)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The verdict as plain JSON types."""
         plain = asdict(self)
         plain["p_value"] = self.p_value if self.n_tests else None

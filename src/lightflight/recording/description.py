@@ -8,7 +8,6 @@ what is missing to reconstruct a path. The tests are coarse on purpose; `timing`
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -254,7 +253,7 @@ def _pulse_pixels(hist: Histograms, live: tuple[int, int] | None) -> NDArray[np.
     return found
 
 
-def _windowed(counts: NDArray[Any]) -> NDArray[np.float64]:
+def _windowed(counts: NDArray[np.integer]) -> NDArray[np.float64]:
     """(pixels, windows), sums of `_WINDOW_CODES` neighbours: free of their non-linearity."""
     width = min(_WINDOW_CODES, counts.shape[1])
     total = np.zeros((counts.shape[0], counts.shape[1] + 1))

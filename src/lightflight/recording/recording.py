@@ -153,7 +153,7 @@ class Recording:
         return None if self.code is None else self.code.shape[0]
 
     @classmethod
-    def from_frames(cls, frames: Any, *, n_codes: int, **clock: Any) -> Recording:
+    def from_frames(cls, frames: SlicedArray, *, n_codes: int, **clock: Any) -> Recording:
         """Recording of dense frames.
 
         Parameters
@@ -250,7 +250,7 @@ class Recording:
         )
 
 
-def pixel_dtype(shape: tuple[int, int]) -> type[np.unsignedinteger[Any]]:
+def pixel_dtype(shape: tuple[int, int]) -> type[np.unsignedinteger]:
     """Smallest type that can number the pixels of a camera."""
     return np.uint16 if shape[0] * shape[1] <= 1 << 16 else np.uint32
 

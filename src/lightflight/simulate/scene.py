@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from lightflight.camera.model import Camera
 
 Floats = NDArray[np.float64]
-Brightness = Callable[[Floats], ArrayLike] | Sequence[Any] | ArrayLike | None
+Brightness = Callable[[Floats], ArrayLike] | Sequence[ArrayLike] | ArrayLike | None
 
 
 def _checked_vertices(vertices_mm: ArrayLike) -> Floats:

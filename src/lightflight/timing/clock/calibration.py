@@ -249,7 +249,7 @@ class TimingCalibration:
             raise ValueError(f"response_curve must have shape (2, m), got {curve.shape}")
         self._keep("response_curve", curve.reshape(2, -1))
 
-    def _keep(self, name: str, array: NDArray[Any]) -> None:
+    def _keep(self, name: str, array: NDArray[np.generic]) -> None:
         """Keep an array as a field that nobody can write into."""
         array.setflags(write=False)
         object.__setattr__(self, name, array)
@@ -302,7 +302,7 @@ class TimingCalibration:
         rows, cols = (index.ravel() for index in np.indices(self.shape))
         return self._intervals_ps(rows, cols)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """What another process needs: not what can be worked out again."""
         return {item.name: getattr(self, item.name) for item in fields(self)}
 
