@@ -30,7 +30,7 @@ HOMES_FROM_MODULE = {
 class _StandIn(ModuleType):
     """Answers for a module that moved, and says where to."""
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> object:
         old = self.__name__.removeprefix("lightflight.")
         for home in HOMES_FROM_MODULE[old]:
             module = importlib.import_module(f"lightflight.{home}")

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -38,7 +37,7 @@ CODE_DENSITY_PER_PIXEL = 4e6
 FLAT_PER_PIXEL = 4e5
 """Mean counts per pixel of the flat recording."""
 
-Step = Callable[[str], AbstractContextManager[Any]]
+Step = Callable[[str], AbstractContextManager[object]]
 """Makes a context in which one named piece of work is done; the command line shows it."""
 
 PRIORS: Mapping[str, str] = {

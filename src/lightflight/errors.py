@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import os
 from types import ModuleType
+from typing import Any
 
 _LONGEST_SENTENCE = 1000
 
@@ -73,7 +74,7 @@ class GeometryError(ValueError):
 
     exit_code = 5
 
-    def __init__(self, message: str, *, offenders: object = None) -> None:
+    def __init__(self, message: str, *, offenders: Any = None) -> None:
         self.offenders = offenders
         super().__init__(message)
 

@@ -43,6 +43,7 @@ def certificates(folder: Path) -> tuple[Path, Path, Path]:
 @pytest.mark.slow
 def test_a_local_cluster_answers_only_who_has_its_certificate(tmp_path):
     with cluster.workers(n_workers=1, scratch=tmp_path) as client:
+        assert isinstance(client, distributed.Client)
         address = client.scheduler.address
         assert address.startswith("tls://127.0.0.1:")
         for port in client.scheduler_info()["services"].values():

@@ -117,7 +117,7 @@ def _shown(text: str) -> str:
 
 def print_table(
     columns: Sequence[str],
-    rows: Iterable[Sequence[Any]],
+    rows: Iterable[Sequence[object]],
     *,
     title: str | None = None,
     n_text_columns: int = 1,

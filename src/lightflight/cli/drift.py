@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 def drift_facts(
     file: Path,
     lab: Lab,
-    hints: Mapping[str, Any],
+    hints: Mapping[str, object],
     *,
     timing_path: Path | None,
     slices: int | None,

@@ -16,7 +16,7 @@ import click
 if TYPE_CHECKING:
     from lightflight.lab import Lab
 
-Command = TypeVar("Command", bound=Callable[..., Any])
+Command = TypeVar("Command", bound=Callable[..., object])
 
 debug_option = click.option(
     "--debug",
@@ -122,9 +122,7 @@ def seed_option(default: int = 0) -> Callable[[Command], Command]:
     )
 
 
-def viewpoint_options(
-    of_lab_camera: str, of_place: str
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def viewpoint_options(of_lab_camera: str, of_place: str) -> Callable[[Command], Command]:
     """Options --from-lab-camera and --viewpoint, another place to look from.
 
     Parameters
@@ -139,7 +137,7 @@ def viewpoint_options(
         `check_viewpoint` about them.
     """
 
-    def add(command: Callable[..., Any]) -> Callable[..., Any]:
+    def add(command: Command) -> Command:
         place = click.option(
             "--viewpoint", "viewpoint_mm", nargs=3, type=float, metavar="X Y Z", help=of_place
         )

@@ -6,6 +6,7 @@ Takes a LightPath, Histograms, TimingCalibration or a table (Arrivals, Pulses), 
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -67,7 +68,7 @@ def to_xarray(record: Any, *, samples: int = 1000) -> Any:
     )
 
 
-def _path_dataset(xr: Any, path: LightPath, samples: int) -> Any:
+def _path_dataset(xr: ModuleType, path: LightPath, samples: int) -> Any:
     table = path.sample(samples)
     when = table["event_time_ps"]
     variables: dict[str, object] = {
@@ -89,7 +90,7 @@ def _path_dataset(xr: Any, path: LightPath, samples: int) -> Any:
     )
 
 
-def _histogram_dataset(xr: Any, hist: Histograms) -> Any:
+def _histogram_dataset(xr: ModuleType, hist: Histograms) -> Any:
     rows, cols = hist.shape
     coords: dict[str, object] = {
         "row": np.arange(rows),
@@ -120,7 +121,7 @@ def _histogram_dataset(xr: Any, hist: Histograms) -> Any:
     )
 
 
-def _clock_dataset(xr: Any, timing: TimingCalibration) -> Any:
+def _clock_dataset(xr: ModuleType, timing: TimingCalibration) -> Any:
     variables: dict[str, object] = {}
     for name in ("gain", "gain_std", "end_code", "skew_ps", "skew_std_ps", "response_std_ps"):
         values = getattr(timing, name, None)
@@ -136,7 +137,7 @@ def _clock_dataset(xr: Any, timing: TimingCalibration) -> Any:
     )
 
 
-def _table_dataset(xr: Any, table: Arrivals | Pulses) -> Any:
+def _table_dataset(xr: ModuleType, table: Arrivals | Pulses) -> Any:
     n = len(table.row)
     variables = {
         name: ("pulse", value, _unit_of(name))

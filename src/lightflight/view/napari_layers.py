@@ -169,7 +169,7 @@ def layers_from_histograms(hist: Histograms) -> list[Layer]:
 
 def napari_get_reader(
     path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
-) -> Callable[[Any], list[Layer]] | None:
+) -> Callable[[object], list[Layer]] | None:
     """Reader of napari's plug-in protocol: a function for files that are ours, None for others."""
     files = [path] if isinstance(path, str | os.PathLike) else list(path)
     if not files or any(_kind(file) is None for file in files):

@@ -48,7 +48,8 @@ ARRIVAL = "#173f8a"
 """Arrival time t_a."""
 OTHERS = ("#5f9ea0", "#8c6bb1", "#a6861a", "#7a7f87")
 """Other estimates laid beside the main one, in order."""
-OTHER_DASHES: tuple[Any, ...] = ((0, (5, 1.4, 1, 1.4)), (0, (1.2, 1.2)), (0, (7, 2)), "solid")
+Dash = str | tuple[float, tuple[float, ...]]
+OTHER_DASHES: tuple[Dash, ...] = ((0, (5, 1.4, 1, 1.4)), (0, (1.2, 1.2)), (0, (7, 2)), "solid")
 
 VERDICT = {
     "trust": ("#1d7044", "#ffffff"),

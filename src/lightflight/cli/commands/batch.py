@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -308,7 +308,7 @@ def _report(
     print_written(written)
 
 
-def _print_some(columns: tuple[str, ...], rows: list[tuple[Any, ...]]) -> None:
+def _print_some(columns: tuple[str, ...], rows: list[tuple[object, ...]]) -> None:
     """A table of texts, as many rows as fit a screen; nothing without one."""
     if not rows:
         return
@@ -319,7 +319,7 @@ def _print_some(columns: tuple[str, ...], rows: list[tuple[Any, ...]]) -> None:
 
 def _print_groups(groups: tuple[Repeats, ...], leg: int) -> None:
     """Elevations by group as a table, as many as fit a screen."""
-    rows: list[tuple[Any, ...]] = [
+    rows: list[tuple[object, ...]] = [
         (
             group.name or "all",
             group.angle_deg.size,
@@ -336,7 +336,7 @@ def _print_groups(groups: tuple[Repeats, ...], leg: int) -> None:
         print_sentences([f"... and {len(groups) - _MOST_LINES} groups more: see table.csv."])
 
 
-def _json_from_group(group: Repeats) -> dict[str, Any]:
+def _json_from_group(group: Repeats) -> dict[str, object]:
     """One group for programs; angles in deg."""
     return {
         "name": group.name,

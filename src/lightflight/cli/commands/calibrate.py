@@ -280,7 +280,7 @@ def _arrival_from_text(text: str) -> Any:
 _MOST_TEXT_BYTES = 1 << 26
 
 
-def _array_from_file(path: Path) -> Any:
+def _array_from_file(path: Path) -> NDArray[np.generic]:
     """Numbers of a .npy file or a text file."""
     import numpy as np
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -174,7 +175,7 @@ def camera_facts(fit: CameraFit) -> list[Fact]:
     std = np.sqrt(np.diag(camera.pose_covariance)) if camera.pose_covariance is not None else None
     place = camera.center_mm
 
-    def listed(values: Any, digits: int) -> str:
+    def listed(values: Iterable[float], digits: int) -> str:
         return ", ".join(f"{value:.{digits}f}" for value in values)
 
     rows, cols = camera.shape

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -51,7 +51,7 @@ def command(
     outputs: tuple[Path, ...],
     strict: bool,
     assignments: tuple[str, ...],
-    hints: dict[str, Any],
+    hints: dict[str, object],
     as_json: bool,
 ) -> None:
     """Check whether the set-up LAB can be that of RECORDING.

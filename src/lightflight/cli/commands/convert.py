@@ -67,7 +67,7 @@ def command(
     frames: tuple[int, int] | None,
     outputs: tuple[Path, ...],
     lab: Lab,
-    hints: dict[str, Any],
+    hints: dict[str, object],
     as_json: bool,
 ) -> None:
     """Write the recording in FILE, of any format that can be read, in other formats.

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -85,7 +85,7 @@ def command(*, output: Path, photons: float, seed: int, as_json: bool) -> None:
     )
 
 
-def _shown(what: str) -> AbstractContextManager[Any]:
+def _shown(what: str) -> AbstractContextManager[object]:
     """A step of the demo: each stays on the screen, with the time it took."""
     return step(what, always=True)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -118,7 +118,9 @@ def _draw(file: Path, lab: Lab, hints: dict[str, object], plot: Path) -> None:
         write_figure(recording_figure(hist, title=file.name), plot)
 
 
-def _recording_facts(file: Path, lab: Lab, hints: dict[str, Any]) -> tuple[list[Fact], list[str]]:
+def _recording_facts(
+    file: Path, lab: Lab, hints: dict[str, object]
+) -> tuple[list[Fact], list[str]]:
     """Clock, photons and settings of a recording, and remarks about it."""
     from lightflight.cli.records import clock_facts, photon_facts, read_hinted
     from lightflight.recording.description import describe_recording

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -88,7 +88,7 @@ def command(
     title: str,
     outputs: tuple[Path, ...],
     lab: Lab,
-    hints: dict[str, Any],
+    hints: dict[str, object],
 ) -> None:
     """Make a film of what FILE holds: a path (both clocks side by side) or a recording.
 
@@ -153,7 +153,7 @@ def _film_recording(
     file: Path,
     output: Path,
     lab: Lab,
-    hints: dict[str, Any],
+    hints: dict[str, object],
     size_px: tuple[int, int],
     fps: float,
     slice_codes: int,

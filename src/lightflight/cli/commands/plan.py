@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -168,7 +168,7 @@ def _write_figures(found: Plan, outputs: tuple[Path, ...]) -> None:
             write_figure(plan_figure(found), output)
 
 
-def json_from_plan(found: Plan) -> dict[str, Any]:
+def json_from_plan(found: Plan) -> dict[str, object]:
     """The plan for programs.
 
     Parameters
@@ -200,7 +200,7 @@ def json_from_plan(found: Plan) -> dict[str, Any]:
     }
 
 
-def _json_from_placement(place: Placement) -> dict[str, Any]:
+def _json_from_placement(place: Placement) -> dict[str, object]:
     """One place of the camera for programs."""
     limit = place.bounds
     return {

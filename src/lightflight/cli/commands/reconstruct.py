@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -93,7 +93,7 @@ def command(
     strict: bool,
     lab_path: Path | None,
     assignments: tuple[str, ...],
-    hints: dict[str, Any],
+    hints: dict[str, object],
     dry_run: bool,
     as_json: bool,
 ) -> None:
@@ -278,7 +278,7 @@ def _warn_of_nominal_legs() -> None:
 
 def _print_legs(legs: tuple[ImageLeg, ...], unit: str) -> None:
     """Legs in the picture as a table."""
-    rows: list[tuple[Any, ...]] = []
+    rows: list[tuple[object, ...]] = []
     for i, leg in enumerate(legs):
         (u0, v0), (u1, v1) = leg.points_px(leg.extent_px)
         first, last = leg.span_ps
@@ -308,7 +308,7 @@ def _print_legs(legs: tuple[ImageLeg, ...], unit: str) -> None:
     )
 
 
-def _json_from_leg(leg: ImageLeg, unit: str) -> dict[str, Any]:
+def _json_from_leg(leg: ImageLeg, unit: str) -> dict[str, object]:
     """One leg in the picture for programs; px, and ps or codes."""
     return {
         "points_px": leg.points_px(leg.extent_px),

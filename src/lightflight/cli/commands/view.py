@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -56,7 +56,7 @@ def command(
     show: bool,
     outputs: tuple[Path, ...],
     lab: Lab,
-    hints: dict[str, Any],
+    hints: dict[str, object],
 ) -> None:
     """Make one self-contained page about the path in PATHS (path files of `reconstruct`).
 
@@ -102,7 +102,7 @@ def _write_one(
     recording_path: Path | None,
     timing_path: Path | None,
     lab: Lab,
-    hints: dict[str, Any],
+    hints: dict[str, object],
     title: str,
     second_camera: Camera | None,
     viewpoint_mm: tuple[float, float, float] | None,

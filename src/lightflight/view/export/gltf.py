@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import struct
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,7 +111,7 @@ class _Model:
         self.parts[part].append(fields)
         return len(self.parts[part]) - 1
 
-    def _accessor(self, values: NDArray[Any], kind: str, target: int | None) -> int:
+    def _accessor(self, values: NDArray[np.generic], kind: str, target: int | None) -> int:
         component = _UINT if values.dtype.kind in "ui" else _FLOAT
         # glTF knows single precision only, little-endian.
         numbers = np.ascontiguousarray(values, dtype="<u4" if component == _UINT else "<f4")

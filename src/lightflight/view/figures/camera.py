@@ -5,7 +5,7 @@ Takes Arrivals, Histograms and Pulses, gives Axes or a Figure.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -241,7 +241,7 @@ def _share_counted(hist: Histograms, row: int, col: int, lower: Floats, upper: F
     return np.broadcast_to(share, lower.shape)
 
 
-def _pixel_pulses(pulses: Pulses | None, row: int, col: int) -> NDArray[Any]:
+def _pixel_pulses(pulses: Pulses | None, row: int, col: int) -> NDArray[np.float64]:
     """Pulses of this pixel: (n, 6), delay, its error, std, photons, background, flags."""
     if pulses is None:
         return np.zeros((0, 6))

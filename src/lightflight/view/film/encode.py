@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +84,7 @@ def check_length(n_frames: float, *, shorter: str) -> None:
         )
 
 
-def _encoder() -> Any:
+def _encoder() -> ModuleType:
     return optional_package(
         "imageio_ffmpeg",
         "MP4 needs imageio-ffmpeg, which is not installed: "

@@ -281,7 +281,7 @@ def _with_arrivals(table: Json, arrivals: Arrivals, first: float) -> Json:
     return {name: np.concatenate((values, more.get(name, nan))) for name, values in table.items()}
 
 
-def _found_again(table: Json, arrivals: Arrivals, when: NDArray[Any]) -> NDArray[np.int64]:
+def _found_again(table: Json, arrivals: Arrivals, when: NDArray[np.float64]) -> NDArray[np.int64]:
     """(n,), which arrival each pulse of the path is: of its pixel, and at its time; -1 for none.
 
     A pixel may hold pulses of several legs, and the path those of several repeats.
