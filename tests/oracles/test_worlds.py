@@ -28,7 +28,7 @@ from tests.oracles.worlds.light import mirrored, scaled_to, stations
 from tests.oracles.worlds.parameters import causes, nudged, step_of
 from tests.oracles.worlds.random_worlds import N_CAMERAS, camera, random_world
 from tests.oracles.worlds.view import view_over_plane
-from tests.oracles.worlds.world import LAB, C, Prior, Told, World
+from tests.oracles.worlds.world import LAB, Arm, C, Prior, Told, World
 
 LEG = np.array([[-200.0, 10.0, 0.0], [200.0, 20.0, 30.0]])
 FINDINGS = {
@@ -325,3 +325,21 @@ def test_what_is_told_is_not_the_truth_where_a_defect_says_so() -> None:
     assert moved["source"].position_mm[0] == pytest.approx(plain.vertices[0, 0] + 3.0)
     slow = what_the_user_tells(plain.told_but(prior=replace(LAB, index=1e-3)))
     assert slow["medium"].path_group_index_std == 1e-3
+
+
+def test_the_arm_of_a_splitter_is_the_same_light_on_another_way() -> None:
+    """Both ways cut at the splitter: together they are the beam and its arm, count for count."""
+    whole = world()
+    place = LEG.mean(axis=0)
+    way = place + np.array([[0.0, 0.0, 0.0], [0.0, 150.0, 20.0]])
+    late = float(whole.vertex_times_ps().mean())
+    split = whole.but(
+        vertices=np.insert(LEG, 1, place, axis=0),
+        leg_log_flux=(0.0, math.log(0.7)),
+        arms=(Arm(way, 0.3, late),),
+    )
+    alone = whole.but(vertices=way, emission_ps=late, flux=0.3 * whole.flux)
+    before = whole.but(vertices=np.array([LEG[0], place]))
+    after = whole.but(vertices=np.array([place, LEG[1]]), emission_ps=late, flux=0.7 * whole.flux)
+    parts = sum(expected_counts(part) for part in (alone, before, after))
+    np.testing.assert_allclose(expected_counts(split), parts, rtol=1e-3, atol=1e-3)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.fft import rfft
 from scipy.special import erf
 
-from tests.oracles.worlds.world import NODE_MM, C, World
+from tests.oracles.worlds.world import NODE_MM, Arm, C, World
 
 Weights = Callable[[np.ndarray], np.ndarray]
 
@@ -88,6 +88,15 @@ def mirrored(world: World, beam: Stations) -> Stations:
     image = beam.place + 2.0 * (world.wall_depth_mm - depth)[:, None] * forward
     way2 = ((beam.place - world.view.centre) ** 2).sum(axis=1)
     return _seen(world, image, beam.event_ps, world.wall * beam.light * way2, beam.walked_mm)
+
+
+def along_arm(world: World, arm: Arm) -> Stations:
+    """The walk of the light that a splitter sends elsewhere."""
+    other = replace(
+        world, vertices=arm.vertices, emission_ps=arm.start_ps, flux=arm.share * world.flux,
+        bends_mm=(), jumps=None, leg_log_flux=(), log_brightness=np.zeros(0),
+    )  # fmt: skip
+    return stations(other)
 
 
 def glint(world: World, total: float) -> Stations:
@@ -179,6 +188,8 @@ def light_series(world: World, weights: Weights | None = None) -> np.ndarray:
         series = series + world.late_halo * spread(world, broad, world.late_halo_std_px) * late
     if world.wall:
         series = series + spread(world, mirrored(world, beam), world.spot_std_px)
+    for arm in world.arms:
+        series = series + spread(world, along_arm(world, arm), world.spot_std_px)
     if world.glint:
         area = world.active_side_px**2
         bright = glint(world, world.glint * float(spot[:, 0].real.sum()) / area)

@@ -46,6 +46,18 @@ PRIORS = {"known": KNOWN, "lab": LAB, "honest": HONEST}
 
 
 @dataclass(frozen=True, eq=False)
+class Arm:
+    """Light that leaves the beam at a splitter and goes a way of its own."""
+
+    vertices: np.ndarray
+    """(k, 3), from the splitter on, mm."""
+    share: float
+    """Of the light before the splitter."""
+    start_ps: float
+    """Event time at the splitter."""
+
+
+@dataclass(frozen=True, eq=False)
 class Told:
     """What the user states; the truth where nothing is wrong, or within the prior of it."""
 
@@ -112,6 +124,8 @@ class World:
     wall: float = 0.0
     wall_depth_mm: float = 1000.0
     """Of the mirror image's plane, square to the optical axis, from the pupil."""
+    arms: tuple[Arm, ...] = ()
+    """What splitters send elsewhere; `leg_log_flux` says what they leave."""
     glint: float = 0.0
     """Light of a bright thing beside the path, as a share of all that the picture sees."""
     glint_mm: np.ndarray = field(default_factory=lambda: np.zeros(3))
