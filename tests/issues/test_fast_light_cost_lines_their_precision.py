@@ -6,11 +6,16 @@ disagreed with that. Where they do, knots twice as dense are tried now.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+import lightflight as lf
 from lightflight.reconstruct.model.lateral import fit_lines
 from lightflight.reconstruct.model.strength import DENSE_KNOT_SPACING_PX, KNOT_SPACING_PX
-from tests.reconstruct.test_lateral import drawn_line, true_offset
+from tests.oracles.worlds.border import record, what_the_user_tells
+from tests.oracles.worlds.random_worlds import random_world
+from tests.reconstruct.test_lateral import LENGTH_PX, drawn_line, true_offset
 
 RUNS = 200
 
@@ -52,3 +57,22 @@ def test_even_light_keeps_its_few_knots(rng):
     _, _, spacings = offsets(rng, [lambda along: np.full_like(along, 40_000.0)] * 60)
     assert (spacings == KNOT_SPACING_PX).all()
     assert DENSE_KNOT_SPACING_PX == KNOT_SPACING_PX / 2
+
+
+def test_the_slopes_of_dense_knots_have_errors():
+    """An undisturbed recording (41005) was contradicted by "scatter" while these were left out."""
+    world = random_world(41_005, 3, uneven=0.2)
+    path = lf.reconstruct(record(world, 41_005), **what_the_user_tells(world))
+    assert path.n_legs == 3
+    assert path.verdict.level == "trust"
+
+
+def test_a_bowed_line_is_no_fast_light(rng):
+    """By half a pixel in its middle: knots that are denser follow it here and there."""
+    for _ in range(5):
+        straight = drawn_line(rng, strength=lambda along: np.full_like(along, 40_000.0))
+        bow = 0.5 * (1 - (2 * straight.along_px / LENGTH_PX) ** 2)
+        mean = 40_000.0 * np.exp(-0.5 * ((straight.across_px - bow) / 0.4) ** 2)
+        (fit,) = fit_lines([replace(straight, photons=rng.poisson(mean).astype(float))])
+        assert fit.knot_spacing_px == KNOT_SPACING_PX
+        assert fit.bend_chi2 > 100.0

@@ -15,14 +15,14 @@ from tests.reconstruct.test_lateral import drawn_line
 
 
 def test_a_line_seen_from_one_side_stays_as_bright_as_its_pixels(rng):
-    """Light of e^9.9, its nearest pixels two stds off the line; e^18.3 before, e^14.9 now.
+    """Light of e^9.9, its nearest pixels two stds off the line; e^18.6 before, e^13.7 now.
 
     20 lines within three stated errors: their own chance of one that is not is 0.1, fixed seed.
     """
     for _ in range(20):
         whole = drawn_line(rng, strength=lambda s: np.full_like(s, 2e4), start=0.3, end=0.3)
         side = 0.3 - whole.across_px
-        seen = (np.abs(whole.along_px) < 8) & (side > 0.7) & (side < 1.7)
+        seen = (np.abs(whole.along_px) < 4) & (side > 0.7) & (side < 1.7)
         part = LineData(
             whole.along_px[seen], whole.across_px[seen], whole.photons[seen],
             whole.empty_variance[seen],
@@ -30,7 +30,7 @@ def test_a_line_seen_from_one_side_stays_as_bright_as_its_pixels(rng):
         fit, _ = fit_lines([part, drawn_line(rng)])
         stated = np.sqrt(np.diag(fit.offset_covariance))
         assert (np.abs(fit.offset_px - 0.3) < 3 * stated).all()
-        assert fit.spline.c.max() < 16.5
+        assert fit.spline.c.max() < 16.0
 
 
 def test_an_undisturbed_recording_was_contradicted():

@@ -34,10 +34,10 @@ Indices = NDArray[np.int64]
 _OFFSET_PRIOR_PX = 1.0
 """A line is looked for about where it is expected; few pixels must not throw it far, px."""
 
-_STRENGTH_PRIOR_LN = 5.0
+_STRENGTH_PRIOR_LN = 10.0
 """How far the light on a line may be from its brightest pixels nearby, ln: pixels on one side of a
-line cannot tell a near line from a far one that is brighter without end. A pixel that a line passes
-by at its corner, two stds off, has e^-2 of the light."""
+line cannot tell a near line from a far one that is brighter without end. Pixels that are 4.5 stds
+off have e^-10 of the light; 3.5 was too sure of lines that few pixels see."""
 
 _MOST_LINE_STEPS = 40
 """Most steps of the fit of lines; what is left then is far below the counting noise."""
