@@ -335,8 +335,8 @@ def _matches(
 
 
 def _may_hold_photons(path: Path) -> bool:
-    """Whether a match is worth reading: files, and the folders of Zarr."""
-    return path.is_file() or path.suffix.lower() == ".zarr"
+    """Whether a match gets a row: all but folders that are no Zarr; links into nothing, too."""
+    return not path.is_dir() or path.suffix.lower() == ".zarr"
 
 
 def _set_point(file: str, pattern: str) -> float | None:
