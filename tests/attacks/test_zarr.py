@@ -164,18 +164,38 @@ def test_chunks_that_lack_within_shards_are_told(tmp_path):
         read(path, axes="yxt")
 
 
-@pytest.mark.parametrize("packed", ["zstd", "blosc", "gzip", "two gzip"])
+def test_another_spelling_of_a_number_is_no_chunk(tmp_path):
+    """c/00/0/0 was counted for c/0/0/0, which was not there and became zeros in silence."""
+    path = folder_of(tmp_path)
+    (path / "c" / "0").rename(path / "c" / "00")
+    with pytest.warns(SuspectDataWarning, match="1 of 2 chunks are not there"):
+        read(path, axes="yxt")
+
+
+# Of the flags, 2 announces a sum of the header, which is wrong here, and 32 nothing.
+_MEMBERS: dict[str, Any] = {
+    "two gzip": lambda first, bomb: first + bomb,
+    "padded gzip": lambda first, bomb: first + bytes(7) + bomb,
+    "summed gzip": lambda _, bomb: bomb[:3] + b"\2" + bomb[4:10] + b"\0\0" + bomb[10:],
+    "flagged gzip": lambda _, bomb: bomb[:3] + b"\x20" + bomb[4:],
+}
+
+
+@pytest.mark.parametrize("packed", ["zstd", "blosc", "gzip", *_MEMBERS, "zlib"])
 def test_chunks_that_would_swell_are_refused_unpacked(tmp_path, packed):
-    """A chunk of 640 bytes that would become 4 MB."""
+    """A chunk of 640 bytes that would become 4 MB; of gzip also where zlib itself would stop."""
     codecs = zarr.codecs
     kinds = {"zstd": codecs.ZstdCodec(), "blosc": codecs.BloscCodec(), "gzip": codecs.GzipCodec()}
-    path = folder_of(tmp_path, 3, compressors=kinds[packed.split()[-1]])
+    version = 2 if packed == "zlib" else 3
+    kinds["zlib"] = numcodecs.Zlib()
+    path = folder_of(tmp_path, version, compressors=kinds[packed.split()[-1]])
     zeros = bytes(4 << 20)
-    packers = {"zstd": numcodecs.Zstd(), "blosc": numcodecs.Blosc(), "gzip": numcodecs.GZip()}
+    packers = {"zstd": numcodecs.Zstd(), "blosc": numcodecs.Blosc(), "gzip": numcodecs.GZip(),
+               "zlib": numcodecs.Zlib()}  # fmt: skip
     content = bytes(packers[packed.split()[-1]].encode(zeros))
-    if packed == "two gzip":
-        content = bytes(numcodecs.GZip().encode(b"\0")) + content
-    (path / "c" / "0" / "0" / "0").write_bytes(content)
+    if packed in _MEMBERS:
+        content = _MEMBERS[packed](bytes(numcodecs.GZip().encode(b"\0")), content)
+    (path / ("0.0.0" if version == 2 else "c/0/0/0")).write_bytes(content)
     with pytest.raises(FileFormatError, match=r"becomes .* bytes or does not say how many"):
         read(path, axes="yxt")
 
