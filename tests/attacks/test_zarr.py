@@ -13,6 +13,7 @@ import pytest
 
 import lightflight as lf
 from lightflight.errors import FileFormatError, SuspectDataWarning
+from lightflight.formats import zarr_store
 
 zarr = pytest.importorskip("zarr")
 numcodecs = pytest.importorskip("numcodecs")
@@ -178,6 +179,8 @@ _MEMBERS: dict[str, Any] = {
     "padded gzip": lambda first, bomb: first + bytes(7) + bomb,
     "summed gzip": lambda _, bomb: bomb[:3] + b"\2" + bomb[4:10] + b"\0\0" + bomb[10:],
     "flagged gzip": lambda _, bomb: bomb[:3] + b"\x20" + bomb[4:],
+    "two zstd": lambda first, bomb: first + bomb,
+    "zstd behind a gap": lambda first, bomb: first + b"\x50\x2a\x4d\x18\4\0\0\0gap!" + bomb,
 }
 
 
@@ -187,14 +190,15 @@ def test_chunks_that_would_swell_are_refused_unpacked(tmp_path, packed):
     codecs = zarr.codecs
     kinds = {"zstd": codecs.ZstdCodec(), "blosc": codecs.BloscCodec(), "gzip": codecs.GzipCodec()}
     version = 2 if packed == "zlib" else 3
+    kind = next(one for one in ("zstd", "blosc", "gzip", "zlib") if one in packed)
     kinds["zlib"] = numcodecs.Zlib()
-    path = folder_of(tmp_path, version, compressors=kinds[packed.split()[-1]])
+    path = folder_of(tmp_path, version, compressors=kinds[kind])
     zeros = bytes(4 << 20)
     packers = {"zstd": numcodecs.Zstd(), "blosc": numcodecs.Blosc(), "gzip": numcodecs.GZip(),
                "zlib": numcodecs.Zlib()}  # fmt: skip
-    content = bytes(packers[packed.split()[-1]].encode(zeros))
+    content = bytes(packers[kind].encode(zeros))
     if packed in _MEMBERS:
-        content = _MEMBERS[packed](bytes(numcodecs.GZip().encode(b"\0")), content)
+        content = _MEMBERS[packed](bytes(packers[kind].encode(b"\0")), content)
     (path / ("0.0.0" if version == 2 else "c/0/0/0")).write_bytes(content)
     with pytest.raises(FileFormatError, match=r"becomes .* bytes or does not say how many"):
         read(path, axes="yxt")
@@ -250,3 +254,13 @@ def test_files_of_a_store_are_no_longer_than_what_they_stand_for(tmp_path, name,
     monkeypatch.setattr(zarr, "open_array", lambda *_, **__: pytest.fail("zarr was asked"))
     with pytest.raises(FileFormatError, match=r"is too large|a multiple of what it stands for"):
         read(path, axes="yxt")
+
+
+@pytest.mark.parametrize("n", [0, 1, 255, 70_000, 1_000_000])
+@pytest.mark.parametrize("checksum", [False, True])
+def test_frames_of_zstandard_are_counted_as_they_are_written(n, checksum):
+    """By an encoder of others: noise, which does not pack, and zeros, which do."""
+    codec = numcodecs.Zstd(checksum=checksum)
+    noise = np.random.default_rng(16).bytes(n) + bytes(n)
+    frames = bytes(codec.encode(noise)) + bytes(codec.encode(noise[:n] + bytes(range(64))))
+    assert zarr_store._zstd_bytes(frames) == 3 * n + 64

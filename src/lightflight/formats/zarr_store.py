@@ -51,6 +51,7 @@ _INDEX_ENTRY_BYTES = 16
 # zarr takes 0.1 ms and 3 kB for a chunk, there or not: 6 s and 200 MB for nothing are enough.
 _MOST_ABSENT, _ABSENT_PER_FOUND = 1 << 16, 16
 _BEHIND = ("crc32c", "sharding_indexed")
+_ZSTD_SKIPPED, _SUMS_BYTES = 0x184D2A50, 16
 
 
 @dataclass(frozen=True)
@@ -384,7 +385,7 @@ def _check_piece(
     """Raise FileFormatError where a packed chunk says, or shows, that it becomes too long."""
     becomes = length
     if packer == "zstd":
-        becomes = _zstd_bytes(stream.read(min(length, 18)))
+        becomes = _zstd_bytes(stream.read(length))
     elif packer == "blosc":
         becomes = int.from_bytes(stream.read(16)[4:8], "little")
     elif packer == "lz4":
@@ -399,16 +400,47 @@ def _check_piece(
         )
 
 
-def _zstd_bytes(head: bytes) -> int:
-    """Content size in the header of a Zstandard frame (RFC 8878, 3.1.1.1); huge where it lacks."""
+def _zstd_bytes(content: bytes) -> int:
+    """What the headers of all Zstandard frames say together (RFC 8878); huge where one does not.
+
+    Whoever unpacks them goes on to the next frame, whatever the first one says.
+    """
+    total = at = 0
+    # Sums behind the packed chunk are no frame, and as few bytes cannot become many.
+    while at == 0 or at + _SUMS_BYTES < len(content):
+        magic = int.from_bytes(content[at : at + 4], "little")
+        if at and magic & ~15 == _ZSTD_SKIPPED:
+            at += 8 + int.from_bytes(content[at + 4 : at + 8], "little")
+            continue
+        size, blocks = _zstd_head(content[at : at + 18])
+        if size == _ABSENT:
+            return _ABSENT
+        total += size
+        at = _end_of_zstd_frame(content, at + blocks, has_sum=bool(content[at + 4] & 4))
+    return total
+
+
+def _zstd_head(head: bytes) -> tuple[int, int]:
+    """Content size in the header of a frame (3.1.1.1), and where its blocks start."""
     if len(head) < 6 or head[:4] != b"\x28\xb5\x2f\xfd":
-        return _ABSENT
+        return _ABSENT, 0
     single, size_flag, dictionary = head[4] >> 5 & 1, head[4] >> 6, head[4] & 3
     at = 5 + (0 if single else 1) + (0, 1, 2, 4)[dictionary]
     width = (single, 2, 4, 8)[size_flag]
     if width == 0:
-        return _ABSENT
-    return int.from_bytes(head[at : at + width], "little") + (256 if width == 2 else 0)
+        return _ABSENT, 0
+    size = int.from_bytes(head[at : at + width], "little") + (256 if width == 2 else 0)
+    return size, at + width
+
+
+def _end_of_zstd_frame(content: bytes, at: int, *, has_sum: bool) -> int:
+    """Where a frame ends whose blocks start at `at` (3.1.1.2); beyond the content if it is cut."""
+    is_last = False
+    while not is_last and at < len(content):
+        told = int.from_bytes(content[at : at + 3], "little")
+        is_last, kind, size = bool(told & 1), told >> 1 & 3, told >> 3
+        at += 3 + (1 if kind == 1 else size)  # 1: one byte, so many times
+    return at + 4 * has_sum
 
 
 def _inflated_bytes(content: bytes, most: int, packer: str) -> int:
