@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
 import math
 import struct
 import zlib
@@ -31,6 +32,7 @@ _MOST_DIMENSIONS = 32
 _PACKED_AT_ONCE = 1 << 18
 _MATRIX, _COMPRESSED = 14, 15
 _CHAR = 4
+_MOST_VARIABLES = 10_000
 _NUMBERS = range(6, 16)
 _COMPLEX = 0x0800
 _DTYPE_FROM_TYPE = {
@@ -105,7 +107,13 @@ def _byte_order(header: bytes, path: Path) -> str:
 def _scan(file: BinaryIO, order: str, path: Path) -> Iterator[Variable]:
     size = path.stat().st_size
     offset = _HEADER_BYTES
-    while offset < size:
+    for number in itertools.count():
+        if offset >= size:
+            return
+        if number >= _MOST_VARIABLES:
+            raise FileFormatError(
+                f"holds more than {_MOST_VARIABLES} variables: save the one array", path=path
+            )
         file.seek(offset)
         tag = file.read(8)
         if len(tag) < 8:

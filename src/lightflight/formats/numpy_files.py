@@ -256,6 +256,10 @@ def arrays_from_file(path: Path) -> dict[str, NDArray[np.generic]]:
             return {name: _npz_array(archive, name, path) for name in _npz_headers(archive, path)}
 
 
+_MOST_MEMBERS = 10_000
+"""Each is opened to see what it is."""
+
+
 class _Header(NamedTuple):
     """What a .npy in an archive says of itself."""
 
@@ -270,7 +274,13 @@ _Headers = Mapping[str, _Header]
 def _npz_headers(archive: zipfile.ZipFile, path: Path) -> _Headers:
     """Shape and type of all arrays of numbers or text, held against what the archive holds."""
     headers = {}
-    for member in archive.infolist():
+    members = archive.infolist()
+    if len(members) > _MOST_MEMBERS:
+        raise FileFormatError(
+            f"is an archive of {len(members)} files, more than {_MOST_MEMBERS}: save the one array",
+            path=path,
+        )
+    for member in members:
         name = member.filename.removesuffix(".npy")
         with archive.open(member) as file:
             try:

@@ -5,7 +5,7 @@ Takes Arrivals, Histograms and Pulses, gives Axes or a Figure.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
