@@ -61,7 +61,7 @@ class TestBright:
 
 class TestDim:
     @pytest.mark.parametrize("photons", [100.0, 30.0])
-    @pytest.mark.filterwarnings("ignore:check this path")  # 1 % of recordings by chance
+    @pytest.mark.usefixtures("unexamined")
     def test_few_photons_in_the_brightest_pixel(self, photons):
         """Mean square pull of six recordings' angles: 1 within 0.58; five of these is 3.9."""
         lab, pulls = one_leg(), []
@@ -73,10 +73,7 @@ class TestDim:
             assert path.legs[0].angle_std_deg < 1.5 * ideal.angle_std_deg[0]
         assert np.mean(np.square(pulls)) < 3.9
 
-    @pytest.mark.filterwarnings("ignore:the recording contradicts")  # it says so
-    @pytest.mark.filterwarnings("ignore:check this path.*converged")
-    # One recording in a hundred is to be checked.
-    @pytest.mark.filterwarnings("ignore:check this path")
+    @pytest.mark.usefixtures("unexamined")
     def test_at_the_end_of_the_light_it_is_right_or_says_no(self):
         """Six and eight photons in the brightest pixel, some 200 in all, four recordings each."""
         lab, refusals = one_leg(), []
@@ -217,8 +214,7 @@ class TestCamera:
         paths = [fitted(lab, hist, timing=timing, n_legs=1) for hist in recordings]
         return np.array([(p.legs[0].angle_deg - 5.0) / p.legs[0].angle_std_deg for p in paths])
 
-    @pytest.mark.filterwarnings("ignore:the recording contradicts")  # the blunt one
-    @pytest.mark.filterwarnings("ignore:check this path")
+    @pytest.mark.usefixtures("unexamined")
     def test_the_calibrated_response_is_the_shape_of_the_pulse(self):
         """A pulse and its echoes in the next codes: a tail whose counts are known exactly."""
         lab, late = one_leg(), np.array([0.72, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01])
@@ -240,8 +236,7 @@ class TestCamera:
         assert abs(right.mean()) < 1.2
         assert np.mean(wrong**2) > 1.5 * np.mean(right**2)
 
-    @pytest.mark.filterwarnings("ignore:the recording contradicts")  # untold
-    @pytest.mark.filterwarnings("ignore:check this path.*piled up")
+    @pytest.mark.usefixtures("unexamined")
     def test_half_of_all_frames_occupied_at_one_period_per_frame(self):
         lab, frames = one_leg(), 30_000
         rate = (20_000.0 * lab.signal + lab.background_per_code) / frames

@@ -6,7 +6,6 @@ needed; pulls over hundreds of recordings use the brute-force oracle's expected 
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -104,13 +103,6 @@ def recordings():
         lf.simulate(TestPullsOnTheTwin.scene, photons_per_pixel=4000.0, seed=seed, threads=1)
         for seed in range(RUNS)
     ]
-
-
-@pytest.fixture
-def unexamined(monkeypatch):
-    """No verdict: it takes half the time of three legs, and is proved elsewhere."""
-    chain = importlib.import_module("lightflight.reconstruct.chain")
-    monkeypatch.setattr(chain, "examined", lambda path, *_, **__: path)
 
 
 def path_of_three_legs(seed):
