@@ -388,9 +388,13 @@ def test_how_much_light_is_the_paths_is_said():
 def test_scaled_intensities_are_not_examined():
     hist, told = recording(2, n_legs=1)
     scaled = replace(hist, counts=0.5 * hist.counts, poisson=False)
+    # The quarter with most light holds the leg: pixels without a pulse take long to fit.
+    light = hist.counts.sum(axis=2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        verdict = lf.reconstruct(scaled, **told).verdict
+        verdict = lf.reconstruct(
+            scaled, **told, exclude_mask=light < np.quantile(light, 0.75)
+        ).verdict
     assert verdict.level != "trust"
     assert any("intensities are scaled" in finding.sentence for finding in verdict.findings)
 
