@@ -37,7 +37,7 @@ ALONE = 3.0
 """Further than this many std from every pulse, light is another pulse or a tail."""
 
 WIDEST = 1024
-"""Bins that a window of the fit may have; a wider pulse is left to `timing._pulse_batch`."""
+"""Bins that a window of the fit may have; a wider pulse is left to `timing.pulses.batch`."""
 
 # Rows of a window, one number per bin: constants, so that the compiler knows them apart and turns
 # loops into vector instructions. More than pages each, or they would compete in the cache.
