@@ -82,9 +82,9 @@ def _drawn_smallest(together: Sequence[Evidence]) -> Floats:
     """Smallest p-values (draws,) of tests of the same data where all is well."""
     directions = np.hstack([one.directions for one in together])
     values, vectors = np.linalg.eigh(directions.T @ directions)
-    kept = values > 1e-9 * values[-1]
-    root = vectors[:, kept] * np.sqrt(values[kept])
-    drawn = np.random.default_rng(1914).normal(size=(_DRAWS, root.shape[1])) @ root.T
+    # The symmetric root: eigenvectors turn at the last digit's whim, and the draws with them.
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    drawn = np.random.default_rng(1914).normal(size=(_DRAWS, len(root))) @ root
     dof = np.array([one.directions.shape[1] for one in together])
     chi2 = np.add.reduceat(drawn**2, np.cumsum(dof) - dof, axis=1)
     chi2[chi2 < np.array([one.silent_below for one in together])] = 0.0
