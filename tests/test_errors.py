@@ -8,6 +8,7 @@ from lightflight import errors
 EXIT_CODES = {
     "FileFormatError": (ValueError, 3),
     "ConfigError": (ValueError, 2),
+    "LimitError": (ValueError, 3),
     "CalibrationError": (ValueError, 4),
     "GeometryError": (ValueError, 5),
     "NothingFoundError": (ValueError, 5),
