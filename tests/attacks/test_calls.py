@@ -196,12 +196,16 @@ def test_plain_fields_of_a_calibration_are_what_they_are_called(name):
         *({"n_legs": value} for value in ("x", float("nan"), float("inf"), [1], 1.5, 0)),
         *({name: value} for name in ("camera", "source", "medium", "timing", "background")
           for value in (5, "x", [object()])),
+        *({name: value} for name in ("waypoints", "start", "free") for value in (5, "x")),
+        {"free": None},
+        {"free": [["index"]]},
         *({"max_pulses": value} for value in (1.5, "x", None, 0, 10**9)),
         *({"threads": value} for value in (1.5, "x", None, 0)),
     ],
     # An address would differ between workers.
     ids=lambda told: str(told).partition(" object at")[0],
 )  # fmt: skip
+@pytest.mark.filterwarnings("ignore::lightflight.errors.UncalibratedWarning")
 def test_arguments_of_other_kinds_are_one_sentence(told):
     """They ended in errors of Python that named none of them."""
     call: Any = lf.fit_pulses if {"max_pulses", "threads"} & told.keys() else lf.reconstruct
@@ -218,3 +222,11 @@ def test_a_camera_is_made_of_numbers(name, value):
     with pytest.raises(ValueError) as caught:
         replace(CAMERA, **{name: value})
     assert sentence_and_code(caught.value)[1] in (2, 5), caught.value
+
+
+def test_a_background_of_other_codes_is_refused():
+    """It was taken in silence: light of one delay was held against that of another."""
+    dark = replace(HIST, counts=HIST.counts // 2, n_frames=10_000)
+    other = replace(dark, bin_width_ps=40.0, laser_period_ps=None)
+    with pytest.raises(ValueError, match="the background recording has codes of"):
+        lf.fit_pulses(replace(HIST, n_frames=10_000), background=other)

@@ -7,7 +7,7 @@ lies before. The last vertex likewise moves within the plane where the flight le
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -53,6 +53,11 @@ def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tupl
         For a vertex that no path can have, or a position or error that makes no sense.
     """
     checked: list[Waypoint] = []
+    given: object = waypoints
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        raise ValueError(
+            f"waypoints must be a list of (vertex index, position_mm, std_mm), got {waypoints!r}"
+        )
     for waypoint in waypoints:
         try:
             vertex, position_mm, std_mm = waypoint

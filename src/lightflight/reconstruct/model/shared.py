@@ -377,10 +377,11 @@ def freed(
     ValueError
         For another name.
     """
-    wanted = {free} if isinstance(free, str) else set(free)
-    unknown = sorted(wanted - set(FREE_NAMES))
+    names = [free] if isinstance(free, str) or not isinstance(free, Iterable) else list(free)
+    unknown = [name for name in names if name not in FREE_NAMES]
     if unknown:
         raise ValueError(f"free: {unknown[0]!r} is none of {', '.join(FREE_NAMES)}")
+    wanted = set(names)
     source, medium = setting.source, setting.medium
     if "source" in wanted:
         std = np.maximum(source.position_std_xyz_mm, PLAUSIBLE["source"].size)

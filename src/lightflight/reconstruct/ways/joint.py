@@ -266,7 +266,12 @@ def _state_from_start(start: Any, setting: Setting) -> PathState:
     """Vertices and start time to begin from, as the user gave them."""
     if hasattr(start, "vertices_mm"):
         return state_of_path(start)
-    vertices = np.asarray(start, dtype=float)
+    try:
+        vertices = np.asarray(start, dtype=float)
+    except (TypeError, ValueError) as problem:
+        raise ValueError(
+            f"start must be a LightPath or vertices_mm of shape (m, 3), got {start!r}"
+        ) from problem
     if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 2:
         raise ValueError(
             f"start must be a LightPath or vertices_mm of shape (m, 3), got {vertices.shape}"

@@ -416,7 +416,10 @@ def _with_tail(time_ps: Floats, cumulated: Floats, last: int) -> tuple[Floats, F
 
 
 def _checked_response(response: ArrayLike, flat: Histograms) -> Floats:
-    values = np.asarray(response, dtype=np.float64).ravel()
+    try:
+        values = np.asarray(response, dtype=np.float64).ravel()
+    except (TypeError, ValueError) as problem:
+        raise ValueError(f"the response must be counts, got {response!r}") from problem
     if values.shape != (flat.n_codes,):
         raise ValueError(
             f"the response must have one value per code ({flat.n_codes}), got {values.shape}"

@@ -172,6 +172,12 @@ def exposure_ratio(background: Histograms, hist: Histograms) -> float:
         )
     if not (hist.poisson and background.poisson):
         raise ValueError("a background recording needs photon counts, not scaled intensities")
+    there, here = background.bin_width_ps, hist.bin_width_ps
+    if there is not None and here is not None and not math.isclose(there, here):
+        raise ValueError(
+            f"the background recording has codes of {there:g} ps, the recording {here:g}: record "
+            "both with the same camera settings"
+        )
     if background.n_frames is None or hist.n_frames is None:
         raise ValueError(
             "the background recording cannot be scaled: give n_frames of both recordings"
