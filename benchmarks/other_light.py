@@ -57,7 +57,7 @@ FREE = {
     "wall": ("wall", "wall_depth_mm"), "tail": ("tail",), "fog": ("late_halo",),
 }  # fmt: skip
 """By the first word of a world's name: the parameters that the bound leaves free."""
-_FAR_MM, _FAR_STDS = 20.0, 3.0
+FAR_MM, FAR_STDS = 20.0, 3.0
 """A path farther off than both of these, by its own errors, must not be trusted."""
 FIRST = 288
 
@@ -113,18 +113,26 @@ def bound_of(world: World, name: str) -> np.ndarray:
     return np.asarray(frame @ known.covariance[np.ix_(own, own)] @ frame.T)
 
 
-def result_of(name: str, n_legs: int, method: str, seed: int) -> Row:
-    world = world_of(name, n_legs, seed)
+def path_of(world: World, method: str, seed: int) -> tuple[lf.LightPath | None, Row]:
+    """The path of a recording, None where it was refused; and what a row says of any."""
     hist, told = record(world, seed), what_the_user_tells(world)
     start = time.process_time()
     try:
         path = lf.reconstruct(hist, method=method, **told)
     except (ValueError, RuntimeError) as refused:
-        return {"says": f"{type(refused).__name__}: {refused}"}
-    spent = time.process_time() - start
-    row: Row = {"level": str(path.verdict.level), "cpu_s": spent, "legs_found": path.n_legs}
-    row["named"] = [str(finding.name) for finding in path.verdict.findings]
-    if path.n_legs == n_legs:
+        return None, {"says": f"{type(refused).__name__}: {refused}"}
+    return path, {
+        "level": str(path.verdict.level),
+        "cpu_s": time.process_time() - start,
+        "legs_found": path.n_legs,
+        "named": [str(finding.name) for finding in path.verdict.findings],
+    }
+
+
+def result_of(name: str, n_legs: int, method: str, seed: int) -> Row:
+    world = world_of(name, n_legs, seed)
+    path, row = path_of(world, method, seed)
+    if path is not None and path.n_legs == n_legs:
         error, stated = error_and_covariance(path, world)
         row["error"], row["stated"] = error.tolist(), stated.tolist()
     return row
@@ -193,8 +201,8 @@ def line_of(own: list[Row], bounds: dict[Any, np.ndarray], before: dict[Any, Row
     )
     silent = sum(
         row.get("level") == "trust"
-        and float(np.abs(row["error"]).max()) > _FAR_MM
-        and whitened(np.array(row["error"]), np.array(row["stated"])) > _FAR_STDS
+        and float(np.abs(row["error"]).max()) > FAR_MM
+        and whitened(np.array(row["error"]), np.array(row["stated"])) > FAR_STDS
         for row in right
     )
     silent += sum(row.get("level") == "trust" for row in own if "error" not in row)
@@ -213,7 +221,7 @@ def print_pooled(rows: list[Row]) -> None:
             for row in rows
             if row["n_legs"] == n_legs and "error" in row and not row["world"].startswith("none")
         ]
-        above = sum(pull > _FAR_STDS for pull in pulls)
+        above = sum(pull > FAR_STDS for pull in pulls)
         print(
             f"other light, {n_legs} legs: {len(pulls)} pulls, rms {rms(pulls):.2f}, {above} above 3"
         )

@@ -27,7 +27,6 @@ import argparse
 import json
 import math
 import sys
-import time
 import warnings
 from collections.abc import Callable
 from itertools import product
@@ -36,12 +35,12 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import beta
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import lightflight as lf
-from tests.oracles.worlds.border import record, what_the_user_tells
+from benchmarks.other_light import FAR_MM, FAR_STDS, path_of
+from benchmarks.verdict import interval
 from tests.oracles.worlds.defects import walled
 from tests.oracles.worlds.random_worlds import random_world
 from tests.oracles.worlds.world import NODE_MM, Arm, C, World
@@ -49,7 +48,6 @@ from tests.oracles.worlds.world import NODE_MM, Arm, C, World
 Row = dict[str, Any]
 
 FIRST = 90_000
-_FAR_MM, _FAR_STDS = 20.0, 3.0
 _DARK = -12.0
 """Log of the light behind an occluder."""
 
@@ -172,34 +170,20 @@ def farthest(path: lf.LightPath, world: World) -> tuple[float, float]:
         )
         offs.append(np.linalg.norm(place - light, axis=1))
     off = np.where(world.view.inside(place), np.min(offs, axis=0), 0.0)
-    worst = int(np.argmax(np.minimum(off / _FAR_MM, off / std / _FAR_STDS)))
+    worst = int(np.argmax(np.minimum(off / FAR_MM, off / std / FAR_STDS)))
     return float(off[worst]), float(off[worst] / std[worst])
 
 
 def result_of(kind: str, seed: int, n_legs: int, method: str) -> Row:
     world = world_of(kind, seed, n_legs)
-    hist, told = record(world, seed), what_the_user_tells(world)
-    start = time.process_time()
-    try:
-        path = lf.reconstruct(hist, method=method, **told)
-    except (ValueError, RuntimeError) as refused:
-        return {"says": f"{type(refused).__name__}: {refused}"}
-    mm, stds = farthest(path, world)
-    return {
-        "cpu_s": time.process_time() - start, "level": str(path.verdict.level),
-        "named": [str(finding.name) for finding in path.verdict.findings],
-        "legs_found": path.n_legs, "mm": mm, "stds": stds,
-    }  # fmt: skip
-
-
-def interval_in_words(k: int, n: int) -> str:
-    low = float(beta.ppf(0.025, k, n - k + 1)) if k else 0.0
-    high = float(beta.ppf(0.975, k + 1, n - k)) if k < n else 1.0
-    return f"[{100 * low:.1f}, {100 * high:.1f}] %"
+    path, row = path_of(world, method, seed)
+    if path is not None:
+        row["mm"], row["stds"] = farthest(path, world)
+    return row
 
 
 def is_far(row: Row) -> bool:
-    return "mm" in row and row["mm"] > _FAR_MM and row["stds"] > _FAR_STDS
+    return "mm" in row and row["mm"] > FAR_MM and row["stds"] > FAR_STDS
 
 
 def print_table(rows: list[Row]) -> None:
@@ -224,7 +208,8 @@ def print_table(rows: list[Row]) -> None:
             f"{row['legs_found']} found: {row['mm']:.1f} mm, {row['stds']:.1f} stated errors"
         )
     n = len(rows)
-    print(f"trusted and far: {len(wrong)} of {n}, {interval_in_words(len(wrong), n)}")
+    low, high = interval(len(wrong), n)
+    print(f"trusted and far: {len(wrong)} of {n}, [{100 * low:.1f}, {100 * high:.1f}] %")
 
 
 def main() -> None:
