@@ -111,7 +111,7 @@ def _of_leg(
     """Lateness (n,) and its columns (n, k) of the pulses of one leg."""
     along, _ = line.along_across(points)
     lateral = print_.lateral_px / strength.spot_std_px
-    low, high = strength.spline.t[3], strength.spline.t[-4]
+    low, high = span_of_knots(strength.spline.t)
     telling = (photons > _LEAST_PHOTONS) & (np.abs(lateral) < _NEAR_STDS)
     telling &= (along > low) & (along < high)
     per_slope = strength.spot_std_px**2 * print_.slope_ps_per_px

@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from lightflight.timing.clock.response import Response
 
 _FEW_PULSES = 0.1
+"""Share of usable pulses below which a missing sync is looked for."""
 _MOST_PULSES = 100
 """Of a pixel: each costs memory before it is looked for."""
-"""Share of usable pulses below which a missing sync is looked for."""
 
 METHODS = ("likelihood", "least_squares")
 
