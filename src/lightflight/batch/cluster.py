@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import os
 import signal
@@ -171,23 +172,30 @@ def workers(
 @contextlib.contextmanager
 def _client(address: str | LocalCluster, security: Security | None) -> Iterator[Client]:
     """A client of one scheduler; raises ConfigError where none answers."""
+    with _connected(address, security) as client:
+        client.register_plugin(_deaf_to_interrupts(), name="lightflight-interrupts")
+        yield client
+
+
+def _connected(
+    address: str | LocalCluster, security: Security | None
+) -> contextlib.AbstractContextManager[Client]:
     import distributed
 
     connect: Callable[..., contextlib.AbstractContextManager[Client]] = distributed.Client
     told = {} if security is None else {"security": security}
-    with contextlib.ExitStack() as stack:
-        try:
-            client = stack.enter_context(
-                # The caller's program may have a client of its own: that stays its default.
-                connect(address, timeout=_CONNECT_S, set_as_default=False, **told)
-            )
-        except (OSError, ValueError, TypeError, RuntimeError) as error:
-            raise ConfigError(
-                f"--scheduler {address}: no Dask scheduler answers there, or it wants another "
-                f"certificate: see --tls ({error})"
-            ) from None
-        client.register_plugin(_deaf_to_interrupts(), name="lightflight-interrupts")
-        yield client
+    try:
+        # The caller's program may have a client of its own: that stays its default.
+        return connect(address, timeout=_CONNECT_S, set_as_default=False, **told)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        why = str(error)
+    # A client that failed stops its loop when it is collected. Were that left to chance, it could
+    # come while the next one starts, whose lock it would wait for: for ever.
+    gc.collect()
+    raise ConfigError(
+        f"--scheduler {address}: no Dask scheduler answers there, or it wants another "
+        f"certificate: see --tls ({why})"
+    )
 
 
 def _own_security() -> Security:
