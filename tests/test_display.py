@@ -16,7 +16,12 @@ import pytest
 
 import lightflight as lf
 from lightflight import flags as fl
-from lightflight.display import number, png_from_image, with_error
+from lightflight.batch.table import CampaignTable
+from lightflight.camera.calibration import CameraFit
+from lightflight.display import Card, number, png_from_image, with_error
+from lightflight.reconstruct.legs.find import ImageLeg
+from lightflight.simulate.presets import ideal
+from lightflight.timing.laser_width import LaserWidth
 from lightflight.timing.pulses.arrivals import arrivals_from_pulses
 from tests.view import fakes
 
@@ -151,6 +156,79 @@ def test_cards_load_no_plotting():
         "assert not heavy, heavy"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def simulated():
+    return lf.simulate(small_scene(), photons_per_pixel=200.0, seed=1)
+
+
+def small_scene(n_vertices=2):
+    x = np.linspace(0.0, 375.0, n_vertices)
+    vertices = np.stack([x, 37.5 + 20.0 * (np.arange(n_vertices) % 2), 0 * x], axis=1)
+    return lf.Scene(vertices, camera=lf.Camera.facing_plane(), detector=ideal(n_codes=128))
+
+
+PRINTED = {
+    **{name: make for name, (make, _) in RECORDS.items()},
+    "Scene": small_scene,
+    "Scene of many": lambda: small_scene(60),
+    "Detector": lf.Detector,
+    "Truth": lambda: simulated().truth,
+    "Plan": lambda: lf.plan(fakes.fake_path()),
+    "Placement": lambda: lf.plan(fakes.fake_path()).placements,
+    "Observation": lambda: lf.observe(fakes.fake_path(), fakes.fake_path().camera),
+    "Leg": lambda: fakes.fake_path().legs,
+    "Verdict": lambda: fakes.fake_path().verdict,
+    "LightPath of many": lambda: long_path(40),
+    "ImageLeg": lambda: ImageLeg(
+        np.arange(300), np.ones(2), np.array([1.0, 0.0]), (0.0, 9.0), np.arange(3.0), 300, 4.0, 0.3
+    ),
+    "LaserPulse": lambda: lf.LaserPulse(LaserWidth(68.0, 2.0, 96, 120.0), np.array([70.0, 71.0])),
+    "CameraFit": lambda: CameraFit(
+        lf.Camera.facing_plane(), {"k1": 0.1}, {"k1": 0.01}, np.zeros((400, 2)), 0.1, 12.0
+    ),
+    "CampaignTable": lambda: CampaignTable(({"status": "done", "verdict": "trust"},) * 500),
+}
+
+
+def long_path(n_vertices):
+    vertices = np.asarray(small_scene(n_vertices).vertices_mm)
+    times = np.arange(n_vertices) * 100.0
+    return replace(
+        fakes.fake_path(), vertices_mm=vertices, vertex_times_ps=times,
+        covariance=np.eye(4 * n_vertices),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_records_print_what_a_person_wants(name):
+    """In a session of Python too, where `repr` is shown: a calibration was 3,335 lines."""
+    record = PRINTED[name]()
+    for text in (str(record), repr(record)):
+        assert 1 <= len(text.splitlines()) <= 15
+        assert len(text) <= 3000
+        assert "array(" not in text
+        assert "0x" not in text  # no address
+    title = name.split()[0]
+    assert title in repr(record) or title in ("LightPath", "Verdict")
+
+
+def test_what_is_printed_has_errors():
+    path = fakes.fake_path()
+    assert "\u00b1" in repr(path)
+    assert "\u00b1" in repr(path.legs[0])
+    assert "typical error" in repr(pulses())
+    assert "trust" in repr(path) or "check" in repr(path)
+
+
+def test_a_card_for_the_terminal_is_short_and_aligned():
+    facts = [("a", "word " * 60), *((f"term {k}", "x") for k in range(30))]
+    lines = Card("Title", facts).text().splitlines()
+    assert lines[0] == "Title"
+    assert len(lines) == 15
+    assert lines[-1].endswith("and 21 more")
+    assert max(map(len, lines)) <= 100
+    assert lines[1].index("word") == lines[2].index("word")
 
 
 def test_numbers_are_written_for_reading():

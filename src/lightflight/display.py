@@ -1,8 +1,8 @@
-"""Records as small HTML for notebooks, and numbers as words for every picture.
+"""Records as cards, for terminals and notebooks, and numbers as words for every picture.
 
-Gives text: `number`, `with_error`, and `html_from_card`, by which each record says in its own
-`_repr_html_` what it shows: a title, a few facts and one small picture, made here as PNG or SVG (no
-plotting package is loaded). Nothing of the package is imported but `flags`.
+Gives text: `number`, `with_error`, and `Card`: a title, a few facts and one small picture, made
+here as PNG or SVG (no plotting package is loaded). A record that is `Shown` prints as its card.
+Nothing of the package is imported but `flags`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,10 @@ from __future__ import annotations
 import base64
 import html
 import struct
+import textwrap
 import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
@@ -22,6 +25,15 @@ Facts = list[tuple[str, str]]
 
 _PICTURE_PX = 128
 """Longest side of a picture's data; larger ones are thinned by their mean."""
+
+_MOST_LINES = 15
+"""Of a record on a terminal: more than that nobody reads."""
+
+_MOST_LETTERS = 100
+"""Of a line there."""
+
+_FEW_NUMBERS = 6
+"""An array of so many is shown, a larger one only by its shape."""
 
 _TERM = "text-align:left;vertical-align:top;font-weight:normal;opacity:.7;padding:1px 12px 1px 0"
 
@@ -100,39 +112,100 @@ def count(n: int, thing: str) -> str:
     return f"{words.get(n, str(n))} {thing}{'' if n == 1 else 's'}"
 
 
-def html_from_card(title: str, facts: Facts, picture: str = "", caption: str = "") -> str:
-    """A record as a card of HTML: title, facts, a small picture; a few kB, no scripts.
+@dataclass(frozen=True)
+class Card:
+    """What a record says of itself.
 
-    Parameters
+    Attributes
     ----------
     title : str
         The kind of record.
     facts : list of (str, str)
-        Terms and what is said of each; both are text, not HTML.
-    picture : str, optional
-        HTML or SVG, made here.
-    caption : str, optional
+        Terms and what is said of each; both are text, not HTML. A term may be empty: its text goes
+        on with the one before.
+    picture : callable, optional
+        Makes HTML or SVG; asked for by notebooks alone.
+    caption : str
         What the picture shows.
-
-    Examples
-    --------
-    >>> html_from_card("Camera", [("lens", "f < 4")]).count("f &lt; 4")
-    1
     """
-    rows = "".join(
-        f'<tr><th style="{_TERM}">{html.escape(term)}</th>'
-        f'<td style="text-align:left">{html.escape(text)}</td></tr>'
-        for term, text in facts
-    )
-    figure = ""
-    if picture:
-        figure = (
-            f'<figure style="margin:0">{picture}<figcaption style="font-size:85%;opacity:.7">'
-            f"{html.escape(caption)}</figcaption></figure>"
+
+    title: str
+    facts: Facts
+    picture: Callable[[], str] | None = None
+    caption: str = ""
+
+    def text(self) -> str:
+        """The card for a terminal: at most 15 lines.
+
+        Examples
+        --------
+        >>> print(Card("Camera", [("lens", "without distortion"), ("pose", "exact")]).text())
+        Camera
+          lens  without distortion
+          pose  exact
+        """
+        width = max((len(term) for term, _ in self.facts), default=0)
+        lines = [
+            line
+            for term, text in self.facts
+            for line in textwrap.wrap(
+                text,
+                _MOST_LETTERS,
+                initial_indent=f"  {term:<{width}}  ",
+                subsequent_indent=" " * (width + 4),
+            )
+        ]
+        return "\n".join(at_most([self.title, *lines], _MOST_LINES))
+
+    def html(self) -> str:
+        """The card for a notebook: title, facts, a small picture; a few kB, no scripts.
+
+        Examples
+        --------
+        >>> Card("Camera", [("lens", "f < 4")]).html().count("f &lt; 4")
+        1
+        """
+        rows = "".join(
+            f'<tr><th style="{_TERM}">{html.escape(term)}</th>'
+            f'<td style="text-align:left">{html.escape(text)}</td></tr>'
+            for term, text in self.facts
         )
+        picture, figure = "" if self.picture is None else self.picture(), ""
+        if picture:
+            figure = (
+                f'<figure style="margin:0">{picture}<figcaption style="font-size:85%;opacity:.7">'
+                f"{html.escape(self.caption)}</figcaption></figure>"
+            )
+        return (
+            '<div style="display:flex;flex-wrap:wrap;gap:8px 28px;align-items:flex-start">'
+            f'<div style="max-width:36em"><b>{self.title}</b><table>{rows}</table></div>'
+            f"{figure}</div>"
+        )
+
+
+class Shown:
+    """A record that prints as its card, in Python and in a notebook.
+
+    Without a card of its own its fields are told: numbers, and the shapes of arrays.
+    """
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        return self._card().text()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return self._card().html()
+
+    def _card(self) -> Card:
+        return Card(type(self).__name__, field_facts(self))
+
+
+def at_most(lines: list[str], n: int) -> list[str]:
+    """The first lines, and how many there are more."""
     return (
-        '<div style="display:flex;flex-wrap:wrap;gap:8px 28px;align-items:flex-start">'
-        f'<div style="max-width:36em"><b>{title}</b><table>{rows}</table></div>{figure}</div>'
+        lines if len(lines) <= n else [*lines[: n - 1], f"  \u2026 and {len(lines) - n + 1} more"]
     )
 
 
@@ -189,6 +262,37 @@ def flag_facts(words: NDArray[np.uint32]) -> Facts:
         f"{count} {name.replace('_', ' ')}" for name, count in fl.count_flags(words).items()
     )
     return [("flagged", counted or "none")]
+
+
+def field_facts(record: object) -> Facts:
+    """The fields of a dataclass in a few words each; what is None is passed over."""
+    facts = []
+    for one in fields(record):  # type: ignore[arg-type]
+        value = getattr(record, one.name)
+        if one.repr and value is not None:
+            facts.append((one.name, _in_words(value)))
+    return facts
+
+
+def _in_words(value: object) -> str:
+    """A value in one line, whatever it is."""
+    if isinstance(value, np.ndarray):
+        if value.ndim and value.size > _FEW_NUMBERS:
+            return " \u00d7 ".join(map(str, value.shape)) + " numbers"
+        return np.array2string(value, precision=6, separator=", ").replace("\n", "")
+    if isinstance(value, bool | str):
+        return str(value)
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, tuple | list):
+        if len(value) <= _FEW_NUMBERS and all(isinstance(v, float | int | str) for v in value):
+            return ", ".join(map(_in_words, value)) or "none"
+        return f"{len(value)} of them"
+    if isinstance(value, Mapping):
+        return ", ".join(map(str, value)) or "none"
+    if hasattr(value, "__dataclass_fields__"):
+        return f"a {type(value).__name__}"
+    return type(value).__name__ if callable(value) else str(value)
 
 
 def _ps(value: float | None) -> str:

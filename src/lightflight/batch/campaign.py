@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lightflight.display import Shown
 from lightflight.errors import ConfigError
 from lightflight.files import toml_tables as config
 from lightflight.files.names import readable
@@ -125,8 +126,8 @@ class Shot:
     set_point_deg: float | None
 
 
-@dataclass(frozen=True, eq=False)
-class Campaign:
+@dataclass(frozen=True, eq=False, repr=False)
+class Campaign(Shown):
     """A campaign as it was understood.
 
     Attributes

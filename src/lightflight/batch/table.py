@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from lightflight import flags
 from lightflight.batch.campaign import Shot
+from lightflight.display import Card, Shown
 from lightflight.errors import GeometryError
 from lightflight.files.tables import pyarrow, write_csv, write_parquet
 from lightflight.path.error import path_error
@@ -121,8 +122,8 @@ class Repeats:
         return np.asarray(pulls[np.isfinite(pulls)])
 
 
-@dataclass(frozen=True)
-class CampaignTable:
+@dataclass(frozen=True, repr=False)
+class CampaignTable(Shown):
     """One row per recording, in the order of the campaign.
 
     Attributes
@@ -132,6 +133,17 @@ class CampaignTable:
     """
 
     rows: tuple[Mapping[str, Any], ...]
+
+    def _card(self) -> Card:
+        levels = ", ".join(f"{n} {level}" for level, n in self.n_by_verdict.items())
+        return Card(
+            "CampaignTable",
+            [
+                ("recordings", f"{len(self.rows)}, of which {self.n_failed} failed"),
+                ("verdicts", levels),
+                ("columns", str(len(self.columns))),
+            ],
+        )
 
     @property
     def columns(self) -> tuple[str, ...]:

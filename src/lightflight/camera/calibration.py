@@ -31,6 +31,7 @@ from lightflight.camera.fit import (
 )
 from lightflight.camera.model import Camera
 from lightflight.camera.pose import is_planar, poses_from_plane, poses_from_space
+from lightflight.display import Shown
 from lightflight.errors import (
     GeometryError,
     NotConvergedError,
@@ -57,8 +58,8 @@ _WHOLE_PIXEL_STD = 1.0 / np.sqrt(12.0)
 _WEAKEST_FOCAL_STD = 0.3
 
 
-@dataclass(frozen=True, eq=False)
-class CameraFit:
+@dataclass(frozen=True, eq=False, repr=False)
+class CameraFit(Shown):
     """What a camera calibration found, and how well.
 
     Attributes

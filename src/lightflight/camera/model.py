@@ -26,7 +26,7 @@ from lightflight.camera.rigid import (
     read_only,
     rotation_from_vector,
 )
-from lightflight.display import html_from_card, number, size_facts
+from lightflight.display import Card, Shown, number, size_facts
 from lightflight.errors import GeometryError
 
 LENS_ERRORS = ("focal_std_fraction", "distortion_std")
@@ -53,8 +53,8 @@ def _checked_matrix(matrix: ArrayLike) -> NDArray[np.float64]:
     return k
 
 
-@dataclass(frozen=True, eq=False)
-class Camera:
+@dataclass(frozen=True, eq=False, repr=False)
+class Camera(Shown):
     """A calibrated camera: pinhole, OpenCV distortion, pose.
 
     Raises ValueError for wrong shapes and GeometryError for a matrix that is not a camera
@@ -256,8 +256,7 @@ class Camera:
         matrix[:2, 2] = (cols - 1) / 2.0, (rows - 1) / 2.0
         return cls(matrix, np.empty(0), pose, (rows, cols))
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
+    def _card(self) -> Card:
         x, y, z = self.center_mm
         pose = "taken as exact"
         if self.pose_covariance is not None:
@@ -271,7 +270,7 @@ class Camera:
             ("lens", "with distortion" if np.any(self.distortion) else "without distortion"),
             ("pose" if self.pose_covariance is None else "pose known to", pose),
         ]
-        return html_from_card("Camera", facts)
+        return Card("Camera", facts)
 
     @property
     def center_mm(self) -> NDArray[np.float64]:

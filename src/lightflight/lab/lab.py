@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from lightflight.camera.model import LENS_ERRORS, Camera
 from lightflight.camera.rigid import pose_covariance_from_stds
+from lightflight.display import Shown
 from lightflight.errors import ConfigError, SuspectDataWarning
 from lightflight.files import toml_tables as config
 from lightflight.flight import Medium, Source
@@ -42,8 +43,8 @@ OPTION_SECTIONS = ("recording", "timing", "reconstruct", "scene")
 """Sections that are kept as they were written, as options of the functions they are named after."""
 
 
-@dataclass(frozen=True, eq=False)
-class Lab:
+@dataclass(frozen=True, eq=False, repr=False)
+class Lab(Shown):
     """What is known of a lab; sections that a command does not need may be missing.
 
     Attributes

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
-from lightflight.display import html_from_card, number, picture_from_vertices, with_error
+from lightflight.display import Card, number, picture_from_vertices, with_error
 
 if TYPE_CHECKING:
     from lightflight.path.light_path import LightPath
@@ -13,8 +14,8 @@ _MOST_LEGS = 6
 """Legs that have a line of their own."""
 
 
-def html_from_path(path: LightPath) -> str:
-    """A path as a card of HTML: the verdict first, what it is about, and two views of it.
+def card_of_path(path: LightPath) -> Card:
+    """A path as a card: the verdict first, what it is about, and two views of it.
 
     Parameters
     ----------
@@ -45,5 +46,5 @@ def html_from_path(path: LightPath) -> str:
         facts.append(("extra scatter", good.floor_in_words))
     if not good.converged:
         facts.append(("converged", "NO: do not trust the errors"))
-    picture = picture_from_vertices(path.vertices_mm)
-    return html_from_card("LightPath", facts, picture, "from the front, and from above")
+    picture = partial(picture_from_vertices, path.vertices_mm)
+    return Card("LightPath", facts, picture, "from the front, and from above")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightflight.display import count, with_error
+from lightflight.display import Card, Shown, at_most, count, with_error
 from lightflight.errors import LimitError
 from lightflight.flight import (
     Medium,
@@ -43,7 +43,11 @@ MOST_LEGS = 100
 """No search finds more than a few; drawing takes time for each, and errors grow by its square."""
 
 
-@dataclass(frozen=True, eq=False)
+_MOST_OF_VERDICT, _MOST_VERTICES = 6, 7
+"""Lines of a path on a terminal: 15 with its two others."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Leg:
     """One straight piece of a path.
 
@@ -72,6 +76,11 @@ class Leg:
     angle_deg: float
     angle_std_deg: float
     paper_angle_deg: float
+
+    def __repr__(self) -> str:
+        elevation = with_error(self.angle_deg, self.angle_std_deg)
+        times = f"{self.start_time_ps:.1f} to {self.end_time_ps:.1f} ps"
+        return f"Leg({self.length_mm:.1f} mm, elevation {elevation}\u00b0, {times})"
 
     @property
     def direction(self) -> Floats:
@@ -123,8 +132,8 @@ def paper_angle_from_leg(
     return float(np.arctan2(step @ upright, abs(along)))
 
 
-@dataclass(frozen=True, eq=False)
-class LightPath:
+@dataclass(frozen=True, eq=False, repr=False)
+class LightPath(Shown):
     """The path of a pulse in space and time: straight legs between vertices.
 
     Vertex 0 is the source (unknown source: entry into view), the last vertex the exit from view,
@@ -221,14 +230,16 @@ class LightPath:
         object.__setattr__(self, "vertex_times_ps", times)
         object.__setattr__(self, "covariance", covariance)
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        from lightflight.path.card import html_from_path
+    def _card(self) -> Card:
+        from lightflight.path.card import card_of_path
 
-        return html_from_path(self)
+        return card_of_path(self)
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def __str__(self) -> str:
-        """The verdict first, then what it is about, vertex by vertex."""
+        """The verdict first, then what it is about, vertex by vertex; at most 15 lines."""
         explains = [] if self.explained is None else [f"explains {self.explained}"]
         length = sum(leg.length_mm for leg in self.legs)
         whole = f"{self.method}: {count(self.n_legs, 'leg')}, {length:.1f} mm"
@@ -239,7 +250,8 @@ class LightPath:
                 zip(self.vertices_mm, self.vertex_times_ps, self.vertex_std, strict=True)
             )
         ]
-        return "\n".join((*self.verdict.lines, *explains, whole, *vertices))
+        found = at_most(list(self.verdict.lines), _MOST_OF_VERDICT)
+        return "\n".join((*found, *explains, whole, *at_most(vertices, _MOST_VERTICES)))
 
     @property
     def n_legs(self) -> int:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.camera.model import Camera
+from lightflight.display import Shown
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, arrival_time_from_event
 from lightflight.path.tables import Polyline
@@ -25,8 +26,8 @@ DEFAULT_PULSE_FWHM_PS = 68.0
 """Pulse of the paper's laser, where a path does not say its own; ps."""
 
 
-@dataclass(frozen=True, eq=False)
-class Observation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Observation(Shown):
     """Light of a pulse as one camera at rest would see it, in small steps of path.
 
     Attributes

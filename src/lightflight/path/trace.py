@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.display import Shown
 from lightflight.flight import Medium, return_time_from_points
 from lightflight.path.tables import RESIDUAL_DTYPE, Polyline
 
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Trace:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trace(Shown):
     """Points along a path, leg by leg, both ends of every leg included.
 
     Attributes

@@ -126,7 +126,7 @@ def _two_digits(value: float) -> str:
     return f"{value:.2g}" if value < 100 else f"{value:.0f}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Verdict:
     """Whether a path may be trusted.
 
@@ -167,6 +167,9 @@ class Verdict:
     def blind_line(self) -> str:
         """What would go unseen in more than half of all recordings, and what it moves."""
         return f"blind to {'; '.join(map(str, self.blind_to))}" if self.blind_to else ""
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines)
 
     def __str__(self) -> str:
         said = "; ".join(finding.sentence for finding in self.findings)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.display import Card, Shown, number, with_error
 from lightflight.reconstruct.model.geometry import footprints, state_of_path
 from lightflight.reconstruct.model.picture import measure_picture
 from lightflight.reconstruct.model.sighting import Sighting, blind_pixels
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class LaserPulse:
+@dataclass(frozen=True, eq=False, repr=False)
+class LaserPulse(Shown):
     """Width of the laser pulse, and what a camera frame shows of its length.
 
     Attributes
@@ -48,6 +49,18 @@ class LaserPulse:
     width: LaserWidth
 
     apparent_fwhm_ps: Floats
+
+    def _card(self) -> Card:
+        width = self.width
+        seen = ", ".join(number(fwhm) for fwhm in self.apparent_fwhm_ps)
+        return Card(
+            "LaserPulse",
+            [
+                ("width (FWHM)", f"{with_error(width.fwhm_ps, width.fwhm_std_ps)} ps"),
+                ("recorded", f"{number(width.recorded_fwhm_ps, 4)} ps, {width.n_pulses} pulses"),
+                ("in one frame", f"{seen} ps, by leg"),
+            ],
+        )
 
 
 def laser_pulse(

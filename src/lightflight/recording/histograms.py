@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.display import (
+    Card,
+    Shown,
     clock_facts,
     count_facts,
-    html_from_card,
     picture_from_image,
     size_facts,
 )
@@ -171,8 +173,8 @@ def _check_sums(counts: NDArray[np.uint64]) -> None:
         raise ValueError("the counts of a pixel add up beyond 64 bits: no camera counts so many")
 
 
-@dataclass(frozen=True, eq=False)
-class Histograms:
+@dataclass(frozen=True, eq=False, repr=False)
+class Histograms(Shown):
     """Counts per pixel and TDC code.
 
     Forward code `k` holds delays [f + k w, f + (k+1) w) after the laser sync; a reversed code
@@ -232,16 +234,16 @@ class Histograms:
         object.__setattr__(self, "counts", _checked_counts(self.counts, poisson=self.poisson))
         check_clock_fields(clock_fields_of(self), n_codes=self.n_codes)
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
+    def _card(self) -> Card:
         photons = np.asarray(self.photons, dtype=float)
         facts = size_facts(self.shape) + clock_facts(self)
         facts += count_facts(
             photons=photons.sum(), brightest_pixel=photons.max(), frames=self.n_frames
         )
         # A tenth of the pixels may scream; they must not hide the others.
-        picture = picture_from_image(np.sqrt(np.maximum(photons, 0.0)), percent=90.0)
-        return html_from_card("Histograms", facts, picture, "photons by pixel (square root)")
+        image = np.sqrt(np.maximum(photons, 0.0))
+        picture = partial(picture_from_image, image, percent=90.0)
+        return Card("Histograms", facts, picture, "photons by pixel (square root)")
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightflight.display import clock_facts, count_facts, html_from_card, size_facts
+from lightflight.display import Card, Shown, clock_facts, count_facts, size_facts
 from lightflight.recording.clock_fields import (
     check_clock_fields,
     clock_fields_of,
@@ -43,8 +43,8 @@ class SlicedArray(Protocol):
         """Part of it, as an array."""
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Shown):
     """Raw photons: either dense `frames` of codes, or `pixel` and `code` of each event.
 
     Forward code `k` holds delays [f + k w, f + (k+1) w) after the laser sync; a reversed code
@@ -136,11 +136,11 @@ class Recording:
         clock = clock_fields_of(self) | {"n_frames": None if self.n_frames == 0 else self.n_frames}
         check_clock_fields(clock, n_codes=self.n_codes)
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows: no picture, as to count the photons could take minutes."""
+    def _card(self) -> Card:
+        # No picture: to count the photons could take minutes.
         facts = [*size_facts(self.shape), ("kind", self.kind), *clock_facts(self)]
         facts += count_facts(frames=self.n_frames, photon_events=self.n_photons)
-        return html_from_card("Recording", facts)
+        return Card("Recording", facts)
 
     @property
     def kind(self) -> str:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.display import Shown
 from lightflight.simulate.clock import TrueClock
 from lightflight.simulate.optics import Catch
 from lightflight.simulate.streams import Streams
@@ -38,8 +39,8 @@ _SHARES = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class PixelDefects:
+@dataclass(frozen=True, eq=False, repr=False)
+class PixelDefects(Shown):
     """What each pixel of one array is; every array (rows, cols).
 
     Attributes
@@ -71,8 +72,8 @@ class PixelDefects:
     screaming: NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Detector:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Detector(Shown):
     """A SPAD array (or streak camera) with its lens blur and its clock.
 
     The defaults describe a clean clock of 55 ps codes; see `presets` for real cameras.

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.display import Card, Shown, number, size_facts
 from lightflight.flight import Medium, Source, event_times_from_vertices
 from lightflight.simulate.detector import Detector
 from lightflight.simulate.scattering import Scattering, polarizations_from_vertices
@@ -42,8 +43,12 @@ def _checked_vertices(vertices_mm: ArrayLike) -> Floats:
     return vertices
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
+_MOST_VERTICES = 6
+"""Corners of a scene that are told on a terminal."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene(Shown):
     """A pulse on a path of straight legs, seen by a camera.
 
     `source` may say what an experimenter would know (position with an error, emission time
@@ -117,6 +122,26 @@ class Scene:
     cos4_falloff: bool = field(default=False, kw_only=True)
 
     vignetting: float = field(default=0.0, kw_only=True)
+
+    def _card(self) -> Card:
+        places = [
+            f"({', '.join(number(x, 5) for x in v)}) mm" for v in np.asarray(self.vertices_mm)
+        ]
+        background = float(np.mean(np.asarray(self.background, dtype=float)))
+        more = len(places) - _MOST_VERTICES
+        light = "even" if self.brightness is None else "uneven"
+        return Card(
+            "Scene",
+            [
+                *((f"vertex {k}", place) for k, place in enumerate(places[:_MOST_VERTICES])),
+                *((("", f"and {more} more"),) if more > 0 else ()),
+                *size_facts(self.camera.shape),
+                ("leaves at", f"{number(self.true_emission_time_ps, 6)} ps"),
+                ("pulse", f"{number(self.true_pulse_fwhm_ps)} ps wide (FWHM)"),
+                ("light", f"{light} along the path, {self.scattering} scattering"),
+                ("background", f"{number(background)} photons a pixel"),
+            ],
+        )
 
     def __post_init__(self) -> None:
         vertices = _checked_vertices(self.vertices_mm)

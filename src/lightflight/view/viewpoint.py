@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lightflight.display import Shown
 from lightflight.view.types import Floats
 
 if TYPE_CHECKING:
@@ -25,8 +26,8 @@ class Projector(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Viewpoint:
+@dataclass(frozen=True, repr=False)
+class Viewpoint(Shown):
     """A viewer infinitely far away, looking at the scene from a direction.
 
     Attributes
@@ -59,8 +60,8 @@ class Viewpoint:
         return np.asarray(np.asarray(points_mm, dtype=float) @ self.page_axes.T)
 
 
-@dataclass(frozen=True)
-class PhotoView:
+@dataclass(frozen=True, repr=False)
+class PhotoView(Shown):
     """The page is a photograph, and `camera` took it: x = column, y = row, px.
 
     Attributes

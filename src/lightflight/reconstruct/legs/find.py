@@ -49,7 +49,7 @@ _GHOST_SHARE = 0.25
 """Legs of a computed cube dimmer per pixel than this share of the brightest are ghosts."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ImageLeg:
     """One straight leg as the camera sees it, in undistorted pixels.
 
@@ -84,6 +84,15 @@ class ImageLeg:
     n_pixels: int
     residual_rms_ps: float
     breadth_px: float
+
+    def __repr__(self) -> str:
+        (u0, v0), (u1, v1) = self.points_px(self.extent_px)
+        first, last = self.span_ps
+        return (
+            f"ImageLeg({self.n_pixels} pixels, (u, v) ({u0:.1f}, {v0:.1f}) to "
+            f"({u1:.1f}, {v1:.1f}) px, {first:.1f} to {last:.1f} ps, "
+            f"rms {self.residual_rms_ps:.2g} ps)"
+        )
 
     def points_px(self, s: ArrayLike) -> Floats:
         """(u, v) at distances `s` along the leg; (..., 2), px."""

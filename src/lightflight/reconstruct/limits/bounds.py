@@ -12,11 +12,13 @@ recording is needed.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.display import Card, Shown, number, picture_from_vertices
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
@@ -63,8 +65,8 @@ _FIXED = 1e12
 """Information that stands for "known exactly"."""
 
 
-@dataclass(frozen=True, eq=False)
-class Bounds:
+@dataclass(frozen=True, eq=False, repr=False)
+class Bounds(Shown):
     """The smallest errors any unbiased estimator can reach.
 
     Attributes
@@ -102,10 +104,7 @@ class Bounds:
     statements: tuple[str, ...]
     condition: float
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        from lightflight.display import html_from_card, number, picture_from_vertices
-
+    def _card(self) -> Card:
         facts = [
             ("prior", self.prior),
             ("photons", f"{number(self.photons, 4)} in {self.n_pixels} pixels"),
@@ -114,8 +113,8 @@ class Bounds:
             ("elevation of the legs", ", ".join(f"{number(a, 2)}°" for a in self.angle_std_deg)),
             *(("", sentence) for sentence in self.statements),
         ]
-        picture = picture_from_vertices(self.path.vertices_mm)
-        return html_from_card("Bounds", facts, picture, "from the front, and from above")
+        picture = partial(picture_from_vertices, self.path.vertices_mm)
+        return Card("Bounds", facts, picture, "from the front, and from above")
 
     @property
     def vertex_std(self) -> Floats:

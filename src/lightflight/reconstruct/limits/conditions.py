@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from lightflight.display import Shown
 from lightflight.flight import Medium, Source
 from lightflight.reconstruct.model.forward import (
     CodeCounts,
@@ -34,8 +35,8 @@ _REACH_STDS = 12.0
 """Codes cover the flight, and this many stds of a pulse before and after it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Conditions:
+@dataclass(frozen=True, eq=False, repr=False)
+class Conditions(Shown):
     """How a path is recorded, as far as the bound cares.
 
     Attributes

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight.camera.model import Camera
 from lightflight.camera.rigid import pose_towards
+from lightflight.display import Card, Shown, number
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, arrival_time_from_viewing_angle
 from lightflight.path.light_path import LightPath
@@ -33,7 +34,7 @@ _STEEP_DEG = 20.0
 """Legs steeper than this are spoken of, deg."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Placement:
     """One place of the camera, and what it allows.
 
@@ -65,8 +66,11 @@ class Placement:
     seconds: float
     floor_mm: float
 
+    def __repr__(self) -> str:
+        return f"Placement({self.name}: {_in_view(self.bounds)})"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class ArrayChoice:
     """The same lens with another number of pixels behind the same field of view.
 
@@ -81,9 +85,13 @@ class ArrayChoice:
     shape: tuple[int, int]
     bounds: Bounds
 
+    def __repr__(self) -> str:
+        rows, cols = self.shape
+        return f"ArrayChoice({rows} \u00d7 {cols} pixels: {_in_view(self.bounds)})"
 
-@dataclass(frozen=True, eq=False)
-class Plan:
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Shown):
     """Answers of `plan`, best placement first.
 
     Attributes
@@ -108,6 +116,23 @@ class Plan:
     wanted: Mapping[str, float]
     rate_hz: float | None
     statements: tuple[str, ...]
+
+    def _card(self) -> Card:
+        wanted = ", ".join(f"{name} {value:g}" for name, value in self.wanted.items())
+        facts = [("prior", self.placements[0].bounds.prior)] if self.placements else []
+        facts += [("wanted", wanted)] if wanted else []
+        facts += [(place.name, _in_view(place.bounds)) for place in self.placements]
+        facts += [(name, f"does not see the path: {why}") for name, why in self.blind.items()]
+        facts += [
+            (f"{one.shape[0]} \u00d7 {one.shape[1]} pixels", _in_view(one.bounds))
+            for one in self.arrays
+        ]
+        return Card("Plan", facts + [("", sentence) for sentence in self.statements])
+
+
+def _in_view(bounds: Bounds) -> str:
+    position, time = number(bounds.position_rms_mm), number(bounds.event_time_rms_ps)
+    return f"{position} mm and {time} ps rms in view"
 
 
 def plan(

@@ -13,16 +13,17 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.display import (
+    Card,
+    Shown,
     clock_facts,
     flag_facts,
-    html_from_card,
     number,
     picture_from_image,
     size_facts,
@@ -71,8 +72,15 @@ _ARRAY_FIELDS = {
 """Per-pixel arrays of a calibration and how many axes they have beyond (rows, cols)."""
 
 
-@dataclass(frozen=True, eq=False)
-class TimingCalibration:
+def _typical(std_ps: Floats) -> str:
+    known = std_ps[np.isfinite(std_ps)]
+    if not known.any():
+        return "taken as exact" if known.size else "unknown"
+    return f"{number(float(np.median(known)), 2)} ps in a typical pixel"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TimingCalibration(Shown):
     """Code edges and delay of every pixel, nine numbers each, with their errors.
 
     Times are delays after the laser sync until a pixel's own delay (`skew_ps`) is taken off;
@@ -421,20 +429,20 @@ class TimingCalibration:
             period_end_seen=period is not None,
         )  # fmt: skip
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
+    def _card(self) -> Card:
         facts = [
             *size_facts(self.shape),
             *clock_facts(self),
             ("error of the time scale", f"{number(100 * self.scale_std, 2)} %"),
+            ("error of a delay", _typical(self.skew_std_ps)),
             *flag_facts(self.flags),
             *(("" if k else "notes", note) for k, note in enumerate(self.notes)),
         ]
         known = self.skew_ps[np.isfinite(self.skew_ps)]
         has_delays = len(known) > 0 and np.ptp(known) > 0
-        picture = picture_from_image(self.skew_ps if has_delays else self.gain)
+        picture = partial(picture_from_image, self.skew_ps if has_delays else self.gain)
         caption = "delay by pixel" if has_delays else "gain by pixel"
-        return html_from_card("TimingCalibration", facts, picture, caption)
+        return Card("TimingCalibration", facts, picture, caption)
 
     def describe(self) -> str:
         """What this clock is, how well it is known and what is wrong, a sentence per line.

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags as fl
+from lightflight.display import Card
 from lightflight.recording.histograms import Histograms
 from lightflight.timing.pulses.pulse_table import PulseTable
 from lightflight.timing.pulses.pulses import Pulses, fit_pulses
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from lightflight.timing.clock.response import Response
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Arrivals(PulseTable):
     """Arrival times on the clock, one row per pulse, in the order of the `Pulses` they are from.
 
@@ -111,9 +112,8 @@ class Arrivals(PulseTable):
 
     method: str
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return self.html_card("arrival_ps", "arrival time")
+    def _card(self) -> Card:
+        return self.card_of("arrival_ps", "arrival time", self.independent_std_ps)
 
     @property
     def independent_std_ps(self) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,16 +10,17 @@ from numpy.typing import NDArray
 
 from lightflight import flags as fl
 from lightflight.display import (
+    Card,
+    Shown,
     count_facts,
     flag_facts,
-    html_from_card,
     number,
     picture_from_image,
     size_facts,
 )
 
 
-class PulseTable:
+class PulseTable(Shown):
     """Columns of `Pulses` and of `Arrivals`, which say what each is."""
 
     row: NDArray[np.int32]
@@ -65,8 +67,8 @@ class PulseTable:
         image[pixel[weakest_first]] = column[weakest_first]
         return image.reshape(self.shape)
 
-    def html_card(self, column: str, what: str) -> str:
-        """What a notebook shows: how many pulses, what is wrong with them, a column's picture."""
+    def card_of(self, column: str, what: str, error_ps: NDArray[np.float64]) -> Card:
+        """How many pulses, what is wrong with them, and a column's picture, with its errors."""
         usable = self.usable
         values = np.asarray(getattr(self, column), dtype=float)[usable]
         values = values[np.isfinite(values)]
@@ -74,7 +76,9 @@ class PulseTable:
         facts.append(("pulses", f"{len(self.row)}, {int(usable.sum())} usable"))
         if values.size:
             facts.append((what, f"{number(values.min(), 6)} \u2026 {number(values.max(), 6)} ps"))
+            typical = float(np.nanmedian(error_ps[usable]))
+            facts.append(("typical error", f"{number(typical, 2)} ps"))
             facts += count_facts(photons=float(np.nansum(self.photons[usable])))
         facts += flag_facts(self.flags)
-        picture = picture_from_image(self.image(column))
-        return html_from_card(type(self).__name__, facts, picture, f"{what} by pixel")
+        picture = partial(picture_from_image, self.image(column))
+        return Card(type(self).__name__, facts, picture, f"{what} by pixel")

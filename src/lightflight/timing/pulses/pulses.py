@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags as fl
 from lightflight._kernels.pulse import CHI2, CHI2_BINS, N_PULSES
+from lightflight.display import Card
 from lightflight.recording.clock_fields import mask_of_pixels, whole_number
 from lightflight.recording.histograms import Histograms
 from lightflight.timing.pulses.checks import check_fits, flags_of
@@ -44,7 +45,7 @@ _MOST_PULSES = 100
 METHODS = ("likelihood", "least_squares")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Pulses(PulseTable):
     """Fitted pulses, one row per pulse; a pixel without one has one row of NaN and the reason.
 
@@ -110,9 +111,8 @@ class Pulses(PulseTable):
 
     method: str
 
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return self.html_card("delay_ps", "delay")
+    def _card(self) -> Card:
+        return self.card_of("delay_ps", "delay", np.sqrt(self.covariance[:, 0, 0]))
 
 
 def fit_pulses(
