@@ -9,17 +9,24 @@ from __future__ import annotations
 
 import base64
 import html
+import importlib
 import struct
 import textwrap
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from typing import Protocol
+from types import ModuleType
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags as fl
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+    from xarray import Dataset
 
 Facts = list[tuple[str, str]]
 
@@ -200,6 +207,83 @@ class Shown:
 
     def _card(self) -> Card:
         return Card(type(self).__name__, field_facts(self))
+
+
+class Drawn(Shown):
+    """A record that can be drawn."""
+
+    __slots__ = ()
+
+    def plot(self, what: str | None = None) -> Figure:
+        """A figure of the record.
+
+        Parameters
+        ----------
+        what : str, optional
+            Which, as `lightflight plot --what` calls it; None: the one that shows most.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            A notebook shows it; `savefig` writes it.
+
+        Raises
+        ------
+        ValueError
+            Where no such figure can be drawn of it; the sentence lists those that can.
+        """
+        figure: Figure = _view().figure_of(self, what)
+        return figure
+
+
+class Tabled(Shown):
+    """A record that holds a table."""
+
+    __slots__ = ()
+
+    def to_dataframe(self) -> DataFrame:
+        """The table, errors beside the values, units in the names of the columns.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Of a path its corners, of arrivals and pulses one row per pulse, of a plan one per place
+            of the camera, of a campaign one per recording.
+
+        Raises
+        ------
+        MissingExtraError
+            Without pandas.
+        """
+        table: DataFrame = _view().dataframe_of(self)
+        return table
+
+
+class Labelled(Shown):
+    """A record that holds arrays with axes and units."""
+
+    __slots__ = ()
+
+    def to_xarray(self) -> Dataset:
+        """The arrays with their axes, units and errors.
+
+        Returns
+        -------
+        xarray.Dataset
+            As `lightflight.view.to_xarray` makes it.
+
+        Raises
+        ------
+        MissingExtraError
+            Without xarray.
+        """
+        labelled: Dataset = _view().to_xarray(self)
+        return labelled
+
+
+def _view() -> ModuleType:
+    # The one way up, taken when a user asks: a record knows that it can be drawn, view knows how.
+    return importlib.import_module("lightflight.view")
 
 
 def at_most(lines: list[str], n: int) -> list[str]:

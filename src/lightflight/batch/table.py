@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lightflight import flags
 from lightflight.batch.campaign import Shot
-from lightflight.display import Card, Shown
+from lightflight.display import Card, Drawn, Tabled
 from lightflight.errors import GeometryError
 from lightflight.files.tables import pyarrow, write_csv, write_parquet
 from lightflight.path.error import path_error
@@ -123,7 +123,7 @@ class Repeats:
 
 
 @dataclass(frozen=True, repr=False)
-class CampaignTable(Shown):
+class CampaignTable(Drawn, Tabled):
     """One row per recording, in the order of the campaign.
 
     Attributes

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightflight.display import Card, Shown, at_most, count, with_error
+from lightflight.display import Card, Drawn, Labelled, Tabled, at_most, count, with_error
 from lightflight.errors import LimitError
 from lightflight.flight import (
     Medium,
@@ -133,7 +133,7 @@ def paper_angle_from_leg(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LightPath(Shown):
+class LightPath(Drawn, Tabled, Labelled):
     """The path of a pulse in space and time: straight legs between vertices.
 
     Vertex 0 is the source (unknown source: entry into view), the last vertex the exit from view,

@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight.display import (
     Card,
-    Shown,
+    Drawn,
+    Labelled,
     clock_facts,
     count_facts,
     picture_from_image,
@@ -174,7 +175,7 @@ def _check_sums(counts: NDArray[np.uint64]) -> None:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Histograms(Shown):
+class Histograms(Drawn, Labelled):
     """Counts per pixel and TDC code.
 
     Forward code `k` holds delays [f + k w, f + (k+1) w) after the laser sync; a reversed code

@@ -10,11 +10,13 @@ Figures take records and Axes (or make a Figure) and return it:
   `draw_response_widths`, `draw_bad_pixels`;
 - `recording_figure` and its parts `draw_counts`, `draw_code_sum`: before anything is fitted;
 - `campaign_figure` and its parts `draw_set_points`, `draw_set_point_errors`, `draw_repeat_pulls`;
+- `figure_of`: that of any record by its name; `plan_figure`;
 - `demo_figure`: one page about one reconstruction; `fiber_figure`: without a metric scale.
 
 Pages and films: `write_page`, `write_campaign`; `write_movie`, `write_recording_movie`; `observe`
 says what another camera would see, `camera_towards` places one. For other programs: `export_path`,
-`write_figure`, `to_xarray`, and for napari `layers_from_path` and `layers_from_histograms`.
+`write_figure`, `to_xarray`, `dataframe_of`, and for napari `layers_from_path` and
+`layers_from_histograms`.
 
 Everything is loaded when it is first used: importing this package costs nothing.
 """
@@ -58,6 +60,7 @@ if TYPE_CHECKING:
         draw_path_3d as draw_path_3d,
         draw_path_on_photo as draw_path_on_photo,
     )
+    from lightflight.view.figures.plan import plan_figure as plan_figure
     from lightflight.view.figures.recording import (
         draw_code_sum as draw_code_sum,
         draw_counts as draw_counts,
@@ -82,6 +85,7 @@ if TYPE_CHECKING:
     )
     from lightflight.view.page import write_page as write_page
     from lightflight.view.page.campaign import write_campaign as write_campaign
+    from lightflight.view.records import dataframe_of as dataframe_of, figure_of as figure_of
     from lightflight.view.style import figure_style as figure_style
     from lightflight.view.viewpoint import Viewpoint as Viewpoint
 
@@ -125,6 +129,8 @@ __getattr__, __dir__, __all__ = lazy_names(
         ),
         "lightflight.view.film.flight": ("MovieSettings", "write_movie"),
         "lightflight.view.film.recording": ("write_recording_movie",),
+        "lightflight.view.figures.plan": ("plan_figure",),
+        "lightflight.view.records": ("dataframe_of", "figure_of"),
         "lightflight.view.napari_layers": ("layers_from_histograms", "layers_from_path"),
         "lightflight.view.page": ("write_page",),
         "lightflight.view.page.campaign": ("write_campaign",),

@@ -17,30 +17,14 @@ from lightflight.cli.options import (
     timing_option,
     with_lab,
 )
+from lightflight.view.records import CLOCK_FIGURES, PATH_FIGURES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from lightflight.lab import Lab
 
-PATH_FIGURES = ("summary", "space", "times", "errors", "residuals", "residual-map", "pulls")
-CLOCK_FIGURES = ("clock", "gain", "phases", "delays", "response", "pixels")
 RECORDING_FIGURES = ("picture", "pixel", "cases")
-
-_DRAWERS = {
-    "space": "draw_path_3d",
-    "times": "draw_times",
-    "errors": "draw_time_errors",
-    "residuals": "draw_residuals_along",
-    "residual-map": "draw_residual_map",
-    "pulls": "draw_pulls",
-    "gain": "draw_gain_map",
-    "phases": "draw_phases",
-    "delays": "draw_delay_map",
-    "response": "draw_response_widths",
-    "pixels": "draw_bad_pixels",
-}
-"""Functions of `lightflight.view` that need nothing but the record."""
 
 
 @click.command("plot", short_help="Draw a figure of a path, a calibration or a recording.")
@@ -127,21 +111,9 @@ def _figure_of(
         )
     if kind == "recording":
         return _recording_figure(file, what, timing_path, pixel, lab, hints)
-    return _record_figure(record, what)
+    from lightflight.view.records import figure_of
 
-
-def _record_figure(record: Any, what: str) -> Figure:
-    """Figure of a path or a calibration."""
-    from lightflight import view
-
-    if what == "summary":
-        figure: Figure = view.demo_figure(record)
-        return figure
-    if what == "clock":
-        figure = view.calibration_figure(record)
-        return figure
-    figure = getattr(view, _DRAWERS[what])(record).get_figure(root=True)
-    return figure
+    return figure_of(record, what)
 
 
 def _recording_figure(

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight.camera.model import Camera
 from lightflight.camera.rigid import pose_towards
-from lightflight.display import Card, Shown, number
+from lightflight.display import Card, Drawn, Tabled, number
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, arrival_time_from_viewing_angle
 from lightflight.path.light_path import LightPath
@@ -91,7 +91,7 @@ class ArrayChoice:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(Shown):
+class Plan(Drawn, Tabled):
     """Answers of `plan`, best placement first.
 
     Attributes

@@ -21,7 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight.display import (
     Card,
-    Shown,
+    Drawn,
+    Labelled,
     clock_facts,
     flag_facts,
     number,
@@ -80,7 +81,7 @@ def _typical(std_ps: Floats) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TimingCalibration(Shown):
+class TimingCalibration(Drawn, Labelled):
     """Code edges and delay of every pixel, nine numbers each, with their errors.
 
     Times are delays after the laser sync until a pixel's own delay (`skew_ps`) is taken off;

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags as fl
-from lightflight.display import Card
+from lightflight.display import Card, Drawn
 from lightflight.recording.histograms import Histograms
 from lightflight.timing.pulses.pulse_table import PulseTable
 from lightflight.timing.pulses.pulses import Pulses, fit_pulses
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Arrivals(PulseTable):
+class Arrivals(PulseTable, Drawn):
     """Arrival times on the clock, one row per pulse, in the order of the `Pulses` they are from.
 
     Errors come in three classes: independent per pulse (photon), independent per pixel but the

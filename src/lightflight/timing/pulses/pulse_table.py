@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from lightflight import flags as fl
 from lightflight.display import (
     Card,
-    Shown,
+    Labelled,
+    Tabled,
     count_facts,
     flag_facts,
     number,
@@ -20,7 +21,7 @@ from lightflight.display import (
 )
 
 
-class PulseTable(Shown):
+class PulseTable(Tabled, Labelled):
     """Columns of `Pulses` and of `Arrivals`, which say what each is."""
 
     row: NDArray[np.int32]
