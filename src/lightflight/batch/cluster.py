@@ -41,6 +41,9 @@ _MARK = "LIGHTFLIGHT_IMPORTED"
 Certificates = tuple[str | os.PathLike[str], str | os.PathLike[str], str | os.PathLike[str]]
 """PEM files: of the authority, our own, and its key."""
 
+_ROLES = ("client", "scheduler", "worker")
+"""Who shows a certificate."""
+
 _PRELOADED = (
     "distributed.nanny",
     "lightflight.batch.pieces",
@@ -159,7 +162,7 @@ def workers(
             ) from error
         level = logging.INFO if loud else logging.CRITICAL + 1
         _set_log_level(level)
-        security = _own_security() if scheduler is None else _told_security(certificates)
+        security = _own_security(scratch) if scheduler is None else _told_security(certificates)
         with contextlib.ExitStack() as stack:
             options = _dask_options(level, start_method, scratch)
             stack.enter_context(dask.config.set(options))
@@ -198,18 +201,37 @@ def _connected(
     )
 
 
-def _own_security() -> Security:
-    """Certificates of this run alone: else any user of this machine could hand pickles to it."""
+def _own_security(scratch: Path) -> Security:
+    """Certificates of this run alone: else any user of this machine could hand pickles to it.
+
+    They lie in its folder, which the next run sweeps. Kept in memory, Dask would write them and
+    their key to a folder of its own each time it connects, where a kill leaves them.
+    """
     import distributed
 
     temporary: Callable[[], Security] = distributed.Security.temporary
     try:
-        return temporary()
+        made = temporary()
     except ImportError as error:
         raise MissingExtraError(
             "workers of this machine are reached by TLS, which needs cryptography: "
             'pip install "lightflight[batch]"'
         ) from error
+    # One pair serves all roles.
+    told = made.get_tls_config_for_role("client")
+    certificate = _kept(told["cert"], scratch / "certificate.pem")
+    key = _kept(told["key"], scratch / "key.pem")
+    pair = {f"tls_{role}_cert": certificate for role in _ROLES}
+    pair |= {f"tls_{role}_key": key for role in _ROLES}
+    security: Callable[..., Security] = distributed.Security
+    return security(tls_ca_file=certificate, **pair, require_encryption=True)
+
+
+def _kept(text: str, file: Path) -> str:
+    """The name of a file that only its owner may read."""
+    file.touch(mode=0o600)
+    file.write_text(text, encoding="ascii")
+    return os.fspath(file)
 
 
 def _told_security(certificates: Certificates | None) -> Security | None:
