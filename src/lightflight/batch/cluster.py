@@ -218,7 +218,8 @@ def _own_security(scratch: Path) -> Security:
             'pip install "lightflight[batch]"'
         ) from error
     # One pair serves all roles.
-    told = made.get_tls_config_for_role("client")
+    told_by: Callable[[str], dict[str, str]] = made.get_tls_config_for_role
+    told = told_by("client")
     certificate = _kept(told["cert"], scratch / "certificate.pem")
     key = _kept(told["key"], scratch / "key.pem")
     pair = {f"tls_{role}_cert": certificate for role in _ROLES}
