@@ -17,6 +17,7 @@ from lightflight.cli.commands import (
     demo,
     export,
     info,
+    init,
     movie,
     paper,
     plan,
@@ -35,6 +36,7 @@ A first look, without a lab:
 
 \b
 With a lab:
+  lightflight init
   lightflight info recording.h5
   lightflight calibrate --code-density bright.h5 --flat flat.h5 -o calibration.h5
   lightflight check lab.toml recording.h5 --timing calibration.h5
@@ -62,8 +64,8 @@ def main() -> None:
 
 
 _COMMANDS = (
-    demo, paper, plan, simulate, info, convert, calibrate, check, reconstruct, batch, view, movie,
-    plot, export, versions,
+    demo, paper, init, plan, simulate, info, convert, calibrate, check, reconstruct, batch, view,
+    movie, plot, export, versions,
 )  # fmt: skip
 
 for _module in _COMMANDS:

@@ -75,6 +75,53 @@ def setup_figure(
     return figure
 
 
+@style.styled
+def lab_figure(camera: Camera, source: Source, *, title: str = "") -> Figure:
+    """A set-up from above and from the front, before there is any recording.
+
+    Parameters
+    ----------
+    camera : Camera
+        As told.
+    source : Source
+        As told; without a place it is not drawn.
+    title : str, optional
+        Heading.
+
+    Returns
+    -------
+    Figure
+        To be saved or shown.
+    """
+    figure = style.new_figure(160, 85, layout="constrained")
+    above, front = figure.subplots(1, 2)
+    rows, cols = camera.shape
+    corners = np.array(
+        [(-0.5, -0.5), (-0.5, cols - 0.5), (rows - 0.5, cols - 0.5), (rows - 0.5, -0.5)]
+    )
+    rays = camera.rays_from_pixels(corners[:, 0], corners[:, 1])
+    eye = camera.center_mm
+    # Where the corners of the picture meet the plane that holds the beam.
+    seen = eye + rays * (-eye[2] / rays[:, 2])[:, np.newaxis]
+    place = None if source.position_mm is None else np.asarray(source.position_mm, dtype=float)
+    for ax, (a, b), heading in ((above, (0, 2), "from above"), (front, (0, 1), "from the front")):
+        outline = np.vstack((seen, seen[:1]))
+        ax.plot(outline[:, a], outline[:, b], color=style.ARRIVAL, lw=1.2, label="field of view")
+        for corner in seen:
+            ax.plot(*np.stack((eye, corner))[:, [a, b]].T, color=style.HAIR, lw=0.8, zorder=0)
+        ax.plot(eye[a], eye[b], "s", color=style.INK, ms=6, label="entrance pupil")
+        if place is not None:
+            ax.plot(place[a], place[b], "o", color=style.EVENT, ms=6, label="source")
+        ax.set(xlabel=f"{'xyz'[a]} (mm)", ylabel=f"{'xyz'[b]} (mm)")
+        ax.set_aspect("equal", adjustable="datalim")
+        style.title(ax, heading)
+    figure.legend(
+        *front.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8
+    )
+    figure.suptitle(style.words(title), x=0.01, ha="left", fontsize=9)
+    return figure
+
+
 def _draw_leg(ax: Axes, camera: Camera, leg: ImageLeg, number: int) -> None:
     """An arrow in the direction of flight."""
     u, v = leg.points_px(np.array(leg.extent_px)).T / mean_focal_px(camera)
