@@ -211,7 +211,7 @@ def test_codes_said_to_run_the_other_way(run, lab_folder, tmp_path):
     done = run(
         "reconstruct", recording, "--lab", lab_folder / "lab.toml", "--hint", "reversed_codes=false"
     )
-    assert_refused(done, 4, "reversed_codes=True")
+    assert_refused(done, 4, "--hint reversed_codes=true")
 
 
 def test_an_unknown_hint_names_the_nearest(run, lab_folder):

@@ -200,9 +200,17 @@ def campaign_from_toml(
         For a missing or broken file, an unknown section or key (it names the nearest valid
         one), patterns that match nothing and recordings that are named twice.
     """
-    where = os.fspath(path)
-    base = Path(path).absolute().parent
-    table = config.override_table(config.table_from_toml(path), assignments)
+    told = list(assignments)
+    table = config.override_table(config.table_from_toml(path), told)
+    with config.telling_of(told):
+        return _campaign_of(table, Path(path), output)
+
+
+def _campaign_of(
+    table: dict[str, Any], path: Path, output: str | os.PathLike[str] | None
+) -> Campaign:
+    """`campaign_from_toml`, of what the file and the assignments say."""
+    where, base = os.fspath(path), path.absolute().parent
     groups = _checked_groups(table.pop("groups", None), where)
     own = _checked_campaign(table.pop("campaign", {}), where)
     _check_other_sections(table, where)
@@ -220,7 +228,7 @@ def campaign_from_toml(
     return Campaign(
         shots=_shots_of(groups, base, others, where),
         lab=lab,
-        file=Path(path),
+        file=path,
         settings=_settings_of(lab, codes, values["tile_megabytes"]),
         **values,
     )

@@ -9,12 +9,13 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TextIO
 
 import click
 
+from lightflight.cli.language import in_options, options_of
 from lightflight.files.names import harmless
 
 EXIT_CODES = {
@@ -117,18 +118,20 @@ def _raised_at_a_door(error: BaseException) -> bool:
     return is_ours and dis.opname[code.co_code[place.tb_lasti]] == "RAISE_VARARGS"
 
 
-def show_warnings_in_one_line(stream: TextIO) -> None:
+def show_warnings_in_one_line(stream: TextIO, options: Collection[str] = ()) -> None:
     """Print each of this package's warnings once, as one line; leave out those of libraries.
 
     Parameters
     ----------
     stream : text stream
         Where to, as a rule stderr.
+    options : collection of str, optional
+        The command's, see `in_options`.
     """
     shown: set[str] = set()
 
     def show(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
-        text = harmless(one_line(str(message)))
+        text = harmless(in_options(one_line(str(message)), options))
         if text not in shown:
             shown.add(text)
             print(f"warning: {text}", file=stream)
@@ -213,10 +216,11 @@ class SpeakingGroup(click.Group):
         words = list(sys.argv[1:] if args is None else args) or ["--help"]
         debug = "--debug" in words
         extra["standalone_mode"] = False
+        options = options_of(self, words)
         with warnings.catch_warnings(), _news_on_stderr():
             try:
                 if not debug:
-                    show_warnings_in_one_line(sys.stderr)
+                    show_warnings_in_one_line(sys.stderr, options)
                 code = super().main(args=words, prog_name=prog_name, **extra)
                 sys.stdout.flush()  # here, where a broken pipe is still caught
             except BrokenPipeError:
@@ -228,5 +232,7 @@ class SpeakingGroup(click.Group):
                 if debug and not isinstance(error, click.ClickException | click.Abort):
                     traceback.print_exception(error)
                 text, code = sentence_and_code(error)
+                if not isinstance(error, click.ClickException):
+                    text = in_options(text, options)
                 click.echo(f"lightflight: {harmless(text)}", err=True)
         sys.exit(code if isinstance(code, int) else 0)

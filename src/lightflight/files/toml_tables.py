@@ -13,7 +13,8 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -281,6 +282,29 @@ def checked_table(
         except ValueError as error:
             raise ConfigError(f"{where}: [{section}] {name} {error}, got {shown(value)}") from None
     return checked
+
+
+@contextmanager
+def telling_of(assignments: Sequence[str]) -> Iterator[None]:
+    """Let what is refused name the assignments too: the file alone need not be at fault.
+
+    Parameters
+    ----------
+    assignments : sequence of str
+        As for `override_table`.
+
+    Raises
+    ------
+    ConfigError
+        That of the block, with the assignments.
+    """
+    try:
+        yield
+    except ConfigError as error:
+        if not assignments:
+            raise
+        told = " ".join(f"--set {one}" for one in assignments)
+        raise ConfigError(f"{error} (with {told})") from error
 
 
 def checked_sections(

@@ -101,9 +101,14 @@ def lab_from_toml(path: str | os.PathLike[str] | None, *, assignments: Iterable[
         For a missing or broken file, an unknown section or key (it names the nearest valid
         one), and values that do not fit together.
     """
-    table = {} if path is None else config.table_from_toml(path)
-    where = "--set" if path is None else os.fspath(path)
-    return lab_from_table(config.override_table(table, assignments), where=where)
+    told = list(assignments)
+    # What is misspelt on the command line is not the file's fault.
+    config.checked_sections(config.override_table({}, told), SECTIONS, where="--set")
+    if path is None:
+        return lab_from_table(config.override_table({}, told), where="--set")
+    table = config.override_table(config.table_from_toml(path), told)
+    with config.telling_of(told):
+        return lab_from_table(table, where=os.fspath(path))
 
 
 def lab_from_table(table: Mapping[str, object], *, where: str = "set-up") -> Lab:
