@@ -129,7 +129,7 @@ def describe_recording(
     usable = ~screaming & ~silent
     live = _live_codes(hist, usable)
     pulses = _pulse_pixels(hist, live) & usable
-    has_pulse = bool(pulses.sum() >= max(1, 0.01 * usable.sum()))
+    has_pulse = _shows_pulse(pulses, usable)
     drift = _drift_codes(halves, pulses) if has_pulse else None
     occupancy = hist.occupancy
     return Description(
@@ -215,6 +215,36 @@ def _n_saturated(hist: Histograms) -> int:
         return 0
     limit = np.iinfo(hist.counts.dtype).max
     return int((hist.counts[..., hist.photon_codes] == limit).any(axis=2).sum())
+
+
+def codes_of_pulses(hist: Histograms) -> tuple[int, int] | None:
+    """Between which codes the pixels that show a pulse have it.
+
+    Parameters
+    ----------
+    hist : Histograms
+        The recording.
+
+    Returns
+    -------
+    (int, int) or None
+        First and last code of 98 % of these pixels' highest windows. None: fewer than a hundredth
+        of the pixels show one.
+    """
+    photons = hist.photons.astype(float)
+    usable = ~pixels_that_scream_in_a_scene(hist, photons) & (photons > 0)
+    live = _live_codes(hist, usable)
+    pulses = _pulse_pixels(hist, live) & usable
+    if live is None or not _shows_pulse(pulses, usable):
+        return None
+    windows = _windowed(hist.counts[pulses][:, live[0] : live[1] + 1])
+    first, last = np.percentile(windows.argmax(axis=1), [1.0, 99.0])
+    end = min(live[0] + int(last) + _WINDOW_CODES - 1, live[1])
+    return live[0] + int(first), end
+
+
+def _shows_pulse(pulses: NDArray[np.bool_], usable: NDArray[np.bool_]) -> bool:
+    return bool(pulses.sum() >= max(1, 0.01 * usable.sum()))
 
 
 def _live_codes(hist: Histograms, usable: NDArray[np.bool_]) -> tuple[int, int] | None:

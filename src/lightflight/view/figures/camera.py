@@ -5,6 +5,7 @@ Takes Arrivals, Histograms and Pulses, gives Axes or a Figure.
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -323,6 +324,10 @@ def _draw_centers(ax: Axes, fits: Floats, middle: float, period: float) -> None:
             )
 
 
+_LETTERS = 24
+"""Of a line of words in a histogram's corner."""
+
+
 def _annotate_pixel(ax: Axes, row: int, col: int, fits: Floats, unit: str) -> None:
     lines = [f"row {row}, column {col}"]
     if len(fits):
@@ -334,11 +339,18 @@ def _annotate_pixel(ax: Axes, row: int, col: int, fits: Floats, unit: str) -> No
             f"FWHM {style.number(2.3548 * std, 3)} {unit}",
             f"{style.number(photons, 3)} photons",
         ]
-        lines += [name.replace("_", " ") for name in fl.names_from_flags(int(flags))]
+        names = ", ".join(name.replace("_", " ") for name in fl.names_from_flags(int(flags)))
+        lines += textwrap.wrap(names, _LETTERS)
     ax.text(
         0.02, 0.97, "\n".join(lines), transform=ax.transAxes, ha="left", va="top", fontsize=6.5,
         linespacing=1.35,
     )  # fmt: skip
+    # The counts stay below the words.
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    height = ax.get_window_extent().height / figure.dpi * 72.0
+    taken = min(0.7, (len(lines) * 6.5 * 1.35 + 4.0) / height)
+    ax.set_ylim(top=ax.get_ylim()[1] / 1.16 / (1.0 - taken))
 
 
 @style.styled
