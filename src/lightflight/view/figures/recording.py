@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
@@ -155,9 +156,9 @@ def recording_figure(hist: Histograms, *, title: str = "") -> Figure:
         The page, to be saved or shown.
     """
     light = codes_of_pulses(hist)
-    figure = style.new_figure(180, 84, layout="constrained")
-    # Constrained layout leaves the outermost word no room of its own.
-    figure.get_layout_engine().set(rect=(0.012, 0.0, 0.988, 1.0))  # type: ignore[union-attr]
+    # The layout leaves the outermost word no room of its own.
+    layout = ConstrainedLayoutEngine(rect=(0.012, 0.0, 0.988, 1.0))
+    figure = style.new_figure(180, 84, layout=layout)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))
     draw_counts(hist, left)
     if light is None:
