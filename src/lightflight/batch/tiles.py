@@ -333,7 +333,7 @@ def _pulses_of_tile(
     if job.background is not None:
         background = histogram(read_recording(job.background, job.lab), rows=rows, codes=job.codes)
     if not hist.photons.any():  # dark is a fact: these pixels saw nothing
-        return {"blind": np.zeros(hist.shape, dtype=bool)}
+        return {"blind": ~timing.is_known}
     try:
         arrivals = find_arrivals(hist, timing=timing, background=background)
     except NothingFoundError:  # hot pixels alone
@@ -343,7 +343,7 @@ def _pulses_of_tile(
     columns = {name: getattr(arrivals, name)[found] for name in _COLUMNS}
     columns["row"] = columns["row"] + np.int32(rows[0])
     names = np.array(list(arrivals.shared_names), dtype=np.str_)
-    return {**columns, "blind": blind_pixels(arrivals), "shared_names": names}
+    return {**columns, "blind": blind_pixels(arrivals, timing), "shared_names": names}
 
 
 _COLUMNS = (

@@ -105,6 +105,11 @@ class TimingWindow:
         return self.timing.bin_width_ps
 
     @property
+    def is_known(self) -> NDArray[np.bool_]:
+        """(rows, cols), True where the codes of a pixel have times and it has a delay."""
+        return self.timing.is_known[slice(*self.rows)]
+
+    @property
     def phases(self) -> Floats:
         """(rows, cols, n_phases), relative widths of the camera's codes modulo n_phases."""
         return self.timing.phases[slice(*self.rows)]

@@ -125,7 +125,7 @@ def _transit_std_ps(
     if not len(seen):
         return transit
     std_ps = float(np.nanmedian(arrivals.std_ps[seen]))
-    watched = Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals))
+    watched = Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals, clock))
     picture = measure_picture(state, watched, camera=path.camera, medium=path.medium, std_ps=std_ps)
     print_ = footprints(
         state,

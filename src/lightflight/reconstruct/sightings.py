@@ -116,7 +116,7 @@ def sighting_from_histograms(
     # The paper fits one Gaussian per pixel and discards what is too wide for one.
     arrivals = find(method="least_squares", max_pulses=1) if least_squares else find()
     _check_period(hist, arrivals)
-    seen = Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals), view)
+    seen = Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals, clock), view)
     if not least_squares:
         seen = _with_late_light(seen, find, nominal=timing is None)
     return unwrapped_sighting(seen, setting)

@@ -114,4 +114,4 @@ def pooled_sighting(sighting: Sighting, factor: int) -> Sighting:
     # Delays and unequal codes were taken off when the counts were added.
     clock = TimingCalibration.nominal(hist)
     arrivals = find_arrivals(hist, timing=clock)
-    return Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals))
+    return Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals, clock))

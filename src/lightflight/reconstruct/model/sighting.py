@@ -64,9 +64,9 @@ class Sighting:
         return np.flatnonzero(usable)
 
 
-def blind_pixels(arrivals: Arrivals) -> NDArray[np.bool_]:
-    """(rows, cols), True where a pixel screams, is dead, saturated or masked."""
-    blind = np.zeros(arrivals.shape, dtype=bool)
+def blind_pixels(arrivals: Arrivals, timing: CodeClock) -> NDArray[np.bool_]:
+    """(rows, cols), True where a pixel screams, is dead, saturated or masked, or has no clock."""
+    blind = ~timing.is_known
     bad = (arrivals.flags & np.uint32(_PIXEL_BITS)) != 0
     blind[arrivals.row[bad], arrivals.col[bad]] = True
     return blind

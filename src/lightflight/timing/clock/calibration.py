@@ -277,6 +277,18 @@ class TimingCalibration(Drawn, Labelled):
         """Length of the pattern of code widths; 1: none, n_codes: every code by itself."""
         return int(self.phases.shape[2])
 
+    @cached_property
+    def is_known(self) -> NDArray[np.bool_]:
+        """(rows, cols), True where the codes of a pixel have times and it has a delay.
+
+        A pixel that no flat or code-density recording saw has NaN there: its counts say nothing.
+        """
+        known: NDArray[np.bool_] = np.isfinite(self.skew_ps) & np.isfinite(self.end_code)
+        known &= np.isfinite(self.gain) & (self.gain > 0.0)
+        # A code of the pattern may well have no width; all of them together have one.
+        known &= np.isfinite(self.phases).all(axis=2) & (self.phases.sum(axis=2) > 0.0)
+        return known
+
     @property
     def end_delay_ps(self) -> float:
         """Delay at the end of the laser period (without one: at code 0), ps; edges start here."""

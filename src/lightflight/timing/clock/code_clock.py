@@ -50,6 +50,10 @@ class CodeClock(Protocol):
         """(rows, cols), delay of each pixel, ps."""
 
     @property
+    def is_known(self) -> NDArray[np.bool_]:
+        """(rows, cols), True where the codes of a pixel have times and it has a delay."""
+
+    @property
     def flags(self) -> NDArray[np.uint32]:
         """(rows, cols), see `lightflight.flags`."""
 

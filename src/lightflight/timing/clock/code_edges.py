@@ -98,7 +98,8 @@ def edges_and_end(widths: Floats, end_code: Floats) -> tuple[Floats, Floats]:
     n_codes = widths.shape[1]
     edges = np.zeros((len(widths), n_codes + 1))
     np.cumsum(widths, axis=1, out=edges[:, 1:])
-    whole = np.clip(end_code.astype(np.intp), 0, n_codes)
+    # A pixel whose end is not known has edges all the same, of which none is known.
+    whole = np.clip(np.nan_to_num(end_code).astype(np.intp), 0, n_codes)
     pixel = np.arange(len(widths))
     # The period may end in a part of a code, and beyond the last code.
     last = np.where(whole < n_codes, widths[pixel, np.minimum(whole, n_codes - 1)], 1.0)
