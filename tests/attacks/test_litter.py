@@ -88,6 +88,7 @@ def test_everything_is_written_beside_and_renamed():
     source = Path(litter.__file__).parents[1]
     writes = re.compile(r"""(?<!fresh)\.(?:write_text|write_bytes)\(|(?<!fresh)\.open\("[wax]""")
     allowed = {
+        "batch/cluster.py": "keys of a cluster, into its campaign's scratch folder",
         "files/disk_file.py": "writes to the fresh file it is given",
         "formats/isolation.py": "into its own temporary folder",
     }
