@@ -154,8 +154,17 @@ class _Scores:
         self, row: Floats, col: Floats, arrival_ps: Floats, light: Floats, spot_px: float
     ) -> Floats:
         """(c,), chi-square of light of a free strength at places (c, k) with their times."""
-        total = np.zeros((2, len(row)))
         (rows, cols), g = self.place.shape, len(self.lags_ps)
+        seen = (row >= -1.0) & (row < rows) & (col >= -1.0) & (col < cols) & (light > 0.0)
+        some = np.flatnonzero(seen.any(axis=1))
+        if len(some) < len(row):
+            # Of two mirrors in five nothing falls into the picture.
+            of_all = np.zeros(len(row))
+            if len(some):
+                row, col, arrival_ps, light = (one[some] for one in (row, col, arrival_ps, light))
+                of_all[some] = self.along(row, col, arrival_ps, light, spot_px)
+            return of_all
+        total = np.zeros((2, len(row)))
         # A frame of pixels that say nothing: what falls outside of the picture is looked up there.
         framed = np.pad(self.place % len(self.reference_ps), 1, constant_values=len(self.score) - 1)
         step = self.lags_ps[1] - self.lags_ps[0]

@@ -56,6 +56,10 @@ class Shape:
         """Share of the pulse that came before places in standard deviations, and density there."""
         return share_and_density(z, self.table)
 
+    def come(self, z: Floats) -> Floats:
+        """The first of `at`, alone."""
+        return self.at(z)[0] if self.table.size else np.asarray(ndtr(z))
+
     def widening(self, z: Floats) -> Floats:
         """What flight adds to `before`, per half its variance in the pulse's own."""
         place, _, table = self.table
@@ -70,7 +74,11 @@ class Shape:
         """
         if not self.table.size:
             # Where the exponential is large the share below it is nothing: the product is finite.
-            kept: Floats = np.exp(np.minimum(ratio * (0.5 * ratio - z), 500.0)) * ndtr(z - ratio)
+            kept: Floats = 0.5 * ratio - z
+            kept *= ratio
+            np.minimum(kept, 500.0, out=kept)
+            np.exp(kept, out=kept)
+            kept *= ndtr(z - ratio)
             return kept
         if not np.size(ratio):
             return np.zeros_like(z)
@@ -390,7 +398,7 @@ def cumulated(
 ) -> Floats:
     """Share of pulses (n,) that has come by each edge (n, m), late by an exponential wait."""
     z = (edges_ps - late_ps[:, np.newaxis]) / std_ps[:, np.newaxis]
-    prompt = shape.at(z)[0] if shape.table.size else np.asarray(ndtr(z))
+    prompt = shape.come(z)
     if wait_ps <= 0.0:
         return prompt
     share: Floats = prompt - shape.kept_back(z, (std_ps / wait_ps)[:, np.newaxis])

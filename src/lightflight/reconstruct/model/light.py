@@ -261,10 +261,11 @@ def late_light(pixels: Pixels, waits_ps: Sequence[float] = LATE_PS) -> Floats:
     out = np.zeros((*pixels.cells.counts.shape, len(waits_ps)))
     for k in range(pixels.photons.shape[1]):
         lit = np.flatnonzero(pixels.photons[:, k] > 0.0)
-        late, std = pixels.late_ps[lit, k], pixels.std_ps[lit, k]
-        prompt = cumulated(edges[lit], late, std, 0.0, pixels.shape)
+        late, std = pixels.late_ps[lit, k : k + 1], pixels.std_ps[lit, k : k + 1]
+        z = (edges[lit] - late) / std
+        prompt = pixels.shape.come(z)
         for j, wait in enumerate(waits_ps):
-            by_edge = cumulated(edges[lit], late, std, wait, pixels.shape) - prompt
+            by_edge = prompt - pixels.shape.kept_back(z, std / wait) - prompt
             out[lit, :, j] += pixels.photons[lit, k : k + 1] * np.diff(by_edge, axis=1)
     return _in_cells(pixels.cells, out)
 
@@ -275,8 +276,8 @@ def diffuse_light(pixels: Pixels, wide: Floats, tails: Tails) -> Floats:
     `wide` (n, m, k - 6) as from `spread_light`; `tails` as the pixels were fitted with them.
     """
     shares, waits = (np.array(each) for each in zip(*tails, strict=True))
-    late = late_light(pixels, waits.tolist())
-    later = late_light(pixels, (np.exp(_NUDGE) * waits).tolist())
+    both = late_light(pixels, [*waits.tolist(), *(np.exp(_NUDGE) * waits).tolist()])
+    late, later = np.split(both, 2, axis=2)
     return np.concatenate((late, wide, shares / _NUDGE * (later - late)), axis=2)
 
 
