@@ -13,6 +13,8 @@ from lightflight.errors import GeometryError
 
 # Rigid to this much: poses arrive as text with six or seven digits.
 _RIGID_TOLERANCE = 1e-5
+_LARGEST_STD = 1e15
+"""mm or rad: its square is a number still."""
 
 
 def read_only(values: ArrayLike) -> NDArray[np.float64]:
@@ -161,14 +163,17 @@ def pose_covariance_from_stds(
     Raises
     ------
     ValueError
-        For an error below zero.
+        For an error below zero, or no number.
     """
     # Rotation before place, as `Camera.pose_covariance` has them.
     std = np.concatenate(
         [np.broadcast_to(one, 3) for one in (np.deg2rad(rotation_std_deg), position_std_mm)]
     )
-    if (std < 0).any():
-        raise ValueError("position_std_mm and rotation_std_deg must not be negative")
+    if not ((std >= 0.0) & (std < _LARGEST_STD)).all():
+        raise ValueError(
+            "position_std_mm and rotation_std_deg must not be negative, and at most "
+            f"{_LARGEST_STD:g}"
+        )
     return np.diag(std**2) if std.any() else None
 
 

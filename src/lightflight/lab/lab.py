@@ -268,5 +268,5 @@ def _detector_from_table(table: Mapping[str, Any]) -> Detector:
 
     if name not in PRESETS:
         hint = config.unknown_name_sentence(name, list(PRESETS))
-        raise ValueError(f"preset {name!r} is unknown; {hint}")
+        raise ValueError(f"preset {config.shown(name)} is unknown; {hint}")
     return replace(PRESETS[name](), **given)

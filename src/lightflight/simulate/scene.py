@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight.display import Card, Shown, number, size_facts
 from lightflight.flight import Medium, Source, event_times_from_vertices
+from lightflight.path.light_path import FARTHEST_MM
 from lightflight.simulate.detector import Detector
 from lightflight.simulate.scattering import Scattering, polarizations_from_vertices
 
@@ -34,6 +35,8 @@ def _checked_vertices(vertices_mm: ArrayLike) -> Floats:
         )
     if not np.isfinite(vertices).all():
         raise ValueError("vertices_mm holds NaN or inf: give finite positions in mm")
+    if np.abs(vertices).max() > FARTHEST_MM:
+        raise ValueError(f"vertices_mm must lie within {FARTHEST_MM:g} mm")
     lengths = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
     if (lengths < 1e-9).any():
         leg = int(np.argmin(lengths))

@@ -80,6 +80,10 @@ def _typical(std_ps: Floats) -> str:
     return f"{number(float(np.median(known)), 2)} ps in a typical pixel"
 
 
+_STRANGEST = 1000.0
+"""Times the nominal width of a code: a pixel so far off has no clock. Real ones are within 2."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class TimingCalibration(Drawn, Labelled):
     """Code edges and delay of every pixel, nine numbers each, with their errors.
@@ -283,10 +287,12 @@ class TimingCalibration(Drawn, Labelled):
 
         A pixel that no flat or code-density recording saw has NaN there: its counts say nothing.
         """
-        known: NDArray[np.bool_] = np.isfinite(self.skew_ps) & np.isfinite(self.end_code)
-        known &= np.isfinite(self.gain) & (self.gain > 0.0)
+        known: NDArray[np.bool_] = np.isfinite(self.skew_ps) & (self.end_code >= 1.0)
         # A code of the pattern may well have no width; all of them together have one.
-        known &= np.isfinite(self.phases).all(axis=2) & (self.phases.sum(axis=2) > 0.0)
+        width = self.gain * self.phases.mean(axis=2)
+        known &= (width > 1.0 / _STRANGEST) & (width < _STRANGEST)
+        known &= np.isnan(self.first_live_width) | (np.abs(self.first_live_width) < _STRANGEST)
+        known &= ~np.isinf(self.misfit_std) & ~np.isinf(self.phase_std).any(axis=2)
         return known
 
     @property
@@ -385,7 +391,8 @@ class TimingCalibration(Drawn, Labelled):
         anchor = self._folded(self.anchor_delay_ps[rows, cols])
         # Without a flat nothing is anchored: errors grow with the delay after the sync.
         distance = delay - np.where(np.isfinite(anchor), anchor, self._folded(np.zeros(1)))
-        gain_error = self.gain_std[rows, cols] / self.gain[rows, cols]
+        gain = self.gain[rows, cols]
+        gain_error = self.gain_std[rows, cols] / np.where(gain > 0.0, gain, np.nan)
         variance = self.skew_std_ps[rows, cols] ** 2 + (gain_error * distance) ** 2
         variance = variance + self._width_variance(rows, cols, delay, anchor)
         modes = [self.flat_modes_ps[rows, cols]]
