@@ -23,11 +23,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import POSITIVE, finite_number, finite_numbers
 from lightflight.units import AIR_GROUP_INDEX, SPEED_OF_LIGHT_MM_PER_PS
 
 Floats = NDArray[np.float64]
 
 
+_ERROR = "be finite and >= 0"
 INDEX_SLACK_STDS = 5.0
 """A group index may lie below one by this many of its stated errors."""
 
@@ -64,27 +66,22 @@ class Medium:
 
     def __post_init__(self) -> None:
         for name in ("path_group_index", "return_group_index"):
-            value, std = getattr(self, name), getattr(self, f"{name}_std")
-            if not (np.isfinite(std) and std >= 0.0):
-                raise ValueError(f"{name}_std must be finite and >= 0, got {std}")
+            std = finite_number(f"{name}_std", getattr(self, f"{name}_std"), _ERROR, low=0.0)
             # A fitted index of air may fall below one within its error.
-            if not (np.isfinite(value) and 1.0 - INDEX_SLACK_STDS * std <= value <= 10.0):
-                raise ValueError(f"{name} must lie between 1 and 10, got {value}")
-        if not -1.0 <= self.index_correlation <= 1.0:
-            raise ValueError(
-                f"index_correlation must lie between -1 and 1, got {self.index_correlation}"
-            )
+            lowest = 1.0 - INDEX_SLACK_STDS * std
+            value = getattr(self, name)
+            finite_number(name, value, "lie between 1 and 10", low=lowest, high=10.0)
+        correlation = self.index_correlation
+        must = "lie between -1 and 1"
+        finite_number("index_correlation", correlation, must, low=-1.0, high=1.0)
 
 
 def _checked_position(position: ArrayLike | None) -> tuple[float, float, float] | None:
     """(x, y, z), mm, as a tuple; ValueError for what is no place."""
     if position is None:
         return None
-    xyz = np.asarray(position, dtype=float)
-    if xyz.shape != (3,) or not np.isfinite(xyz).all():
-        raise ValueError(
-            f"position_mm must be three finite numbers (x, y, z) in mm, got {position!r}"
-        )
+    must = "be three finite numbers (x, y, z) in mm"
+    xyz = finite_numbers("position_mm", position, must, shapes=[(3,)])
     return float(xyz[0]), float(xyz[1]), float(xyz[2])
 
 
@@ -118,23 +115,17 @@ class Source:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position_mm", _checked_position(self.position_mm))
-        std = np.asarray(self.position_std_mm, dtype=float)
-        if std.shape not in ((), (3,)) or not np.isfinite(std).all() or (std < 0).any():
-            raise ValueError(
-                "position_std_mm must be one number or three, finite and >= 0, "
-                f"got {self.position_std_mm!r}"
-            )
+        must = "be one number or three, finite and >= 0"
+        told = self.position_std_mm
+        std = finite_numbers("position_std_mm", told, must, shapes=[(), (3,)], low=0.0)
         stored = float(std) if std.shape == () else (float(std[0]), float(std[1]), float(std[2]))
         object.__setattr__(self, "position_std_mm", stored)
-        if self.emission_time_ps is not None and not np.isfinite(self.emission_time_ps):
-            raise ValueError(f"emission_time_ps must be finite, got {self.emission_time_ps}")
-        if not (np.isfinite(self.emission_time_std_ps) and self.emission_time_std_ps >= 0):
-            raise ValueError(
-                f"emission_time_std_ps must be finite and >= 0, got {self.emission_time_std_ps}"
-            )
-        fwhm = self.pulse_fwhm_ps
-        if fwhm is not None and not (np.isfinite(fwhm) and fwhm > 0):
-            raise ValueError(f"pulse_fwhm_ps must be positive and finite, got {fwhm}")
+        if self.emission_time_ps is not None:
+            finite_number("emission_time_ps", self.emission_time_ps)
+        finite_number("emission_time_std_ps", self.emission_time_std_ps, _ERROR, low=0.0)
+        if self.pulse_fwhm_ps is not None:
+            must = "be positive and finite"
+            finite_number("pulse_fwhm_ps", self.pulse_fwhm_ps, must, low=POSITIVE)
 
     @property
     def position_std_xyz_mm(self) -> Floats:

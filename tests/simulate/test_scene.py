@@ -296,7 +296,10 @@ def test_angle_of_ninety_degrees_is_refused():
     ("changes", "message"),
     [
         ({"vertices_mm": [(0, 0, 0)]}, "vertices_mm must have shape"),
-        ({"vertices_mm": [(0, 0, 0), (0, np.nan, 1)]}, "vertices_mm holds NaN"),
+        (
+            {"vertices_mm": [(0, 0, 0), (0, np.nan, 1)]},
+            "vertices_mm must be positions in mm",
+        ),
         ({"vertices_mm": [(0, 0, 0), (0, 0, 1), (0, 0, 1)]}, "vertices 1 and 2 are the same"),
         ({"background": np.ones((3, 3))}, "background has shape"),
         ({"background": -1.0}, "background must be finite and >= 0"),

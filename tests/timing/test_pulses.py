@@ -314,7 +314,7 @@ def test_a_background_recording_joins_the_likelihood(rng):
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [
-        ({"method": "magic"}, ValueError, "method must be one of likelihood, least_squares"),
+        ({"method": "magic"}, ValueError, 'method must be one of "likelihood", "least'),
         ({"max_pulses": 0}, ValueError, "max_pulses must be at least 1"),
         ({"threads": 0}, ValueError, "threads must be at least 1"),
         (

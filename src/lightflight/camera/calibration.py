@@ -17,6 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import (
+    finite_number,
+    finite_numbers,
+    pixels_of_shape,
+    real_numbers,
+    yes_or_no,
+)
 from lightflight.camera.fit import (
     MAX_STEPS,
     PARAMETER_NAMES,
@@ -55,6 +62,8 @@ _FREE_ASPECT_PRIOR = 0.5
 _PIXEL_STD_FLOOR = 1e-5
 # A point said to lie in pixel k lies anywhere in it.
 _WHOLE_PIXEL_STD = 1.0 / np.sqrt(12.0)
+_LEAST_PX, _MOST_PX = 1e-6, 1e9
+"""Pixels: no lens has a shorter or longer focal length, or is clicked on better or worse."""
 _WEAKEST_FOCAL_STD = 0.3
 
 
@@ -176,6 +185,9 @@ def fit_camera(
         Residuals in the order of the input.
     """
     points, seen = _checked_correspondences(points_mm, pixels)
+    if pixel_std_px is not None:
+        must = f"be positive and finite, from {_LEAST_PX:g} to {_MOST_PX:g}"
+        finite_number("pixel_std_px", pixel_std_px, must, low=_LEAST_PX, high=_MOST_PX)
     used = np.isfinite(points).all(axis=1) & np.isfinite(seen).all(axis=1)
     view = View(points[used], seen[used])
     _check_spread(view)
@@ -194,8 +206,8 @@ def fit_camera(
 
 def _checked_correspondences(points_mm: ArrayLike, pixels: ArrayLike) -> tuple[Floats, Floats]:
     """Points (n, 3) and pixels (n, 2) as floats; ValueError for other shapes."""
-    points = np.asarray(points_mm, dtype=np.float64)
-    seen = np.asarray(pixels, dtype=np.float64)
+    points = real_numbers("points_mm", points_mm)
+    seen = real_numbers("pixels", pixels)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"points_mm must have shape (n, 3), got {points.shape}")
     if seen.shape != (points.shape[0], 2):
@@ -251,10 +263,14 @@ def starting_lens(
     distortion: bool,
 ) -> LensModel:
     """Lens model at the middle of its priors, without poses; what was given has prior width 0."""
-    rows, cols = (int(n) for n in shape)
-    for name, value in (("focal_length_px", focal_length_px), ("pixel_aspect", pixel_aspect)):
-        if value is not None and not (np.isfinite(value) and value > 0.0):
-            raise GeometryError(f"{name} must be positive and finite, got {value}")
+    rows, cols = pixels_of_shape(shape)
+    try:
+        for name, value in (("focal_length_px", focal_length_px), ("pixel_aspect", pixel_aspect)):
+            if value is not None:
+                must = f"be positive and finite, from {_LEAST_PX:g} to {_MOST_PX:g}"
+                finite_number(name, value, must, low=_LEAST_PX, high=_MOST_PX)
+    except ValueError as error:
+        raise GeometryError(str(error)) from None
     mean, std = np.zeros(9), np.zeros(9)
     mean[0] = np.log(focal_length_px or FOCAL_LENGTH_PRIOR[0] * max(rows, cols))
     std[0] = 0.0 if focal_length_px is not None else FOCAL_LENGTH_PRIOR[1]
@@ -263,7 +279,12 @@ def starting_lens(
         mean[2:4] = (rows - 1) / 2.0, (cols - 1) / 2.0
         std[2:4] = PRINCIPAL_POINT_PRIOR * rows, PRINCIPAL_POINT_PRIOR * cols
     else:
-        mean[2:4] = principal_point_px
+        must = f"be (row, col), within {_MOST_PX:g} pixels"
+        far = _MOST_PX
+        mean[2:4] = finite_numbers(
+            "principal_point_px", principal_point_px, must, shapes=[(2,)], low=-far, high=far
+        )
+    yes_or_no("distortion", distortion)
     if distortion:
         std[4:] = [LENS_PRIORS[name] for name in PARAMETER_NAMES[4:]]
     return LensModel((rows, cols), mean.copy(), (), mean, std)
@@ -379,8 +400,6 @@ def _with_noise(
 ) -> tuple[LensModel, float]:
     """Fit with the pixel error given or, in a few rounds, taken from the residuals."""
     if pixel_std_px is not None:
-        if not (np.isfinite(pixel_std_px) and pixel_std_px > 0.0):
-            raise ValueError(f"pixel_std_px must be positive and finite, got {pixel_std_px}")
         return _settled(*refined(model, views, pixel_std_px)), pixel_std_px
     std = start_std
     for _ in range(12):

@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import POSITIVE, finite_number, finite_numbers, pixels_of_shape
 from lightflight.camera.lens import Lens, checked_distortion
 from lightflight.camera.rigid import (
     checked_covariance,
@@ -100,13 +101,7 @@ class Camera(Shown):
     distortion_std: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        try:
-            shape = tuple(int(n) for n in self.shape)
-        except (TypeError, ValueError, OverflowError):
-            raise ValueError(f"shape must be (rows, cols), got {self.shape!r:.60}") from None
-        if len(shape) != 2 or min(shape) < 1:
-            raise ValueError(f"shape must be (rows, cols), both at least 1, got {self.shape}")
-        object.__setattr__(self, "shape", shape)
+        object.__setattr__(self, "shape", pixels_of_shape(self.shape))
         object.__setattr__(self, "matrix", _checked_matrix(self.matrix))
         object.__setattr__(self, "distortion", checked_distortion(self.distortion))
         object.__setattr__(self, "world_from_camera", checked_pose(self.world_from_camera))
@@ -121,10 +116,7 @@ class Camera(Shown):
                 )
             object.__setattr__(self, "intrinsics_per_pose", slopes)
         for name in LENS_ERRORS:
-            told = read_only(getattr(self, name))
-            if told.ndim or not (np.isfinite(told) and told >= 0.0):
-                raise ValueError(f"{name} must be finite and >= 0, got {told}")
-            std = float(told)
+            std = finite_number(name, getattr(self, name), "be finite and >= 0", low=0.0)
             object.__setattr__(self, name, std)
 
     @classmethod
@@ -181,26 +173,30 @@ class Camera(Shown):
         >>> float(row), float(col)
         (15.5, 15.5)
         """
-        rows, cols = int(shape[0]), int(shape[1])
-        width, height = (float(v) for v in field_of_view_mm)
-        for name, value in (
-            ("distance_mm", float(distance_mm)),
-            ("field_of_view_mm", width),
-            ("field_of_view_mm", height),
-        ):
-            if not (np.isfinite(value) and value > 0.0):
-                raise GeometryError(f"{name} must be positive and finite, got {value}")
+        rows, cols = pixels_of_shape(shape)
+        try:
+            must = "be positive and finite"
+            finite_number("distance_mm", distance_mm, must, low=POSITIVE)
+            name, must = "field_of_view_mm", "be positive and finite, width and height"
+            width, height = finite_numbers(
+                name, field_of_view_mm, must, shapes=[(2,)], low=POSITIVE
+            ).tolist()
+        except ValueError as error:
+            raise GeometryError(str(error)) from None
+        must = "be finite and >= 0"
+        spread = finite_number("field_of_view_std_mm", field_of_view_std_mm, must, low=0.0)
+        center = finite_numbers("center_mm", center_mm, "be (x, y) in mm", shapes=[(2,)])
         matrix = [
             [cols * distance_mm / width, 0.0, (cols - 1) / 2.0],
             [0.0, rows * distance_mm / height, (rows - 1) / 2.0],
             [0.0, 0.0, 1.0],
         ]
         pose = np.diag([1.0, -1.0, -1.0, 1.0])
-        pose[:3, 3] = (*center_mm, distance_mm)
+        pose[:3, 3] = (*center, distance_mm)
         return cls(
             np.array(matrix), np.empty(0), pose, (rows, cols),
             pose_covariance_from_stds(position_std_mm, rotation_std_deg),
-            focal_std_fraction=float(field_of_view_std_mm) / width, distortion_std=distortion_std,
+            focal_std_fraction=spread / width, distortion_std=distortion_std,
         )  # fmt: skip
 
     @classmethod

@@ -9,12 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import finite_numbers
 from lightflight.errors import GeometryError
 
 # Rigid to this much: poses arrive as text with six or seven digits.
 _RIGID_TOLERANCE = 1e-5
 _LARGEST_STD = 1e15
-"""mm or rad: its square is a number still."""
+"""mm or deg: its square is a number still."""
 
 
 def read_only(values: ArrayLike) -> NDArray[np.float64]:
@@ -165,15 +166,15 @@ def pose_covariance_from_stds(
     ValueError
         For an error below zero, or no number.
     """
-    # Rotation before place, as `Camera.pose_covariance` has them.
-    std = np.concatenate(
-        [np.broadcast_to(one, 3) for one in (np.deg2rad(rotation_std_deg), position_std_mm)]
-    )
-    if not ((std >= 0.0) & (std < _LARGEST_STD)).all():
-        raise ValueError(
-            "position_std_mm and rotation_std_deg must not be negative, and at most "
-            f"{_LARGEST_STD:g}"
+    must = f"be one number or three, not negative, and at most {_LARGEST_STD:g}"
+    place, rotation = (
+        finite_numbers(name, told, must, shapes=[(), (3,)], low=0.0, high=_LARGEST_STD)
+        for name, told in (
+            ("position_std_mm", position_std_mm), ("rotation_std_deg", rotation_std_deg),
         )
+    )  # fmt: skip
+    # Rotation before place, as `Camera.pose_covariance` has them.
+    std = np.concatenate([np.broadcast_to(one, 3) for one in (np.deg2rad(rotation), place)])
     return np.diag(std**2) if std.any() else None
 
 

@@ -20,11 +20,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lightflight.arguments import shown
 from lightflight.errors import ConfigError
 
 _MOST_WHOLE = 1 << 63
 _MOST_BYTES = 4 << 20
-_MOST_SHOWN = 120
 _MOST_DOTS = 64
 _MOST_LEVELS = 16
 """Tables and lists within each other: a set-up needs four."""
@@ -348,12 +348,6 @@ def checked_sections(
             dict(value) if keys is None else checked_table(value, keys, section=name, where=where)
         )
     return checked
-
-
-def shown(value: object) -> str:
-    """A value in a message, shortened where it is long."""
-    text = repr(value)
-    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
 
 
 def table_from_toml(path: str | os.PathLike[str]) -> dict[str, Any]:

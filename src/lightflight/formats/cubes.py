@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.arguments import pixels_of_shape
 from lightflight.errors import ConfigError, FileFormatError
 from lightflight.files.filecheck import record_error_as_format_error
 from lightflight.formats.streamed import cube_from
-from lightflight.recording.clock_fields import pixels_of_shape
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording
 

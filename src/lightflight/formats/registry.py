@@ -17,6 +17,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
+from lightflight.arguments import shown
 from lightflight.errors import ConfigError, FileFormatError, LightflightWarning
 from lightflight.files.filecheck import damage_as_format_error, readable_file, trusting
 from lightflight.files.toml_tables import unknown_name_sentence
@@ -166,8 +167,14 @@ def read(path: str | os.PathLike[str], **hints: Any) -> Recording | Histograms:
     MissingExtraError
         If the format needs a package that is not installed.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"path cannot be {shown(path)}: give the name of a file")
+    try:
+        is_folder = Path(path).is_dir()
+    except OSError:
+        is_folder = False  # its name is too long: told as of a file
     name, trust = hints.pop("format", None), bool(hints.pop("trust", False))
-    start = b"" if Path(path).is_dir() else _start_of(readable_file(path))
+    start = b"" if is_folder else _start_of(readable_file(path))
     file_format = _format_by_name(name) if name is not None else _format_of(Path(path), start)
     if file_format.read is None:
         raise FileFormatError(f"{file_format.name} files can be written, not read", path=path)

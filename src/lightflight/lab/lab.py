@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.arguments import shown
 from lightflight.camera.model import LENS_ERRORS, Camera
 from lightflight.camera.rigid import pose_covariance_from_stds
 from lightflight.display import Shown
@@ -268,5 +269,5 @@ def _detector_from_table(table: Mapping[str, Any]) -> Detector:
 
     if name not in PRESETS:
         hint = config.unknown_name_sentence(name, list(PRESETS))
-        raise ValueError(f"preset {config.shown(name)} is unknown; {hint}")
+        raise ValueError(f"preset {shown(name)} is unknown; {hint}")
     return replace(PRESETS[name](), **given)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.arguments import check_kinds, yes_or_no
 from lightflight.errors import GeometryError
 from lightflight.path.light_path import extrapolated_position
 from lightflight.path.tables import Polyline
@@ -63,6 +64,7 @@ def path_error(
     GeometryError
         Where the camera does not see the true path at all.
     """
+    check_kinds("path", "truth", "camera", path=path, truth=truth, camera=camera)
     true_vertices, true_times = _polyline(truth)
     vertices, times = _polyline(path)
     event_times = np.linspace(true_times[0], true_times[-1], _METRIC_TIMES)
@@ -70,7 +72,7 @@ def path_error(
     visible = camera.sees(true_position)
     if not visible.any():
         raise GeometryError("the camera sees no part of the true path: check the camera's pose")
-    compared = _up_to_exit(visible) if whole else visible
+    compared = _up_to_exit(visible) if yes_or_no("whole", whole) else visible
     found = extrapolated_position(vertices, times, event_times)
     offset = np.linalg.norm(found - true_position, axis=1)[compared]
     time_offset = _time_offsets(true_vertices, true_times, vertices, times, camera)

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import check_kinds, shown, whole_number
 from lightflight.camera.model import Camera
 from lightflight.display import Shown
 from lightflight.errors import GeometryError
@@ -24,6 +25,8 @@ Floats = NDArray[np.float64]
 
 DEFAULT_PULSE_FWHM_PS = 68.0
 """Pulse of the paper's laser, where a path does not say its own; ps."""
+_MOST_STEPS = 10_000
+"""Steps per pixel: more than any picture shows."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -159,8 +162,11 @@ def observe(
     ValueError
         For fewer than one step per pixel.
     """
-    if steps_per_pixel < 1:
-        raise ValueError(f"steps_per_pixel must be at least 1, got {steps_per_pixel}")
+    check_kinds("path", "camera", path=path, camera=camera, medium=medium)
+    if not 1 <= whole_number("steps_per_pixel", steps_per_pixel) <= _MOST_STEPS:
+        raise ValueError(
+            f"steps_per_pixel must be from 1 to {_MOST_STEPS}, got {shown(steps_per_pixel)}"
+        )
     medium = getattr(path, "medium", None) if medium is None else medium
     medium = Medium() if medium is None else medium
     vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)

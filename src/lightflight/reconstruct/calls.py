@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lightflight.arguments import mask_of_pixels, shown
 from lightflight.errors import CalibrationError, GeometryError
 from lightflight.flight import Source
 from lightflight.reconstruct.estimators import ESTIMATORS, estimator_named
-from lightflight.recording.clock_fields import mask_of_pixels
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -56,21 +56,6 @@ def is_whole(number: object) -> bool:
     if isinstance(number, Integral):
         return True
     return isinstance(number, Real) and float(number).is_integer()
-
-
-_KINDS = {
-    "camera": "shape", "source": "position_mm", "medium": "path_group_index",
-    "timing": "check_matches", "background": "counts",
-}  # fmt: skip
-"""What each of them has that others have not."""
-
-
-def check_kinds(**told: object) -> None:
-    """Raise TypeError where an argument, or one of several, is not what its name says."""
-    for name, value in told.items():
-        for one in value if isinstance(value, list | tuple) else [value]:
-            if one is not None and not hasattr(one, _KINDS[name]):
-                raise TypeError(f"{name} cannot be {one!r:.60}: see the help of reconstruct")
 
 
 def checked_call(
@@ -117,7 +102,7 @@ def checked_call(
     """
     estimator = estimator_named(method)
     if n_legs is not None and not (is_whole(n_legs) and n_legs >= 1):
-        raise ValueError(f"n_legs must be a whole number of at least 1, got {n_legs}")
+        raise ValueError(f"n_legs must be a whole number of at least 1, got {shown(n_legs)}")
     for one in repeats:
         if not hasattr(one, "counts"):
             raise TypeError(

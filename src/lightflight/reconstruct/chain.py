@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
+from lightflight.arguments import check_kinds
 from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
-from lightflight.reconstruct.calls import cameras_and_clocks, check_kinds, checked_call
+from lightflight.reconstruct.calls import cameras_and_clocks, checked_call
 from lightflight.reconstruct.estimators import estimator_named
 from lightflight.reconstruct.fit.result import explained, on_first_lap
 from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
@@ -93,7 +94,8 @@ def reconstruct(
     repeats = [hist] if not isinstance(hist, Sequence) else list(hist)
     source = Source() if source is None else source
     medium = Medium() if medium is None else medium
-    check_kinds(camera=camera, source=source, medium=medium, timing=timing, background=background)
+    check_kinds(source=source, medium=medium, background=background)
+    check_kinds(lists=True, camera=camera, timing=timing)
     several = isinstance(camera, Sequence)
     cameras, clocks = cameras_and_clocks(camera, timing, repeats, method)
     of_camera = [[one] for one in repeats] if several else [repeats]

@@ -101,6 +101,6 @@ def estimator_named(method: str) -> Estimator:
         Where none has it.
     """
     for estimator in ESTIMATORS:
-        if estimator.name == method:
+        if isinstance(method, str) and estimator.name == method:
             return estimator
-    raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r:.60}")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.arguments import check_kinds
 from lightflight.display import Card, Shown, number, with_error
 from lightflight.reconstruct.model.geometry import footprints, state_of_path
 from lightflight.reconstruct.model.picture import measure_picture
@@ -91,6 +92,7 @@ def laser_pulse(
     ValueError
         A width is negative or not finite.
     """
+    check_kinds("path", "hist", path=path, hist=hist, timing=timing)
     clock = clock_or_nominal(hist, timing)
     arrivals = find_arrivals(hist, timing=clock)
     # Variances of independent delays add: laser, response and flight through the footprint.

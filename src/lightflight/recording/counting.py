@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.arguments import shown, whole_number
 from lightflight.errors import FileFormatError
 from lightflight.files.filecheck import allowed_memory_bytes, memory_sentence
 from lightflight.files.mapped import map_of, rows_of
@@ -64,6 +65,8 @@ def histogram(
         or the recording holds a code or a pixel it cannot have (the text says where; from a
         file this is a FileFormatError).
     """
+    if not isinstance(recording, Recording | Histograms):
+        raise TypeError(f"recording cannot be {shown(recording)}: give what read() returns")
     window = _Window(
         _checked_range("rows", rows, recording.shape[0]),
         _checked_range("cols", cols, recording.shape[1]),
@@ -140,7 +143,11 @@ def _checked_range(name: str, wanted: tuple[int, int] | None, length: int) -> tu
     """(start, end) within 0 ... length; all of it for None."""
     if wanted is None:
         return 0, length
-    start, end = (int(edge) for edge in wanted)
+    must = f"be (start, end) within 0 ... {length}"
+    try:
+        start, end = (whole_number(name, edge) for edge in wanted)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must {must}, got {shown(wanted)}") from None
     if not 0 <= start < end <= length:
         raise ValueError(f"{name} = ({start}, {end}) must lie within 0 ... {length}")
     return start, end

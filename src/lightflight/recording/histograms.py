@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import refuse_masks, yes_or_no
 from lightflight.display import (
     Card,
     Drawn,
@@ -24,11 +25,7 @@ from lightflight.display import (
     size_facts,
 )
 from lightflight.errors import CalibrationError
-from lightflight.recording.clock_fields import (
-    check_clock_fields,
-    clock_fields_of,
-    refuse_masks,
-)
+from lightflight.recording.clock_fields import check_clock_fields, clock_fields_of
 
 _SLAB_ELEMENTS = 1 << 20
 _MOST_COUNT = 2.0**64
@@ -232,6 +229,7 @@ class Histograms(Drawn, Labelled):
     settings: Mapping[str, Any] = field(default_factory=dict, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
+        yes_or_no("poisson", self.poisson)
         object.__setattr__(self, "counts", _checked_counts(self.counts, poisson=self.poisson))
         check_clock_fields(clock_fields_of(self), n_codes=self.n_codes)
 

@@ -12,14 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import pixels_of_shape, refuse_masks, whole_number
 from lightflight.display import Card, Shown, clock_facts, count_facts, size_facts
-from lightflight.recording.clock_fields import (
-    check_clock_fields,
-    clock_fields_of,
-    pixels_of_shape,
-    refuse_masks,
-    whole_number,
-)
+from lightflight.recording.clock_fields import check_clock_fields, clock_fields_of
 
 Progress = Callable[[int, int], None]
 """Called now and then with (done, in all), in frames or in photons."""

@@ -8,13 +8,20 @@ recording (design notes, "The camera we model").
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import (
+    POSITIVE,
+    finite_number,
+    finite_numbers,
+    shown,
+    whole_number,
+    yes_or_no,
+)
 from lightflight.display import Shown
 from lightflight.simulate.clock import TrueClock
 from lightflight.simulate.optics import Catch
@@ -447,49 +454,40 @@ def _dark(
 
 def _check_numbers(detector: Detector) -> None:
     for name in _NOT_NEGATIVE:
-        value = getattr(detector, name)
-        if not (np.isfinite(value) and value >= 0):
-            raise ValueError(f"{name} must be finite and >= 0, got {value}")
+        finite_number(name, getattr(detector, name), "be finite and >= 0", low=0.0)
     for name in _SHARES:
-        value = getattr(detector, name)
-        if not 0.0 <= value <= 1.0:
-            raise ValueError(f"{name} must lie between 0 and 1, got {value}")
+        must = "lie between 0 and 1"
+        finite_number(name, getattr(detector, name), must, low=0.0, high=1.0)
     for name in ("first_edge_ps", "drift_ps"):
-        if not math.isfinite(getattr(detector, name)):
-            raise ValueError(f"{name} must be finite, got {getattr(detector, name)}")
-    if not 0.05 <= detector.psf_std_px <= 20.0:
-        raise ValueError(
-            f"psf_std_px must lie between 0.05 and 20 pixels, got {detector.psf_std_px}"
-        )
-    if not 0.0 < detector.active_width_px <= 1.0:
-        raise ValueError(
-            f"active_width_px must lie above 0 and not above 1, got {detector.active_width_px}"
-        )
-    low, high = detector.screaming_occupancy
-    if not 0.0 < low <= high <= 1.0:
-        raise ValueError(
-            "screaming_occupancy must be two shares of frames, low then high, got "
-            f"{detector.screaming_occupancy}"
-        )
+        finite_number(name, getattr(detector, name))
+    must = "lie between 0.05 and 20 pixels"
+    finite_number("psf_std_px", detector.psf_std_px, must, low=0.05, high=20.0)
+    must = "lie above 0 and not above 1"
+    finite_number("active_width_px", detector.active_width_px, must, low=POSITIVE, high=1.0)
+    name, must = "screaming_occupancy", "be two shares of frames, low then high"
+    told = detector.screaming_occupancy
+    low, high = finite_numbers(name, told, must, shapes=[(2,)], low=POSITIVE, high=1.0)
+    if low > high:
+        raise ValueError(f"{name} must {must}, got {told}")
 
 
 def _check_positive(name: str, value: float | None) -> None:
-    if value is not None and not (np.isfinite(value) and value > 0):
-        raise ValueError(f"{name} must be positive and finite, got {value}")
+    if value is not None:
+        finite_number(name, value, "be positive and finite", low=POSITIVE)
 
 
 def _checked_widths(name: str, widths: Sequence[float]) -> tuple[float, ...]:
-    values = tuple(float(width) for width in widths)
-    if not all(math.isfinite(value) and value > 0 for value in values):
-        raise ValueError(f"{name} must hold positive widths, got {values}")
-    return values
+    values = finite_numbers(name, widths, "hold positive widths", low=POSITIVE)
+    if values.ndim != 1:
+        raise ValueError(f"{name} must hold positive widths, got {shown(widths)}")
+    return tuple(values.tolist())
 
 
 def _check_clock(detector: Detector) -> None:
     _check_positive("bin_width_ps", detector.bin_width_ps)
     _check_positive("code_width_ps", detector.code_width_ps)
     _check_positive("laser_period_ps", detector.laser_period_ps)
-    if not 1 <= detector.n_codes <= 1 << 16:
+    if not 1 <= whole_number("n_codes", detector.n_codes) <= 1 << 16:
         raise ValueError(f"n_codes must lie between 1 and 65536, got {detector.n_codes}")
     pattern = _checked_widths("phase_pattern", detector.phase_pattern)
     if not pattern:
@@ -497,17 +495,22 @@ def _check_clock(detector: Detector) -> None:
     object.__setattr__(detector, "phase_pattern", pattern)
     starts = _checked_widths("start_code_widths", detector.start_code_widths)
     object.__setattr__(detector, "start_code_widths", starts)
-    if not 0 <= detector.first_live_code < detector.n_codes:
+    if not 0 <= whole_number("first_live_code", detector.first_live_code) < detector.n_codes:
         raise ValueError(
             f"first_live_code must be one of the {detector.n_codes} codes, "
             f"got {detector.first_live_code}"
         )
+    for name in ("reversed_codes", "first_photon_only"):
+        yes_or_no(name, getattr(detector, name))
     if detector.reversed_codes and detector.laser_period_ps is None:
         raise ValueError(
             "reversed_codes=True needs laser_period_ps: the next pulse stops the clock"
         )
     code = detector.no_photon_code
-    if code is not None and not 0 <= code < detector.first_live_code:
+    if (
+        code is not None
+        and not 0 <= whole_number("no_photon_code", code) < detector.first_live_code
+    ):
         raise ValueError(
             f"no_photon_code must lie below first_live_code = {detector.first_live_code}, got "
             f"{code}: it cannot be a code that photons get"

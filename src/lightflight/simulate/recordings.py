@@ -10,6 +10,7 @@ from typing import Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import POSITIVE, check_kinds, finite_number, one_of, shown, whole_number
 from lightflight.recording.clock_fields import CLOCK_FIELDS
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording
@@ -155,8 +156,10 @@ def simulate(
     ValueError
         For photons, frames or kinds that make no sense.
     """
-    if kind not in RECORDING_KINDS:
-        raise ValueError(f"kind must be one of {', '.join(RECORDING_KINDS)}, got {kind!r}")
+    check_kinds("scene", scene=scene)
+    one_of("kind", kind, RECORDING_KINDS)
+    if threads is not None and whole_number("threads", threads) < 1:
+        raise ValueError(f"threads must be at least 1, got {shown(threads)}")
     if frames_out is not None and kind != "frames":
         raise ValueError(f'frames_out is for kind="frames", not {kind!r}')
     photons = _checked_photons(photons_per_pixel, kind)
@@ -179,8 +182,8 @@ def simulate(
 def _checked_photons(photons_per_pixel: float | None, kind: str) -> float:
     if photons_per_pixel is None:
         return _DEFAULT_PHOTONS.get(kind, PAPER_PHOTONS_PER_PIXEL)
-    if not (np.isfinite(photons_per_pixel) and photons_per_pixel > 0):
-        raise ValueError(f"photons_per_pixel must be positive and finite, got {photons_per_pixel}")
+    must = "be positive and finite"
+    finite_number("photons_per_pixel", photons_per_pixel, must, low=POSITIVE)
     if photons_per_pixel > _MOST_PHOTONS:
         raise ValueError(
             f"photons_per_pixel must be at most {_MOST_PHOTONS:g}, got {photons_per_pixel:g}"

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import finite_numbers
+
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
 
@@ -160,7 +162,8 @@ def polarizations_from_vertices(vertices_mm: ArrayLike, polarization: ArrayLike)
     """
     steps = np.diff(np.asarray(vertices_mm, dtype=float), axis=0)
     directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
-    e = np.asarray(polarization, dtype=float)
+    must = "be the direction of the field, three finite numbers"
+    e = finite_numbers("polarization", polarization, must, shapes=[(3,)])
     e = e - (e @ directions[0]) * directions[0]
     size = float(np.linalg.norm(e))
     if size < 1e-9:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import check_kinds, finite_number, finite_numbers, one_of
 from lightflight.display import Card, Shown, number, size_facts
 from lightflight.flight import Medium, Source, event_times_from_vertices
 from lightflight.path.light_path import FARTHEST_MM
@@ -23,20 +24,19 @@ if TYPE_CHECKING:
     from lightflight.camera.model import Camera
 
 Floats = NDArray[np.float64]
+_PARTS = ("camera", "source", "medium", "detector")
 Brightness = Callable[[Floats], ArrayLike] | Sequence[ArrayLike] | ArrayLike | None
 
 
 def _checked_vertices(vertices_mm: ArrayLike) -> Floats:
-    vertices = np.array(vertices_mm, dtype=float)
+    must = f"be positions in mm, finite and within {FARTHEST_MM:g} mm"
+    far = FARTHEST_MM
+    vertices = finite_numbers("vertices_mm", vertices_mm, must, low=-far, high=far)
     if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 2:
         raise ValueError(
             f"vertices_mm must have shape (m, 3) with m >= 2, got {vertices.shape}: "
             "give source, mirrors and end of the path"
         )
-    if not np.isfinite(vertices).all():
-        raise ValueError("vertices_mm holds NaN or inf: give finite positions in mm")
-    if np.abs(vertices).max() > FARTHEST_MM:
-        raise ValueError(f"vertices_mm must lie within {FARTHEST_MM:g} mm")
     lengths = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
     if (lengths < 1e-9).any():
         leg = int(np.argmin(lengths))
@@ -149,22 +149,20 @@ class Scene(Shown):
     def __post_init__(self) -> None:
         vertices = _checked_vertices(self.vertices_mm)
         object.__setattr__(self, "vertices_mm", vertices)
-        background = np.array(self.background, dtype=float)
+        check_kinds(*_PARTS, **{name: getattr(self, name) for name in _PARTS})
+        must = "be finite and >= 0: it is an expected count"
+        background = finite_numbers("background", self.background, must, low=0.0)
         if background.shape not in ((), self.camera.shape):
             raise ValueError(
                 f"background has shape {background.shape} but the camera has "
                 f"{self.camera.shape} pixels: give one number or one per pixel"
             )
-        if not (np.isfinite(background) & (background >= 0)).all():
-            raise ValueError("background must be finite and >= 0: it is an expected count")
-        for name in ("true_emission_time_ps", "true_pulse_fwhm_ps", "beam_diameter_mm"):
-            value = getattr(self, name)
-            if not np.isfinite(value) or (name != "true_emission_time_ps" and value < 0):
-                raise ValueError(f"{name} must be finite and not negative, got {value}")
-        if not 0.0 <= self.vignetting <= 1.0:
-            raise ValueError(f"vignetting must lie between 0 and 1, got {self.vignetting}")
-        if self.scattering not in ("uniform", "rayleigh"):
-            raise ValueError(f'scattering must be "uniform" or "rayleigh", got {self.scattering!r}')
+        finite_number("true_emission_time_ps", self.true_emission_time_ps)
+        for name in ("true_pulse_fwhm_ps", "beam_diameter_mm"):
+            finite_number(name, getattr(self, name), "be finite and not negative", low=0.0)
+        must = "lie between 0 and 1"
+        finite_number("vignetting", self.vignetting, must, low=0.0, high=1.0)
+        one_of("scattering", self.scattering, ("uniform", "rayleigh"))
         if self.polarization is not None:
             polarizations_from_vertices(vertices, self.polarization)
         object.__setattr__(self, "_strength", _strength_from(self.brightness, self.leg_starts_mm))
@@ -247,12 +245,13 @@ def _strength_from(brightness: Brightness, starts_mm: Floats) -> Callable[[Float
         return lambda length, _leg: np.broadcast_to(
             np.asarray(brightness(length), dtype=float), length.shape
         )
-    if isinstance(brightness, Sequence | np.ndarray) and len(brightness):
+    is_number = getattr(brightness, "ndim", 1) == 0
+    if isinstance(brightness, Sequence | np.ndarray) and not is_number and len(brightness):
         if np.ndim(brightness[0]) == 0 and len(brightness) == n_legs:
-            per_leg = np.asarray(brightness, dtype=float)
+            per_leg = finite_numbers("brightness", brightness)
             return lambda length, leg: np.full_like(length, per_leg[leg])
         if np.ndim(brightness[0]) == 1 and len(brightness) == 2:
-            lengths, values = (np.asarray(part, dtype=float) for part in brightness)
+            lengths, values = (finite_numbers("brightness", part) for part in brightness)
             if lengths.shape == values.shape and (np.diff(lengths) > 0).all():
                 return lambda length, _leg: np.interp(length, lengths, values)
     raise ValueError(

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lightflight.arguments import shown
+
 # A stream's key is its place in this tuple: append, never reorder, or old seeds change meaning.
 COMPONENTS = (
     "number", "position", "row", "col", "beam", "pulse", "trigger", "response", "tail",
@@ -34,7 +36,7 @@ class Streams:
     def __post_init__(self) -> None:
         seed: object = self.seed
         if not isinstance(seed, int | np.integer) or isinstance(seed, bool):
-            raise TypeError(f"seed must be a whole number, got {self.seed!r}")
+            raise TypeError(f"seed must be a whole number, got {shown(self.seed)}")
         if self.seed < 0:
             raise ValueError(f"seed must be >= 0, got {self.seed}")
 

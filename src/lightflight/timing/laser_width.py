@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import finite_number
 from lightflight.errors import NothingFoundError
 from lightflight.flight import Medium, apparent_speed_from_direction
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS, fwhm_from_std, std_from_fwhm
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from lightflight.timing.pulses.pulses import Pulses
 
 Floats = NDArray[np.float64]
+
+_WIDEST_PS = 1e12
+"""A second: nobody calls longer light a pulse."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +88,8 @@ def laser_width_from_pulses(
     for name, value in (
         ("response_fwhm_ps", response_fwhm_ps), ("response_fwhm_std_ps", response_fwhm_std_ps)
     ):  # fmt: skip
-        if not (np.isfinite(value) and value >= 0):
-            raise ValueError(f"{name} must be finite and not negative, got {value}")
+        must = f"be finite and not negative, and at most {_WIDEST_PS:g}"
+        finite_number(name, value, must, low=0.0, high=_WIDEST_PS)
     std_error = _std_errors(pulses)
     transit = np.broadcast_to(np.asarray(transit_std_ps, dtype=np.float64), std_error.shape)
     use = pulses.usable & np.isfinite(pulses.std_ps) & (std_error > 0) & np.isfinite(transit)

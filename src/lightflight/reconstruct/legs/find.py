@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags
+from lightflight.arguments import check_kinds, finite_number, shown, whole_number, yes_or_no
 from lightflight.errors import NothingFoundError
 from lightflight.reconstruct.legs.cut import cut_at_kink, part_where_curved
 from lightflight.reconstruct.legs.ghosts import on_border, overshone
@@ -204,6 +205,18 @@ def find_legs(
     NothingFoundError
         Where no straight leg stands out, with the number of usable pulses.
     """
+    check_kinds("arrivals", arrivals=arrivals, camera=camera)
+    if n_legs is not None and whole_number("n_legs", n_legs) < 1:
+        raise ValueError(f"n_legs must be at least 1, got {shown(n_legs)}")
+    if whole_number("min_pixels", min_pixels) < 2:
+        raise ValueError(f"min_pixels must be at least 2, got {shown(min_pixels)}")
+    seed = whole_number("seed", seed)
+    if seed < 0:
+        raise ValueError(f"seed must be at least 0, got {shown(seed)}")
+    computed_cube = yes_or_no("computed_cube", computed_cube)
+    convex = camera is not None if convex is None else yes_or_no("convex", convex)
+    if earliest_ps is not None:
+        finite_number("earliest_ps", earliest_ps)
     usable = flags.is_usable(arrivals.flags) & np.isfinite(arrivals.arrival_ps)
     rows = np.flatnonzero(usable)
     if len(rows) < min_pixels:
@@ -219,7 +232,7 @@ def find_legs(
         min_pixels=min_pixels,
         # A third of a pulse: footprints and corners shift times by more than counting says.
         time_floor=0.35 * float(np.median(arrivals.std_ps[rows])),
-        convex=camera is not None if convex is None else convex,
+        convex=convex,
         winged=computed_cube,
         seed=seed,
     )

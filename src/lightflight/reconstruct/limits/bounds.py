@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import check_kinds
 from lightflight.display import Card, Shown, number, picture_from_vertices
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
@@ -36,6 +37,7 @@ from lightflight.reconstruct.model.forward import (
 )
 from lightflight.reconstruct.model.freedom import (
     Freedom,
+    checked_waypoints,
     ends_in_view,
     freedom_of_path,
     view_end,
@@ -174,13 +176,13 @@ def bounds(
     ValueError
         For a subject without vertices or camera, or a light level that is not positive.
     """
+    check_kinds(camera=camera, source=source, medium=medium, timing=timing, response=response)
     source = source or getattr(subject, "source", None) or Source()
     medium = medium or getattr(subject, "medium", None) or Medium()
     camera = camera or getattr(subject, "camera", None)
     if not hasattr(subject, "vertices_mm") or camera is None:
         raise ValueError("bounds needs a Scene or a LightPath: vertices_mm and a camera")
-    if not photons_per_pixel > 0:
-        raise ValueError(f"photons_per_pixel must be positive, got {photons_per_pixel}")
+    told = checked_waypoints(waypoints, None)
     conditions = conditions_of(
         subject,
         source,
@@ -197,7 +199,7 @@ def bounds(
     start = 0.0 if times is None else float(np.asarray(times)[0])
     whole = PathState(np.array(subject.vertices_mm, dtype=float), start)
     # Beyond the view nothing is recorded: what lies there is a gauge, not an error.
-    state, freedom, cut_ends = _state_in_view(whole, camera, medium, source, waypoints)
+    state, freedom, cut_ends = _state_in_view(whole, camera, medium, source, told)
     setting = Setting(camera, source, medium)
     known = _information(state, whole, freedom, cut_ends, conditions, setting)
     return _bounds(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from lightflight.arguments import finite_number
 from lightflight.display import Shown
 from lightflight.flight import Medium, Source
 from lightflight.reconstruct.model.forward import (
@@ -33,6 +34,9 @@ Floats = NDArray[np.float64]
 
 _REACH_STDS = 12.0
 """Codes cover the flight, and this many stds of a pulse before and after it."""
+
+_LEAST, _MOST = 1e-6, 1e12
+"""Photons, ps or pixels: what lies beyond is no recording, and its matrices are singular."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -98,6 +102,20 @@ def conditions_of(
 
     Parameters and their defaults are those of `bounds`.
     """
+    must = f"be positive, from {_LEAST:g} to {_MOST:g}"
+    finite_number("photons_per_pixel", photons_per_pixel, must, low=_LEAST, high=_MOST)
+    widths = {
+        "spot_std_px": spot_std_px, "pulse_std_ps": pulse_std_ps, "code_width_ps": code_width_ps,
+    }  # fmt: skip
+    for name, value in widths.items():
+        if value is not None:
+            finite_number(name, value, must, low=_LEAST, high=_MOST)
+    must = f"be from 0 to {_MOST:g}"
+    for name, value in (
+        ("background_per_code", background_per_code), ("pixel_std_ps", pixel_std_ps),
+    ):  # fmt: skip
+        if value is not None or name == "pixel_std_ps":
+            finite_number(name, value, must, low=0.0, high=_MOST)
     detector = getattr(subject, "detector", None)
     width = code_width_ps or getattr(detector, "bin_width_ps", None) or 55.0
     if spot_std_px is None:

@@ -15,6 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import (
+    POSITIVE,
+    check_kinds,
+    finite_number,
+    finite_numbers,
+    pixels_of_shape,
+    shown,
+)
 from lightflight.camera.model import Camera
 from lightflight.camera.rigid import pose_towards
 from lightflight.display import Card, Drawn, Tabled, number
@@ -179,10 +187,17 @@ def plan(
         For a wanted error or rate that is not positive.
     """
     wanted = _wanted(position_rms_mm, event_time_rms_ps, angle_std_deg)
-    if rate_hz is not None and not rate_hz > 0:
-        raise ValueError(f"rate_hz must be positive, got {rate_hz}")
+    if rate_hz is not None:
+        finite_number("rate_hz", rate_hz, "be positive", low=POSITIVE)
+    check_kinds(camera=camera)
+    finite_number("photons_per_pixel", photons_per_pixel, "be positive", low=POSITIVE)
+    if not isinstance(cameras, Mapping | None):
+        raise TypeError(f"cameras must be a mapping of names, got {shown(cameras)}")
+    if not isinstance(array_shapes, list | tuple):
+        raise TypeError(f"array_shapes must be a list of (rows, cols), got {shown(array_shapes)}")
+    array_shapes = [pixels_of_shape(shape) for shape in array_shapes]
     camera = camera or getattr(subject, "camera", None)
-    if camera is None:
+    if camera is None or not hasattr(subject, "vertices_mm"):
         raise ValueError("plan needs a camera: a Scene has one, or give camera=")
     middle = _middle_of(subject)
     places = {"as given": camera}
@@ -233,11 +248,8 @@ def moved_to(camera: Camera, position_mm: ArrayLike, target_mm: ArrayLike) -> Ca
     GeometryError
         Where the two points coincide.
     """
-    position = np.asarray(position_mm, dtype=float)
-    if position.shape != (3,) or not np.isfinite(position).all():
-        raise ValueError(
-            f"a camera's place must be three finite numbers in mm, got {position_mm!r}"
-        )
+    must = "be three finite numbers in mm"
+    position = finite_numbers("a camera's place", position_mm, must, shapes=[(3,)])
     forward = np.asarray(target_mm, dtype=float) - position
     distance = float(np.linalg.norm(forward))
     if distance < 1e-6:
@@ -352,8 +364,8 @@ def _wanted(
         "angle_std_deg": angle_std_deg,
     }
     for name, value in wanted.items():
-        if value is not None and not value > 0:
-            raise ValueError(f"{name} must be positive, got {value}")
+        if value is not None:
+            finite_number(name, value, "be positive", low=POSITIVE)
     return {name: float(value) for name, value in wanted.items() if value is not None}
 
 

@@ -7,13 +7,14 @@ lies before. The last vertex likewise moves within the plane where the flight le
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import POSITIVE, finite_number, finite_numbers, shown
 from lightflight.errors import GeometryError
 from lightflight.flight import Source
 from lightflight.reconstruct.model.geometry import PathState
@@ -54,18 +55,22 @@ def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tupl
     """
     checked: list[Waypoint] = []
     given: object = waypoints
-    if isinstance(given, str) or not isinstance(given, Iterable):
+    try:
+        listed = [] if isinstance(given, str) else list(waypoints)
+    except TypeError:
+        listed = []
+    if not listed and (isinstance(given, str) or not isinstance(given, Sequence) or len(given)):
         raise ValueError(
-            f"waypoints must be a list of (vertex index, position_mm, std_mm), got {waypoints!r}"
+            "waypoints must be a list of (vertex index, position_mm, std_mm), got "
+            f"{shown(waypoints)}"
         )
-    for waypoint in waypoints:
+    for waypoint in listed:
         try:
             vertex, position_mm, std_mm = waypoint
-            position = np.asarray(position_mm, dtype=float)
-            std, index = float(std_mm), int(vertex)
-        except (TypeError, ValueError) as problem:
+            index = int(vertex)
+        except (TypeError, ValueError, OverflowError) as problem:
             raise ValueError(
-                f"a waypoint must be (vertex index, position_mm, std_mm), got {waypoint!r}"
+                f"a waypoint must be (vertex index, position_mm, std_mm), got {shown(waypoint)}"
             ) from problem
         if index != vertex or index < 1 or (n_legs is not None and index > n_legs):
             last = "" if n_legs is None else f" to {n_legs}"
@@ -73,15 +78,10 @@ def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tupl
                 f"waypoint of vertex {vertex}: give a corner or the end, 1{last} (vertex 0 is the "
                 "source: give its position_mm and position_std_mm)"
             )
-        if position.shape != (3,) or not np.isfinite(position).all():
-            raise ValueError(
-                f"waypoint of vertex {index}: position_mm must be three finite numbers, got "
-                f"{position_mm!r}"
-            )
-        if not (np.isfinite(std) and std > 0):
-            raise ValueError(
-                f"waypoint of vertex {index}: std_mm must be positive and finite, got {std_mm}"
-            )
+        name, must = f"waypoint of vertex {index}: position_mm", "be three finite numbers"
+        position = finite_numbers(name, position_mm, must, shapes=[(3,)])
+        name, must = f"waypoint of vertex {index}: std_mm", "be positive and finite"
+        std = finite_number(name, std_mm, must, low=POSITIVE)
         checked.append((index, position, std))
     return tuple(checked)
 

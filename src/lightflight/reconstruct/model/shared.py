@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.arguments import shown
 from lightflight.flight import INDEX_SLACK_STDS, Medium
 from lightflight.reconstruct import FREE_NAMES
 from lightflight.reconstruct.model.forward import Layout, Light, Local, Pixels, local_variables
@@ -377,10 +378,13 @@ def freed(
     ValueError
         For another name.
     """
-    names = [free] if isinstance(free, str) or not isinstance(free, Iterable) else list(free)
-    unknown = [name for name in names if name not in FREE_NAMES]
-    if unknown:
-        raise ValueError(f"free: {unknown[0]!r} is none of {', '.join(FREE_NAMES)}")
+    try:
+        names = [free] if isinstance(free, str) else list(free)
+    except TypeError:
+        names = [shown(free)]
+    for name in names:
+        if not isinstance(name, str) or name not in FREE_NAMES:
+            raise ValueError(f"free: {shown(name)} is none of {', '.join(FREE_NAMES)}")
     wanted = set(names)
     source, medium = setting.source, setting.medium
     if "source" in wanted:

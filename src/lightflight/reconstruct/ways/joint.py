@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from lightflight.arguments import real_numbers
 from lightflight.errors import (
     CalibrationError,
     GeometryError,
@@ -266,12 +267,8 @@ def _state_from_start(start: Any, setting: Setting) -> PathState:
     """Vertices and start time to begin from, as the user gave them."""
     if hasattr(start, "vertices_mm"):
         return state_of_path(start)
-    try:
-        vertices = np.asarray(start, dtype=float)
-    except (TypeError, ValueError) as problem:
-        raise ValueError(
-            f"start must be a LightPath or vertices_mm of shape (m, 3), got {start!r}"
-        ) from problem
+    must = "be a LightPath or vertices_mm of shape (m, 3)"
+    vertices = real_numbers("start", start, must)
     if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 2:
         raise ValueError(
             f"start must be a LightPath or vertices_mm of shape (m, 3), got {vertices.shape}"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lightflight.arguments import finite_number, one_of, shown
 from lightflight.errors import CalibrationError
 from lightflight.recording.histograms import Histograms
 from lightflight.timing.calibrate.assemble import (
@@ -25,6 +26,11 @@ from lightflight.timing.calibrate.flat_shapes import flat_shape
 from lightflight.timing.clock.calibration import TimingCalibration
 from lightflight.timing.clock.shared_modes import with_shared_errors
 from lightflight.timing.pulses.sync import check_sync
+
+_LARGEST_STD = 1e12
+"""ps, or a share: whoever knows a clock no better has none."""
+_NO_TILT_PS = 1e-6
+"""A tilt of less moves no arrival."""
 
 if TYPE_CHECKING:
     from lightflight.timing.calibrate.flat_shapes import FlatPulse, FlatShape
@@ -105,7 +111,11 @@ def calibrate_timing(
     else:
         said = ()
     flats, arrivals = _checked_flats(flat, flat_arrival_ps)
-    stds = {"assumed_skew_std_ps": assumed_skew_std_ps, "flat_tilt_std_ps": flat_tilt_std_ps}
+    stds = {
+        "assumed_skew_std_ps": assumed_skew_std_ps, "flat_tilt_std_ps": flat_tilt_std_ps,
+        "flat_arrival_std_ps": flat_arrival_std_ps, "scale_std": scale_std,
+        "drift_std_ps": drift_std_ps,
+    }  # fmt: skip
     shape = _checked_parts(code_density, flats, dark, dead_codes, flat_pulse, stds)
     if code_density is not None:
         fit = fit_code_density(code_density)
@@ -119,7 +129,7 @@ def calibrate_timing(
             clock, flats, arrivals, flat_shape=shape, assumed_skew_std_ps=assumed_skew_std_ps,
             nominal_codes=code_density is None,
         )  # fmt: skip
-        if flat_tilt_std_ps > 0:
+        if flat_tilt_std_ps > _NO_TILT_PS:
             clock = with_tilt(clock, flat_tilt_std_ps)
     else:
         clock = with_assumed_delays(clock, assumed_skew_std_ps)
@@ -163,6 +173,8 @@ def _checked_flats(
         return [], []
     if isinstance(flat, Histograms):
         return [flat], [flat_arrival_ps]
+    if not isinstance(flat, Sequence):
+        raise TypeError(f"flat must be Histograms or a list of them, got {shown(flat)}")
     flats = list(flat)
     if not flats:
         raise ValueError("flat is an empty list: give one flat recording or several")
@@ -196,11 +208,11 @@ def _checked_parts(
     if code_density is None and not flats:
         raise ValueError("nothing to calibrate from: give code_density, flat, or both")
     shape = flat_shape(flat_pulse)
-    if dead_codes not in (None, "absorbed", "lost"):
-        raise ValueError(f'dead_codes must be "absorbed", "lost" or None, got {dead_codes!r}')
+    if dead_codes is not None:
+        one_of("dead_codes", dead_codes, ("absorbed", "lost"))
     for name, std in stds.items():
-        if not (np.isfinite(std) and std >= 0):
-            raise ValueError(f"{name} must be finite and >= 0, got {std}")
+        must = f"be finite and >= 0, and at most {_LARGEST_STD:g}"
+        finite_number(name, std, must, low=0.0, high=_LARGEST_STD)
     named = {"code_density": code_density, "dark": dark}
     named |= {f"flat {i + 1}" if len(flats) > 1 else "flat": x for i, x in enumerate(flats)}
     parts = {name: part for name, part in named.items() if part is not None}

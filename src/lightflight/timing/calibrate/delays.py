@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags
+from lightflight.arguments import real_numbers
 from lightflight.errors import CalibrationError
 from lightflight.recording.histograms import Histograms
 
@@ -138,7 +139,7 @@ def checked_arrivals_ps(flat_arrival_ps: ArrayLike, shape: tuple[int, int]) -> F
     ValueError
         If the times are not finite or of a wrong shape.
     """
-    arrival = np.asarray(flat_arrival_ps, dtype=np.float64)
+    arrival = real_numbers("flat_arrival_ps", flat_arrival_ps)
     if arrival.ndim not in (0, 2) or (arrival.ndim == 2 and arrival.shape != shape):
         raise ValueError(
             f"flat_arrival_ps must be a number or have shape {shape}, got shape {arrival.shape}"

@@ -136,7 +136,8 @@ def flat_shape(flat_pulse: FlatPulse) -> FlatShape:
                 return shape
         names = ", ".join(f'"{name}"' for name in FLAT_SHAPE_NAMES)
         raise ValueError(
-            f"flat_pulse must be {names}, a Response, or counts of a response, got {flat_pulse!r}"
+            f"flat_pulse must be {names}, a Response, or counts of a response, got "
+            f"{flat_pulse!r:.60}"
         )
     if isinstance(flat_pulse, Response):
         return FlatShape("", "a curve", response=lambda flat, clock: flat_pulse)

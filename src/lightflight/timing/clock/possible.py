@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.recording.clock_fields import pixels_of_shape, refuse_masks
+from lightflight.arguments import pixels_of_shape, refuse_masks
 
 _NUMBERS = (
     "first_edge_ps", "bin_width_ps", "laser_period_ps", "scale_std", "assumed_skew_std_ps",

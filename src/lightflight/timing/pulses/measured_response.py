@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lightflight.arguments import real_numbers
 from lightflight.recording.histograms import Histograms
 from lightflight.timing.clock.calibration import TimingCalibration
 from lightflight.timing.clock.response import Response
@@ -38,7 +39,7 @@ def response_from_counts(counts: ArrayLike, hist: Histograms) -> Response:
     """
     from scipy.interpolate import CubicSpline
 
-    heights = np.asarray(counts, dtype=np.float64)
+    heights = real_numbers("response", counts)
     if heights.shape != (hist.n_codes,):
         raise ValueError(
             f"a measured response needs one count per code, ({hist.n_codes},), got shape "

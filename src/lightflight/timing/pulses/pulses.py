@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight import flags as fl
 from lightflight._kernels.pulse import CHI2, CHI2_BINS, N_PULSES
+from lightflight.arguments import check_kinds, mask_of_pixels, one_of, whole_number
 from lightflight.display import Card
-from lightflight.recording.clock_fields import mask_of_pixels, whole_number
 from lightflight.recording.histograms import Histograms
 from lightflight.timing.pulses.checks import check_fits, flags_of
 from lightflight.timing.pulses.fits import (
@@ -172,6 +172,7 @@ def fit_pulses(
     CalibrationError
         The calibration does not fit the recording, or the camera ran without sync.
     """
+    check_kinds("hist", hist=hist, timing=timing, background=background)
     _check_options(method, max_pulses, response, threads)
     todo = _mask_to_fit(hist, exclude_mask)
     # First: a comb has as many pulses as teeth, and to try them all takes minutes.
@@ -198,8 +199,7 @@ def _check_options(
     response: Response | ArrayLike | None,
     threads: int,
 ) -> None:
-    if method not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    one_of("method", method, METHODS)
     if whole_number("max_pulses", max_pulses) < 1:
         raise ValueError(f"max_pulses must be at least 1, got {max_pulses}")
     if max_pulses > _MOST_PULSES:
