@@ -317,7 +317,7 @@ def _try_to_count(found: list[Any]) -> str:
         return "refused"
     except ValueError as error:
         # A plausible file may still describe a cube that does not fit.
-        return "refused" if " GB are free: " in str(error) else f"count: {error}"
+        return "refused" if " GB are free" in str(error) else f"count: {error}"
     except BaseException as error:  # noqa: BLE001
         return f"count: {type(error).__name__}: {str(error)[:300]}"
     clock = [hist.bin_width_ps, hist.laser_period_ps, hist.n_frames, hist.periods_per_frame]
