@@ -47,7 +47,9 @@ def in_options(text: str, options: Collection[str]) -> str:
     >>> in_options("n_legs=3 was given: use method='joint'", {"n_legs", "method"})
     '--n-legs 3 was given: use --method joint'
     """
-    return _ARGUMENT.sub(partial(_option_of, options), text)
+    told = _ARGUMENT.sub(partial(_option_of, options), text)
+    # What was told for both, as in "--trust (trust=True)", is said once.
+    return re.sub(r"(--[\w-]+) \(\1\)", r"\1", told)
 
 
 def _option_of(options: Collection[str], found: re.Match[str]) -> str:
@@ -61,6 +63,7 @@ def _option_of(options: Collection[str], found: re.Match[str]) -> str:
         return found[0]
     if name in options:
         said = value.strip("'") if value.startswith("'") else value
+        said = "" if said == "True" else said
         return f"--{name.replace('_', '-')} {said}".rstrip()
     if name in _HINTS and "hint" in options:
         if value.startswith("("):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
+from lightflight.files.packing import check_chunks_read
 
 _MOST_AT_ONCE = 1 << 14
 """Chunks in one read: 64 MB."""
@@ -61,10 +62,14 @@ def read_in_parts(dataset: h5py.Dataset, key: object = ()) -> NDArray[Any]:
         A copy of that part.
     """
     rows = slice(None) if isinstance(key, tuple) and not key else key
-    if dataset.chunks is None or not isinstance(rows, slice) or rows.step not in (None, 1):
+    if dataset.chunks is None:
+        return np.asarray(dataset[key])
+    if not isinstance(rows, slice) or rows.step not in (None, 1):
+        check_chunks_read(dataset, tuple((0, length) for length in dataset.shape))
         return np.asarray(dataset[key])
     first, last, _ = rows.indices(dataset.shape[0])
     ranges = ((first, max(first, last)), *((0, length) for length in dataset.shape[1:]))
+    check_chunks_read(dataset, ranges)
     if _n_chunks(ranges, dataset.chunks) <= _MOST_AT_ONCE:
         return np.asarray(dataset[key])
     out = np.empty([stop - start for start, stop in ranges], dataset.dtype)

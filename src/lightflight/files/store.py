@@ -41,6 +41,7 @@ from lightflight.files.filecheck import (
 )
 from lightflight.files.hdf5_tree import entries_of
 from lightflight.files.names import readable
+from lightflight.files.packing import check_packing
 from lightflight.files.whole_file import atomic_path as atomic_path  # many take it from here
 
 FORMAT_NAME = "lightflight"
@@ -499,6 +500,7 @@ def check_dataset(dataset: object, *, path: str | os.PathLike[str], ours: bool =
     # Files of others may leave out chunks that are empty: a ratio alone is no reason.
     if ours:
         check_claim(size, dataset.id.get_storage_size(), path=path, what=what, most=DEFLATE_MOST)
+    check_packing(dataset, path=path)
     check_chunks(dataset, path=path)
     chunk = math.prod(dataset.chunks or (0,)) * dataset.dtype.itemsize
     check_memory(chunk, path=path, what=f"a chunk of {what}")
