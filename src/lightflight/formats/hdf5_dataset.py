@@ -127,8 +127,8 @@ def _chosen(shapes: Mapping[str, tuple[int, ...]], wanted: str | None, path: Pat
         check_is_there(wanted, shapes, option="dataset", path=path)
         return wanted
     cubes = {name: found for name, found in shapes.items() if len(found) == 3}
-    if len(cubes) == 1:
-        return next(iter(cubes))
+    if len(cubes or shapes) == 1:
+        return next(iter(cubes or shapes))
     if not shapes:
         raise FileFormatError("holds no array of numbers", path=path)
     raise several_arrays(cubes or shapes, option="dataset", path=path)

@@ -112,7 +112,7 @@ def counts_from_slabs(
     out, first = np.empty(shape, counts_dtype(dtype, poisson=poisson)), 0
     for slab in slabs:
         _check_slab(slab, shape, order, first, poisson=poisson)
-        if out.dtype == np.uint32 and slab.size and slab.max() > np.iinfo(np.uint32).max:
+        if out.dtype == np.uint32 and slab.size and float(slab.max()) > np.iinfo(np.uint32).max:
             out = out.astype(np.uint64)
         turned = np.transpose(out.reshape(merged), np.argsort(order))
         turned[first : first + len(slab)] = slab
@@ -158,10 +158,11 @@ def _check_slab(
             f"{said(slab != np.rint(slab))} is fractional: photon counts are whole; "
             "pass poisson=False for scaled intensities"
         )
-    if kind == "f" and slab.max() >= _MOST_COUNT:
+    # As a Python number: half precision has none so large.
+    if kind == "f" and float(slab.max()) >= _MOST_COUNT:
         raise ValueError(
-            f"{said(slab >= _MOST_COUNT)} is beyond 64 bits: no camera counts so many; "
-            "pass poisson=False for scaled intensities"
+            f"{said(slab >= slab.dtype.type(_MOST_COUNT))} is beyond 64 bits: no camera counts so "
+            "many; pass poisson=False for scaled intensities"
         )
 
 
