@@ -1,4 +1,4 @@
-"""Arrays of HDF5 that no cube is: one of nine axes was told as several, half floats warned."""
+"""Arrays that no cube is: nine axes were told as several arrays, complex numbers as damage."""
 
 from __future__ import annotations
 
@@ -27,3 +27,11 @@ def test_half_precision_is_read_without_a_word(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert lf.histogram(lf.read(tmp_path / "x.h5", axes="yxt")).counts.sum() == 128
+
+
+def test_a_zarr_of_complex_numbers_is_not_damaged(tmp_path):
+    zarr = pytest.importorskip("zarr")
+    zarr.save(tmp_path / "x.zarr", np.ones((4, 4, 8), np.complex64))
+    with pytest.raises(FileFormatError, match="'complex64', no numbers; save counts") as told:
+        lf.read(tmp_path / "x.zarr", axes="yxt")
+    assert "damaged" not in str(told.value)
