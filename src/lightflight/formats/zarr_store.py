@@ -155,7 +155,7 @@ def _json_of(file: Path, folder: Path) -> dict[str, Any]:
 # --- what the metadata say --------------------------------------------------------------
 
 
-class _OtherKind(ValueError):
+class _OtherKindError(ValueError):
     """A sound array of a kind that nobody reads here."""
 
 
@@ -167,7 +167,7 @@ def _check_array(name: str, metadata: Metadata, folder: Path) -> None:
             raise ValueError(f"chunks {chunks} do not divide the shape {shape}")
         _item_bytes(metadata)
         codecs = [one for one, _ in _codecs_of(metadata)]
-    except _OtherKind as error:
+    except _OtherKindError as error:
         raise FileFormatError(
             f"array {name!r} is not read: {error}; save counts as numbers on a regular grid of "
             "chunks",
@@ -209,7 +209,7 @@ def _chunk_lengths(metadata: Metadata) -> tuple[int, ...]:
         return _lengths(metadata["chunks"])
     grid = metadata["chunk_grid"]
     if grid["name"] != "regular":
-        raise _OtherKind(f"its chunks form no regular grid but {grid['name']!r}")
+        raise _OtherKindError(f"its chunks form no regular grid but {grid['name']!r}")
     return _lengths(grid["configuration"]["chunk_shape"])
 
 
@@ -218,13 +218,13 @@ def _item_bytes(metadata: Metadata) -> int:
     if metadata["zarr_format"] == 2:
         dtype = metadata["dtype"]
         if not isinstance(dtype, str) or _V2_TYPE.fullmatch(dtype) is None:
-            raise _OtherKind(f"it holds {str(dtype)[:40]!r}, no numbers")
+            raise _OtherKindError(f"it holds {str(dtype)[:40]!r}, no numbers")
         return int(dtype[2:])
     kind = metadata["data_type"]
     if not isinstance(kind, str) or kind not in V3_TYPES:
-        raise _OtherKind(f"it holds {str(kind)[:40]!r}, no numbers")
+        raise _OtherKindError(f"it holds {str(kind)[:40]!r}, no numbers")
     if metadata.get("storage_transformers"):
-        raise _OtherKind("it names storage transformers")
+        raise _OtherKindError("it names storage transformers")
     return 1 if kind == "bool" else int(re.sub(r"\D", "", kind)) // 8
 
 
