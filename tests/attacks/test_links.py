@@ -113,3 +113,17 @@ def _as_if_by_another_user(link, folder, user):
     private = SimpleNamespace(st_uid=folder.st_uid, st_mode=0o40755)
     assert not _is_planted(stranger, private, user)
     return _is_planted(stranger, folder, user)
+
+
+def test_a_text_of_matlab_that_lies_in_another_file_is_not_read(tmp_path):
+    (tmp_path / "secret").write_bytes("my secret".encode("utf-16-le"))
+    with h5py.File(tmp_path / "x.mat", "w", userblock_size=512) as file:
+        file["counts"] = np.ones((8, 2, 2), np.uint16)
+        away = [(str(tmp_path / "secret"), 0, 18)]
+        text = file.create_dataset("axes", (9, 1), "u2", external=away)
+        text.attrs["MATLAB_class"] = np.bytes_("char")
+    with (tmp_path / "x.mat").open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(116) + bytes(8) + b"\x00\x02IM")
+    with pytest.raises(FileFormatError, match="lies in another file") as told:
+        lf.read(tmp_path / "x.mat")
+    assert "my secret" not in str(told.value)

@@ -441,7 +441,9 @@ def text_attribute(node: h5py.HLObject, name: str) -> str | None:
     return bytes(value).decode("utf-8", "replace") if isinstance(value, np.bytes_) else None
 
 
-def read_array(dataset: h5py.Dataset, *, path: str | os.PathLike[str]) -> NDArray[np.generic]:
+def read_array(
+    dataset: h5py.Dataset, *, path: str | os.PathLike[str], ours: bool = True
+) -> NDArray[np.generic]:
     """Read a whole dataset of a record, after `check_dataset`.
 
     Parameters
@@ -450,6 +452,8 @@ def read_array(dataset: h5py.Dataset, *, path: str | os.PathLike[str]) -> NDArra
         What the file holds under the name.
     path : path
         The file, for the message.
+    ours : bool
+        As of `check_dataset`.
 
     Returns
     -------
@@ -461,7 +465,7 @@ def read_array(dataset: h5py.Dataset, *, path: str | os.PathLike[str]) -> NDArra
     FileFormatError
         Where `check_dataset` does, or it does not fit into memory.
     """
-    check_dataset(dataset, path=path)
+    check_dataset(dataset, path=path, ours=ours)
     size = dataset.size * dataset.dtype.itemsize
     check_memory(size, path=path, what=f"array {dataset.name!r} {dataset.shape}")
     values = read_in_parts(dataset)

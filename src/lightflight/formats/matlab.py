@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import FileFormatError
-from lightflight.files.chunked import read_in_parts
-from lightflight.files.store import text_attribute
+from lightflight.files.store import read_array, text_attribute
 from lightflight.files.whole_file import atomic_path
 from lightflight.formats.cubes import (
     axes_of,
@@ -168,9 +167,9 @@ def _opened_v73(path: Path) -> tuple[_Shapes, _Load, dict[str, str]]:
         }
         shapes = {name: node.shape[::-1] for name, node in nodes.items() if not is_text[name]}
         texts = {
-            name: "".join(map(chr, np.ravel(read_in_parts(node))))
+            name: "".join(map(chr, np.ravel(read_array(node, path=path, ours=False))))
             for name, node in nodes.items()
-            if is_text[name] and node.dtype == np.uint16 and node.size < 1 << 20
+            if name in _TEXTS and is_text[name] and node.dtype == np.uint16 and node.size < 1 << 20
         }
     return shapes, lambda name: cube_of(path, name), texts
 
