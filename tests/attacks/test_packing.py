@@ -6,6 +6,7 @@ import subprocess
 import sys
 import zlib
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -62,7 +63,7 @@ def test_packings_that_follow_the_file_blindly_are_refused(tmp_path, number):
 
 
 def test_what_programs_pack_is_read(tmp_path):
-    ways = (
+    ways: tuple[dict[str, Any], ...] = (
         {}, {"compression": "gzip"}, {"compression": "gzip", "shuffle": True}, {"fletcher32": True},
         {"compression": "lzf"}, {"compression": "lzf", "shuffle": True, "fletcher32": True},
     )  # fmt: skip
