@@ -14,6 +14,7 @@ import pytest
 
 import lightflight as lf
 from lightflight.errors import FileFormatError
+from lightflight.files.chunked import read_in_parts
 
 CUBE = np.ones((4, 4, 64), np.uint16)
 READ = "import sys, lightflight as lf; lf.histogram(lf.read(sys.argv[1], axes='yxt'))"
@@ -75,3 +76,18 @@ def test_what_programs_pack_is_read(tmp_path):
             file.create_dataset("counts", data=cube, chunks=True, **way)
         hist = lf.histogram(lf.read(tmp_path / f"{k}.h5", axes="yxt"))
         assert np.array_equal(hist.counts, cube)
+
+
+def test_only_the_chunks_that_are_asked_for_are_looked_at(tmp_path, endless):
+    """By the number of a frame too: to look at all of them for each takes hours."""
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        counts = file.create_dataset("x", (4, 1 << 17), "u2", chunks=(1, 1 << 17), compression=1)
+        counts[:] = np.arange(4)[:, np.newaxis]
+        counts.id.write_direct_chunk((3, 0), endless[:250_000])
+        sound: list[Any] = [1, slice(0, 2), (2, slice(5, 9)), (slice(1, 3), 7), np.int64(0), -2]
+        for key in sound:
+            assert np.array_equal(read_in_parts(counts, key), counts[key])
+        harmful: list[Any] = [3, -1, slice(2, 4), (), (slice(None), 0), ([0, 3],)]
+        for key in harmful:
+            with pytest.raises(FileFormatError, match="unpacks to more"):
+                read_in_parts(counts, key)

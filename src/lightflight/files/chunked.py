@@ -64,12 +64,10 @@ def read_in_parts(dataset: h5py.Dataset, key: object = ()) -> NDArray[Any]:
     rows = slice(None) if isinstance(key, tuple) and not key else key
     if dataset.chunks is None:
         return np.asarray(dataset[key])
-    if not isinstance(rows, slice) or rows.step not in (None, 1):
-        check_chunks_read(dataset, tuple((0, length) for length in dataset.shape))
-        return np.asarray(dataset[key])
-    first, last, _ = rows.indices(dataset.shape[0])
-    ranges = ((first, max(first, last)), *((0, length) for length in dataset.shape[1:]))
+    ranges = _touched(rows, dataset.shape)
     check_chunks_read(dataset, ranges)
+    if not isinstance(rows, slice) or rows.step not in (None, 1):
+        return np.asarray(dataset[key])
     if _n_chunks(ranges, dataset.chunks) <= _MOST_AT_ONCE:
         return np.asarray(dataset[key])
     out = np.empty([stop - start for start, stop in ranges], dataset.dtype)
@@ -82,6 +80,23 @@ def read_in_parts(dataset: h5py.Dataset, key: object = ()) -> NDArray[Any]:
         into = tuple(slice(a - b[0], z - b[0]) for (a, z), b in zip(part, ranges, strict=True))
         out[into] = dataset[tuple(slice(*one) for one in part)]
     return out
+
+
+def _touched(key: object, shape: tuple[int, ...]) -> Ranges:
+    """First and last of each axis that a key touches; all of an axis where it is no run of it."""
+    keys = key if isinstance(key, tuple) else (key,)
+    if not all(isinstance(one, slice | int | np.integer) for one in keys):
+        keys = ()
+    ranges = [(0, length) for length in shape]
+    for axis, (one, length) in enumerate(zip(keys, shape, strict=False)):
+        first, last, _ = (one if isinstance(one, slice) else _row(one, length)).indices(length)
+        ranges[axis] = (first, max(first, last))
+    return tuple(ranges)
+
+
+def _row(number: int, length: int) -> slice:
+    """One row as a run."""
+    return slice(number % length, number % length + 1)
 
 
 def _n_chunks(ranges: Ranges, chunks: tuple[int, ...] | None) -> int:
