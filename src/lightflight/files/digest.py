@@ -22,11 +22,11 @@ import numpy as np
 
 from lightflight.errors import FileFormatError
 from lightflight.files.hdf5_tree import entries_of
+from lightflight.files.packing import CHECKSUM_BYTES
 
 DIGEST, SEALED = "digest", "sealed"
 """Attributes of the root: the digest as hexadecimal text, and the number 1."""
 
-_CHECKSUM_BYTES = 4
 _MOST_CHECKSUMS = 1 << 16
 """Chunks of an array (a gigabyte of photons) whose checksums are looked up: each costs a read."""
 
@@ -139,8 +139,8 @@ def _add_dataset(whole: hashlib.blake2b, dataset: h5py.Dataset, read_at: ReadAt)
     def note(chunk: h5py.h5d.StoreInfo) -> None:
         lines.append(b"%r %d %d" % (chunk.chunk_offset, chunk.size, chunk.filter_mask))
         if with_checksums:
-            last = chunk.byte_offset + chunk.size - _CHECKSUM_BYTES
-            lines.append(read_at(last, _CHECKSUM_BYTES))
+            last = chunk.byte_offset + chunk.size - CHECKSUM_BYTES
+            lines.append(read_at(last, CHECKSUM_BYTES))
 
     if dataset.id.get_num_chunks():
         dataset.id.chunk_iter(note)

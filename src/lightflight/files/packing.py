@@ -24,7 +24,8 @@ _IN_ORDER = (h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, LZF, h5py.h5z.FIL
 _LZF_MOST = 90
 _SPARE_BYTES = 200_000_000
 """A chunk may take that much more than it holds: what every reader may take beside its cube."""
-_CHECKSUM_BYTES = 4
+CHECKSUM_BYTES = 4
+"""Of a chunk with a checksum: it stands at its end."""
 
 
 def check_packing(dataset: h5py.Dataset, *, path: str | os.PathLike[str]) -> None:
@@ -46,11 +47,15 @@ def check_packing(dataset: h5py.Dataset, *, path: str | os.PathLike[str]) -> Non
         )
     if not dataset.chunks:
         return
-    # Packed bytes that do not pack at all are a thousandth more.
+    # What does not pack at all becomes a thousandth longer. Shorter than its checksum, HDF5 would
+    # read far beyond its end.
     most = 1.01 * _held_bytes(dataset) + 1024
-    if dataset.id.chunk_iter(lambda chunk: True if chunk.size > most else None):
+    least = CHECKSUM_BYTES if dataset.fletcher32 else 0
+    wrong = dataset.id.chunk_iter(lambda one: None if least <= one.size <= most else one.size)
+    if wrong is not None:
+        how = "cut short" if wrong < least else "longer than what it holds"
         raise FileFormatError(
-            f"a chunk of array {dataset.name!r} is longer than what it holds: the file is damaged",
+            f"a chunk of array {dataset.name!r} {dataset.shape} is {how}: the file is damaged",
             path=path,
         )
 
@@ -100,7 +105,7 @@ def check_chunks_read(dataset: h5py.Dataset, ranges: tuple[tuple[int, int], ...]
         if most == _LZF_MOST:
             what = f"a chunk of array {dataset.name!r}"
             check_memory(most * stored.size, path=dataset.file.filename, what=what)
-        elif _is_longer(dataset, corner, holds + _CHECKSUM_BYTES):
+        elif _is_longer(dataset, corner, holds + CHECKSUM_BYTES):
             raise FileFormatError(
                 f"a chunk of array {dataset.name!r} unpacks to more than the {holds} bytes that it "
                 "may hold: the file is damaged or hostile",

@@ -54,7 +54,6 @@ _CHUNKED_FROM_BYTES = 4096
 _CHUNK_BYTES = 1 << 20
 _GROWING_CHUNK_BYTES = 1 << 14
 _SLAB_BYTES = 16 << 20
-_CHECKSUM_BYTES = 4
 
 
 # --- writing records --------------------------------------------------------------------
@@ -508,8 +507,6 @@ def check_dataset(dataset: object, *, path: str | os.PathLike[str], ours: bool =
     check_chunks(dataset, path=path)
     chunk = math.prod(dataset.chunks or (0,)) * dataset.dtype.itemsize
     check_memory(chunk, path=path, what=f"a chunk of {what}")
-    if dataset.fletcher32 and dataset.id.chunk_iter(_is_cut_short):
-        raise FileFormatError(f"a chunk of {what} is cut short: the file is damaged", path=path)
 
 
 def refuse_links(
@@ -533,11 +530,6 @@ def refuse_links(
                 f"holds a link ({name}), which is not followed: copy what it stands for in",
                 path=path,
             )
-
-
-def _is_cut_short(chunk: h5py.h5d.StoreInfo) -> bool | None:
-    """Whether a stored chunk is shorter than its checksum: HDF5 would read far beyond its end."""
-    return True if chunk.size < _CHECKSUM_BYTES else None
 
 
 def _check_is_hdf5(file_path: Path, path: str | os.PathLike[str]) -> None:
