@@ -121,14 +121,43 @@ def finite_numbers(
 
 def real_numbers(name: str, values: Any, must: str = "be numbers") -> NDArray[np.float64]:
     """An array of real numbers as a copy, NaN and infinities among them; ValueError for others."""
+    return array_of_numbers(name, values, must, kinds="uif").astype(np.float64)
+
+
+def array_of_numbers(
+    name: str, values: Any, must: str = "be an array of numbers", *, kinds: str = "buif"
+) -> NDArray[Any]:
+    """An array of numbers as they are; ValueError for texts, dates, objects and what is ragged.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument.
+    values : array_like
+        What was given.
+    must : str
+        What they must, in the message.
+    kinds : str
+        Those of NumPy that may be: b, u, i, f.
+
+    Returns
+    -------
+    array
+        Not copied.
+
+    Raises
+    ------
+    ValueError
+        For other kinds, and where some are masked.
+    """
     refuse_masks(name, values)
     try:
-        given = np.asarray(values)
-        if given.dtype.kind in "uif" or not given.size:
-            return given.astype(np.float64)
-    except (TypeError, ValueError, OverflowError):
-        pass
-    raise ValueError(f"{name} must {must}, got {shown(values)}")
+        array = np.asarray(values)
+    except (TypeError, ValueError):
+        array = np.empty(0, dtype=object)
+    if array.dtype.kind not in kinds:
+        raise ValueError(f"{name} must {must}, got {shown(values)}")
+    return array
 
 
 def one_of(name: str, value: Any, names: Iterable[str]) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.arguments import pixels_of_shape, refuse_masks
+from lightflight.arguments import array_of_numbers, pixels_of_shape
 
 _NUMBERS = (
     "first_edge_ps", "bin_width_ps", "laser_period_ps", "scale_std", "assumed_skew_std_ps",
@@ -95,8 +95,7 @@ def possible_array(name: str, values: Any) -> NDArray[np.float64]:
     ValueError
         For what is no number, masked, infinite, or below zero where nothing is.
     """
-    refuse_masks(name, values)
-    array = _numbers(name, values).astype(np.float64)
+    array = array_of_numbers(name, values).astype(np.float64)
     # An error may be infinite: not known at all.
     unbounded = name in _NOT_NEGATIVE and name.removesuffix("_ps").endswith("_std")
     far = np.abs(array) > _FARTHEST
@@ -113,24 +112,12 @@ def possible_array(name: str, values: Any) -> NDArray[np.float64]:
 
 def possible_flags(values: Any) -> NDArray[np.uint32]:
     """Flags of pixels as an array, after checking that they are whole numbers of 32 bits."""
-    refuse_masks("flags", values)
-    array = _numbers("flags", values)
+    array = array_of_numbers("flags", values)
     if array.dtype.kind not in "bui" or (
         array.size and not 0 <= array.min() <= array.max() < 2**32
     ):
         raise ValueError("flags must be whole numbers of 32 bits, as lightflight.flags names them")
     return array.astype(np.uint32)
-
-
-def _numbers(name: str, values: Any) -> NDArray[Any]:
-    """An array of numbers; ValueError for texts, dates, objects and what is ragged."""
-    try:
-        array = np.asarray(values)
-    except ValueError:
-        raise ValueError(f"{name} must be an array of numbers, got {values!r:.60}") from None
-    if array.dtype.kind not in "buif":
-        raise ValueError(f"{name} must be an array of numbers, got {array.dtype}")
-    return array
 
 
 def _is_number(value: object) -> bool:
