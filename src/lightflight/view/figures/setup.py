@@ -18,6 +18,7 @@ from lightflight.reconstruct.legs.plausible import distance_mm, pixel_sides_mm
 from lightflight.reconstruct.model.image_plane import mean_focal_px
 from lightflight.view import style
 from lightflight.view.figures.recording import draw_counts
+from lightflight.view.solids import field_of_view
 
 if TYPE_CHECKING:
     from lightflight import Camera, Histograms, Source
@@ -95,19 +96,11 @@ def lab_figure(camera: Camera, source: Source, *, title: str = "") -> Figure:
     """
     figure = style.new_figure(160, 85, layout="constrained")
     above, front = figure.subplots(1, 2)
-    rows, cols = camera.shape
-    corners = np.array(
-        [(-0.5, -0.5), (-0.5, cols - 0.5), (rows - 0.5, cols - 0.5), (rows - 0.5, -0.5)]
-    )
-    rays = camera.rays_from_pixels(corners[:, 0], corners[:, 1])
-    eye = camera.center_mm
-    # Where the corners of the picture meet the plane that holds the beam.
-    seen = eye + rays * (-eye[2] / rays[:, 2])[:, np.newaxis]
+    outline, eye = field_of_view(camera, np.zeros(3)), camera.center_mm
     place = None if source.position_mm is None else np.asarray(source.position_mm, dtype=float)
     for ax, (a, b), heading in ((above, (0, 2), "from above"), (front, (0, 1), "from the front")):
-        outline = np.vstack((seen, seen[:1]))
         ax.plot(outline[:, a], outline[:, b], color=style.ARRIVAL, lw=1.2, label="field of view")
-        for corner in seen:
+        for corner in outline[[0, 8, 16, 24]]:
             ax.plot(*np.stack((eye, corner))[:, [a, b]].T, color=style.HAIR, lw=0.8, zorder=0)
         ax.plot(eye[a], eye[b], "s", color=style.INK, ms=6, label="entrance pupil")
         if place is not None:
