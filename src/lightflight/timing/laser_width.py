@@ -85,10 +85,10 @@ def laser_width_from_pulses(
     ValueError
         A width is negative or not finite.
     """
+    must = f"be finite and not negative, and at most {_WIDEST_PS:g}"
     for name, value in (
         ("response_fwhm_ps", response_fwhm_ps), ("response_fwhm_std_ps", response_fwhm_std_ps)
     ):  # fmt: skip
-        must = f"be finite and not negative, and at most {_WIDEST_PS:g}"
         finite_number(name, value, must, low=0.0, high=_WIDEST_PS)
     std_error = _std_errors(pulses)
     transit = np.broadcast_to(np.asarray(transit_std_ps, dtype=np.float64), std_error.shape)

@@ -17,7 +17,7 @@ from lightflight.cli.options import (
     timing_option,
     with_lab,
 )
-from lightflight.view.records import CLOCK_FIGURES, PATH_FIGURES
+from lightflight.view.records import CLOCK_FIGURES, PATH_FIGURES, figure_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -111,8 +111,6 @@ def _figure_of(
         )
     if kind == "recording":
         return _recording_figure(file, what, timing_path, pixel, lab, hints)
-    from lightflight.view.records import figure_of
-
     return figure_of(record, what)
 
 

@@ -111,11 +111,9 @@ def conditions_of(
         if value is not None:
             finite_number(name, value, must, low=_LEAST, high=_MOST)
     must = f"be from 0 to {_MOST:g}"
-    for name, value in (
-        ("background_per_code", background_per_code), ("pixel_std_ps", pixel_std_ps),
-    ):  # fmt: skip
-        if value is not None or name == "pixel_std_ps":
-            finite_number(name, value, must, low=0.0, high=_MOST)
+    finite_number("pixel_std_ps", pixel_std_ps, must, low=0.0, high=_MOST)
+    if background_per_code is not None:
+        finite_number("background_per_code", background_per_code, must, low=0.0, high=_MOST)
     detector = getattr(subject, "detector", None)
     width = code_width_ps or getattr(detector, "bin_width_ps", None) or 55.0
     if spot_std_px is None:

@@ -56,10 +56,10 @@ def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tupl
     checked: list[Waypoint] = []
     given: object = waypoints
     try:
-        listed = [] if isinstance(given, str) else list(waypoints)
+        listed = None if isinstance(given, str) else list(waypoints)
     except TypeError:
-        listed = []
-    if not listed and (isinstance(given, str) or not isinstance(given, Sequence) or len(given)):
+        listed = None
+    if listed is None:
         raise ValueError(
             "waypoints must be a list of (vertex index, position_mm, std_mm), got "
             f"{shown(waypoints)}"
