@@ -15,5 +15,5 @@ def test_a_chunk_shorter_than_its_checksum_is_refused(tmp_path, n_left):
     save_record(path, kind="path", arrays={"values": np.zeros(5000)}, attributes={})
     with unsealed(path) as file:
         file["values"].id.write_direct_chunk((0,), bytes(n_left))
-    with pytest.raises(FileFormatError, match=r"a chunk of array 'values' .* is cut short"):
+    with pytest.raises(FileFormatError, match=r"a chunk of array '/values' .* is cut short"):
         load_record(path, kind="path")
