@@ -25,9 +25,9 @@ from lightflight.view.figures.path import (
     draw_path_on_photo,
     legend_entries,
 )
+from lightflight.view.figures.pulls import draw_pulls
 from lightflight.view.figures.timing import (
     distortion_rms_ps,
-    draw_pulls,
     draw_residual_map,
     draw_residuals_along,
     draw_time_errors,

@@ -49,10 +49,21 @@ def test_every_repeat_is_drawn_beside_its_set_point_without_overlap(groups):
 
 
 def test_pulls_are_counted_where_there_are_repeats(groups):
-    ax = draw_repeat_pulls(groups)
+    ax = draw_repeat_pulls((*groups, groups[0]))
     bars = [bar for bar in ax.patches if isinstance(bar, Rectangle)]
-    assert sum(bar.get_height() for bar in bars) == 7
-    assert "n = 7" in texts(ax.figure)
+    assert sum(bar.get_height() for bar in bars) == 11
+    assert "n = 11" in texts(ax.figure)
+    assert "line: unit normal" in texts(ax.figure)
+
+
+def test_few_pulls_are_dots_and_no_histogram(groups):
+    ax = draw_repeat_pulls(groups)
+    assert not [bar for bar in ax.patches if isinstance(bar, Rectangle)]
+    dots = np.asarray(ax.lines[0].get_xdata(), dtype=float)
+    expected = np.concatenate([group.pulls for group in groups])
+    np.testing.assert_allclose(dots, np.sort(expected))
+    assert not ax.get_ylabel()
+    assert ax.get_yticks().size == 0
 
 
 def test_groups_without_set_points_are_named():

@@ -61,13 +61,13 @@ if TYPE_CHECKING:
         draw_path_on_photo as draw_path_on_photo,
     )
     from lightflight.view.figures.plan import plan_figure as plan_figure
+    from lightflight.view.figures.pulls import draw_pulls as draw_pulls
     from lightflight.view.figures.recording import (
         draw_code_sum as draw_code_sum,
         draw_counts as draw_counts,
         recording_figure as recording_figure,
     )
     from lightflight.view.figures.timing import (
-        draw_pulls as draw_pulls,
         draw_residual_map as draw_residual_map,
         draw_residuals_along as draw_residuals_along,
         draw_time_errors as draw_time_errors,
@@ -118,9 +118,9 @@ __getattr__, __dir__, __all__ = lazy_names(
         "lightflight.view.figures.demo": ("demo_figure",),
         "lightflight.view.figures.fiber": ("fiber_figure",),
         "lightflight.view.figures.path": ("draw_path_3d", "draw_path_on_photo"),
+        "lightflight.view.figures.pulls": ("draw_pulls",),
         "lightflight.view.figures.recording": ("draw_code_sum", "draw_counts", "recording_figure"),
         "lightflight.view.figures.timing": (
-            "draw_pulls",
             "draw_residual_map",
             "draw_residuals_along",
             "draw_time_errors",

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lightflight.view import style
-from lightflight.view.figures.timing import draw_unit_normal
+from lightflight.view.figures.pulls import draw_unit_normal, write_note
 from lightflight.view.types import Floats
 
 if TYPE_CHECKING:
@@ -135,6 +135,8 @@ def draw_set_point_errors(groups: Sequence[Repeats], ax: Axes | None = None) -> 
 def draw_repeat_pulls(groups: Sequence[Repeats], ax: Axes | None = None) -> Axes:
     """Histogram of the repeats' distances from their means over the stated photon errors.
 
+    Fewer than ten are dots.
+
     Parameters
     ----------
     groups : sequence of Repeats
@@ -152,10 +154,10 @@ def draw_repeat_pulls(groups: Sequence[Repeats], ax: Axes | None = None) -> Axes
     pulls = np.concatenate(parts) if parts else np.empty(0)
     if pulls.size == 0:
         return style.message(ax, "no group has two repeats: no pulls")
-    draw_unit_normal(ax, pulls)
-    text = f"n = {pulls.size}\nrms {style.number(float(np.sqrt(np.mean(pulls**2))), 3)}"
-    ax.text(0.98, 0.97, text, transform=ax.transAxes, ha="right", va="top", fontsize=6.5)
-    ax.set(xlim=(-4, 4), xlabel="(\u03b1 \u2212 mean of repeats) / its error", ylabel="repeats")
+    draw_unit_normal(ax, pulls, what="repeats")
+    rms = style.number(float(np.sqrt(np.mean(pulls**2))), 3)
+    write_note(ax, f"n = {pulls.size}", f"rms {rms}")
+    ax.set_xlabel("(\u03b1 \u2212 mean of repeats) / its error")
     return ax
 
 
@@ -191,7 +193,7 @@ def campaign_figure(
     told = ", ".join(f"{n} {level}" for level, n in (verdicts or {}).items() if n)
     heading = f"{heading}: {told}" if told else heading
     figure.suptitle(style.words(heading), x=0.01, ha="left", fontsize=10, fontweight="bold")
-    style.title(above, "Against the set-point")
+    style.title(above, "Against the set-point", "line: equal" if _places(groups)[1] else "")
     style.title(figure.axes[1], "Repeats")
     style.title(below, "What is left", "thick: photons; thin: with what repeats share")
     return figure

@@ -19,9 +19,9 @@ from lightflight.path.verdict import MEANING, NOT_EXAMINED
 from lightflight.view import style
 from lightflight.view.figures.camera import draw_camera_picture
 from lightflight.view.figures.path import draw_path_3d, legend_entries
+from lightflight.view.figures.pulls import draw_pulls
 from lightflight.view.figures.timing import (
     distortion_rms_ps,
-    draw_pulls,
     draw_residual_map,
     draw_residuals_along,
     draw_time_errors,

@@ -1,4 +1,4 @@
-"""Time along the path: the two clocks (paper Fig. 6b), errors against truth, residuals, pulls.
+"""Time along the path: the two clocks (paper Fig. 6b), errors against truth, residuals.
 
 Takes a LightPath, gives Axes. The horizontal axis of the first two is the camera's own: frames of
 55 ps of arrival time, counted from the light of vertex 0.
@@ -502,60 +502,4 @@ def draw_residual_map(
     )
     ax.set(xlabel="column", ylabel="row")
     style.colorbar(ax, image, "residual (ps); dot: negative", extend="both")
-    return ax
-
-
-def draw_unit_normal(ax: Axes, pulls: Floats, *, vertical: bool = False) -> None:
-    """Histogram of pulls (n,), n > 0, and what the unit normal expects in its bins."""
-    edges = np.linspace(-4.0, 4.0, 2 * min(12, max(4, pulls.size // 8)) + 1)
-    # A pull beyond the page is shown at its edge: outliers must not vanish from a histogram.
-    ax.hist(
-        np.clip(pulls, -3.999, 3.999), edges.tolist(), color="#a9b9d6", edgecolor=style.PAPER,
-        orientation="horizontal" if vertical else "vertical", linewidth=0.5,
-    )  # fmt: skip
-    z = np.linspace(-4, 4, 161)
-    expected = pulls.size * (edges[1] - edges[0]) * np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
-    ax.plot(*((expected, z) if vertical else (z, expected)), color=style.INK, lw=1.0)
-
-
-@style.styled
-def draw_pulls(
-    path: LightPath, ax: Axes | None = None, *, vertical: bool = False, note: bool = True
-) -> Axes:
-    """Histogram of residual / error of the pulses used, against the unit normal.
-
-    Parameters
-    ----------
-    path : LightPath
-        The path.
-    ax : Axes, optional
-        Where to draw; None makes a figure of its own.
-    vertical : bool, optional
-        True lays the bars along the vertical axis.
-    note : bool, optional
-        False leaves out the numbers.
-
-    Returns
-    -------
-    Axes
-        The axes drawn on.
-    """
-    ax = style.axes_or_new(ax, 70, 60)
-    places = places_from_path(path)
-    pulls = places.pull[places.used & np.isfinite(places.pull)]
-    if pulls.size == 0:
-        return style.message(ax, "the path carries no residuals")
-    draw_unit_normal(ax, pulls, vertical=vertical)
-    text = (
-        f"n = {pulls.size}\nmean {style.number(float(pulls.mean()), 2)}\n"
-        f"std {style.number(float(pulls.std(ddof=1)) if pulls.size > 1 else np.nan, 3)}"
-    )
-    if note:
-        ax.text(0.98, 0.97, text, transform=ax.transAxes, ha="right", va="top", fontsize=6.5)
-    set_pull, set_count = (
-        (ax.set_ylabel, ax.set_xlabel) if vertical else (ax.set_xlabel, ax.set_ylabel)
-    )
-    set_pull("residual / its error")
-    set_count("pulses")
-    (ax.set_ylim if vertical else ax.set_xlim)(-4, 4)
     return ax
