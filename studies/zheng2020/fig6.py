@@ -80,6 +80,8 @@ class Fig6:
     """(w,), from source to exit."""
     bound_mm: Mapping[bool, float]
     """Cramér-Rao bound of the position by `emission_known`."""
+    chance_mm: Mapping[bool, tuple[float, float]]
+    """Where the rms of these recordings falls 19 times in 20 if its estimator is at the bound."""
     bound_ps: Mapping[bool, float]
     """Cramér-Rao bound of the event time."""
     recordings: int
@@ -152,6 +154,7 @@ def record_from_results(results: Sequence[Mapping[str, Any]]) -> Fig6:
         event_time_rms_ps=rms[:, 1],
         whole_position_rms_mm=rms[:, 2],
         bound_mm={known: limit[known].position_rms_mm for known in limit},
+        chance_mm={known: chance_of_rms(limit[known].path, len(results)) for known in limit},
         bound_ps={known: limit[known].event_time_rms_ps for known in limit},
         recordings=len(results),
         width_ps=float(np.mean([one["width_ps"] for one in results])),
@@ -160,6 +163,42 @@ def record_from_results(results: Sequence[Mapping[str, Any]]) -> Fig6:
         frames_arrival_ps=arrival,
         paths=results[0]["paths"],
     )
+
+
+def chance_of_rms(path: LightPath, recordings: int, *, draws: int = 2000) -> tuple[float, float]:
+    """Between which two values the rms position error of some recordings falls by chance, mm.
+
+    Three legs have few degrees of freedom: one recording may lie far below the bound, which is of
+    the mean over many.
+
+    Parameters
+    ----------
+    path : LightPath
+        With the errors that each recording has (`Bounds.path`).
+    recordings : int
+        How many the rms is of.
+    draws : int
+        From the covariance.
+
+    Returns
+    -------
+    (float, float)
+        2.5 and 97.5 %, in view.
+    """
+    sampled = path.sample(300)
+    seen = sampled[sampled["in_view"]]
+    at = seen["event_time_ps"]
+    true = np.column_stack([seen[name] for name in ("x_mm", "y_mm", "z_mm")])
+    vertices = np.column_stack([path.vertices_mm, path.vertex_times_ps])
+    rng = np.random.default_rng(0)
+    wrong = rng.multivariate_normal(vertices.ravel(), path.covariance, size=draws, method="svd")
+    squared = np.empty(draws)
+    for k, (*axes, times) in enumerate(np.swapaxes(wrong.reshape(draws, -1, 4), 1, 2)):
+        drawn = np.column_stack([np.interp(at, times, axis) for axis in axes])
+        squared[k] = np.mean(np.sum((drawn - true) ** 2, axis=1))
+    rms = np.sqrt(rng.choice(squared, (draws, recordings)).mean(axis=1))
+    low, high = np.percentile(rms, (2.5, 97.5))
+    return float(low), float(high)
 
 
 def frames_of_scene(scene: Scene) -> tuple[Floats, Floats]:

@@ -291,6 +291,8 @@ def _draw_errors(ax: Axes, record: Fig6) -> None:
     for place, way, error in zip(places, record.ways, record.position_rms_mm, strict=True):
         ax.plot(error, place, "o", ms=5, color=_COLORS[way.method], zorder=5)
         limit = record.bound_mm[way.emission_known]
+        low, high = record.chance_mm[way.emission_known]
+        ax.barh(place, high - low, height=0.6, left=low, color=style.WASH, zorder=0)
         ax.plot([limit, limit], [place - 0.3, place + 0.3], color=style.QUIET, lw=1.2)
         ax.plot([limit, error], [place, place], color=style.HAIR, lw=1.0, zorder=1)
         small = error < POSITION_RMS_MM
@@ -315,7 +317,13 @@ def _draw_errors(ax: Axes, record: Fig6) -> None:
     )
     ax.set(xscale="log", xlabel="position error in view, rms (mm)", ylim=(-0.6, len(places) + 0.6))
     ax.grid(axis="x")
-    style.title(ax, _recordings(record.recordings), "bars: bound")
+    style.title(ax, _recordings(record.recordings), "bar: bound; band: chance")
+    ax.text(
+        0.98, 0.02,
+        "An estimator\nat its bound falls\ninto the band 19\ntimes in 20, below\n"
+        "the bar as well\nas above it.",
+        transform=ax.transAxes, ha="right", va="bottom", fontsize=6.5, color=style.QUIET,
+    )  # fmt: skip
 
 
 @style.styled

@@ -100,6 +100,16 @@ def test_three_legs_by_every_estimator(legs):
     assert figure.width_ps == pytest.approx(68.0, abs=5.0)
 
 
+def test_a_result_below_the_bound_lies_in_the_band_of_chance(legs):
+    """One recording falls to half the bound; ten do not, and a hundred stay close to it."""
+    one, ten, many = (fig6.record_from_results([legs] * n) for n in (1, 10, 100))
+    for known, bound in one.bound_mm.items():
+        assert one.chance_mm[known][0] < 0.5 * bound < 1.5 * bound < one.chance_mm[known][1]
+        assert 0.55 * bound < ten.chance_mm[known][0] < ten.chance_mm[known][1] < 1.45 * bound
+        assert many.chance_mm[known] == pytest.approx((bound, bound), rel=0.15)
+        assert np.mean(np.square(many.chance_mm[known])) ** 0.5 == pytest.approx(bound, rel=0.02)
+
+
 def test_reference_planes_go_from_end_to_start(legs):
     figure = fig4.record_from_results([legs])
     np.testing.assert_array_equal(figure.ends_mm[:-1], figure.starts_mm[1:])
