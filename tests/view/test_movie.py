@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 
-from lightflight import Histograms
+from lightflight import Histograms, TimingCalibration
 from lightflight.camera.model import Camera
 from lightflight.errors import GeometryError, MissingExtraError, NothingFoundError
 from lightflight.path.trace import trace_from_path
@@ -25,11 +26,8 @@ from lightflight.view.film.flight import (
     readings,
     write_movie,
 )
-from lightflight.view.film.recording import (
-    recording_frames,
-    slices_from_histograms,
-    write_recording_movie,
-)
+from lightflight.view.film.recording import recording_frames, write_recording_movie
+from lightflight.view.film.slices import slices_from_histograms
 from lightflight.view.viewpoint import Viewpoint
 from tests.path.test_second_view import side_camera
 from tests.view import fakes
@@ -213,6 +211,12 @@ def recording(*, reversed_codes: bool) -> Histograms:
     )
 
 
+def clocks_apart(skew_ps: Any) -> TimingCalibration:
+    """Nominal codes, each pixel with a delay of its own."""
+    nominal = TimingCalibration.nominal(recording(reversed_codes=False))
+    return replace(nominal, skew_ps=np.asarray(skew_ps, dtype=float))
+
+
 @pytest.mark.parametrize("reversed_codes", [False, True])
 def test_slices_of_a_recording_follow_the_light(reversed_codes: bool) -> None:
     slices = slices_from_histograms(recording(reversed_codes=reversed_codes))
@@ -234,6 +238,58 @@ def test_slices_join_codes_and_lose_no_counts() -> None:
     np.testing.assert_array_equal(three.counts.sum(axis=0), hist.counts.sum(axis=2))
     np.testing.assert_array_equal(three.counts[0], one.counts[:3].sum(axis=0))
     assert len(three.counts) == 34
+
+
+def test_clocks_put_the_pixels_of_a_recording_in_time(tmp_path: Path) -> None:
+    """One flash for all pixels, whose skews spread over 400 ps: calibrated, one slice holds it."""
+    skew = np.linspace(-200.0, 200.0, 20).reshape(4, 5)
+    timing = clocks_apart(skew)
+    counts = np.zeros((4, 5, 100), dtype=np.uint32)
+    rows, cols = np.indices((4, 5))
+    counts[rows, cols, ((2025.0 + skew) // 50).astype(int)] = 1000
+    hist = Histograms(counts, bin_width_ps=50.0, laser_period_ps=5000.0)
+    apart = slices_from_histograms(hist)
+    together = slices_from_histograms(hist, timing=timing)
+    assert apart.counts.sum(axis=(1, 2)).max() < 5000
+    k = int(np.searchsorted(together.edges, 2025.0)) - 1
+    assert together.counts[k - 1 : k + 2].sum() == pytest.approx(20_000)
+    assert together.counts.sum(axis=0) == pytest.approx(counts.sum(axis=2))
+    assert "calibrated" in together.clocks
+    assert "nominal" in apart.clocks
+    write_recording_movie(hist, tmp_path / "a.gif", timing=timing, size_px=(320, 240))
+
+
+def test_pixels_without_a_clock_are_left_out_of_the_film() -> None:
+    skew = np.zeros((4, 5))
+    skew[3, 3] = np.nan
+    hist = recording(reversed_codes=False)
+    slices = slices_from_histograms(hist, timing=clocks_apart(skew))
+    assert {(int(r), int(c)) for r, c in np.argwhere(slices.left_out)} == {(0, 0), (3, 3)}
+    assert not slices.counts[:, 3, 3].any()
+
+
+def test_long_recordings_are_shown_in_longer_slices() -> None:
+    counts = np.zeros((2, 2, 4000), dtype=np.uint32)
+    counts[:, :, 500:1800] = 100
+    hist = Histograms(counts, bin_width_ps=10.0)
+    slices = slices_from_histograms(hist)
+    assert 120 < len(slices.counts) <= 240
+    np.testing.assert_allclose(np.diff(slices.edges)[:-1], 60.0)
+    assert len(slices_from_histograms(hist, slice_codes=1).counts) > 1300
+
+
+def test_the_flight_so_far_stays_in_the_picture() -> None:
+    """What came earlier is still seen at the right in the last frame, each light in its colour."""
+    slices = slices_from_histograms(recording(reversed_codes=False))
+    last = list(recording_frames(slices, size_px=(480, 360)))[-1]
+    colors = []
+    for row, col in ((1, 2), (3, 4)):
+        k = int(slices.counts[:, row, col].argmax())
+        part = (k + 0.5) / len(slices.counts)
+        colors.append(style.time_colormap()(part)[:3])
+    for color in colors:
+        there = near_color(last[:, 250:], to_hex(color), tolerance=25)
+        assert (there[:, 0] < 250).sum() > 100
 
 
 def test_a_recording_without_scale_counts_codes() -> None:

@@ -14,6 +14,7 @@ from lightflight.cli.options import (
     debug_option,
     hint_option,
     outputs_option,
+    timing_option,
     viewpoint_options,
     with_lab,
 )
@@ -66,10 +67,9 @@ def _size_from_text(
 @click.option(
     "--slice-codes",
     type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Of a recording: TDC codes in one frame.",
+    help="Of a recording: TDC codes in one frame.  [default: 1; more of a long one]",
 )
+@timing_option("Of a recording: calibration, whose clocks put its pixels in time.")
 @click.option("--title", default="", help="Of a recording: heading of the film.")
 @outputs_option("Film to write (.mp4 .gif).", required=True)
 @with_lab
@@ -84,7 +84,8 @@ def command(
     orbit: float,
     from_lab_camera: bool,
     viewpoint_mm: tuple[float, float, float] | None,
-    slice_codes: int,
+    slice_codes: int | None,
+    timing_path: Path | None,
     title: str,
     outputs: tuple[Path, ...],
     lab: Lab,
@@ -99,7 +100,7 @@ def command(
       lightflight movie path.h5 -o flight.mp4
       lightflight movie path.h5 --pace 100 --orbit 60 -o flight.gif --size 640x360
       lightflight movie path.h5 --viewpoint 900 40 30 -o from-the-side.mp4
-      lightflight movie recording.h5 -o recording.mp4
+      lightflight movie recording.h5 --timing calibration.h5 -o recording.mp4
     """
     from lightflight.files.store import kind_of_record
 
@@ -117,8 +118,9 @@ def command(
                 )
             else:
                 _film_recording(
-                    file, output, lab, hints, size_px, fps or 12.0, slice_codes, title, report
-                )
+                    file, output, lab, hints, size_px, fps or 12.0, slice_codes, timing_path,
+                    title, report,
+                )  # fmt: skip
     print_written(outputs)
 
 
@@ -156,18 +158,20 @@ def _film_recording(
     hints: dict[str, object],
     size_px: tuple[int, int],
     fps: float,
-    slice_codes: int,
+    slice_codes: int | None,
+    timing_path: Path | None,
     title: str,
     report: Progress,
 ) -> None:
-    """Film the counts of a recording, code by code."""
-    from lightflight.cli.records import read_histograms
+    """Film the counts of a recording, slice by slice."""
+    from lightflight.cli.records import calibration_from_option, read_histograms
     from lightflight.view.film.recording import write_recording_movie
 
     write_recording_movie(
         read_histograms(file, lab, hints),
         output,
         slice_codes=slice_codes,
+        timing=calibration_from_option(timing_path),
         size_px=size_px,
         frames_per_second=fps,
         title=title or file.name,

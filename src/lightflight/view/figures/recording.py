@@ -47,7 +47,7 @@ def draw_counts(hist: Histograms, ax: Axes | None = None) -> Axes:
     """
     ax = style.axes_or_new(ax, 80, 70)
     photons = np.asarray(hist.photons, dtype=float)
-    screams = _screams(hist, photons)
+    screams = screaming_pixels(hist)
     photons = np.where(screams, 0.0, photons)
     lit = photons[photons > 0]
     if lit.size == 0:
@@ -116,8 +116,9 @@ def draw_code_sum(
     return ax
 
 
-def _screams(hist: Histograms, photons: NDArray[np.float64]) -> NDArray[np.bool_]:
+def screaming_pixels(hist: Histograms) -> NDArray[np.bool_]:
     """(rows, cols), True for pixels that fire whatever the light does; never all that are lit."""
+    photons = np.asarray(hist.photons, dtype=float)
     screams = pixels_that_scream_in_a_scene(hist, photons)
     return screams if (photons[~screams] > 0).any() else np.zeros_like(screams)
 
@@ -125,7 +126,7 @@ def _screams(hist: Histograms, photons: NDArray[np.float64]) -> NDArray[np.bool_
 def _sample(hist: Histograms) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Codes of photons, and the counts in them of pixels that are lit and do not scream."""
     photons = np.asarray(hist.photons, dtype=float)
-    seen = np.flatnonzero((photons > 0) & ~_screams(hist, photons))
+    seen = np.flatnonzero((photons > 0) & ~screaming_pixels(hist))
     step = max(1, seen.size // 4096)  # of a megapixel camera an even sample tells as much
     cube, codes = (
         np.asarray(hist.counts).reshape(-1, hist.n_codes),
