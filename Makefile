@@ -90,7 +90,7 @@ mutants: $(VENV)/.installed-dev ## mistakes put into copies of the package: does
 
 clean: ## remove the environment, results and caches
 	@rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
-	@rm -rf docs/reference/generated
+	@rm -rf docs/reference/generated docs/gallery
 	@find src studies tests benchmarks tools -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 
 install: $(VENV)/.installed ## the environment alone, as `make demo` needs it
@@ -108,7 +108,7 @@ $(VENV)/.installed: pyproject.toml | python-is-new-enough
 $(VENV)/.installed-dev: pyproject.toml | $(VENV)/.installed
 	@echo "installing what the tests need into $(VENV) ..." >&2
 	@$(PIP) install --quiet --upgrade "pip>=25.1"
-	@$(PIP) install --quiet --editable ".[readers,camera,view,batch]" --group dev
+	@$(PIP) install --quiet --editable ".[readers,camera,view,batch,docs]" --group dev
 	@touch $@
 
 $(VENV)/.installed-docs: pyproject.toml | $(VENV)/.installed

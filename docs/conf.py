@@ -18,8 +18,9 @@ extensions = [
     "offline_math",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
+    "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_ext", "_templates", "README.md"]
+exclude_patterns = ["_ext", "_templates", "README.md", "gallery/GALLERY_HEADER.rst"]
 templates_path = ["_templates"]
 
 myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist", "dollarmath"]
@@ -37,6 +38,21 @@ autodoc_preserve_defaults = True
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 add_module_names = False
+
+# Every script of examples/gallery is run, and becomes a page and a notebook.
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples/gallery",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"\.py$",
+    "within_subsection_order": "gallery.Order",
+    "image_scrapers": ("gallery.figures_of_block",),
+    "capture_repr": (),
+    "show_signature": False,
+    "write_computation_times": False,
+    "min_reported_time": 3600,  # seconds are the machine's, not the reader's
+    "download_all_examples": False,
+    "thumbnail_size": (400, 280),
+}
 
 # "GNU/Linux" and the like never break a build; a missing page or name does.
 nitpicky = False
