@@ -23,6 +23,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import ArrayLike
 
 from lightflight.display import number as number
@@ -144,8 +145,9 @@ def new_figure(width_mm: float = 120.0, height_mm: float = 80.0, **options: Any)
 def axes_or_new(ax: Axes | None, width_mm: float = 120.0, height_mm: float = 80.0) -> Axes:
     """The given axes, dressed in the style; or the only axes of a new figure."""
     if ax is None:
-        figure = new_figure(width_mm, height_mm, layout="constrained")
-        return figure.add_subplot()
+        # The layout leaves the outermost word no room of its own.
+        layout = ConstrainedLayoutEngine(rect=(0.012, 0.0, 0.988, 1.0))
+        return new_figure(width_mm, height_mm, layout=layout).add_subplot()
     return dress(ax)
 
 
@@ -261,7 +263,8 @@ def words(text: str) -> str:
 def title(ax: Axes, text: str, note: str = "", *, stacked: bool = False) -> None:
     """Bold title at the left, and a quiet second part at the right (or below it, if `stacked`)."""
     pad = STYLE["axes.titlepad"]
-    ax.set_title(text, pad=pad + 10.0 if stacked and note else pad)
+    lines = len(note.splitlines()) if stacked else 0
+    ax.set_title(text, pad=pad + 10.0 * lines)
     if note:
         ax.annotate(
             note,

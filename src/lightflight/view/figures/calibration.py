@@ -122,7 +122,9 @@ def draw_phases(timing: TimingCalibration, ax: Axes | None = None) -> Axes:
     error = float(np.sqrt(np.mean(errors**2)))
     own = float(np.hypot(np.sqrt(np.mean(spread**2)), error))
     note = f"pixels differ by {100 * own:.1f} % rms, known to {100 * error:.1f} %"
-    style.title(ax, f"{_count_word(n_phases)} phases", note, stacked=True)
+    mean_of, spread_of = ("bar", "box") if n_phases <= 64 else ("line", "band")
+    words = f"{mean_of}: mean; {spread_of}: \u00b11\u03c3 of the pixels"
+    style.title(ax, f"{_count_word(n_phases)} phases", f"{note}\n{words}", stacked=True)
     return ax
 
 

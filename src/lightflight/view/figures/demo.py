@@ -98,7 +98,7 @@ def demo_figure(
 
     times = _place(figure, 17, 111, 131, 34)
     draw_times(path, times, truth=truth)
-    style.title(times, "Two clocks", "grey: pulse outside the picture")
+    style.title(times, "Two clocks")
     errors = _place(figure, 17, 152, 131, 24)
     if truth is None:
         draw_time_std(path, errors)

@@ -7,12 +7,13 @@ Errors far below the width of a line are drawn magnified; the factor is written 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import ArrayLike
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from lightflight import Camera, LightPath
 
 
+_SHADOW: dict[str, Any] = {"color": "#c3c9d2", "lw": 0.9}
 _TUBE_SIDES = 24
 
 
@@ -198,7 +200,7 @@ def _draw_shadows(ax: Axes, view: Viewpoint, trace: Trace, box: Floats) -> None:
     for axis in (1, 2):
         points = trace.points_mm.copy()
         points[:, axis] = box[0 if view.towards_viewer[axis] > 0 else 1, axis]
-        line(ax, view, points, color="#c3c9d2", lw=0.9, zorder=1)
+        line(ax, view, points, zorder=1, **_SHADOW)
 
 
 def _draw_field(
@@ -333,4 +335,6 @@ def legend_entries(ax: Axes, path: LightPath) -> tuple[list[Artist], list[str]]:
     if getattr(path, "camera", None) is not None:
         handles.append(Patch(facecolor=style.ARRIVAL, alpha=0.18, lw=0))
         labels.append("field of view")
+    handles.append(Line2D([], [], **_SHADOW))
+    labels.append("shadow")
     return handles, labels

@@ -119,6 +119,9 @@ def draw_times(
         true_frame = (exact.arrival_ps - a_zero) / frame_ps
         when = exact.event_time_ps - t_zero
         ax.plot(true_frame, when, **style.TRUTH_LINE, zorder=6, label="truth")
+    if in_view_only_marks and not trace.in_view.all():
+        look: dict[str, Any] = {"facecolor": style.WASH, "edgecolor": style.HAIR, "lw": 0.6}
+        ax.fill_between([], [], **look, label="pulse outside the picture")
     _label_frames(ax, frame, frame_ps)
     ax.set(ylim=(0, None), ylabel="time since vertex 0 (ps)")
     ax.legend(loc="upper left", bbox_to_anchor=(0.01, 1.0))
@@ -163,7 +166,7 @@ def _draw_measured(ax: Axes, path: LightPath, trace: Trace, frame_ps: float) -> 
     }
     arrival = places.arrival_ps[good] - trace.arrival_ps[0]
     event = places.measured_event_time_ps[good] - trace.event_time_ps[0]
-    ax.plot(frame, arrival, mec=style.ARRIVAL, zorder=5, **style_of)
+    ax.plot(frame, arrival, mec=style.ARRIVAL, zorder=5, label="single pulses", **style_of)
     ax.plot(frame, event, mec=style.EVENT, zorder=5, **style_of)
 
 
@@ -363,6 +366,10 @@ def draw_residuals_along(
         of_leg = shown & (places.leg == leg) & places.used
         _draw_residual_points(ax, places, of_leg & ~precise, leg_mark(leg), faint=True)
         _draw_residual_points(ax, places, of_leg & precise, leg_mark(leg), faint=False)
+    faint = shown & places.used & ~precise
+    if faint.any():
+        label = f"hollow: error > 3 \u00d7 median ({int(faint.sum())})"
+        ax.plot([], [], "o", ms=2.0, mfc=style.PAPER, mec="#a9b9d6", mew=0.5, label=label)
     left_out = shown & ~places.used
     # Outliers stay on the page, near its edge; their distance is written beside the farthest.
     clipped = np.clip(places.residual_ps, -0.86 * limit, 0.86 * limit)
@@ -382,7 +389,7 @@ def draw_residuals_along(
     ax.set_xlim(0, float(np.linalg.norm(np.diff(vertices, axis=0), axis=1).sum()))
     ax.set_xlabel("length of path (mm)")
     ax.set_ylabel("$t_a$ \u2212 model (ps)")
-    if left_out.any():
+    if left_out.any() or faint.any():
         ax.legend(loc="lower left")
     return ax
 
