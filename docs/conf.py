@@ -60,11 +60,14 @@ nitpicky = False
 html_theme = "pydata_sphinx_theme"
 html_static_path = ["_static"]
 html_css_files = ["page.css"]
+html_js_files = ["names.js"]
 html_show_sourcelink = False
 html_copy_source = False
+html_sidebars = {"observer": []}  # one page by itself
 html_context = {"default_mode": "auto"}
 html_theme_options = {
     "logo": {"text": "lightflight"},
+    "navbar_persistent": ["search-field"],
     "navbar_end": ["theme-switcher"],
     "navbar_align": "left",
     "secondary_sidebar_items": ["page-toc"],

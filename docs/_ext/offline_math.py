@@ -16,8 +16,9 @@ def inline_formula(writer: Any, node: nodes.math) -> None:
 
 def block_formula(writer: Any, node: nodes.math_block) -> None:
     """Put a displayed formula into the page."""
+    # A wide formula scrolls on a narrow screen: by keyboard, too.
     formula = latex2mathml.converter.convert(node.astext(), display="block")
-    writer.body.append(f'<div class="formula">{formula}</div>\n')
+    writer.body.append(f'<div class="formula" tabindex="0">{formula}</div>\n')
     raise nodes.SkipNode
 
 

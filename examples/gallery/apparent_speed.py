@@ -40,4 +40,5 @@ with view.figure_style():
 # the line of sight is square to the flight. The change along a line tells α: that is how one
 # camera sees depth.
 #
-# More: :doc:`why the apparent speed is not c </explanation/apparent-speed>`.
+# More: :doc:`why the apparent speed is not c </explanation/apparent-speed>`, and the
+# :doc:`observer studio </observer>` to try it by hand.

@@ -40,4 +40,4 @@ with view.figure_style():
 # **Answer:** before the foot of the perpendicular from the camera (dotted). A camera ahead of
 # the pulse sees all of it come nearer, and all of it outrun light.
 #
-# More: :doc:`why the apparent speed is not c </explanation/apparent-speed>`.
+# More: move the camera yourself in the :doc:`observer studio </observer>`.

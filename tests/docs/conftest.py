@@ -1,0 +1,26 @@
+"""Pages built once for all tests, and the browser that opens them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.docs.built import build_pages
+from tests.view import browser as br
+
+
+@pytest.fixture(scope="session")
+def built_pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of HTML with the pages that browser tests open."""
+    br.chromium_path()  # without it none of them is opened
+    return build_pages(tmp_path_factory.mktemp("built"), ["index.md", "observer.md"])
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Any]:
+    """A browser for all of them."""
+    with br.started_browser() as browser:
+        yield browser
