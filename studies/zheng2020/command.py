@@ -13,8 +13,9 @@ from typing import Any
 import click
 
 from lightflight._version import __version__
-from lightflight.cli.console import print_json, print_sentences, print_table, step
+from lightflight.cli.console import print_json, print_sentences, print_table
 from lightflight.cli.options import json_option, seed_option
+from lightflight.cli.progress import step
 from lightflight.files.json_values import json_value
 from lightflight.files.whole_file import atomic_path
 from lightflight.view.export.files import write_figure

@@ -1,14 +1,11 @@
-"""How the commands speak: tables and JSON on stdout, progress on stderr."""
+"""How the commands tell what they found: tables, sentences and JSON on stdout."""
 
 from __future__ import annotations
 
 import json
 import math
 import sys
-import threading
-import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,10 +16,6 @@ from lightflight.files.names import harmless
 
 if TYPE_CHECKING:
     from lightflight.path.verdict import Verdict
-
-_QUIET_S = 2.0
-"""Work that ends sooner than this says nothing, s."""
-
 
 # --- numbers in words ----------------------------------------------------------------------
 
@@ -99,11 +92,11 @@ def print_json(value: object) -> None:
 # --- tables --------------------------------------------------------------------------------
 
 
-def _console(*, stderr: bool = False) -> Any:
-    """Rich's console on one of the two streams."""
+def _console() -> Any:
+    """Rich's console on stdout."""
     from rich.console import Console
 
-    stream = sys.stderr if stderr else sys.stdout
+    stream = sys.stdout
     # A pipe has no width of its own; 80 columns would cut tables that nobody asked to cut.
     return Console(
         file=stream, highlight=False, markup=False, width=None if stream.isatty() else 132
@@ -277,66 +270,3 @@ def report(
     print_sentences(sentences)
     if written:
         print_written(written)
-
-
-# --- progress ------------------------------------------------------------------------------
-
-Progress = Callable[[int, int], None]
-"""Called with (done, in all) by work that knows how far it is."""
-
-
-@contextmanager
-def step(what: str, *, always: bool = False) -> Iterator[Progress]:
-    """Say on stderr what is being done, if it takes more than two seconds.
-
-    On a terminal a line with the time that has passed, and a bar once the work says how far it
-    is, gone when it is done; elsewhere one line of text.
-
-    Parameters
-    ----------
-    what : str
-        The work, as in "counting flat.h5".
-    always : bool, optional
-        A line with the time taken stays in either case.
-
-    Yields
-    ------
-    Progress
-        To be called with (done, in all) by work that knows how far it is.
-    """
-    what, started = harmless(what), time.perf_counter()
-    reporting = _live(what) if sys.stderr.isatty() else _quiet(what, always=always)
-    with reporting as report:
-        yield report
-    if always:
-        click.echo(f"  {what:<60} {time.perf_counter() - started:6.1f} s", err=True)
-
-
-@contextmanager
-def _live(what: str) -> Iterator[Progress]:
-    """A line on a terminal that moves while the work goes on."""
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=24),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=_console(stderr=True), transient=True) as progress:
-        task = progress.add_task(what, total=None)
-        yield lambda done, total: progress.update(task, completed=done, total=total)
-
-
-@contextmanager
-def _quiet(what: str, *, always: bool) -> Iterator[Progress]:
-    """One line of text, and only where the work takes long."""
-    stream = sys.stderr
-    timer = threading.Timer(_QUIET_S, lambda: click.echo(f"{what} ...", file=stream))
-    timer.daemon = True  # a command that fails must not wait for it
-    if not always:
-        timer.start()
-    try:
-        yield lambda _done, _total: None
-    finally:
-        timer.cancel()

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lightflight.cli.console import Fact, step, with_error
+from lightflight.cli.console import Fact, with_error
+from lightflight.cli.progress import step
 
 if TYPE_CHECKING:
     from lightflight.lab import Lab

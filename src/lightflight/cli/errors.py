@@ -11,11 +11,12 @@ import traceback
 import warnings
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, TextIO
+from typing import Any
 
 import click
 
 from lightflight.cli.language import in_options, options_of
+from lightflight.cli.progress import forget_written, interrupted, say
 from lightflight.files.names import harmless
 
 EXIT_CODES = {
@@ -74,7 +75,7 @@ def sentence_and_code(error: BaseException) -> tuple[str, int]:
             # 1 is click's own default, and says here that the fault is ours.
             return one_line(error.format_message()), 2 if code in (None, 1) else int(code)
         case click.Abort() | KeyboardInterrupt():
-            return "interrupted; no half-written file remains", 130
+            return interrupted(error), 130
         # Errors of ours that are an OSError or MemoryError too have a better sentence.
         case FileNotFoundError() if error.filename is None and not _here_is_a_folder():
             return "the folder that this was started in is gone: go to another one", 3
@@ -118,13 +119,11 @@ def _raised_at_a_door(error: BaseException) -> bool:
     return is_ours and dis.opname[code.co_code[place.tb_lasti]] == "RAISE_VARARGS"
 
 
-def show_warnings_in_one_line(stream: TextIO, options: Collection[str] = ()) -> None:
+def show_warnings_in_one_line(options: Collection[str] = ()) -> None:
     """Print each of this package's warnings once, as one line; leave out those of libraries.
 
     Parameters
     ----------
-    stream : text stream
-        Where to, as a rule stderr.
     options : collection of str, optional
         The command's, see `in_options`.
     """
@@ -134,7 +133,7 @@ def show_warnings_in_one_line(stream: TextIO, options: Collection[str] = ()) -> 
         text = harmless(in_options(one_line(str(message)), options))
         if text not in shown:
             shown.add(text)
-            print(f"warning: {text}", file=stream)
+            say(f"warning: {text}")
 
     # Imported here: `lightflight --help` gives no warnings.
     from lightflight.errors import LightflightWarning
@@ -166,7 +165,7 @@ class _ToStderr(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print one."""
-        click.echo(harmless(record.getMessage()), err=True)
+        say(harmless(record.getMessage()))
 
 
 @contextmanager
@@ -217,10 +216,11 @@ class SpeakingGroup(click.Group):
         debug = "--debug" in words
         extra["standalone_mode"] = False
         options = options_of(self, words)
+        forget_written()
         with warnings.catch_warnings(), _news_on_stderr():
             try:
                 if not debug:
-                    show_warnings_in_one_line(sys.stderr, options)
+                    show_warnings_in_one_line(options)
                 code = super().main(args=words, prog_name=prog_name, **extra)
                 sys.stdout.flush()  # here, where a broken pipe is still caught
             except BrokenPipeError:

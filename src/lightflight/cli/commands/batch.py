@@ -19,7 +19,6 @@ from lightflight.cli.console import (
     print_sentences,
     print_table,
     print_written,
-    step,
     with_error,
 )
 from lightflight.cli.errors import NotTrustedError
@@ -31,6 +30,7 @@ from lightflight.cli.options import (
     strict_option,
     trust_option,
 )
+from lightflight.cli.progress import duration, moving, step
 
 if TYPE_CHECKING:
     from lightflight.batch.campaign import Campaign
@@ -182,11 +182,10 @@ def _progress() -> Iterator[Callable[[Status], None]]:
     if not sys.stderr.isatty():
         yield _Lines()
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
+    from rich.progress import BarColumn, SpinnerColumn, TextColumn
 
-    columns = (SpinnerColumn(), BarColumn(bar_width=32), TextColumn("{task.description}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    words = TextColumn("{task.description}", markup=False)
+    with moving(SpinnerColumn(), BarColumn(bar_width=32), words) as bar:
         task = bar.add_task("starting", total=1.0)
         yield lambda status: bar.update(task, completed=status.share, description=_words(status))
 
@@ -214,16 +213,7 @@ def _words(status: Status) -> str:
         text += f" ({status.n_kept} from before)"
     if status.n_failed:
         text += f", {status.n_failed} failed"
-    return text if status.left_s is None else f"{text}, about {_duration(status.left_s)} left"
-
-
-def _duration(seconds: float) -> str:
-    """A time to wait, s, in the unit one would say it in."""
-    if seconds < 90:
-        return f"{max(1, round(seconds))} s"
-    if seconds < 5400:
-        return f"{round(seconds / 60)} min"
-    return f"{seconds / 3600:.1f} h"
+    return text if status.left_s is None else f"{text}, about {duration(status.left_s)} left"
 
 
 # --- results ---------------------------------------------------------------------------------

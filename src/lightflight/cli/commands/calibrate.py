@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lightflight.cli.commands.calibrate_camera import command as camera_command
-from lightflight.cli.console import Fact, report, step
+from lightflight.cli.console import Fact, report
 from lightflight.cli.options import (
     PLOT_SUFFIXES,
     RECORD_SUFFIXES,
@@ -21,6 +21,7 @@ from lightflight.cli.options import (
     outputs_option,
     path_option,
 )
+from lightflight.cli.progress import step, writing
 from lightflight.timing.calibrate.flat_shapes import FLAT_SHAPE_NAMES, shapes_in_words
 
 if TYPE_CHECKING:
@@ -159,7 +160,7 @@ def command(
     others = {"code_density": code_density, "dark": dark}
     calibration = _calibrated(others, flats, lab, hints, options)
     for output in outputs:
-        with step(f"writing {output.name}"):
+        with writing(output):
             _write(calibration, output)
     facts = calibration_facts(calibration)
     notes = calibration.notes

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lightflight.cli.console import Fact, report, step
+from lightflight.cli.console import Fact, report
 from lightflight.cli.options import debug_option, json_option, output_option
+from lightflight.cli.progress import step, writing
 from lightflight.files.whole_file import atomic_path
 
 if TYPE_CHECKING:
@@ -152,7 +153,7 @@ def _write(fit: CameraFit, output: Path) -> None:
 
     sentences = "".join(f"# {text}\n" for text in camera_sentences(fit))
     text = f"{_MARK}\n{sentences}\n{toml_from_camera(fit.camera)}"
-    with step(f"writing {output.name}"), atomic_path(output) as fresh:
+    with writing(output), atomic_path(output) as fresh:
         fresh.write_text(text, encoding="utf-8")
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lightflight.cli.console import Fact, print_facts, print_json, print_table, print_written, step
+from lightflight.cli.console import Fact, print_facts, print_json, print_table, print_written
 from lightflight.cli.options import (
     PLOT_SUFFIXES,
     check_outputs,
@@ -19,6 +19,7 @@ from lightflight.cli.options import (
     set_option,
     timing_option,
 )
+from lightflight.cli.progress import step, writing
 
 if TYPE_CHECKING:
     from lightflight.flight import Source
@@ -88,7 +89,7 @@ def command(
     hist = read_histograms(recording, lab, hints)
     checked = _checked(lab, hist, calibration_from_option(timing_path))
     for output in outputs:
-        with step(f"writing {output.name}"):
+        with writing(output):
             _draw(lab, hist, checked.legs, output, title=recording.name)
     _print(checked, outputs, as_json=as_json)
     if strict and checked.findings:

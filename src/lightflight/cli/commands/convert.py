@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lightflight.cli.console import Progress, print_json, print_sentences, step
+from lightflight.cli.console import print_json, print_sentences
 from lightflight.cli.options import (
     Command,
     debug_option,
@@ -17,6 +17,7 @@ from lightflight.cli.options import (
     outputs_option,
     with_lab,
 )
+from lightflight.cli.progress import Progress, step, writing
 
 if TYPE_CHECKING:
     from lightflight.lab import Lab
@@ -97,7 +98,7 @@ def command(
                 with step(f"counting {file.name}") as report:
                     counts = _counted(record, window, report)
             what = counts
-        with step(f"writing {output.name}"):
+        with writing(output):
             _write(what, output, file)
         written.append(_said(what, record, output))
     if as_json:

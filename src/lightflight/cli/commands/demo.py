@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lightflight.cli.console import print_json, print_sentences, print_table, step
+from lightflight.cli.console import print_json, print_sentences, print_table
 from lightflight.cli.options import debug_option, json_option, seed_option
+from lightflight.cli.progress import step
 
 if TYPE_CHECKING:
     from lightflight.demo import Estimate, Recordings

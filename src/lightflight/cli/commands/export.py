@@ -6,8 +6,9 @@ from pathlib import Path
 
 import click
 
-from lightflight.cli.console import print_headline, print_written, step
+from lightflight.cli.console import print_headline, print_written
 from lightflight.cli.options import check_outputs, debug_option, outputs_option
+from lightflight.cli.progress import writing
 from lightflight.view.suffixes import EXPORT_SUFFIXES
 
 
@@ -49,6 +50,6 @@ def command(*, file: Path, what: str, samples: int, outputs: tuple[Path, ...]) -
     path = LightPath.load(file)
     print_headline(path.verdict)
     for output in outputs:
-        with step(f"writing {output.name}"):
+        with writing(output):
             export_path(path, output, what=what, samples=samples)
     print_written(outputs)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lightflight.cli.console import Fact, report, step
+from lightflight.cli.console import Fact, report
 from lightflight.cli.options import (
     PLOT_SUFFIXES,
     check_outputs,
@@ -18,6 +18,7 @@ from lightflight.cli.options import (
     timing_option,
     with_lab,
 )
+from lightflight.cli.progress import step, writing
 
 if TYPE_CHECKING:
     from lightflight.lab import Lab
@@ -114,7 +115,7 @@ def _draw(file: Path, lab: Lab, hints: dict[str, object], plot: Path) -> None:
     from lightflight.view.figures.recording import recording_figure
 
     hist = read_histograms(file, lab, hints)
-    with step(f"writing {plot.name}"):
+    with writing(plot):
         write_figure(recording_figure(hist, title=file.name), plot)
 
 

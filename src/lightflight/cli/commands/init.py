@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lightflight.cli.console import Fact, print_facts, print_json, print_written, step
+from lightflight.cli.console import Fact, print_facts, print_json, print_written
 from lightflight.cli.options import POSITIVE, debug_option, json_option, output_option
+from lightflight.cli.progress import writing
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
@@ -257,7 +258,7 @@ def _written(text: str, lab: Lab, output: Path, *, with_plot: bool) -> tuple[Pat
         from lightflight.view.export.files import write_figure
         from lightflight.view.figures.setup import lab_figure
 
-        with step(f"drawing {picture.name}"):
+        with writing(picture, verb="drawing"):
             assert lab.camera is not None
             write_figure(lab_figure(lab.camera, lab.source, title=output.name), picture)
     write_text(output, text)

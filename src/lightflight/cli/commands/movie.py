@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from lightflight.cli.console import Progress, print_headline, print_written, step
+from lightflight.cli.console import print_headline, print_written
 from lightflight.cli.options import (
     check_outputs,
     check_viewpoint,
@@ -18,6 +19,7 @@ from lightflight.cli.options import (
     viewpoint_options,
     with_lab,
 )
+from lightflight.cli.progress import Progress, writing
 from lightflight.view.suffixes import MOVIE_SUFFIXES
 
 if TYPE_CHECKING:
@@ -109,38 +111,46 @@ def command(
     kind = kind_of_record(file)
     if kind == "calibration":
         raise click.UsageError(f"{file.name} holds a calibration: there is nothing that moves")
+    size = Size(size_px, fps)
+    film: Film
+    if kind == "path":
+        camera = lab.camera if from_lab_camera else None
+        film = _film_of_path(file, camera, viewpoint_mm, size, pace, orbit)
+    else:
+        film = _film_of_recording(file, lab, hints, size, slice_codes, timing_path, title)
     for output in outputs:
-        with step(f"filming {output.name}") as report:
-            if kind == "path":
-                camera = lab.camera if from_lab_camera else None
-                _film_path(
-                    file, output, camera, viewpoint_mm, size_px, fps or 25.0, pace, orbit, report
-                )
-            else:
-                _film_recording(
-                    file, output, lab, hints, size_px, fps or 12.0, slice_codes, timing_path,
-                    title, report,
-                )  # fmt: skip
+        with writing(output, verb="filming") as report:
+            film(output, report)
     print_written(outputs)
 
 
-def _film_path(
+class Size(NamedTuple):
+    """Of a film."""
+
+    px: tuple[int, int]
+    """Width and height."""
+    fps: float | None
+    """Frames per second, as told."""
+
+
+Film = Callable[[Path, Progress], None]
+"""Writes itself to a file."""
+
+
+def _film_of_path(
     file: Path,
-    output: Path,
     camera: Camera | None,
     viewpoint_mm: tuple[float, float, float] | None,
-    size_px: tuple[int, int],
-    fps: float,
+    size: Size,
     pace: float,
     orbit: float,
-    report: Progress,
-) -> None:
-    """Film a flight, from the path's own camera, the lab's, or one at a place."""
+) -> Film:
+    """Film of a flight, from the path's own camera, the lab's, or one at a place."""
     from lightflight.path.light_path import LightPath
     from lightflight.view.film.flight import MovieSettings, write_movie
 
     settings = MovieSettings(
-        size_px=size_px, frames_per_second=fps, pace_ps_per_s=pace, orbit_deg=orbit
+        size_px=size.px, frames_per_second=size.fps or 25.0, pace_ps_per_s=pace, orbit_deg=orbit
     )
     path = LightPath.load(file, try_newer=True)
     print_headline(path.verdict)
@@ -148,32 +158,33 @@ def _film_path(
         from lightflight.path.second_view import camera_towards
 
         camera = camera_towards(path, viewpoint_mm)
-    write_movie(path, output, camera=camera, settings=settings, progress=report)
+    return lambda output, report: write_movie(
+        path, output, camera=camera, settings=settings, progress=report
+    )
 
 
-def _film_recording(
+def _film_of_recording(
     file: Path,
-    output: Path,
     lab: Lab,
     hints: dict[str, object],
-    size_px: tuple[int, int],
-    fps: float,
+    size: Size,
     slice_codes: int | None,
     timing_path: Path | None,
     title: str,
-    report: Progress,
-) -> None:
-    """Film the counts of a recording, slice by slice."""
+) -> Film:
+    """Film of the counts of a recording, slice by slice."""
     from lightflight.cli.records import calibration_from_option, read_histograms
     from lightflight.view.film.recording import write_recording_movie
 
-    write_recording_movie(
-        read_histograms(file, lab, hints),
+    hist = read_histograms(file, lab, hints)
+    timing = calibration_from_option(timing_path)
+    return lambda output, report: write_recording_movie(
+        hist,
         output,
         slice_codes=slice_codes,
-        timing=calibration_from_option(timing_path),
-        size_px=size_px,
-        frames_per_second=fps,
+        timing=timing,
+        size_px=size.px,
+        frames_per_second=size.fps or 12.0,
         title=title or file.name,
         progress=report,
     )

@@ -16,7 +16,6 @@ from lightflight.cli.console import (
     print_sentences,
     print_table,
     print_written,
-    step,
 )
 from lightflight.cli.options import (
     PLOT_SUFFIXES,
@@ -27,6 +26,7 @@ from lightflight.cli.options import (
     outputs_option,
     set_option,
 )
+from lightflight.cli.progress import step, writing
 
 if TYPE_CHECKING:
     from lightflight.reconstruct.limits.planning import Placement, Plan
@@ -164,7 +164,7 @@ def _write_figures(found: Plan, outputs: tuple[Path, ...]) -> None:
     from lightflight.view.figures.plan import plan_figure
 
     for output in outputs:
-        with step(f"drawing {output.name}"):
+        with writing(output, verb="drawing"):
             write_figure(plan_figure(found), output)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lightflight.cli.console import print_headline, print_written, step
+from lightflight.cli.console import print_headline, print_written
 from lightflight.cli.options import (
     PLOT_SUFFIXES,
     check_outputs,
@@ -17,6 +17,7 @@ from lightflight.cli.options import (
     timing_option,
     with_lab,
 )
+from lightflight.cli.progress import step, writing
 from lightflight.view.records import CLOCK_FIGURES, PATH_FIGURES, figure_of
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def command(
 
     figure = _figure_of(file, what, timing_path, pixel, lab, hints)
     for output in outputs:
-        with step(f"writing {output.name}"):
+        with writing(output):
             write_figure(figure, output, dots_per_inch=dpi)
     print_written(outputs)
 

@@ -16,7 +16,6 @@ from lightflight.cli.console import (
     print_sentences,
     print_table,
     print_written,
-    step,
     with_error,
 )
 from lightflight.cli.options import (
@@ -32,6 +31,7 @@ from lightflight.cli.options import (
     strict_option,
     timing_option,
 )
+from lightflight.cli.progress import step, writing
 from lightflight.reconstruct import FREE_NAMES
 from lightflight.reconstruct.estimators import METHODS
 
@@ -191,7 +191,7 @@ def _reconstruct(
         )
     path = replace(path, provenance=provenance_of_command("reconstruct", inputs, lab))
     for output in outputs:
-        with step(f"writing {output.name}"):
+        with writing(output):
             write_path(path, output)
     return path
 

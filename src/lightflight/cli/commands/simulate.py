@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lightflight.cli.console import Fact, report, step
+from lightflight.cli.console import Fact, report
 from lightflight.cli.options import (
     POSITIVE,
     RECORD_SUFFIXES,
@@ -19,6 +19,7 @@ from lightflight.cli.options import (
     output_option,
     seed_option,
 )
+from lightflight.cli.progress import step, writing
 
 if TYPE_CHECKING:
     from lightflight.recording.histograms import Histograms
@@ -83,7 +84,7 @@ def command(
     photons = lab.scene.get("photons_per_pixel") if photons is None else photons
     with step(f"simulating {kind}"):
         recording = simulate(scene, photons_per_pixel=photons, seed=seed, kind=kind)
-    with step(f"writing {output.name}"):
+    with writing(output):
         made = provenance_of_command(
             "simulate", inputs, resolved_lab(lab, scene), kind=kind, seed=seed
         )

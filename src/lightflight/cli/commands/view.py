@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lightflight.cli.console import print_headline, print_written, step
+from lightflight.cli.console import print_headline, print_written
 from lightflight.cli.options import (
     check_outputs,
     check_viewpoint,
@@ -19,6 +19,7 @@ from lightflight.cli.options import (
     viewpoint_options,
     with_lab,
 )
+from lightflight.cli.progress import step
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
