@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from lightflight.files.names import harmless
+from lightflight.news import heard_by
 
 Progress = Callable[[int, int], None]
 """Called with (done, in all) by work that knows how far it is."""
@@ -88,7 +89,7 @@ def step(what: str, *, always: bool = False) -> Iterator[Progress]:
     """
     what, started = harmless(what), time.perf_counter()
     reporting = _live(what) if sys.stderr.isatty() else _quiet(what, always=always)
-    with reporting as report:
+    with reporting as report, heard_by(report):
         try:
             yield report
         except KeyboardInterrupt as error:
@@ -174,16 +175,30 @@ def _live(what: str) -> Iterator[Progress]:
     from rich.progress import BarColumn, ProgressColumn, SpinnerColumn, Task, TextColumn
     from rich.text import Text
 
+    started = time.monotonic()
+    # Of the work in hand: done, in all, and when it was first heard of.
+    state: tuple[int, int | None, float] = (0, None, started)
+
     class HowFar(ProgressColumn):
         """Asked for ten times a second."""
 
         def render(self, task: Task) -> Text:
-            return Text(_how_far(task.completed, task.total, task.elapsed or 0.0))
+            done, total, since = state
+            return Text(_how_far(done, total, time.monotonic() - since))
+
+    def report(done: int, total: int) -> None:
+        nonlocal state
+        is_new = state[1] is None or done < state[0]
+        state = (done, total, time.monotonic() if is_new else state[2])
+        if done >= total:  # what comes next has not said how far it is
+            state = (0, None, started)
+        bar.completed, bar.total = state[:2]
 
     description = TextColumn("{task.description}", markup=False)
     with moving(SpinnerColumn(), description, BarColumn(bar_width=24), HowFar()) as bars:
-        task = bars.add_task(what, total=None)
-        yield lambda done, total: bars.update(task, completed=done, total=total)
+        bars.add_task(what, total=None)
+        (bar,) = bars.tasks
+        yield report
 
 
 def _how_far(done: float, total: float | None, passed_s: float) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import ndtr
 
+from lightflight.news import listener
 from lightflight.timing.clock.code_edges import end_factor
 
 Counts = NDArray[np.unsignedinteger]
@@ -193,11 +194,13 @@ def _fit_ends(
         # Never zero: one stray count beyond the end would rule that end out.
         stray = max((float(tail.observed[beyond].sum()) + 0.1) / max(height, 1.0), 1e-7)
     end, std = np.zeros(len(counts)), np.zeros(len(counts))
+    tell = listener()
     for first in range(0, len(counts), _BLOCK):
         block = slice(first, first + _BLOCK)
         tail = _Tail.of(counts, full, code, block, stray)
         end[block] = _scan_end(tail, blur)[0]
         std[block] = _end_std(tail, end[block], blur)
+        tell(min(first + _BLOCK, len(counts)), len(counts))
     return PeriodEnd(end, std, blur, stray, full.end_widths)
 
 

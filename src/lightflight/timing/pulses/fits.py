@@ -7,8 +7,9 @@ unit of the code intervals (ps, or codes).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from lightflight import flags as fl
 from lightflight._kernels import pulse as kernel
+from lightflight.news import listener
 from lightflight.recording.histograms import Histograms, nominal_intervals
 from lightflight.timing.pulses import split as splitting
 from lightflight.timing.pulses.batch import Fit, Model, fit
@@ -243,13 +245,13 @@ class _Job:
             counts = self.counts[part if pixels is None else tile]
             work(part, counts, *self.intervals(tile))
 
-        starts = range(0, n_pixels, step)
-        if self.threads == 1:
-            for first in starts:
-                one(first)
-        else:
-            with ThreadPoolExecutor(self.threads) as pool:
-                list(pool.map(one, starts))
+        starts, tell = range(0, n_pixels, step), listener()
+        with ExitStack() as stack:
+            each: Iterator[None] = map(one, starts)
+            if self.threads > 1:
+                each = stack.enter_context(ThreadPoolExecutor(self.threads)).map(one, starts)
+            for first, _ in zip(starts, each, strict=True):
+                tell(min(first + step, n_pixels), n_pixels)
 
     def bins(
         self,
