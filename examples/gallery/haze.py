@@ -51,4 +51,4 @@ with view.figure_style():
 # so that the path moves little, but its error bars are no longer promised. Thin out the haze and
 # record again.
 #
-# More: :doc:`what the verdict says </explanation/verdict>`.
+# More: :doc:`what can go wrong </what-can-go-wrong>`.

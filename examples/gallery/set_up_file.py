@@ -52,5 +52,5 @@ with view.figure_style():
 # after it: it names the likeliest cause first, with its size. What it cannot see is in
 # `path.verdict.blind_to`.
 #
-# More: :doc:`check a set-up </how-to/check-setup>`, :doc:`what the verdict says
-# </explanation/verdict>`.
+# More: :doc:`check a set-up </how-to/check-setup>`, :doc:`what can go wrong
+# </what-can-go-wrong>`.
