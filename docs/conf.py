@@ -63,13 +63,15 @@ html_css_files = ["page.css"]
 html_js_files = ["names.js"]
 html_show_sourcelink = False
 html_copy_source = False
-html_sidebars = {"observer": []}  # one page by itself
+html_sidebars = {"observer": [], "what-can-go-wrong": []}  # pages by themselves
 html_context = {"default_mode": "auto"}
 html_theme_options = {
     "logo": {"text": "lightflight"},
     "navbar_persistent": ["search-field"],
     "navbar_end": ["theme-switcher"],
     "navbar_align": "left",
+    "header_links_before_dropdown": 8,
+    "show_toc_level": 2,
     "secondary_sidebar_items": ["page-toc"],
     "footer_start": ["copyright"],
     "footer_end": [],

@@ -13,7 +13,7 @@ from tests.docs.pages import DOCS, ROOT, Page, run_console, run_session
 TUTORIAL = DOCS / "tutorial" / "first-path.md"
 PAGES = sorted(
     page
-    for folder in ("how-to", "explanation")
+    for folder in ("how-to", "explanation", "start")
     for page in (DOCS / folder).glob("*.md")
     if page.name != "index.md"
 )
