@@ -11,12 +11,14 @@ import pytest
 from tests.docs.built import build_pages
 from tests.view import browser as br
 
+PAGES = ["index.md", "observer.md", "what-can-go-wrong.md", "explanation/apparent-speed.md"]
+
 
 @pytest.fixture(scope="session")
 def built_pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of HTML with the pages that browser tests open."""
     br.chromium_path()  # without it none of them is opened
-    return build_pages(tmp_path_factory.mktemp("built"), ["index.md", "observer.md"])
+    return build_pages(tmp_path_factory.mktemp("built"), PAGES)
 
 
 @pytest.fixture(scope="session")
