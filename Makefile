@@ -21,7 +21,7 @@ test quick lowest fuzz attack: export OMP_NUM_THREADS := 1
 test quick lowest fuzz attack: export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper paper-quick test quick lowest cold check lint types layers workflows speed docs format fuzz attack mutants clean install install-dev python-is-new-enough
+.PHONY: help demo paper paper-quick test quick lowest cold check lint types layers workflows speed docs newcomer format fuzz attack mutants clean install install-dev python-is-new-enough
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -73,6 +73,9 @@ speed: $(VENV)/.installed-dev ## asv: a few speeds of this checkout as ratios, k
 docs: $(VENV)/.installed-docs ## the pages under docs/ as HTML in out/docs; warnings are errors
 	@$(BIN)/python -m sphinx -q -W --keep-going -b html docs out/docs
 	@echo "docs: out/docs/index.html" >&2
+
+newcomer: $(VENV)/.installed-dev ## type what README, tutorial and how-tos print into empty folders: out/newcomer.log
+	@$(BIN)/python tools/newcomer.py -o out/newcomer.log
 
 format: $(VENV)/.installed-dev ## let ruff order and format the code
 	@$(BIN)/ruff check --fix .

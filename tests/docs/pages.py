@@ -113,11 +113,11 @@ def _run_command(command: str, shown: list[str]) -> None:
         printed = run.stdout + run.stderr
     else:
         raise AssertionError(f"a page shows a command that is not tested: {command}")
-    lines = {_words_of(line) for line in printed.splitlines()}
+    lines = {words_of_line(line) for line in printed.splitlines()}
     for line in shown:
-        assert _words_of(line) in lines, f"{command} does not print:\n{line}\nbut:\n{printed}"
+        assert words_of_line(line) in lines, f"{command} does not print:\n{line}\nbut:\n{printed}"
 
 
-def _words_of(line: str) -> str:
+def words_of_line(line: str) -> str:
     """A line without its numbers: those may change with the machine and the version."""
     return " ".join(re.sub(r"[-\u2212+]?\d[\d.,e+-]*", "#", line).split())
