@@ -148,7 +148,11 @@ def follow(file: Path, folder: Path, log: Log) -> None:
             elif block.kind in ("python", "pycon"):
                 run_python(block.kind, block.body, page.names, str(file), log)
             elif block.kind in ("py", "text", "bash"):
-                log.note("not typed", block.body.splitlines()[0] + " ...", "asks for a cluster")
+                log.note(
+                    "not typed",
+                    block.body.splitlines()[0] + " ...",
+                    "asks for workers of Dask: see tests/batch and tests/attacks",
+                )
 
 
 def pages() -> list[Path]:

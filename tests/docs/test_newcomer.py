@@ -18,7 +18,7 @@ def log() -> Log:
 
 
 def test_no_command_of_a_page_stands_where_tests_do_not_look() -> None:
-    """Indented commands are not run by test_pages: README alone has some, and the tool types them."""
+    """test_pages runs no indented commands: README alone has some, which the tool types."""
     for folder in ("tutorial", "how-to", "start", "explanation"):
         for page in (DOCS / folder).glob("*.md"):
             assert not re.findall(r"^    lightflight", page.read_text("utf-8"), re.M), page
