@@ -63,6 +63,12 @@ def test_reconstructing_loads_no_plotting_and_no_dask():
     assert not loaded & {"matplotlib", "plotly", "dask", "distributed", "rich", "click"}
 
 
+def test_reading_a_set_up_and_a_recording_loads_no_scipy():
+    """A sixth of what `info` waited for."""
+    loaded = loaded_by("import lightflight.lab.keys; import lightflight as lf; lf.read")
+    assert not loaded & {"scipy", "numba", "matplotlib"}
+
+
 def test_a_fit_loads_neither_signals_nor_statistics():
     """A third of what every process of `reconstruct` waited for before it began."""
     statement = (

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
 Floats = NDArray[np.float64]
 
@@ -68,6 +67,9 @@ class Catch:
         >>> Catch(psf_std_px=0.1, active_width_px=1.0).probability([0.0, 0.5, 1.0]).round(3)
         array([1. , 0.5, 0. ])
         """
+        # Imported here: every command reads the keys of a set-up, the detector's among them.
+        from scipy.special import ndtr
+
         d = np.abs(np.asarray(distance_px, dtype=float))
         half = 0.5 * self.active_width_px
         # of the two equal forms, the one whose terms are small far out keeps its digits
