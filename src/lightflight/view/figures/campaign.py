@@ -193,7 +193,10 @@ def campaign_figure(
     told = ", ".join(f"{n} {level}" for level, n in (verdicts or {}).items() if n)
     heading = f"{heading}: {told}" if told else heading
     figure.suptitle(style.words(heading), x=0.01, ha="left", fontsize=10, fontweight="bold")
-    style.title(above, "Against the set-point", "line: equal" if _places(groups)[1] else "")
+    if groups and _places(groups)[1]:
+        style.title(above, "Against the set-point", "line: equal")
+    else:
+        style.title(above, "Elevation of each group")
     style.title(figure.axes[1], "Repeats")
     style.title(below, "What is left", "thick: photons; thin: with what repeats share")
     return figure
