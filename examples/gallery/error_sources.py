@@ -18,9 +18,9 @@ scene = paper_scene(ideal())
 hist = lf.simulate(scene, photons_per_pixel=3_000, seed=2)
 timing = lf.TimingCalibration.nominal(hist)  # codes of this twin are equal
 rulers = {
-    "tape: 3 mm, 1°, 5 mm": (3.0, 1.0, 5.0),
-    "ruler: 1 mm, 0.1°, 2 mm": (1.0, 0.1, 2.0),
-    "calibrated: 0.2 mm, 0.02°, 0.2 mm": (0.2, 0.02, 0.2),
+    "tape measure": (3.0, 1.0, 5.0),  # place (mm), direction (deg), field of view (mm)
+    "ruler": (1.0, 0.1, 2.0),
+    "calibration": (0.2, 0.02, 0.2),
 }
 with view.figure_style():
     figure, axes = plt.subplots(1, 3, figsize=(7.2, 3.0), layout="constrained", sharey=True)
@@ -35,15 +35,14 @@ with view.figure_style():
         corners = np.arange(1, len(path.vertices_mm))
         for k, (part, covariance) in enumerate(path.covariance_parts.items()):
             xyz = covariance.diagonal().reshape(-1, 4)[1:, :3].sum(axis=1)
-            ax.bar(corners + 0.27 * (k - 1), np.sqrt(xyz), width=0.25, label=part)
+            ax.plot(corners + 0.1 * (k - 1), np.sqrt(xyz), "os^"[k], label=part)
         print(f"{name}: {'; '.join(path.prices)}")
         ax.set(title=name, xlabel="corner", yscale="log", xticks=corners)
-        ax.title.set_fontsize(7)
     axes[0].set_ylabel("error of the place (mm)")
     axes[-1].legend()
 
 # %%
-# **Answer:** of the tallest bar. Where "shared" is, no light helps: measure where the camera
+# **Answer:** on the highest mark. Where "shared" is, no light helps: measure where the camera
 # stands. Where "photon" is, record longer; where "pixel" is, calibrate brighter (the clock of
 # this twin has no errors). The lines above say what was told as exact, and what each mm of it
 # would move.
