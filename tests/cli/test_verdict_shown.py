@@ -62,8 +62,6 @@ def test_programs_get_all_of_it(run, tmp_path):
 @pytest.mark.parametrize("level", Level)
 @pytest.mark.parametrize("words", [("info",), ("plot", "--what", "times"), ("export",), ("view",)])
 def test_every_command_about_a_path_says_it_first(run, paths, tmp_path, level, words):
-    if words == ("view",):
-        pytest.importorskip("plotly")
     suffix = {"info": "", "plot": "png", "export": "csv", "view": "html"}[words[0]]
     output = ("-o", tmp_path / f"p.{suffix}") if suffix else ()
     done = run(words[0], paths / f"{level}.h5", *words[1:], *output)

@@ -27,7 +27,6 @@ def payload_of(page):
 
 
 def test_view_writes_the_page_beside_the_path(run, path_file):
-    pytest.importorskip("plotly")
     done = run("view", path_file, "--title", "My <beam>")
     assert done.exit_code == 0, done.stderr
     page = path_file.with_suffix(".html")
@@ -39,7 +38,6 @@ def test_view_writes_the_page_beside_the_path(run, path_file):
 
 
 def test_view_takes_recording_and_clock(run, lab_folder, path_file, tmp_path):
-    pytest.importorskip("plotly")
     done = run(
         "view", path_file, "--recording", lab_folder / "recording.h5",
         "--timing", lab_folder / "calibration.h5", "-o", tmp_path / "page.html",
@@ -69,7 +67,6 @@ def test_numbers_of_a_newer_version_are_refused_in_a_sentence(run, newer_file):
 
 
 def test_the_page_of_a_newer_version_opens_and_says_so(run, newer_file):
-    pytest.importorskip("plotly")
     page = newer_file.with_suffix(".html")
     done = run("view", newer_file, "-o", page)
     assert done.exit_code == 0, done.stderr
@@ -89,7 +86,6 @@ def test_pictures_of_a_newer_version_are_drawn(run, newer_file, words, suffix):
 
 
 def test_a_campaign_with_a_path_of_a_newer_version_shows_the_others(run, path_file, tmp_path):
-    pytest.importorskip("plotly")
     newer = tmp_path / "newer.h5"
     newer.write_bytes(path_file.read_bytes())
     with unsealed(newer) as file:
@@ -102,7 +98,6 @@ def test_a_campaign_with_a_path_of_a_newer_version_shows_the_others(run, path_fi
 
 
 def test_view_and_movie_take_a_second_viewpoint(run, path_file, tmp_path):
-    pytest.importorskip("plotly")
     done = run("view", path_file, "--viewpoint", 900, 40, 30, "-o", tmp_path / "page.html")
     assert done.exit_code == 0, done.stderr
     second = payload_of(tmp_path / "page.html")["second"]
@@ -130,7 +125,6 @@ def test_a_viewpoint_in_the_path_or_two_at_once_is_refused(run, path_file, tmp_p
 
 
 def test_view_of_many_gives_an_index_that_survives_a_bad_file(run, path_file, tmp_path):
-    pytest.importorskip("plotly")
     bad = tmp_path / "<b>bad.h5"
     bad.write_bytes(b"nothing")
     other = tmp_path / "other.h5"

@@ -265,7 +265,6 @@ def within(new: Any, old: Any) -> Any:
 
 
 def test_a_page_holds_what_a_page_holds_today(tmp_path):
-    pytest.importorskip("plotly")
     words = (
         "--recording", FOLDER / "histograms.h5", "--timing", FOLDER / "calibration_full.h5",
         "--viewpoint", 900, 40, 30, "-o", tmp_path / "page.html",

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 ARGUMENTS = [
@@ -105,15 +106,12 @@ class OpenPage:
             self.page.wait_for_timeout(30)
 
     def settle(self) -> None:
-        """Wait until the pulse drawn in 3D is where the state says."""
+        """Wait until the pulse drawn in space is where the state says."""
         self.until(
             """(() => {
-              const gd = document.getElementById("space");
-              const centre = gd.data && gd.data.find((t) => t.name === "pulse centre");
-              if (!centre) return true;
+              const [centre] = lightflight.marks()["pulse centre"] || [];
               const place = lightflight.current().place;
-              return Math.abs(centre.x[0] - place[0]) + Math.abs(centre.y[0] - place[1])
-                + Math.abs(centre.z[0] - place[2]) < 1e-9;
+              return !centre || centre.every((x, i) => Math.abs(x - place[i]) < 1e-9);
             })()"""
         )
 
@@ -129,14 +127,16 @@ class OpenPage:
         )
         self.settle()
 
-    def trace(self, name: str) -> dict[str, Any]:
-        """Points of a trace of the 3D drawing, by its name."""
-        drawn: dict[str, Any] = self.run(
-            """(name) => {
-              const t = document.getElementById("space").data.find((one) => one.name === name);
-              return { x: [...t.x], y: [...t.y], z: [...t.z] };
-            }""",
-            name,
+    def marks(self, name: str) -> Any:
+        """Points (n, 3), mm, of what moves in the drawing of the space, by its name."""
+        return np.array(self.run("(name) => lightflight.marks()[name]", name), dtype=float)
+
+    def plot(self, node: str) -> list[dict[str, Any]]:
+        """What a plot shows: x, y and kind of every series."""
+        drawn: list[dict[str, Any]] = self.run(
+            """(id) => lightflight.plots[id].data.map((one) => ({ kind: one.kind,
+              x: [...(one.x || one.left)], right: [...(one.right || [])], y: [...one.y] }))""",
+            node,
         )
         return drawn
 

@@ -21,8 +21,6 @@ from lightflight.view.page import write_page
 from tests.view import browser as br, fakes
 from tests.view.test_page import HOSTILE, hostile_path
 
-pytest.importorskip("plotly", reason="the page needs the view extra (plotly)")
-
 C = 0.299792458
 
 
@@ -84,8 +82,7 @@ def arrival_since_vertex_0(path: LightPath, event_since: float) -> float:
     return float(arrival[1] - arrival[0])
 
 
-def length_of(drawn: dict[str, Any]) -> float:
-    points = np.array([drawn[k] for k in "xyz"]).T
+def length_of(points: Any) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
@@ -93,10 +90,8 @@ def test_the_slider_moves_the_pulse_to_where_position_at_says(page: br.OpenPage)
     path = fakes.fake_path()
     for since in (0.0, 333.3, 1500.0, 2600.5, float(np.ptp(path.vertex_times_ps))):
         page.slide(since)
-        centre = page.trace("pulse centre")
-        drawn = [centre[k][0] for k in "xyz"]
         expected = path.position_at(path.vertex_times_ps[0] + since)[0]
-        np.testing.assert_allclose(drawn, expected, atol=1e-9)
+        np.testing.assert_allclose(page.marks("pulse centre")[0], expected, atol=1e-9)
     page.shot("page_1280_light_event")
 
 
@@ -110,9 +105,8 @@ def test_both_clocks_agree_with_the_file(page: br.OpenPage) -> None:
         reading = page.run("lightflight.state.elapsed")
         assert reading == pytest.approx(arrival_since_vertex_0(path, since), abs=1e-6)
         # The pulse stays where it was: only the reading has changed.
-        centre = page.trace("pulse centre")
         expected = path.position_at(path.vertex_times_ps[0] + since)[0]
-        np.testing.assert_allclose([centre[k][0] for k in "xyz"], expected, atol=1e-6)
+        np.testing.assert_allclose(page.marks("pulse centre")[0], expected, atol=1e-6)
         assert "What the camera saw" in page.page.inner_text("#story")
     page.shot("page_1280_light_arrival")
     page.slide(1234.5)  # and back, from a reading of the arrival clock
@@ -125,14 +119,14 @@ def test_the_pulse_has_its_true_length_in_flight_and_its_apparent_one_for_the_ca
 ) -> None:
     path = fakes.fake_path()
     page.slide(600.0)
-    assert length_of(page.trace("pulse")) == pytest.approx(68.0 * C / 1.00027, rel=1e-3)
+    assert length_of(page.marks("pulse")) == pytest.approx(68.0 * C / 1.00027, rel=1e-3)
     page.page.click("#clock-arrival")
     page.settle()
     page.slide(1500.0)  # at once from a reading, so the body is that of this reading
     reading = page.run("lightflight.current().ta")
     ends = [page.run(f"lightflight.current().t + 0 * {reading}")]
-    body = page.trace("pulse")
-    tail, head = (np.array([body[k][i] for k in "xyz"]) for i in (0, -1))
+    body = page.marks("pulse")
+    tail, head = body[0], body[-1]
     times = path.vertex_times_ps[0] + np.linspace(0, np.ptp(path.vertex_times_ps), 20001)
     points = path.position_at(times)
     seen = arrival_time_from_event(points, times, camera_center_mm=path.camera.center_mm)
@@ -148,7 +142,15 @@ def test_the_readouts_are_the_pulses(page: br.OpenPage) -> None:
     page.slide(1500.0)
     place = path.position_at(path.vertex_times_ps[0] + 1500.0)[0]
     shown = page.page.inner_text("#place").replace("\u2212", "-").split()
-    np.testing.assert_allclose([float(x) for x in shown], place, atol=0.051)
+    assert shown[::4] == ["x", "y", "z"]
+    std = path.vertex_std[:, :3]
+    for k in range(3):
+        value, said = float(shown[4 * k + 1]), float(shown[4 * k + 3])
+        assert shown[4 * k + 2] == "±"
+        assert value == pytest.approx(place[k], abs=0.01)
+        # Between two corners the error is of their size.
+        assert 0.2 * std[:, k].min() < said < 2.0 * std[:, k].max()
+    assert page.page.inner_text("#elapsed-error").startswith("±")
     assert page.page.inner_text("#leg") == "2"
     assert page.page.inner_text("#speed").startswith("0.9997")
 
@@ -189,14 +191,13 @@ def test_pointing_at_a_pixel_shows_its_histogram_fit_and_flags(page: br.OpenPage
     page.until(
         f"document.getElementById('pixel-title').textContent === 'Pixel: row {row}, column {col}'"
     )
-    page.until("(document.getElementById('pixel-plot').data || []).length === 3")
-    bars, fit, _ = page.run(
-        "document.getElementById('pixel-plot').data.map((t) => ({x: [...t.x], y: [...t.y]}))"
-    )
-    codes = np.floor(np.array(bars["x"]) / 50.0).astype(int) % 512
+    page.until("(lightflight.plots['pixel-plot'] || { data: [] }).data.length === 3")
+    bars, fit, _ = page.plot("pixel-plot")
+    middles = (np.array(bars["x"]) + np.array(bars["right"])) / 2
+    codes = np.floor(middles / 50.0).astype(int) % 512
     np.testing.assert_array_equal(bars["y"], hist.counts[row, col, codes])
     # The fit expects what was drawn: 3,000 photons, within Poisson noise (5 sigma).
-    assert abs(sum(fit["y"][:-1]) - sum(bars["y"])) < 5 * np.sqrt(sum(bars["y"]))
+    assert abs(sum(fit["y"][::2]) - sum(bars["y"])) < 5 * np.sqrt(sum(bars["y"]))
     facts = page.page.inner_text("#pixel-facts")
     assert "residual" in facts
     page.run("lightflight.state")
@@ -289,12 +290,12 @@ def test_the_second_camera_sees_the_same_pulse_at_its_own_times(two_eyes: br.Ope
     camera = second_camera(path)
     page.run("lightflight.setClock('event')")
     page.slide(700.0)
-    before = page.trace("pulse centre")
+    before = page.marks("pulse centre")
     page.page.click("#eyes button[data-eye='1']")
     page.run("lightflight.setClock('arrival')")
     page.settle()
-    for name in "xyz":  # the pulse itself has not moved
-        assert page.trace("pulse centre")[name] == pytest.approx(before[name])
+    # The pulse itself has not moved.
+    np.testing.assert_allclose(page.marks("pulse centre"), before, atol=1e-6)
     when = path.vertex_times_ps[0] + np.array([0.0, 700.0])
     arrival = arrival_time_from_event(
         path.position_at(when),
@@ -317,7 +318,7 @@ def test_the_second_camera_sees_the_same_pulse_at_its_own_times(two_eyes: br.Ope
     assert page.page.inner_text("#picture-title") == "The camera's picture"
     page.settle()
     assert page.run("lightflight.current().t") == pytest.approx(700.0, abs=1e-6)
-    page.until("document.querySelector('#pixel-plot .plot-container') !== null")
+    page.until("document.querySelector('#pixel-plot canvas') !== null")
 
 
 def test_a_page_without_a_second_camera_offers_none(page: br.OpenPage) -> None:
@@ -331,7 +332,7 @@ def test_it_fits_a_telephone(chromium: Any, paper_file: Path, theme: str) -> Non
     page = br.OpenPage(
         chromium, paper_file, viewport={"width": 390, "height": 844}, color_scheme=theme
     )
-    page.until("document.querySelectorAll('.main-svg').length >= 8")
+    page.until("Object.keys(lightflight.plots).length >= 4")
     assert page.run("document.documentElement.scrollWidth") <= 390
     assert page.run("document.querySelector('#space canvas').clientWidth") > 300
     assert is_dark(page) == (theme == "dark")
@@ -346,21 +347,122 @@ def test_it_fits_a_telephone(chromium: Any, paper_file: Path, theme: str) -> Non
 
 
 def test_nothing_sticks_out_at_1280(page: br.OpenPage) -> None:
-    page.until("document.querySelectorAll('.main-svg').length >= 8")
+    page.until("Object.keys(lightflight.plots).length >= 4")
     assert page.run("document.documentElement.scrollWidth") <= 1280
     assert page.run("document.querySelector('#space canvas').clientWidth") > 600
 
 
-def test_the_scene_is_really_painted(page: br.OpenPage) -> None:
-    page.page.wait_for_timeout(500)
-    picture = page.page.locator("#space").screenshot()
+def test_at_1280_by_800_the_path_fills_its_panel_and_play_is_in_sight(
+    chromium: Any, paper_file: Path
+) -> None:
+    page = br.OpenPage(chromium, paper_file, viewport={"width": 1280, "height": 800})
+    play, panel = (page.page.locator(name).bounding_box() for name in ("#play", "#space"))
+    assert play["y"] + play["height"] < 400
+    assert panel["y"] + panel["height"] <= 800
+    legend = page.page.inner_text("#scene-legend")
+    for word in ("path", "truth", "one standard deviation", "field of view", "mirror"):
+        assert word in legend
+    # Orange of the path: over three quarters of the panel's width.
+    across = painted(page, "#space", np.array([0xC8, 0x44, 0x0A]) / 255).any(axis=0)
+    where = np.flatnonzero(across)
+    assert np.ptp(where) > 0.75 * panel["width"]
+    page.shot("page_1280_800")
+    page.close()
+
+
+def test_no_card_is_empty_and_words_on_the_axes_stand_apart(page: br.OpenPage) -> None:
+    page.until("Object.keys(lightflight.plots).length >= 4")
+    assert not page.page.is_visible("#clock-card")  # no calibration was given
+    for card in page.page.query_selector_all("main > .card:visible"):
+        assert card.query_selector("canvas, li, dd") is not None
+    for name in ("path", "scene", "camera"):
+        page.page.click(f"[data-view={name}]")
+        page.page.wait_for_timeout(100)
+        boxes = np.array(page.run("lightflight.words()"))
+        assert len(boxes) >= 6
+        for k, one in enumerate(boxes):
+            rest = boxes[k + 1 :]
+            apart = (one[2] < rest[:, 0]) | (one[0] > rest[:, 2])
+            apart |= (one[3] < rest[:, 1]) | (one[1] > rest[:, 3])
+            assert apart.all()
+    page.page.click("[data-view=path]")
+
+
+def test_the_picture_has_axes_and_a_scale_of_photons(page: br.OpenPage) -> None:
+    page.page.locator("#picture").scroll_into_view_if_needed()
+    beside = page.run(
+        """(() => {
+          const axes = document.getElementById("picture-axes");
+          const g = axes.getContext("2d");
+          const [wide, tall] = [axes.width, axes.height];
+          const strips = [[0, 0, 36, tall], [0, tall - 34, wide, 34], [wide - 60, 0, 60, tall]];
+          const alphas = (strip) => g.getImageData(...strip).data.filter((v, i) => i % 4 === 3);
+          return strips.map((strip) => alphas(strip).filter((v) => v > 0).length);
+        })()"""
+    )
+    assert min(beside) > 100  # rows, columns, scale
+    photons = np.array(page.run("[...lightflight.photons()]")).reshape(32, 32)
+    table = fakes.fake_path().residuals
+    expected = np.zeros((32, 32))
+    np.add.at(expected, (table["row"], table["col"]), table["photons"])
+    seen = expected > 0
+    np.testing.assert_allclose(photons[seen], expected[seen], rtol=1e-6)
+
+
+def test_a_point_of_the_path_is_read_with_its_errors(page: br.OpenPage) -> None:
+    page.page.locator("#space").scroll_into_view_if_needed()
+    box = page.page.locator("#space").bounding_box()
+    x, y = page.run("lightflight.places()[20]")[:2]
+    page.page.mouse.move(box["x"] + x, box["y"] + y + 2)
+    tip = page.page.inner_text("#space-tip")
+    assert tip.count("±") == 4
+    assert "leg 1" in tip
+
+
+def test_it_is_turned_by_hand_and_by_keys(page: br.OpenPage) -> None:
+    page.page.focus("#space")
+    before = page.run("lightflight.places()[0]")
+    page.page.keyboard.press("ArrowLeft")
+    page.page.keyboard.press("+")
+    page.page.wait_for_timeout(100)
+    turned = page.run("lightflight.places()[0]")
+    assert np.hypot(turned[0] - before[0], turned[1] - before[1]) > 5
+    assert page.run("lightflight.state.elapsed") == 0.0  # the time is another's key
+    page.page.click("[data-view=path]")
+    page.page.wait_for_timeout(100)
+    assert page.run("lightflight.places()[0]") == pytest.approx(before, abs=1e-6)
+
+
+def test_a_plot_is_zoomed_and_read(page: br.OpenPage) -> None:
+    page.until("'clocks-plot' in lightflight.plots")
+    frame = page.page.locator("#clocks-plot .plot-frame")
+    frame.scroll_into_view_if_needed()
+    box = frame.bounding_box()
+    before = page.run("lightflight.plots['clocks-plot'].at.x")
+    page.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    assert "±" in page.page.inner_text("#clocks-plot .tip")
+    page.page.mouse.down()
+    page.page.mouse.move(box["x"] + 0.8 * box["width"], box["y"] + 0.2 * box["height"])
+    page.page.mouse.up()
+    zoomed = page.run("lightflight.plots['clocks-plot'].at.x")
+    assert before[0] < zoomed[0] < zoomed[1] < before[1]
+    frame.dblclick()
+    assert page.run("lightflight.plots['clocks-plot'].at.x") == pytest.approx(before)
+
+
+def painted(page: br.OpenPage, selector: str, wanted: Any) -> Any:
+    """Which pixels of an element have about a colour."""
     from io import BytesIO
 
     from matplotlib.image import imread
 
-    pixels = imread(BytesIO(picture), format="png")[..., :3]
-    event = np.array([0xC8, 0x44, 0x0A]) / 255
-    near = np.abs(pixels - event).max(axis=-1) < 0.15
+    pixels = imread(BytesIO(page.page.locator(selector).screenshot()), format="png")[..., :3]
+    return np.abs(pixels - wanted).max(axis=-1) < 0.15
+
+
+def test_the_scene_is_really_painted(page: br.OpenPage) -> None:
+    page.page.wait_for_timeout(500)
+    near = painted(page, "#space", np.array([0xC8, 0x44, 0x0A]) / 255)
     assert near.sum() > 300  # the path and the pulse, in the event clock's colour
 
 
@@ -449,18 +551,6 @@ def large_path() -> tuple[LightPath, Any]:
     return path, arrivals
 
 
-def first_draw_ms(browser: Any, file: Path, mark: str) -> float:
-    """Time from the start of navigation to a performance mark."""
-    context = browser.new_context(viewport={"width": 1280, "height": 900}, offline=True)
-    page = context.new_page()
-    page.goto(file.as_uri())
-    while not page.evaluate(f"performance.getEntriesByName('{mark}').length"):
-        page.wait_for_timeout(30)
-    took = mark_ms(page, mark)
-    context.close()
-    return took
-
-
 def mark_ms(page: Any, mark: str) -> float:
     """When an open page set a performance mark, from the start of its navigation."""
     took: float = page.evaluate(f"performance.getEntriesByName('{mark}')[0].startTime")
@@ -469,8 +559,6 @@ def mark_ms(page: Any, mark: str) -> float:
 
 @pytest.mark.slow
 def test_a_large_scene_is_drawn_soon_and_stays_small(chromium: Any, tmp_path: Path) -> None:
-    from lightflight.view.page.build import plotly_script
-
     path, arrivals = large_path()
     rng = np.random.default_rng(5)
     counts = rng.poisson(1.0, size=(256, 256, 64)).astype(np.uint16)
@@ -486,19 +574,10 @@ def test_a_large_scene_is_drawn_soon_and_stays_small(chromium: Any, tmp_path: Pa
     file = tmp_path / "large.html"
     write_page(path, file, recording=hist, pulses=pulses, arrivals=arrivals)
     assert file.stat().st_size < 20_000_000
-    empty = tmp_path / "empty.html"
-    empty.write_text(
-        "<!DOCTYPE html><meta charset=utf-8><div id=a style='height:460px'></div><script>"
-        + plotly_script()
-        + "</script><script>Plotly.newPlot('a', [{type: 'scatter3d', x: [0, 1], y: [0, 1],"
-        " z: [0, 1], mode: 'lines'}]).then(() => performance.mark('drawn'));</script>",
-        encoding="utf-8",
-    )
-    base = min(first_draw_ms(chromium, empty, "drawn") for _ in range(2))
     opened = br.OpenPage(chromium, file)
-    mark = "lightflight-first-draw"
-    ours = min(mark_ms(opened.page, mark), first_draw_ms(chromium, file, mark))
-    assert ours <= 3.0 * base, f"{ours:.0f} ms against {base:.0f} ms of an empty page"
+    took = mark_ms(opened.page, "lightflight-first-draw")
+    # A second on a quiet computer without a graphics card; tests run beside others.
+    assert took < 5_000.0, f"first drawn after {took:.0f} ms"
     opened.slide(20_000.0)
     opened.shot("page_1280_large")
     opened.close()

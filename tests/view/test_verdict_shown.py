@@ -32,7 +32,6 @@ def words_of(figure: Any) -> list[str]:
 
 
 def test_the_page_says_it_before_all_drawings() -> None:
-    pytest.importorskip("plotly")
     from lightflight.view.page.build import page_html
 
     explained = Explained(79, 222, 40.0, 100.0)

@@ -9,7 +9,7 @@ from lightflight.cli.options import debug_option, json_option
 
 _PACKAGES = (
     "numpy", "scipy", "numba", "h5py", "click", "rich", "matplotlib", "tomli-w",
-    "ptufile", "sdtfile", "tifffile", "opencv-python-headless", "plotly", "imageio-ffmpeg",
+    "ptufile", "sdtfile", "tifffile", "opencv-python-headless", "imageio-ffmpeg",
     "dask", "distributed", "zarr", "pyarrow",
 )  # fmt: skip
 

@@ -1,7 +1,7 @@
-"""Put the page together: template, style, scripts, library and data in one file.
+"""Put the page together: template, style, scripts and data in one file.
 
-Takes a LightPath and its companions, gives HTML text. The plotting library (the `view` extra) is
-inlined; a content security policy allows exactly the scripts in the file and no request at all.
+Takes a LightPath and its companions, gives HTML text. A content
+security policy allows exactly the script in the file and no request at all.
 """
 
 from __future__ import annotations
@@ -11,12 +11,11 @@ import hashlib
 import html
 import re
 from collections.abc import Mapping
-from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from lightflight._version import __version__
-from lightflight.errors import NothingFoundError, optional_package
+from lightflight.errors import NothingFoundError
 from lightflight.files.whole_file import write_text
 from lightflight.view.page import tables
 from lightflight.view.page.payload import json_for_html, payload_from_records
@@ -33,28 +32,15 @@ if TYPE_CHECKING:
         TimingCalibration,
     )
 
-SCRIPTS = ("data.js", "scene.js", "picture.js", "panels.js", "main.js")
+SCRIPTS = (
+    "data.js", "eye.js", "ticks.js", "scene.js", "space.js", "plot.js", "picture.js", "panels.js",
+    "pixel.js", "main.js",
+)  # fmt: skip
 """In this order; each uses what stands before it."""
 
 
 def _asset(name: str) -> str:
     return files("lightflight.view.page").joinpath(name).read_text(encoding="utf-8")
-
-
-@cache
-def plotly_script() -> str:
-    """Source of the plotting library, safe inside a script element.
-
-    Raises
-    ------
-    MissingExtraError
-        Where plotly is not installed.
-    """
-    offline = optional_package(
-        "plotly.offline",
-        'the page needs plotly, which is not installed: pip install "lightflight[view]"',
-    )
-    return _inline(offline.get_plotlyjs())
 
 
 def _inline(script: str) -> str:
@@ -118,8 +104,6 @@ def page_html(
     ------
     GeometryError
         Where `second_camera` sees no part of the path.
-    MissingExtraError
-        Where plotly is not installed.
     """
     hist = _histograms(recording)
     pulses, arrivals = _fits(hist, timing, pulses, arrivals)
@@ -133,13 +117,12 @@ def page_html(
         title=heading,
         second_camera=second_camera,
     )
-    library = plotly_script()
     body = "\n".join(_asset(name) for name in SCRIPTS)
     # One closed function in strict mode: nothing of the page becomes a global name.
     script = _inline(f'(() => {{\n"use strict";\n{body}\n}})();')
     # What comes from outside is escaped here or in `tables`; the payload in `json_for_html`.
     parts = {
-        "POLICY": html.escape(_policy(library, script), quote=True),
+        "POLICY": html.escape(_policy(script), quote=True),
         "GENERATOR": html.escape(f"lightflight {__version__}", quote=True),
         "TITLE": html.escape(heading),
         "LEAD": html.escape(tables.lead(payload)),
@@ -150,7 +133,6 @@ def page_html(
         "TABLES": tables.tables_html(payload),
         "PROVENANCE": tables.provenance_html(payload),
         "PAYLOAD": json_for_html(payload),
-        "LIBRARY": library,
         "SCRIPT": script,
     }
     return _filled(_asset("page.html"), parts)

@@ -105,6 +105,17 @@ function speedAt(t, clock) {
   return 1 / (path.path_index - path.return_index * approach);
 }
 
+// Standard deviations of x, y, z (mm) and event time (ps) at event time t; NaN where there are none.
+function stdAt(t) {
+  const n = trace.event_ps.length;
+  if (!n) return [NaN, NaN, NaN, NaN];
+  let i = 0;
+  while (i < n - 2 && trace.event_ps[i + 1] <= t) i += 1;
+  const span = trace.event_ps[i + 1] - trace.event_ps[i];
+  const f = span > 0 ? Math.min(1, Math.max(0, (t - trace.event_ps[i]) / span)) : 0;
+  return [0, 1, 2, 3].map((k) => lerp(trace.std[4 * i + k], trace.std[4 * (i + 1) + k], f));
+}
+
 // Points from event time t0 to t1, corners included.
 function piece(t0, t1) {
   const from = Math.max(0, t0);

@@ -14,8 +14,18 @@ function current() {
   const body = clock === "event" ? piece(t - half, t + half)
     : piece(eventFromArrival(ta - half), eventFromArrival(ta + half));
   const other = clock === "event" ? eventFromArrival(Math.min(elapsed, arrivalEnd)) : Math.min(elapsed, eventEnd);
-  return { clock, elapsed, t, ta, body, place: positionAt(t), leg: nLegs ? legAt(t) : -1,
+  return { clock, elapsed, t, ta, body, place: positionAt(t), leg: nLegs ? legAt(t) : -1, std: stdAt(t),
     ghost: hasArrival ? positionAt(other) : [null, null, null], pixel: pixelOnPath(t), speed: speedAt(t, clock) };
+}
+
+const errorText = (std, unit = "") => (std > 0 ? `±\u202f${withError(std, std).split(" ± ")[1]}${unit ? `\u202f${unit}` : ""}` : "");
+
+// "x 179.99 ± 0.12": the value as sharp as its error, the error smaller beside it.
+function placeParts(name, value, std) {
+  const axis = element("span", name);
+  axis.className = "axis";
+  const error = element("small", errorText(std));
+  return [axis, ` ${withError(value, std).split(" ± ")[0]} `, error, " "];
 }
 
 const STORIES = {
@@ -34,16 +44,17 @@ function render() {
   byId("story").textContent = nLegs ? STORIES[now.clock](now) : "The path has no legs.";
   byId("elapsed-name").textContent = now.clock === "event" ? "event time" : "arrival time";
   byId("elapsed").textContent = show(now.elapsed, 1, "ps");
-  byId("place").textContent = now.place.map((x) => show(x, 1)).join("  ");
+  byId("elapsed-error").textContent = now.clock === "event" ? errorText(now.std[3], "ps") : "";
+  byId("place").replaceChildren(...now.place.flatMap((x, k) => placeParts("xyz"[k], x, now.std[k])));
   byId("leg").textContent = now.leg >= 0 ? String(now.leg + 1) : "–";
   byId("speed-name").textContent = now.clock === "event" ? "speed" : "apparent speed";
   byId("speed").textContent = show(now.speed, now.clock === "event" ? 4 : 3, "c");
   byId("picture-time").textContent = now.clock === "event" ? "if light reached it at once" : eye === 0 ? "as recorded" : "computed from the path";
   slider.value = String(now.elapsed);
   slider.setAttribute("aria-valuetext", `${now.elapsed.toFixed(0)} picoseconds of ${now.clock} time`);
-  moveScenePulse(now);
+  movePulse(now);
   drawPicture(now);
-  for (const graph of Object.values(graphs)) if (graph.moveCursor) graph.moveCursor();
+  for (const plot of Object.values(plots)) if (plot.moveCursor) plot.moveCursor();
 }
 
 let spokenTimer = 0;
@@ -125,8 +136,8 @@ function setEye(number) {
 
 function pictureHelp() {
   byId("picture-note").textContent = !camera || !lights ? ""
-    : eye === 0 ? "Tinted: pixels with a pulse. Point at one for its histogram; arrow keys work too."
-      : "Computed from the path. Tinted: pixels that see it. Point at one for its times; arrow keys work too.";
+    : eye === 0 ? "Grey: photons of all pulses of a pixel. Coloured: the light of this moment. Point at a pixel, or use arrow keys."
+      : "Computed from the path, as shares of the brightest. Coloured: the light of this moment. Point at a pixel, or use arrow keys.";
 }
 
 function selectBrightest() {
@@ -169,7 +180,9 @@ function setTheme(name) {
 
 function redrawAll() {
   drawStrip();
-  drawScene().then(render);
+  drawScene();
+  drawPictureAxes();
+  render();
   for (const graph of Object.values(graphs)) if (graph.drawn) graph.draw(graph.node);
   if (cursorPixel) showPixel(...cursorPixel);
 }
@@ -181,7 +194,7 @@ function whenIdle(work) {
 
 function registerGraph(id, draw) {
   const node = byId(id);
-  const graph = { node, draw, drawn: false, moveCursor: null };
+  const graph = { node, draw, drawn: false };
   graphs[id] = graph;
   const once = () => {
     if (graph.drawn) return;
@@ -264,32 +277,39 @@ function start() {
   byId("theme-button").addEventListener("click", () => setTheme(THEMES[(THEMES.indexOf(document.documentElement.dataset.theme) + 1) % 3]));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => document.documentElement.dataset.theme === "auto" && redrawAll());
   document.addEventListener("keydown", onKey);
-  new ResizeObserver(() => { drawStrip(); if (camera) drawPictureLines(current()); }).observe(document.body);
+  new ResizeObserver(() => { drawStrip(); if (camera) { drawPictureLines(current()); drawPictureAxes(); } }).observe(document.body);
   pictureHelp();
   byId("eyes").hidden = eyes.length < 2;
   for (const button of document.querySelectorAll("[data-eye]")) button.addEventListener("click", () => setEye(Number(button.dataset.eye)));
   preparePicture();
   preparePictureEvents();
+  prepareSpaceEvents();
   addCopyButtons();
+  hideEmptyCards();
+  setView("path");
   drawStrip();
+  drawScene();
   setTime(0.12 * eventEnd);
-  drawScene().then(() => {
-    setView("path");
-    render();
-    performance.mark("lightflight-first-draw");
-    document.documentElement.dataset.ready = "yes";
-    registerGraph("clocks-plot", drawClocks);
-    registerGraph("speed-plot", drawSpeed);
-    registerGraph("residual-plot", drawResiduals);
-    registerGraph("clock-plot", drawClockCard);
-    if (camera && pulses && pulses.row.length) {
-      whenIdle(() => { if (!cursorPixel) selectBrightest(); });
-    } else {
-      say(byId("pixel-plot"), "No pulses: no pixel to show.");
-    }
-  });
+  drawPictureAxes();
+  performance.mark("lightflight-first-draw");
+  document.documentElement.dataset.ready = "yes";
+  registerGraph("clocks-plot", drawClocks);
+  registerGraph("speed-plot", drawSpeed);
+  registerGraph("residual-plot", drawResiduals);
+  registerGraph("clock-plot", drawClockCard);
+  whenIdle(() => { if (!cursorPixel) selectBrightest(); });
+}
+
+// A card with nothing to show leaves its room to the others; what is missing is said in words.
+function hideEmptyCards() {
+  const residuals = pulses && pulses.residual_ps.some(Number.isFinite);
+  for (const [id, there] of [["picture-card", camera], ["pixel-card", camera && ((pulses && pulses.row.length) || payload.second)],
+    ["clocks-card", hasArrival], ["speed-card", hasArrival], ["residual-card", residuals], ["clock-card", payload.clock]]) {
+    byId(id).hidden = !there;
+  }
 }
 
 // For tests and the curious: what is shown, and how to move it.
-window.lightflight = { state, eyes, current, setEye, setTime, setClock, setPlaying, setTheme, lightAt, pixelIndex, payload };
+window.lightflight = { state, eyes, current, setEye, setTime, setClock, setPlaying, setTheme, lightAt, pixelIndex, payload, plots,
+  marks: () => pulseMarks, words: () => spaceWords, places: () => hoverPlaces, photons: () => photonSum };
 start();

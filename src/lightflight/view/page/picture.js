@@ -1,26 +1,28 @@
-// The camera's picture at one moment: light per pixel from the pulses found, legs over it.
+// The camera's picture: photons of every pixel, over them the light of one moment and the legs.
 
 const pictureNode = document.getElementById("picture");
 const lightCanvas = document.getElementById("picture-light");
 const lineCanvas = document.getElementById("picture-lines");
+const axesCanvas = document.getElementById("picture-axes");
+const AROUND = { left: 38, right: 62, top: 8, bottom: 36 }; // px of the page, as the style has it
 let rows = camera ? camera.shape[0] : 0;
 let cols = camera ? camera.shape[1] : 0;
 let lights = pulses;
 let cursorPixel = null;
-let pictureBuffer = null;
+let photonSum = null; // photons of every pixel, all its pulses together
+let mostPhotons = 1;
 let brightest = 1;
 let typicalWidth = path.pulse_fwhm_ps / 2.3548;
 
+// A colour of the page, which its style writes as #rrggbb.
 function rgb(name) {
-  const probe = document.createElement("canvas").getContext("2d");
-  probe.fillStyle = color(name);
-  const hex = probe.fillStyle;
+  const hex = color(name);
   return [1, 3, 5].map((i) => Number.parseInt(hex.slice(i, i + 2), 16));
 }
 
 function preparePicture() {
   if (!camera) {
-    pictureNode.textContent = "The path names no camera.";
+    document.getElementById("picture-card").hidden = true;
     return;
   }
   pictureNode.style.aspectRatio = `${cols} / ${rows}`;
@@ -28,12 +30,21 @@ function preparePicture() {
   lightCanvas.height = rows;
   brightest = 1;
   typicalWidth = path.pulse_fwhm_ps / 2.3548;
+  photonSum = new Float32Array(rows * cols);
   if (!lights) return;
+  for (let i = 0; i < lights.row.length; i += 1) {
+    // A pulse of unknown size still was light: it counts as one photon.
+    photonSum[lights.row[i] * cols + lights.col[i]] += lights.photons[i] > 0 ? lights.photons[i] : 1;
+  }
+  mostPhotons = spanOf([photonSum])[1] || 1;
   const photons = Array.from(lights.photons).filter((x) => x > 0).sort((a, b) => a - b);
   brightest = photons.length ? photons[Math.floor(0.98 * (photons.length - 1))] : 1;
   const widths = Array.from(lights.width_ps).filter((x) => x > 0).sort((a, b) => a - b);
   if (widths.length) typicalWidth = widths[Math.floor(widths.length / 2)];
 }
+
+// How dark a number of photons is drawn, 0 … 1: by its root, so that faint pixels show.
+const shade = (photons) => Math.sqrt(Math.max(0, photons) / mostPhotons);
 
 // Light of every pixel at a moment of a clock, 0 … 1 of the brightest pixel's peak.
 function lightAt(clock, moment) {
@@ -52,28 +63,37 @@ function lightAt(clock, moment) {
 function drawPicture(now) {
   if (!camera) return;
   const context = lightCanvas.getContext("2d");
-  const base = rgb("wash");
-  const hint = rgb("good");
-  const full = rgb("accent");
+  const [none, most, full] = ["wash", "photons", "accent"].map(rgb);
   const image = context.createImageData(cols, rows);
   const light = lightAt(now.clock, now.elapsed);
   for (let p = 0; p < rows * cols; p += 1) {
-    image.data.set(base, 4 * p);
+    const ground = photonSum[p] > 0 ? 0.12 + 0.88 * shade(photonSum[p]) : 0;
+    const f = light[p] > 0.002 ? Math.min(1, light[p]) ** 0.6 : 0;
+    for (let k = 0; k < 3; k += 1) image.data[4 * p + k] = lerp(lerp(none[k], most[k], ground), full[k], f);
     image.data[4 * p + 3] = 255;
   }
-  if (lights) {
-    for (let i = 0; i < lights.row.length; i += 1) {
-      image.data.set(hint, 4 * (lights.row[i] * cols + lights.col[i]));
-    }
-  }
-  for (let p = 0; p < rows * cols; p += 1) {
-    if (light[p] <= 0.002) continue;
-    const f = Math.min(1, light[p]) ** 0.6;
-    for (let k = 0; k < 3; k += 1) image.data[4 * p + k] = lerp(image.data[4 * p + k], full[k], f);
-  }
   context.putImageData(image, 0, 0);
-  pictureBuffer = light;
   drawPictureLines(now);
+}
+
+// Rows, columns, and what shade is how many photons: drawn anew when the size or the theme changes.
+function drawPictureAxes() {
+  if (!camera) return;
+  const [wide, tall] = [pictureNode.clientWidth, pictureNode.clientHeight];
+  const width = wide + AROUND.left + AROUND.right;
+  const g = clearedCanvas(axesCanvas, width, tall + AROUND.top + AROUND.bottom);
+  const ink = inkNow();
+  g.font = "11px system-ui, sans-serif";
+  const box = { left: AROUND.left, top: AROUND.top, right: AROUND.left + wide, bottom: AROUND.top + tall };
+  const toX = (col) => box.left + (col + 0.5) * wide / cols;
+  const toY = (row) => box.top + (row + 0.5) * tall / rows;
+  const whole = (n, length, room) => { const all = ticksBetween(0, n - 1, Math.max(1, length / room)).filter(Number.isInteger); return all.length ? all : [0]; };
+  drawPlotAxes(g, { box, toX, toY, xTicks: whole(cols, wide, 44), yTicks: whole(rows, tall, 34), xStep: 1, yStep: 1 },
+    { x: "column", y: "row" }, { ...ink, hair: "transparent" });
+  if (!lights || !lights.row.length) return;
+  const [none, most] = ["wash", "photons"].map(rgb);
+  const colorAt = (f) => `rgb(${[0, 1, 2].map((k) => Math.round(lerp(none[k], most[k], f > 0 ? 0.12 + 0.88 * Math.sqrt(f) : 0))).join(" ")})`;
+  drawScale(g, { title: eye === 0 ? "photons" : "light", low: 0, high: mostPhotons, colorAt }, { box }, ink, width);
 }
 
 function drawPictureLines(now) {
@@ -88,16 +108,17 @@ function drawPictureLines(now) {
   g.setTransform(scale, 0, 0, scale, 0, 0);
   g.clearRect(0, 0, width, height);
   const at = (row, col) => [(col + 0.5) * width / cols, (row + 0.5) * height / rows];
-  g.strokeStyle = color("quiet");
-  g.lineWidth = 1;
   g.beginPath();
   for (let i = 0; i < trace.leg.length; i += 1) {
     const [x, y] = at(trace.pixel[2 * i], trace.pixel[2 * i + 1]);
     if (i && trace.leg[i] === trace.leg[i - 1]) g.lineTo(x, y); else g.moveTo(x, y);
   }
-  g.globalAlpha = 0.7;
-  g.stroke();
-  g.globalAlpha = 1;
+  // A light rim, so that it shows on dark pixels too.
+  for (const [name, width] of [["card", 2.5], ["ink", 1]]) {
+    g.strokeStyle = color(name);
+    g.lineWidth = width;
+    g.stroke();
+  }
   if (now.pixel) {
     const [x, y] = at(...now.pixel);
     g.strokeStyle = color("accent");

@@ -6,13 +6,13 @@ Takes the page's payload, gives text in which everything that came from outside 
 from __future__ import annotations
 
 import html
-import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lightflight.display import count, number, with_error
+from lightflight.view.page.origin import origin_html
 from lightflight.view.types import Json
 
 if TYPE_CHECKING:
@@ -67,8 +67,12 @@ def verdict_html(payload: Json) -> str:
     if verdict["explained"]:
         parts.append(f"<p>The path explains {html.escape(verdict['explained'])}.</p>")
     if verdict["findings"]:
-        items = "".join(_finding_html(finding) for finding in verdict["findings"])
-        parts.append(f"<h3>What speaks against it, the likeliest first</h3><ol>{items}</ol>")
+        first, *others = (_finding_html(finding) for finding in verdict["findings"])
+        parts.append(f'<ul class="findings" aria-label="What speaks against it">{first}</ul>')
+        if others:
+            title = f"What else speaks against it, the likeliest first ({len(others)})"
+            items = "".join(others)
+            parts.append(f'<details><summary>{title}</summary><ol start="2">{items}</ol></details>')
     for title, said in (
         ("What would go unseen here, and what it moves", verdict["blind_to"]),
         ("What was taken as exact, and what that costs", verdict["exact"]),
@@ -93,7 +97,8 @@ def _table(caption: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -
         "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
     return (
-        '<div><div class="table-scroll"><table>'
+        f'<div><div class="table-scroll" role="region" tabindex="0" '
+        f'aria-label="{html.escape(caption, quote=True)}"><table>'
         f"<caption>{html.escape(caption)}</caption>"
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div></div>"
     )
@@ -172,5 +177,4 @@ def provenance_html(payload: Json) -> str:
     provenance = payload["words"]["provenance"]
     if not provenance:
         return "<p>The path does not say how it was made.</p>"
-    text = json.dumps(provenance, indent=2, ensure_ascii=False)
-    return f"<pre>{html.escape(text)}</pre>"
+    return origin_html(provenance)
