@@ -104,7 +104,10 @@ def _draw_left_out(ax: Axes, arrivals: Arrivals, use: Marks) -> None:
             arrivals.col[out], arrivals.row[out], "x", color="#9aa2ae", ms=size, mew=0.7,
             label=f"left out ({int(out.sum())})", zorder=2,
         )  # fmt: skip
-        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, frameon=False)
+        ax.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, borderpad=0.2,
+            handlelength=0.8, handletextpad=0.3, frameon=False,
+        )  # fmt: skip
 
 
 def draw_legs_on_picture(ax: Axes, path: LightPath, *, camera: Camera | None = None) -> None:

@@ -94,7 +94,7 @@ def demo_figure(
     else:
         draw_camera_picture(arrivals, picture, path=path)
         picture.set_anchor("W")
-        style.title(picture, "What the camera saw")
+        style.title(picture, "The camera saw")
 
     times = _place(figure, 17, 111, 131, 34)
     draw_times(path, times, truth=truth)
