@@ -39,7 +39,8 @@ numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 add_module_names = False
 
-# Every script of examples/gallery is run, and becomes a page and a notebook.
+# Every script of examples/gallery is run, and becomes a page and a notebook
+# (decisions/0018).
 sphinx_gallery_conf = {
     "examples_dirs": "../examples/gallery",
     "gallery_dirs": "gallery",
