@@ -5,11 +5,16 @@ from __future__ import annotations
 import ast
 import re
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
-from lightflight.path.verdict import FindingName
+import pytest
+
+from lightflight.cli.paths import print_verdict
+from lightflight.path.verdict import NOT_EXAMINED, FindingName
 from lightflight.reconstruct.verdict.geometry_tests import REMEDIES
 from tests.docs.pages import DOCS, ROOT
+from tests.view.fakes import fake_path
 
 PAGE = (DOCS / "what-can-go-wrong.md").read_text(encoding="utf-8")
 SECTIONS = dict(re.findall(r"^### `(\w+)`\n(.*?)(?=^##|\Z)", PAGE, re.MULTILINE | re.DOTALL))
@@ -66,6 +71,11 @@ def printed() -> dict[str, set[str]]:
 def test_every_name_has_its_section_and_every_section_a_name() -> None:
     assert set(SECTIONS) == set(map(str, FindingName))
     assert len(re.findall(r"^### ", PAGE, re.MULTILINE)) == len(SECTIONS)
+
+
+def test_commands_point_at_the_page(capsys: pytest.CaptureFixture[str]) -> None:
+    print_verdict(replace(fake_path(), verdict=NOT_EXAMINED))
+    assert "what-can-go-wrong#not_examined, in the documentation" in capsys.readouterr().out
 
 
 def test_every_section_tells_cause_look_and_cure() -> None:

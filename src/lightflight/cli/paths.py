@@ -114,6 +114,10 @@ def print_verdict(path: LightPath) -> None:
             n_text_columns=3,
         )
     facts = []
+    if verdict.findings:
+        # Of the first: the page holds all names.
+        page = f"what-can-go-wrong#{verdict.findings[0].name}, in the documentation"
+        facts.append(Fact("what it means", "page", page, page))
     if path.explained is not None:
         facts.append(Fact("explains", "explained", path.explained, str(path.explained)))
     exact = [price.replace(" exact:", ":", 1) for price in path.prices]
