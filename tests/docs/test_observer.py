@@ -214,6 +214,16 @@ def test_it_plays_and_stops(studio: br.OpenPage) -> None:
     assert studio.run("observerStudio.state.share") == at
 
 
+def test_who_asked_for_less_motion_sees_steps(chromium: Any, built_pages: Path) -> None:
+    page = br.OpenPage(chromium, built_pages / "observer.html", reduced_motion="reduce")
+    page.page.click("#studio-play")
+    before = page.run("observerStudio.state.share")
+    page.page.wait_for_timeout(300)
+    assert page.run("observerStudio.state.share") == before
+    page.until(f"observerStudio.state.share >= {before} + 0.7 / 9")
+    page.close()
+
+
 def test_shots_are_kept(studio: br.OpenPage) -> None:
     studio.shot("observer")
     assert studio.page.locator("#studio-plan text").count() >= 6

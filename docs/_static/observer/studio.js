@@ -255,18 +255,20 @@
   function play(on) {
     state.playing = on;
     byId("play").textContent = on ? "Pause" : "Play";
-    byId("play").setAttribute("aria-pressed", String(on));
     draw();
     if (!on) return;
     let last = performance.now();
+    // Who asked for less motion sees it in steps.
+    const pause = matchMedia("(prefers-reduced-motion: reduce)").matches ? 700 : 0;
     const step = (time) => {
       if (!state.playing) return;
-      state.share += Math.min(time - last, 100) / 9000;
+      requestAnimationFrame(step);
+      if (time - last < pause) return;
+      state.share += Math.min(time - last, pause + 100) / 9000;
       last = time;
       if (state.share > 1) state.share = 0;
       byId("clock").value = String(Math.round(1000 * state.share));
       draw();
-      requestAnimationFrame(step);
     };
     requestAnimationFrame(step);
   }
