@@ -139,6 +139,27 @@ def test_view_of_many_gives_an_index_that_survives_a_bad_file(run, path_file, tm
         assert (tmp_path / link).exists()
 
 
+def test_a_page_of_a_campaign_is_made_whole(run, path_file, tmp_path):
+    done = run("view", path_file, path_file, "-o", tmp_path / "index.html")
+    assert done.exit_code == 0, done.stderr
+    page = tmp_path / "index_pages" / "0002.html"
+    done = run("view", page, "-o", tmp_path / "whole.html")
+    assert done.exit_code == 0, done.stderr
+    assert payload_of(tmp_path / "whole.html") == payload_of(page)
+    assert "page.js" not in (tmp_path / "whole.html").read_text("utf-8")
+    run("view", page)
+    assert page.with_name("0002_whole.html").read_bytes() == (tmp_path / "whole.html").read_bytes()
+    for words, sentence in (
+        ((page, page), "made whole alone"),
+        ((page, "--title", "x"), "no options but -o and --open"),
+        ((tmp_path / "index.html",), "is no page of a path"),
+    ):
+        done = run("view", *words, "-o", tmp_path / "no.html")
+        assert done.exit_code != 0
+        assert sentence in done.stderr
+        assert not (tmp_path / "no.html").exists()
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [

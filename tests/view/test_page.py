@@ -16,8 +16,10 @@ import numpy as np
 import pytest
 
 from lightflight import Histograms
+from lightflight.errors import FileFormatError
 from lightflight.files.json_values import json_value
-from lightflight.view.page import build, page_html, write_page
+from lightflight.path.light_path import LightPath
+from lightflight.view.page import build, page_html, parts, write_page
 from lightflight.view.page.histograms import histogram_blob
 from lightflight.view.page.packing import packed
 from lightflight.view.page.payload import json_for_html, payload_from_records
@@ -124,7 +126,7 @@ def test_every_script_that_runs_is_named_by_the_policy(paper_page: str) -> None:
     assert [a.get("type") for a in scripts] == ["application/json", None]
     assert "\r" not in "".join(reader.scripts)
     hashes = re.findall(r"'sha256-[^']+'", str(policy))
-    assert hashes == [build._script_hash(reader.scripts[-1])]
+    assert hashes == [parts.script_hash(reader.scripts[-1])]
     assert "unsafe-eval" not in str(policy)
     assert "script-src 'sha256-" in str(policy)
 
@@ -279,11 +281,46 @@ def test_the_page_appears_whole_or_not_at_all(
     target = tmp_path / "page.html"
     write_page(fakes.fake_path(), target)
     before = target.read_bytes()
-    monkeypatch.setattr(build, "SCRIPTS", ("no_such.js",))
+    monkeypatch.setattr(parts, "SCRIPTS", ("no_such.js",))
     with pytest.raises(FileNotFoundError):
         write_page(fakes.fake_path(), target)
     assert target.read_bytes() == before
     assert list(tmp_path.iterdir()) == [target]
+
+
+def test_pages_of_a_campaign_share_their_parts(tmp_path: Path) -> None:
+    from lightflight.view.page.campaign import write_campaign
+
+    fakes.fake_path().save(tmp_path / "a.h5")
+    write_campaign([tmp_path / "a.h5"] * 2, tmp_path / "index.html")
+    folder = tmp_path / "index_pages"
+    names = sorted(one.name for one in folder.iterdir())
+    assert names == ["0001.html", "0002.html", "page.css", "page.js"]
+    page = (folder / "0001.html").read_text("utf-8")
+    reader = read(page)
+    asked = [a.get("src") or a.get("href") for t, a in reader.tags if t in ("link", "script")]
+    assert asked == ["page.css", None, "page.js"]
+    policy = next(a["content"] for t, a in reader.tags if t == "meta" and "http-equiv" in a)
+    assert "script-src 'self' file:;" in str(policy)
+    assert "unsafe" not in str(policy)
+    whole = parts.whole_html(folder / "0001.html")
+    title = "Three legs of light in space and time: a.h5"
+    assert whole == page_html(LightPath.load(tmp_path / "a.h5"), title=title)
+    (tmp_path / "whole.html").write_text(whole, "utf-8")
+    assert parts.whole_html(tmp_path / "whole.html") == whole  # nothing left to do
+
+
+def test_what_cannot_be_made_whole_is_refused(tmp_path: Path) -> None:
+    page = tmp_path / "0001.html"
+    page.write_text("<!DOCTYPE html><title>another</title>", "utf-8")
+    with pytest.raises(FileFormatError, match="is no page of a path"):
+        parts.whole_html(page)
+    page.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(FileFormatError, match="is no page of a path"):
+        parts.whole_html(page)
+    page.write_text(build.framed_page(fakes.fake_path(), parts.SHARED), "utf-8")
+    with pytest.raises(FileFormatError, match=r"needs page\.css beside it"):
+        parts.whole_html(page)
 
 
 def test_a_campaigns_index_names_files_without_their_folders(tmp_path: Path) -> None:

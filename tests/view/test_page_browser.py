@@ -18,7 +18,10 @@ from lightflight.path.light_path import LightPath
 from lightflight.path.second_view import camera_towards, observe
 from lightflight.path.tables import RESIDUAL_DTYPE
 from lightflight.view.page import write_page
+from lightflight.view.page.campaign import write_campaign
+from lightflight.view.page.parts import whole_html
 from tests.view import browser as br, fakes
+from tests.view.axe import barriers
 from tests.view.test_page import HOSTILE, hostile_path
 
 C = 0.299792458
@@ -464,6 +467,53 @@ def test_the_scene_is_really_painted(page: br.OpenPage) -> None:
     page.page.wait_for_timeout(500)
     near = painted(page, "#space", np.array([0xC8, 0x44, 0x0A]) / 255)
     assert near.sum() > 300  # the path and the pulse, in the event clock's colour
+
+
+def test_a_page_of_a_campaign_runs_on_the_parts_beside_it(chromium: Any, tmp_path: Path) -> None:
+    fakes.fake_path().save(tmp_path / "a.h5")
+    write_campaign([tmp_path / "a.h5"], tmp_path / "index.html")
+    shared = tmp_path / "index_pages" / "0001.html"
+    whole = tmp_path / "whole" / "page.html"
+    whole.parent.mkdir()
+    whole.write_text(whole_html(shared), "utf-8")
+    for file in (shared, whole):
+        page = br.OpenPage(chromium, file)
+        page.slide(700.0)
+        expected = fakes.fake_path().position_at(fakes.fake_path().vertex_times_ps[0] + 700.0)
+        np.testing.assert_allclose(page.marks("pulse centre"), expected, atol=1e-9)
+        assert page.run("getComputedStyle(document.body).maxWidth") == "1440px"
+        page.shot(f"page_campaign_{file.parent.name}")
+        page.close()
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 390])
+def test_the_page_has_no_serious_barrier(
+    chromium: Any, paper_file: Path, theme: str, width: int
+) -> None:
+    size = {"width": width, "height": 800}
+    # Colours that are still on their way are nobody's barrier.
+    still = {"viewport": size, "color_scheme": theme, "reduced_motion": "reduce"}
+    page = br.OpenPage(chromium, paper_file, **still)
+    page.until("Object.keys(lightflight.plots).length >= 4")
+    for clock in ("event", "arrival"):
+        page.run("(clock) => lightflight.setClock(clock)", clock)
+        assert barriers(page.page) == []
+    page.run("document.getElementById('keys').showModal()")
+    assert barriers(page.page) == []
+    page.close()
+
+
+def test_a_campaigns_index_has_no_serious_barrier(chromium: Any, tmp_path: Path) -> None:
+    fakes.fake_path().save(tmp_path / "a.h5")
+    (tmp_path / "bad.h5").write_bytes(b"nothing")
+    write_campaign([tmp_path / "a.h5", tmp_path / "bad.h5"], tmp_path / "index.html")
+    for theme in ("light", "dark"):
+        context = chromium.new_context(offline=True, color_scheme=theme)
+        page = context.new_page()
+        page.goto((tmp_path / "index.html").as_uri())
+        assert barriers(page) == []
+        context.close()
 
 
 def test_hostile_metadata_do_nothing(chromium: Any, tmp_path: Path) -> None:

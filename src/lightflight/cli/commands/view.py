@@ -63,21 +63,33 @@ def command(
 
     The page needs nothing but a browser, and no network: it can be sent by e-mail. With several
     path files, an index with a small picture of each is written, and a page for each beside it.
+    These share parts in their folder: give such a page in place of a path file to make it whole.
 
     \b
     Examples:
       lightflight view path.h5 --recording recording.h5 --timing calibration.h5
       lightflight view path.h5 --viewpoint 900 40 30
       lightflight view run-*/path.h5 -o campaign.html
+      lightflight view campaign_pages/0001.html -o first.html
     """
     if len(outputs) > 1:
         raise click.UsageError("-o may be given once: there is one page")
+    pages = [one for one in paths if one.suffix.lower() in PAGE_SUFFIXES]
     if len(paths) > 1:
         output = outputs[0] if outputs else Path("campaign.html")
+    elif pages:
+        output = outputs[0] if outputs else paths[0].with_stem(f"{paths[0].stem}_whole")
     else:
         output = outputs[0] if outputs else paths[0].with_suffix(".html")
     check_outputs([output], suffixes=PAGE_SUFFIXES, kinds=())
     check_viewpoint(lab, from_lab_camera=from_lab_camera, viewpoint_mm=viewpoint_mm)
+    if pages:
+        options = (recording_path, timing_path, from_lab_camera, viewpoint_mm, title)
+        _write_whole(paths, options, output)
+        print_written([output])
+        if show:
+            click.launch(str(output))
+        return
     # What goes with one path alone would have to be of all of them.
     if len(paths) > 1:
         for name, given in (
@@ -131,6 +143,18 @@ def _write_one(
             title=title,
             second_camera=second_camera,
         )
+
+
+def _write_whole(paths: tuple[Path, ...], options: tuple[object, ...], output: Path) -> None:
+    """Write a page of a campaign with its parts in it."""
+    if len(paths) > 1:
+        raise click.UsageError("a page is made whole alone: give one, or path files only")
+    if any(options):
+        raise click.UsageError("a page is made whole as it is: give no options but -o and --open")
+    from lightflight.files.whole_file import write_text
+    from lightflight.view.page.parts import whole_html
+
+    write_text(output, whole_html(paths[0]))
 
 
 def _write_campaign(

@@ -1,23 +1,21 @@
 """Put the page together: template, style, scripts and data in one file.
 
-Takes a LightPath and its companions, gives HTML text. A content
-security policy allows exactly the script in the file and no request at all.
+Takes a LightPath and its companions, gives HTML text. A content security policy allows exactly the
+script in the file and no request at all.
 """
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import html
 import re
 from collections.abc import Mapping
-from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from lightflight._version import __version__
 from lightflight.errors import NothingFoundError
 from lightflight.files.whole_file import write_text
 from lightflight.view.page import tables
+from lightflight.view.page.parts import Frame, asset, page_script, whole_frame
 from lightflight.view.page.payload import json_for_html, payload_from_records
 from lightflight.view.types import FilePath
 
@@ -30,43 +28,6 @@ if TYPE_CHECKING:
         Pulses,
         Recording,
         TimingCalibration,
-    )
-
-SCRIPTS = (
-    "data.js", "eye.js", "ticks.js", "scene.js", "space.js", "plot.js", "picture.js", "panels.js",
-    "pixel.js", "main.js",
-)  # fmt: skip
-"""In this order; each uses what stands before it."""
-
-
-def _asset(name: str) -> str:
-    return files("lightflight.view.page").joinpath(name).read_text(encoding="utf-8")
-
-
-def _inline(script: str) -> str:
-    """A script that an HTML parser passes on unchanged: no early end, no carriage returns."""
-    text = script.replace("\r\n", "\n").replace("\r", "\n")
-    # An HTML parser ends a script at its closing tag, even inside a string.
-    text = re.sub(r"</(?=script)", r"<\\/", text, flags=re.IGNORECASE)
-    return text.replace("<!--", "<\\!--")
-
-
-def _script_hash(script: str) -> str:
-    digest = hashlib.sha256(script.encode("utf-8", "replace")).digest()
-    return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"
-
-
-def _policy(*scripts: str) -> str:
-    """Content security policy: these scripts and nothing from anywhere."""
-    return "; ".join(
-        (
-            "default-src 'none'",
-            "script-src " + " ".join(_script_hash(s) for s in scripts),
-            "style-src 'unsafe-inline'",
-            "img-src data: blob:",
-            "base-uri 'none'",
-            "form-action 'none'",
-        )
     )
 
 
@@ -105,6 +66,33 @@ def page_html(
     GeometryError
         Where `second_camera` sees no part of the path.
     """
+    return framed_page(
+        path,
+        whole_frame(asset("page.css"), page_script()),
+        recording=recording,
+        timing=timing,
+        pulses=pulses,
+        arrivals=arrivals,
+        title=title,
+        second_camera=second_camera,
+    )
+
+
+def framed_page(
+    path: LightPath,
+    frame: Frame,
+    *,
+    recording: Histograms | Recording | None = None,
+    timing: TimingCalibration | None = None,
+    pulses: Pulses | None = None,
+    arrivals: Arrivals | None = None,
+    title: str = "",
+    second_camera: Camera | None = None,
+) -> str:
+    """The page about one reconstruction with its parts in it or beside it.
+
+    Parameters as in `page_html`, and `frame`: `SHARED`, or a `whole_frame`.
+    """
     hist = _histograms(recording)
     pulses, arrivals = _fits(hist, timing, pulses, arrivals)
     heading = title or tables.heading(path)
@@ -117,25 +105,22 @@ def page_html(
         title=heading,
         second_camera=second_camera,
     )
-    body = "\n".join(_asset(name) for name in SCRIPTS)
-    # One closed function in strict mode: nothing of the page becomes a global name.
-    script = _inline(f'(() => {{\n"use strict";\n{body}\n}})();')
     # What comes from outside is escaped here or in `tables`; the payload in `json_for_html`.
     parts = {
-        "POLICY": html.escape(_policy(script), quote=True),
+        "POLICY": frame.policy,
         "GENERATOR": html.escape(f"lightflight {__version__}", quote=True),
         "TITLE": html.escape(heading),
         "LEAD": html.escape(tables.lead(payload)),
         "LEVEL": payload["verdict"]["level"],
         "VERDICT": tables.verdict_html(payload),
-        "STYLE": _asset("page.css"),
+        "STYLE": frame.style,
         "STATEMENTS": tables.statements_html(payload),
         "TABLES": tables.tables_html(payload),
         "PROVENANCE": tables.provenance_html(payload),
         "PAYLOAD": json_for_html(payload),
-        "SCRIPT": script,
+        "SCRIPT": frame.script,
     }
-    return _filled(_asset("page.html"), parts)
+    return _filled(asset("page.html"), parts)
 
 
 def _filled(template: str, parts: Mapping[str, str]) -> str:

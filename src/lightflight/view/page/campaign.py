@@ -21,7 +21,8 @@ from lightflight.files.whole_file import write_text
 from lightflight.path.light_path import LightPath
 from lightflight.path.trace import trace_from_path
 from lightflight.path.verdict import Level
-from lightflight.view.page.build import page_html
+from lightflight.view.page.build import framed_page
+from lightflight.view.page.parts import SHARED, write_parts
 from lightflight.view.page.tables import badge_html, heading
 from lightflight.view.types import FilePath, Floats
 from lightflight.view.viewpoint import Viewpoint
@@ -69,7 +70,9 @@ def write_campaign(
 ) -> None:
     """Write an index of many paths, and a page for each in the folder `<name>_pages` beside it.
 
-    A path file that cannot be read gets an entry that says why; the others are not held up.
+    The pages share one style and one script in that folder; `lightflight view PAGE.html` makes any
+    of them whole. A path file that cannot be read gets an entry that says why; the others are not
+    held up.
 
     Parameters
     ----------
@@ -87,6 +90,7 @@ def write_campaign(
     index = Path(file)
     folder = index.parent / f"{index.stem}_pages"
     folder.mkdir(exist_ok=True)
+    write_parts(folder)
     entries: list[tuple[str, LightPath | str, str]] = []
     for k, source in enumerate(path_files):
         name = os.fspath(source)
@@ -98,7 +102,8 @@ def write_campaign(
         else:
             page = f"{k + 1:04d}.html"
             title_of_page = f"{heading(path)}: {Path(name).name}"
-            write_text(folder / page, page_html(path, timing=timing, title=title_of_page))
+            text = framed_page(path, SHARED, timing=timing, title=title_of_page)
+            write_text(folder / page, text)
             entries.append((name, path, f"{folder.name}/{page}"))
         if progress is not None:
             progress(k + 1, len(path_files))
