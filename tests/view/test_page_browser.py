@@ -434,6 +434,17 @@ def test_it_is_turned_by_hand_and_by_keys(page: br.OpenPage) -> None:
     page.page.click("[data-view=path]")
     page.page.wait_for_timeout(100)
     assert page.run("lightflight.places()[0]") == pytest.approx(before, abs=1e-6)
+    page.page.hover("#space")
+    page.page.mouse.wheel(0, 40)  # the page's, as long as nobody clicked the panel
+    page.page.wait_for_timeout(100)
+    assert page.run("lightflight.places()[0]") == pytest.approx(before, abs=1e-6)
+    page.page.hover("#space")
+    page.page.mouse.down()
+    page.page.mouse.up()
+    page.page.mouse.wheel(0, 400)
+    page.page.wait_for_timeout(100)
+    assert page.run("lightflight.places()[0][2]") > 1.3 * before[2]
+    page.page.click("[data-view=path]")
 
 
 def test_a_plot_is_zoomed_and_read(page: br.OpenPage) -> None:

@@ -136,7 +136,7 @@ function setEye(number) {
 
 function pictureHelp() {
   byId("picture-note").textContent = !camera || !lights ? ""
-    : eye === 0 ? "Grey: photons of all pulses of a pixel. Coloured: the light of this moment. Point at a pixel, or use arrow keys."
+    : eye === 0 ? "Grey: photons of all pulses of a pixel, the brightest hundredth alike. Coloured: the light of this moment. Point at a pixel, or use arrow keys."
       : "Computed from the path, as shares of the brightest. Coloured: the light of this moment. Point at a pixel, or use arrow keys.";
 }
 
@@ -307,6 +307,7 @@ function hideEmptyCards() {
     ["clocks-card", hasArrival], ["speed-card", hasArrival], ["residual-card", residuals], ["clock-card", payload.clock]]) {
     byId(id).hidden = !there;
   }
+  document.querySelector("[data-view=camera]").hidden = !camera;
 }
 
 // For tests and the curious: what is shown, and how to move it.

@@ -36,7 +36,9 @@ function preparePicture() {
     // A pulse of unknown size still was light: it counts as one photon.
     photonSum[lights.row[i] * cols + lights.col[i]] += lights.photons[i] > 0 ? lights.photons[i] : 1;
   }
-  mostPhotons = spanOf([photonSum])[1] || 1;
+  // One screaming pixel must not darken all others: the brightest hundredth is drawn alike.
+  const sums = photonSum.filter((x) => x > 0).sort();
+  mostPhotons = sums.length ? sums[Math.floor(0.99 * (sums.length - 1))] : 1;
   const photons = Array.from(lights.photons).filter((x) => x > 0).sort((a, b) => a - b);
   brightest = photons.length ? photons[Math.floor(0.98 * (photons.length - 1))] : 1;
   const widths = Array.from(lights.width_ps).filter((x) => x > 0).sort((a, b) => a - b);
@@ -44,7 +46,7 @@ function preparePicture() {
 }
 
 // How dark a number of photons is drawn, 0 … 1: by its root, so that faint pixels show.
-const shade = (photons) => Math.sqrt(Math.max(0, photons) / mostPhotons);
+const shade = (photons) => Math.sqrt(Math.min(1, Math.max(0, photons) / mostPhotons));
 
 // Light of every pixel at a moment of a clock, 0 … 1 of the brightest pixel's peak.
 function lightAt(clock, moment) {
@@ -113,12 +115,14 @@ function drawPictureLines(now) {
     const [x, y] = at(trace.pixel[2 * i], trace.pixel[2 * i + 1]);
     if (i && trace.leg[i] === trace.leg[i - 1]) g.lineTo(x, y); else g.moveTo(x, y);
   }
-  // A light rim, so that it shows on dark pixels too.
-  for (const [name, width] of [["card", 2.5], ["ink", 1]]) {
+  // A light rim, so that it shows on dark pixels too; of many legs it would hide the pixels.
+  g.globalAlpha = nLegs > 12 ? 0.4 : 1;
+  for (const [name, width] of nLegs > 12 ? [["ink", 0.7]] : [["card", 2.5], ["ink", 1]]) {
     g.strokeStyle = color(name);
     g.lineWidth = width;
     g.stroke();
   }
+  g.globalAlpha = 1;
   if (now.pixel) {
     const [x, y] = at(...now.pixel);
     g.strokeStyle = color("accent");

@@ -172,10 +172,12 @@ function drawScale(g, scale, { box }, ink, width) {
   g.textAlign = "left";
   g.textBaseline = "top";
   g.fillText(scale.title, left, box.top - 1);
+  // Large numbers would run off the canvas: they are counted in thousands.
+  const per = scale.high >= 1e5 ? 1000 : 1;
   g.textBaseline = "middle";
   const ticks = ticksBetween(scale.low, scale.high, Math.max(2, tall / 40));
   const step = ticks.length > 1 ? ticks[1] - ticks[0] : 1;
-  for (const t of ticks) g.fillText(tickText(t, step), left + 14, box.bottom - (t - scale.low) / (scale.high - scale.low) * tall);
+  for (const t of ticks) g.fillText(tickText(t / per, step / per) + (per > 1 && t ? "k" : ""), left + 14, box.bottom - (t - scale.low) / (scale.high - scale.low) * tall);
 }
 
 const PLOT_KINDS = {

@@ -93,7 +93,7 @@ function stillShapes(ink) {
     if (tubeFactor) out.push({ points, tube: indices, fill: ink.event, alpha: 0.22 });
     out.push({ points, stroke: ink.event, width: 2 });
     const seen = indices.filter((i) => trace.in_view[i] === 1).map(tracePoint);
-    if (seen.length > 1) out.push({ points: seen, stroke: ink.event, width: 5, alpha: 0.55 });
+    if (camera && seen.length > 1) out.push({ points: seen, stroke: ink.event, width: 5, alpha: 0.55 });
   }
   return out;
 }

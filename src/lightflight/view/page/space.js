@@ -138,6 +138,7 @@ function ticksAlong(box, k, far, project) {
 function writeAxes(room, box, steps, eye, project, ink) {
   const far = farSides(box, eye);
   const middle = project(box.map(([low, high]) => (low + high) / 2));
+  const titles = [];
   for (let k = 0; k < 3; k += 1) {
     const edge = labelledEdge(box, k, far, project);
     const [p, q] = edge.map(project);
@@ -148,14 +149,19 @@ function writeAxes(room, box, steps, eye, project, ink) {
     if ((centre[0] - middle[0]) * out[0] + (centre[1] - middle[1]) * out[1] < 0) out = [-out[0], -out[1]];
     const beside = ([x, y], far1) => [x + out[0] * far1, y + out[1] * far1];
     const wide = 14 + 16 * Math.abs(out[0]);
-    room.put(`${NAMES[k]} (mm)`, [beside(centre, wide + 18), beside(centre, wide + 8), beside(q, wide + 18), beside(p, wide + 18)], ink.quiet, ink.card);
     const step = steps[k].length > 1 ? steps[k][1] - steps[k][0] : Math.abs(steps[k][0]) || 1;
     for (const value of steps[k]) {
       const at = edge[0].slice();
       at[k] = value;
       room.put(tickText(value, step), [beside(project(at), wide)], ink.quiet, ink.card);
     }
+    const along = [(q[0] - p[0]) / long, (q[1] - p[1]) / long];
+    const beyond = ([x, y], far1) => [x + along[0] * far1, y + along[1] * far1];
+    titles.push([`${NAMES[k]} (mm)`, [beside(centre, wide + 18), beyond(q, 22), beyond(p, -22), beyond(q, 34), beside(q, wide + 18),
+      beside(p, wide + 18), beside(centre, wide + 34)]]);
   }
+  // Numbers first: a title finds a place elsewhere, a number does not.
+  for (const [text, places] of titles) room.put(text, places, ink.quiet, ink.card);
 }
 
 // --- the still part ------------------------------------------------------------------------
@@ -252,7 +258,7 @@ function drawScene() {
 function writeLegend() {
   const node = document.getElementById("scene-legend");
   const seen = Array.from(trace.in_view).some((x) => x === 1);
-  const entries = [["path", "path", nLegs > 0], ["seen", "in the camera's view", seen],
+  const entries = [["path", "path", nLegs > 0], ["seen", "in the camera's view", Boolean(camera) && seen],
     ["truth", "truth", Boolean(payload.truth)],
     ["tube", `one standard deviation${tubeFactor > 1 ? `, enlarged ${tubeFactor}\u00d7` : ""}`, tubeFactor > 0],
     ["field", "field of view, where the path is", Boolean(camera)],
@@ -266,7 +272,7 @@ function writeLegend() {
     item.append(text);
   }
   document.getElementById("scene-note").textContent = nLegs ? `Pulse ${show(path.pulse_fwhm_ps, 0, "ps")} long${path.pulse_fwhm_known ? "" : " (assumed)"}: `
-    + `${show(path.pulse_fwhm_ps * C / path.path_index, 1, "mm")} in flight. Drag to turn, scroll to zoom; point at the path for a point with its errors.` : "";
+    + `${show(path.pulse_fwhm_ps * C / path.path_index, 1, "mm")} in flight. Drag to turn, then scroll to zoom; point at the path for a point with its errors.` : "";
 }
 
 // --- the hand ------------------------------------------------------------------------------
@@ -347,9 +353,16 @@ function prepareSpaceEvents() {
   });
   for (const end of ["pointerup", "pointercancel"]) spaceNode.addEventListener(end, (event) => held.delete(event.pointerId));
   spaceNode.addEventListener("pointerleave", () => { spaceTip.hidden = true; });
-  spaceNode.addEventListener("wheel", (event) => { event.preventDefault(); zoomBy(Math.exp(0.0012 * event.deltaY)); }, { passive: false });
+  spaceNode.addEventListener("wheel", onWheel, { passive: false });
   spaceNode.addEventListener("keydown", onSpaceKey);
   new ResizeObserver(redrawSpace).observe(spaceNode);
+}
+
+// Only in a panel that was clicked, or with Ctrl: else the wheel moves the page.
+function onWheel(event) {
+  if (document.activeElement !== spaceNode && !event.ctrlKey) return;
+  event.preventDefault();
+  zoomBy(Math.exp(0.0012 * event.deltaY));
 }
 
 function onSpaceKey(event) {
