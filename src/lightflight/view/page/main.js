@@ -20,12 +20,14 @@ function current() {
 
 const errorText = (std, unit = "") => (std > 0 ? `±\u202f${withError(std, std).split(" ± ")[1]}${unit ? `\u202f${unit}` : ""}` : "");
 
-// "x 179.99 ± 0.12": the value as sharp as its error, the error smaller beside it.
+// "x 179.99 ± 0.12": the value as sharp as its error, the error smaller beside it; kept on one line.
 function placeParts(name, value, std) {
-  const axis = element("span", name);
-  axis.className = "axis";
-  const error = element("small", errorText(std));
-  return [axis, ` ${withError(value, std).split(" ± ")[0]} `, error, " "];
+  const group = element("span");
+  group.className = "coordinate";
+  element("span", name, group).className = "axis";
+  group.append(` ${withError(value, std).split(" ± ")[0]} `);
+  element("small", errorText(std), group);
+  return [group, " "];
 }
 
 const STORIES = {

@@ -109,7 +109,7 @@ function drawResidualMap(node, at) {
   for (const i of at) if (pulses.used[i]) z[pulses.row[i] * width + pulses.col[i]] = pulses.residual_ps[i];
   const sizes = Array.from(z).filter(Number.isFinite).map(Math.abs).sort((a, b) => a - b);
   const limit = sizes[Math.floor(0.95 * (sizes.length - 1))] || 1;
-  const [early, late] = [mixed("card", "arrival"), mixed("card", "event")];
+  const [early, late] = [mixed("hair", "arrival"), mixed("hair", "event")];
   const colorOf = (v) => (v < 0 ? early(-v / limit) : late(v / limit));
   plotIn(node, { x: "column", y: "row", square: true, flipped: true,
     scale: { title: "ps", low: -limit, high: limit, colorAt: (f) => colorOf(limit * (2 * f - 1)) },
