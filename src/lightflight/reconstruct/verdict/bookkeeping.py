@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtrc, ndtr
+from scipy.special import bdtrc, chdtrc, ndtr
 
 from lightflight import flags
 from lightflight.path.light_path import LightPath
@@ -26,6 +26,8 @@ Floats = NDArray[np.float64]
 
 _USUAL_POOR = 0.02
 """Share of the pulses on an undisturbed path that carry POOR_FIT: at most this."""
+_TURNS_AT = 1e-4
+"""Chance that straight light seems to turn somewhere on two legs."""
 
 
 def evidence_from_flags(fit: JointFit, sightings: list[Sighting]) -> tuple[Evidence, ...]:
@@ -104,6 +106,18 @@ def noticed(
                 Severity.CHECK,
             )
         )
+    elif n_legs is not None and (unseen := corners_without_a_turn(path)):
+        which = " and ".join(str(corner) for corner in unseen)
+        found.append(
+            Finding(
+                FindingName.LEG_COUNT,
+                f"{n_legs} legs were told and the recording shows {n_legs - len(unseen)}: the "
+                f"light is not seen to turn at corner{'s' if len(unseen) > 1 else ''} {which}",
+                0.0,
+                "leave the number of legs open, or give a start",
+                Severity.CHECK,
+            )
+        )
     if not path.goodness.converged:
         found.append(
             Finding(
@@ -115,6 +129,35 @@ def noticed(
             )
         )
     return tuple(found)
+
+
+def corners_without_a_turn(path: LightPath) -> list[int]:
+    """Corners, numbers of their vertices, at which the path may as well go straight on.
+
+    The change of direction is held against its own covariance. Such a corner lies where chance
+    makes the change largest, so as many places count as pulses lie on its two legs.
+    """
+    corners = []
+    for k in range(1, path.n_legs):
+        steps = np.diff(path.vertices_mm[k - 1 : k + 2], axis=0)
+        lengths = np.linalg.norm(steps, axis=1)
+        units = steps / lengths[:, np.newaxis]
+        before, after = (
+            (np.eye(3) - np.outer(unit, unit)) / length
+            for unit, length in zip(units, lengths, strict=True)
+        )
+        # d(change of direction) / d(x, y, z, t of the three vertices).
+        jacobian = np.zeros((3, 12))
+        jacobian[:, 0:3], jacobian[:, 4:7], jacobian[:, 8:11] = before, -before - after, after
+        block = slice(4 * (k - 1), 4 * (k + 2))
+        variance, axes = np.linalg.eigh(jacobian @ path.covariance[block, block] @ jacobian.T)
+        # Along the leg itself directions do not change; that axis has no variance.
+        across = (axes.T @ (units[1] - units[0]))[1:]
+        chi2 = float(np.sum(across**2 / np.maximum(variance[1:], 1e-24)))
+        on_them = np.isin(path.residuals["leg"], (k - 1, k)) & path.residuals["used"]
+        if max(int(on_them.sum()), 1) * chdtrc(2, chi2) > _TURNS_AT:
+            corners.append(k)
+    return corners
 
 
 def beyond_the_tests(fit: JointFit, sightings: Sequence[Sighting]) -> tuple[Finding, ...]:

@@ -1,0 +1,37 @@
+"""Four legs told where the recording shows three: one was cut in two, and all was "trust"."""
+
+import warnings
+
+import pytest
+
+import lightflight as lf
+from lightflight.path.verdict import FindingName, Level
+from tests.labs import three_legs
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    lab = three_legs()
+    return lab, lab.recording(4, 20_000.0)
+
+
+def reconstructed(recorded, n_legs):
+    lab, hist = recorded
+    told = {"camera": lab.camera, "source": lab.known, "timing": lab.timing}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return lf.reconstruct(hist, n_legs=n_legs, **told)
+
+
+def test_the_number_is_doubted(recorded):
+    path = reconstructed(recorded, 4)
+    assert path.n_legs == 4
+    assert path.verdict.level is not Level.TRUST
+    (finding,) = [one for one in path.verdict.findings if one.name is FindingName.LEG_COUNT]
+    assert "4 legs were told and the recording shows 3" in finding.sentence
+
+
+def test_the_true_number_is_not(recorded):
+    path = reconstructed(recorded, 3)
+    assert FindingName.LEG_COUNT not in [one.name for one in path.verdict.findings]
+    assert path.verdict.level is Level.TRUST
