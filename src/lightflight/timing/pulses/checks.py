@@ -37,6 +37,12 @@ FEW_COUNTS = 8
 ABNORMAL_FACTOR = 8.0
 """Background that many times the array's, without a pulse to speak of, is abnormal."""
 
+DIMMEST = 3.0
+"""A living pixel is at most this many times less sensitive than the median one."""
+
+DEAD_BY_CHANCE = 1e-4
+"""Chance that any pixel of an array of living ones, each that dim, counts nothing."""
+
 SATURATED_OCCUPANCY = 0.999
 """A pixel that fires in this share of all frames counts frames, not photons."""
 
@@ -78,12 +84,17 @@ def _pixel_flags(fits: Fits, hist: Histograms, todo: NDArray[np.bool_]) -> NDArr
 def _count_flags(
     fits: Fits, hist: Histograms, todo: NDArray[np.bool_], counts: NDArray[np.float64]
 ) -> NDArray[np.uint32]:
-    """(pixels,), abnormal, screaming and saturated pixels.
+    """(pixels,), dead, abnormal, screaming and saturated pixels.
 
     Bright is not abnormal: only a pixel whose counts are background, far beyond the array's
-    background, is.
+    background, is. Dark is not dead: only where half of the array counts so much that no living
+    pixel could count nothing.
     """
     flags = np.zeros(len(counts), dtype=np.uint32)
+    asked = counts[todo]
+    typical = float(np.median(asked[even_sample(len(asked))])) if len(asked) else 0.0
+    if len(asked) * math.exp(-typical / DIMMEST) < DEAD_BY_CHANCE:
+        flags[todo & (counts <= 0)] |= fl.DEAD
     photons = zero_for_nan(fits.values[:, 2])
     if not fits.one_per_pixel:
         photons = np.bincount(fits.pixel, photons, len(counts)).astype(np.float64)
