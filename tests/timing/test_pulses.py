@@ -240,7 +240,8 @@ def test_each_flag_is_set_by_what_it_names(rng):
     pulses = fit_pulses(hist, exclude_mask=mask)
     flags = pulses.image("flags")[0]
     expected = {
-        0: fl.NO_PHOTONS, 1: fl.TOO_FEW, 2: fl.NO_PULSE, 3: fl.TOO_WIDE, 4: fl.TOO_NARROW,
+        0: fl.NO_PHOTONS | fl.DEAD, 1: fl.TOO_FEW, 2: fl.NO_PULSE, 3: fl.TOO_WIDE,
+        4: fl.TOO_NARROW,
         5: fl.NO_PULSE | fl.ABNORMAL_COUNT, 6: fl.NEAR_GATE_EDGE, 9: fl.MASKED,
         8: fl.NO_PULSE | fl.ABNORMAL_COUNT | fl.SCREAMING,
     }  # fmt: skip
