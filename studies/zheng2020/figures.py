@@ -67,7 +67,7 @@ def fig2_figure(record: Fig2) -> Figure:
         style.title(ax, f"{number}  {name}: {kept}")
     ax = right.subplots()
     draw_camera_picture(record.arrivals, ax)
-    style.title(ax, "Arrival time by pixel", f"{record.n_kept} pixels kept")
+    style.title(ax, f"{record.n_kept} pixels kept")
     return figure
 
 
