@@ -151,8 +151,11 @@ def _draw_picture(
     ax.set(xlabel="column u (px)", ylabel="row v (px)")
     if on_leg.any():
         style.colorbar(ax, dots, f"arrival time ({unit})")
-    if ax.get_legend_handles_labels()[1]:
-        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
+    ax.fill_between([], [], color="#c9c9c9", lw=0, label="all light")
+    ax.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2, columnspacing=1.2,
+        handlelength=1.2,
+    )  # fmt: skip
 
 
 def _number_leg(ax: Axes, ends: Floats, k: int) -> None:

@@ -59,7 +59,7 @@ def draw_error_against_light(plan: Plan, ax: Axes | None = None) -> Axes:
         )
     ax.set_xlabel("photons in the brightest pixel")
     ax.set_ylabel("position error in view (mm, rms)")
-    ax.set_title("Error against light")
+    style.title(ax, "Error against light", "dots: the light told")
     ax.legend(loc="upper right")
     ax.grid(visible=True)
     return ax
