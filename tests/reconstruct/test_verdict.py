@@ -12,7 +12,7 @@ from scipy.stats import chi2, kstest
 import lightflight as lf
 from lightflight.errors import SuspectDataWarning, UncalibratedWarning
 from lightflight.path.verdict import FindingName
-from lightflight.reconstruct.verdict.bookkeeping import noticed
+from lightflight.reconstruct.verdict.bookkeeping import corners_without_a_turn, noticed
 from lightflight.reconstruct.verdict.evidence import Evidence, evidence_from_deviate
 from lightflight.reconstruct.verdict.judge import family_p_value, named, verdict_from_evidence
 from tests.oracles.worlds.border import record, what_the_user_tells
@@ -174,6 +174,15 @@ def test_a_nominal_clock_is_warned_of_once_and_checked():
 def test_legs_that_were_told_and_not_found_are_noticed(told, names):
     found = noticed(make_path(), (), nominal_clock=False, n_legs=told)
     assert [finding.name for finding in found] == names
+
+
+def test_light_that_turns_back_turns():
+    """Errors of many degrees: of legs that run against each other nothing is seen to lean aside."""
+    unsure = 100.0 * np.eye(16)
+    back = make_path([[0, 0, 0], [300, 0, 0], [0, 1, 0], [300, 2, 0]], unsure)
+    assert corners_without_a_turn(back) == []
+    on = make_path([[0, 0, 0], [100, 0, 0], [200, 1, 0], [0, 1, 0]], unsure)
+    assert corners_without_a_turn(on) == [1]
 
 
 def test_blind_spots_are_what_moves_the_path_unseen():

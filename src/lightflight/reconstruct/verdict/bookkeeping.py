@@ -142,6 +142,8 @@ def corners_without_a_turn(path: LightPath) -> list[int]:
         steps = np.diff(path.vertices_mm[k - 1 : k + 2], axis=0)
         lengths = np.linalg.norm(steps, axis=1)
         units = steps / lengths[:, np.newaxis]
+        if units[0] @ units[1] < 0.0:  # it turns back, whichever way it leans
+            continue
         before, after = (
             (np.eye(3) - np.outer(unit, unit)) / length
             for unit, length in zip(units, lengths, strict=True)
