@@ -4,6 +4,7 @@ Takes world points (mm) or pixels (row, col), gives the other through a pinhole 
 distortion model (`lens`). OpenCV's signs (u = col, v = row, y down, z forward) live in these two
 modules and nowhere else: outside them the world is right-handed, y up, and pixels are (row, col)
 with the centre of the first pixel at (0, 0). Fitting a camera to measured points is `calibration`.
+What it looks through, windows and walls of tanks, bends its rays once, here (`refraction`).
 
 The camera is a point: its centre A is the entrance pupil, where arrival times are taken.
 """
@@ -19,6 +20,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight.arguments import POSITIVE, finite_number, finite_numbers, pixels_of_shape
 from lightflight.camera.lens import Lens, checked_distortion
+from lightflight.camera.refraction import (
+    Interface,
+    Way,
+    checked_interfaces,
+    moved_rigidly,
+    rays_through,
+    straight_way,
+    way_through,
+)
 from lightflight.camera.rigid import (
     checked_covariance,
     checked_pose,
@@ -27,11 +37,12 @@ from lightflight.camera.rigid import (
     read_only,
     rotation_from_vector,
 )
+from lightflight.camera.stored import LENS_ERRORS as LENS_ERRORS, arrays_of_camera, fields_of_arrays
 from lightflight.display import Card, Shown, number, size_facts
 from lightflight.errors import GeometryError
-
-LENS_ERRORS = ("focal_std_fraction", "distortion_std")
-"""Stated errors of a camera's lens."""
+from lightflight.flight import return_time_from_points
+from lightflight.materials import AIR, Material
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 
 def _checked_matrix(matrix: ArrayLike) -> NDArray[np.float64]:
@@ -82,6 +93,11 @@ class Camera(Shown):
         One-sigma error of the focal length, both axes together, as a share of it. 0: exact.
     distortion_std : float
         One-sigma error of the radial distortion k1. 0: exact.
+    interfaces : tuple of Interface
+        Planes that it looks through, from the camera to the scene (`window` makes the two of a
+        pane); an error of the pose is one of camera and interfaces together.
+    stands_in : Material
+        What it stands in, before the first interface.
     """
 
     matrix: NDArray[np.float64]
@@ -99,6 +115,10 @@ class Camera(Shown):
     focal_std_fraction: float = field(default=0.0, kw_only=True)
 
     distortion_std: float = field(default=0.0, kw_only=True)
+
+    interfaces: tuple[Interface, ...] = field(default=(), kw_only=True)
+
+    stands_in: Material = field(default=AIR, kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shape", pixels_of_shape(self.shape))
@@ -118,6 +138,10 @@ class Camera(Shown):
         for name in LENS_ERRORS:
             std = finite_number(name, getattr(self, name), "be finite and >= 0", low=0.0)
             object.__setattr__(self, name, std)
+        if not isinstance(self.stands_in, Material):
+            raise ValueError("stands_in must be a Material: Material(phase_index, group_index)")
+        faces = checked_interfaces(self.interfaces, self.center_mm, -self.backward_axis)
+        object.__setattr__(self, "interfaces", faces)
 
     @classmethod
     def facing_plane(
@@ -266,6 +290,10 @@ class Camera(Shown):
             ("lens", "with distortion" if np.any(self.distortion) else "without distortion"),
             ("pose" if self.pose_covariance is None else "pose known to", pose),
         ]
+        if self.interfaces:
+            through = (self.stands_in, *(face.beyond for face in self.interfaces))
+            said = " | ".join(one.name or f"n = {number(one.phase_index, 5)}" for one in through)
+            facts.append(("looks through", said))
         return Card("Camera", facts)
 
     @property
@@ -293,9 +321,10 @@ class Camera(Shown):
         Returns
         -------
         x, y : array of float, shape (...)
-            Right and down, at unit depth; NaN for points on or behind the plane of the pupil.
+            Right and down, at unit depth; NaN for points on or behind the plane of the pupil, and
+            for points before the last interface.
         """
-        points = self._camera_points(points_mm)
+        points = self._camera_points(self._seen_points(points_mm))
         depth = np.where(points[..., 2] > 0.0, points[..., 2], np.nan)
         return points[..., 0] / depth, points[..., 1] / depth
 
@@ -368,23 +397,46 @@ class Camera(Shown):
         array of float, shape (..., 2, 3)
             px/mm; NaN behind the camera.
         """
-        points = self._camera_points(points_mm)
-        z = np.where(points[..., 2:] > 0.0, points[..., 2:], np.nan)
-        x, y = points[..., :1] / z, points[..., 1:2] / z
-        right, down, forward = self.world_from_camera[:3, :3].T
-        # How the place in the image plane moves, (..., 3); below, how the lens bends that.
-        x_by_point, y_by_point = (right - x * forward) / z, (down - y * forward) / z
+        plane, by_plane = self._plane_and_slopes(points_mm)
+        x_by_point, y_by_point = by_plane[..., 0, :], by_plane[..., 1, :]
         if not self._lens.is_ideal:
-            bend = self._lens.jacobian(x[..., 0], y[..., 0])
+            bend = self._lens.jacobian(plane[..., 0], plane[..., 1])
             x_by_point, y_by_point = (
-                by_plane[..., :1] * x_by_point + by_plane[..., 1:] * y_by_point
-                for by_plane in (bend[..., 0, :], bend[..., 1, :])
+                of_plane[..., :1] * x_by_point + of_plane[..., 1:] * y_by_point
+                for of_plane in (bend[..., 0, :], bend[..., 1, :])
             )
         k = self.matrix
-        jacobian = np.empty((*points.shape[:-1], 2, 3))
+        jacobian = np.empty(by_plane.shape)
         jacobian[..., 0, :] = k[1, 1] * y_by_point
         jacobian[..., 1, :] = k[0, 0] * x_by_point + k[0, 1] * y_by_point
         return jacobian
+
+    def normalized_jacobian(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """Derivative of (x, y) of the undistorted image plane by the world point.
+
+        Parameters
+        ----------
+        points_mm : array of float, shape (..., 3)
+            World, mm.
+
+        Returns
+        -------
+        array of float, shape (..., 2, 3)
+            Per mm; NaN behind the camera.
+        """
+        return self._plane_and_slopes(points_mm)[1]
+
+    def _plane_and_slopes(
+        self, points_mm: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Places (..., 2) in the image plane at unit depth, and their derivatives (..., 2, 3)."""
+        way = self.way_back(points_mm) if self.interfaces else None
+        points = self._camera_points(points_mm if way is None else way.first_mm)
+        z = np.where(points[..., 2:] > 0.0, points[..., 2:], np.nan)
+        plane = points[..., :2] / z
+        right_down, forward = self.world_from_camera[:3, :2].T, self.world_from_camera[:3, 2]
+        slopes = (right_down - plane[..., np.newaxis] * forward) / z[..., np.newaxis]
+        return plane, slopes if way is None else np.asarray(slopes @ way.first_by_point)
 
     # ---- pixel -> world -------------------------------------------------------------------
 
@@ -429,7 +481,7 @@ class Camera(Shown):
         return x, y
 
     def rays_from_pixels(self, row: ArrayLike, col: ArrayLike) -> NDArray[np.float64]:
-        """Directions that pixels look along.
+        """Directions that pixels look along, before any interface (`lines_of_sight`: behind all).
 
         Parameters
         ----------
@@ -452,6 +504,115 @@ class Camera(Shown):
         ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
         return np.asarray(ray @ self.world_from_camera[:3, :3].T)
 
+    def lines_of_sight(
+        self, row: ArrayLike, col: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Lines that pixels look along in the scene, behind all that the camera looks through.
+
+        Parameters
+        ----------
+        row, col : array of float, shape (...)
+            px, fractional or outside the picture allowed.
+
+        Returns
+        -------
+        origins_mm : array of float, shape (..., 3)
+            World: the centre A, or where the ray leaves the last interface; NaN for a ray that
+            never gets there.
+        directions : array of float, shape (..., 3)
+            Unit, world, outwards.
+        optical_mm : array of float, shape (...)
+            Group indices times lengths from the camera to the origin; 0 without interfaces.
+
+        Raises
+        ------
+        GeometryError
+            As `normalized_from_pixels` does.
+        """
+        rays = self.rays_from_pixels(row, col)
+        if not self.interfaces:
+            return np.broadcast_to(self.center_mm, rays.shape), rays, np.zeros(rays.shape[:-1])
+        return rays_through(
+            rays, center_mm=self.center_mm, front=self.stands_in, interfaces=self.interfaces
+        )
+
+    # ---- the way of the light -------------------------------------------------------------
+
+    def way_back(self, points_mm: ArrayLike, *, return_group_index: float | None = None) -> Way:
+        """How light of world points comes to the camera, and how long its way is.
+
+        Parameters
+        ----------
+        points_mm : array of float, shape (..., 3)
+            World, mm.
+        return_group_index : float, optional
+            Of the scene's own medium; None: that behind the last interface.
+
+        Returns
+        -------
+        Way
+            Of the points, flat; the straight line where there is no interface.
+        """
+        points = np.asarray(points_mm, dtype=np.float64).reshape(-1, 3)
+        last = self.interfaces[-1].beyond if self.interfaces else self.stands_in
+        index = last.group_index if return_group_index is None else return_group_index
+        if self.interfaces:
+            way = way_through(
+                points,
+                center_mm=self.center_mm,
+                front=self.stands_in,
+                interfaces=self.interfaces,
+                return_group_index=index,
+            )
+        else:
+            way = straight_way(points, self.center_mm, index)
+        return way.shaped(np.shape(points_mm)[:-1])
+
+    def return_times_ps(
+        self, points_mm: ArrayLike, *, return_group_index: float
+    ) -> NDArray[np.float64]:
+        """Time that light scattered at world points needs to the camera (method.md, Flight).
+
+        Parameters
+        ----------
+        points_mm : array of float, shape (..., 3)
+            World, mm.
+        return_group_index : float
+            Of the scene's own medium; those of what the camera looks through are its own.
+
+        Returns
+        -------
+        array of float, shape (...)
+            ps.
+        """
+        if not self.interfaces:
+            return return_time_from_points(
+                points_mm, camera_center_mm=self.center_mm, return_group_index=return_group_index
+            )
+        way = self.way_back(points_mm, return_group_index=return_group_index)
+        return np.asarray(way.optical_mm / SPEED_OF_LIGHT_MM_PER_PS)
+
+    def sight_directions(self, points_mm: ArrayLike) -> NDArray[np.float64]:
+        """Unit directions in which light of world points comes, before anything bends it.
+
+        Parameters
+        ----------
+        points_mm : array of float, shape (..., 3)
+            World, mm.
+
+        Returns
+        -------
+        array of float, shape (..., 3)
+            World, outwards: from the last interface, or the centre A, to the point.
+        """
+        points = np.asarray(points_mm, dtype=np.float64)
+        step = points - (self.way_back(points).last_mm if self.interfaces else self.center_mm)
+        return np.asarray(step / np.linalg.norm(step, axis=-1, keepdims=True))
+
+    def _seen_points(self, points_mm: ArrayLike) -> ArrayLike:
+        """Points (..., 3) that the pinhole sees world points at."""
+        return self.way_back(points_mm).first_mm if self.interfaces else points_mm
+
     # ---- pose and storage -----------------------------------------------------------------
 
     def perturbed(self, pose_delta: ArrayLike) -> Camera:
@@ -466,7 +627,8 @@ class Camera(Shown):
         Returns
         -------
         Camera
-            Lens terms that were fitted together with the pose go along (`intrinsics_per_pose`).
+            Lens terms that were fitted together with the pose go along (`intrinsics_per_pose`), and
+            so do the interfaces.
 
         Raises
         ------
@@ -479,8 +641,11 @@ class Camera(Shown):
         pose = self.world_from_camera.copy()
         pose[:3, :3] = rotation_from_vector(delta[:3]) @ pose[:3, :3]
         pose[:3, 3] += delta[3:]
+        faces = moved_rigidly(
+            self.interfaces, rotation_from_vector(delta[:3]), self.center_mm, delta[3:]
+        )
         if self.intrinsics_per_pose is None:
-            return replace(self, world_from_camera=pose)
+            return replace(self, world_from_camera=pose, interfaces=faces)
         change = self.intrinsics_per_pose @ delta
         matrix = self.matrix.copy()
         matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += change[:4]
@@ -489,6 +654,7 @@ class Camera(Shown):
             matrix=matrix,
             distortion=self.distortion + change[4:],
             world_from_camera=pose,
+            interfaces=faces,
         )
 
     def with_lens_moved(self, *, focal_share: float = 0.0, radial: float = 0.0) -> Camera:
@@ -520,21 +686,28 @@ class Camera(Shown):
             slopes = np.vstack((slopes, np.zeros((missing, 6))))
         return replace(self, matrix=matrix, distortion=distortion, intrinsics_per_pose=slopes)
 
+    def with_scene_denser(self, share: float) -> Camera:
+        """Camera that sees a scene whose phase index is `share` times as high; it needs a window.
+
+        Parameters
+        ----------
+        share : float
+            1: as it is.
+
+        Returns
+        -------
+        Camera
+            Itself where it looks through nothing.
+        """
+        if not self.interfaces or share == 1.0:
+            return self
+        last = self.interfaces[-1]
+        denser = replace(last.beyond, phase_index=max(1.0, share * last.beyond.phase_index))
+        return replace(self, interfaces=(*self.interfaces[:-1], replace(last, beyond=denser)))
+
     def to_arrays(self) -> dict[str, NDArray[np.generic]]:
         """The camera as a flat dictionary of arrays, for a file."""
-        arrays: dict[str, NDArray[np.generic]] = {
-            "matrix": np.array(self.matrix),
-            "distortion": np.array(self.distortion),
-            "world_from_camera": np.array(self.world_from_camera),
-            "shape": np.array(self.shape, dtype=np.int64),
-        }
-        for name in ("pose_covariance", "intrinsics_per_pose"):
-            if getattr(self, name) is not None:
-                arrays[name] = np.array(getattr(self, name))
-        # What is exact is left out: files without it mean the same.
-        arrays |= {name: np.array(getattr(self, name)) for name in LENS_ERRORS
-                   if getattr(self, name) > 0.0}  # fmt: skip
-        return arrays
+        return arrays_of_camera(self)
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> Camera:
@@ -555,19 +728,7 @@ class Camera(Shown):
         ValueError
             Naming a missing array.
         """
-        needed = ("matrix", "distortion", "world_from_camera", "shape")
-        missing = [name for name in needed if name not in arrays]
-        if missing:
-            raise ValueError(f"a stored camera lacks {', '.join(missing)}")
-        rows, cols = (int(n) for n in np.asarray(arrays["shape"]).ravel())
-        matrix, distortion, pose = (np.asarray(arrays[name], float) for name in needed[:3])
-        errors = {
-            name: np.asarray(arrays[name], dtype=np.float64)
-            for name in ("pose_covariance", "intrinsics_per_pose")
-            if name in arrays
-        }
-        lens = {name: float(np.asarray(arrays[name])) for name in LENS_ERRORS if name in arrays}
-        return cls(matrix, distortion, pose, (rows, cols), **errors, **lens)  # type: ignore[arg-type]
+        return cls(**fields_of_arrays(arrays))  # type: ignore[arg-type]
 
     @cached_property
     def _lens(self) -> Lens:

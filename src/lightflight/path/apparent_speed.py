@@ -43,7 +43,6 @@ def apparent_speed_along(
         # A leg of one point has no direction: 0 / 0, and NaN is the answer.
         with np.errstate(invalid="ignore"):
             direction[of_leg] = step / np.linalg.norm(step)
-    towards = camera.center_mm - trace.points_mm
-    towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
+    towards = -camera.sight_directions(trace.points_mm)
     speed = apparent_speed_from_direction(direction, towards, medium=medium)
     return np.asarray(speed / SPEED_OF_LIGHT_MM_PER_PS)

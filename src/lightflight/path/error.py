@@ -101,55 +101,57 @@ def _time_offsets(
     pixel_rad = 1.0 / np.sqrt(abs(camera.matrix[0, 0] * camera.matrix[1, 1]))
     offsets = []
     for leg in range(len(true_times) - 1):
-        rays = _rays_along_leg(true_vertices[leg], true_vertices[leg + 1], camera)
-        if not len(rays):
+        sights = _sights_along_leg(true_vertices[leg], true_vertices[leg + 1], camera)
+        if not len(sights[1]):
             continue
-        true_time, _ = _times_on_rays(rays, true_vertices, true_times, leg, camera)
+        true_time, _ = _times_on_rays(sights, true_vertices, true_times, leg)
         on_leg = np.isfinite(true_time)
-        found = [_times_on_rays(rays, vertices, times, k, camera) for k in range(len(times) - 1)]
+        found = [_times_on_rays(sights, vertices, times, k) for k in range(len(times) - 1)]
         candidates, misses = (np.stack(part) for part in zip(*found, strict=True))
         # The leg that the ray meets; where several do (crossings), the one that was there then.
         nearest = np.min(misses, axis=0, initial=np.inf)
         gap = np.where(misses <= nearest + 0.5 * pixel_rad, np.abs(candidates - true_time), np.inf)
         gap[~np.isfinite(gap)] = np.inf
         best = np.argmin(gap, axis=0)
-        offset = candidates[best, np.arange(len(rays))] - true_time
+        offset = candidates[best, np.arange(len(true_time))] - true_time
         offsets.append(offset[on_leg & np.isfinite(offset)])
     return np.concatenate(offsets) if offsets else np.empty(0)
 
 
-def _rays_along_leg(start: Floats, end: Floats, camera: Camera) -> Floats:
-    """Rays of the distinct pixels whose field a leg crosses; (n, 3)."""
+def _sights_along_leg(start: Floats, end: Floats, camera: Camera) -> tuple[Floats, Floats]:
+    """Origins and directions, (n, 3) each, of the distinct pixels whose field a leg crosses."""
     # Twenty steps per pixel for a leg that just fills the picture.
     fraction = np.linspace(0, 1, 20 * max(camera.shape) + 1)[:, np.newaxis]
     points = (1 - fraction) * start + fraction * end
     points = points[camera.sees(points)]
     if not len(points):
-        return np.empty((0, 3))
+        return np.empty((0, 3)), np.empty((0, 3))
     row, col = camera.pixels_from_points(points)
     # A point on the outer edge of the last pixel still belongs to that pixel.
     pixels = np.minimum(np.rint(np.column_stack((row, col))), np.array(camera.shape) - 1)
     pixels = np.unique(pixels, axis=0)
-    return camera.rays_from_pixels(pixels[:, 0], pixels[:, 1])
+    origins, rays, _ = camera.lines_of_sight(pixels[:, 0], pixels[:, 1])
+    return origins, rays
 
 
 def _times_on_rays(
-    rays: Floats, vertices: Floats, times: Floats, leg: int, camera: Camera
+    sights: tuple[Floats, Floats], vertices: Floats, times: Floats, leg: int
 ) -> tuple[Floats, Floats]:
     """Event time at the point of a leg's line nearest to each ray, and how far that is off.
 
     Returns (n,), ps, NaN off the leg; and (n,), angle between ray and point, rad, inf off the leg.
     Corners lie outside the picture, so the line may be prolonged, but not beyond its neighbours.
     """
-    center = camera.center_mm
+    origins, rays = sights
     start, step = vertices[leg], vertices[leg + 1] - vertices[leg]
-    # Nearest approach of the line start + f step to the line center + g ray.
+    # Nearest approach of the line start + f step to the line origin + g ray.
     across = step - np.sum(rays * step, axis=1)[:, np.newaxis] * rays
-    towards = (center - start) - (rays @ (center - start))[:, np.newaxis] * rays
+    offset = origins - start
+    towards = offset - np.sum(rays * offset, axis=1)[:, np.newaxis] * rays
     fraction = np.sum(across * towards, axis=1) / np.maximum(np.sum(across**2, axis=1), 1e-300)
     time = times[leg] + fraction * (times[leg + 1] - times[leg])
     first, last = leg == 0, leg == len(times) - 2
     outside = ((fraction < -0.02) & (not first)) | ((fraction > 1.02) & (not last))
-    sight = start + fraction[:, np.newaxis] * step - center
+    sight = start + fraction[:, np.newaxis] * step - origins
     miss = np.arctan2(np.linalg.norm(np.cross(rays, sight), axis=1), np.sum(rays * sight, axis=1))
     return np.where(outside, np.nan, time), np.where(outside, np.inf, miss)

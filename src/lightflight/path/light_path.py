@@ -19,7 +19,6 @@ from lightflight.errors import LimitError
 from lightflight.flight import (
     Medium,
     Source,
-    arrival_time_from_event,
     elevation_from_direction,
 )
 from lightflight.path.tables import RESIDUAL_DTYPE, SAMPLE_DTYPE, Explained, Goodness
@@ -403,12 +402,10 @@ class LightPath(Drawn, Tabled, Labelled):
         leg = self.leg_at(times)
         out["leg"], out["event_time_ps"] = leg, times
         out["x_mm"], out["y_mm"], out["z_mm"] = position.T
-        out["arrival_time_ps"] = arrival_time_from_event(
-            position,
-            times,
-            camera_center_mm=self.camera.center_mm,
-            return_group_index=self.medium.return_group_index,
+        back = self.camera.return_times_ps(
+            position, return_group_index=self.medium.return_group_index
         )
+        out["arrival_time_ps"] = times + back
         # Where a position is exact (a leg's start moves in time as along the leg), rounding leaves
         # variances a hair below zero.
         variance = np.diagonal(self.position_covariance_at(times), axis1=1, axis2=2)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.display import Shown
-from lightflight.flight import Medium, return_time_from_points
+from lightflight.flight import Medium
 from lightflight.path.tables import RESIDUAL_DTYPE, Polyline
 
 if TYPE_CHECKING:
@@ -179,11 +179,7 @@ def arrival_from_points(
     if camera is None:
         return np.full(event.shape, np.nan)
     medium = Medium() if medium is None else medium
-    delay = return_time_from_points(
-        points_mm,
-        camera_center_mm=camera.center_mm,
-        return_group_index=medium.return_group_index,
-    )
+    delay = camera.return_times_ps(points_mm, return_group_index=medium.return_group_index)
     return np.asarray(event + delay)
 
 
@@ -368,7 +364,7 @@ def nearest_on_leg(
     rays : array of float, shape (..., 3)
         Unit vectors, world, from the camera outwards.
     camera_center_mm, start_mm, end_mm : array of float, shape (..., 3)
-        World, mm.
+        World, mm; of the first, any point of each ray will do.
 
     Returns
     -------
@@ -413,8 +409,8 @@ def places_from_path(path: Polyline) -> PulsePlaces:
     length, event = np.full(len(leg), np.nan), np.full(len(leg), np.nan)
     if camera is not None and known.any():
         on = leg[known]
-        rays = camera.rays_from_pixels(row[known].astype(float), col[known].astype(float))
-        f = nearest_on_leg(rays, camera.center_mm, vertices[on], vertices[on + 1])
+        origins, rays, _ = camera.lines_of_sight(row[known].astype(float), col[known].astype(float))
+        f = nearest_on_leg(rays, origins, vertices[on], vertices[on + 1])
         spans = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
         start = np.concatenate(([0.0], np.cumsum(spans)))
         points[known] = vertices[on] + f[:, np.newaxis] * (vertices[on + 1] - vertices[on])
@@ -459,12 +455,11 @@ def true_event_time_along(trace: Trace, truth: Polyline, *, camera: Camera | Non
     times = np.asarray(truth.vertex_times_ps, dtype=float)
     if camera is None or len(trace.leg) == 0:
         return np.full(len(trace.leg), np.nan)
-    rays = trace.points_mm - camera.center_mm
-    rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    rays = camera.sight_directions(trace.points_mm)
     n_legs = len(vertices) - 1
     leg = trace.leg + max(0, n_legs - int(trace.leg.max()) - 1)
     known = leg < n_legs
     leg = np.minimum(leg, n_legs - 1)
-    fraction = nearest_on_leg(rays, camera.center_mm, vertices[leg], vertices[leg + 1])
+    fraction = nearest_on_leg(rays, trace.points_mm, vertices[leg], vertices[leg + 1])
     when = times[leg] + fraction * (times[leg + 1] - times[leg])
     return np.asarray(np.where(known, when, np.nan))

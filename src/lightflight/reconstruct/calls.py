@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike
 
 from lightflight.arguments import mask_of_pixels, shown
 from lightflight.errors import CalibrationError, GeometryError
-from lightflight.flight import Source
+from lightflight.flight import INDEX_SLACK_STDS, Source
 from lightflight.reconstruct.estimators import ESTIMATORS, estimator_named
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
+    from lightflight.reconstruct.model.setting import Setting
     from lightflight.recording.histograms import Histograms
     from lightflight.timing.clock.code_clock import CodeClock
 
@@ -142,3 +143,42 @@ def checked_call(
                 "position_mm and the camera's pose"
             )
     return camera
+
+
+_SAME_INDEX = 1e-3
+"""Two statements of one group index that differ by less are of one medium: 1.8 ps over half a m."""
+
+
+def checked_media(setting: Setting, method: str) -> None:
+    """What the cameras look through and the medium of the scene, before any work.
+
+    Parameters
+    ----------
+    setting : Setting
+        Cameras and medium.
+    method : str
+        The estimator asked for.
+
+    Raises
+    ------
+    ValueError
+        Where the medium is not the one behind the last interface, or the estimator knows no
+        interfaces.
+    """
+    medium = setting.medium
+    slack = _SAME_INDEX + INDEX_SLACK_STDS * medium.return_group_index_std
+    for camera in setting.cameras:
+        if not camera.interfaces:
+            continue
+        if not estimator_named(method).through_windows:
+            raise ValueError(
+                f"method={method!r} knows one medium, and the camera looks through an interface: "
+                "use method='joint' or 'photon'"
+            )
+        behind = camera.interfaces[-1].beyond
+        if abs(behind.group_index - medium.return_group_index) > slack:
+            raise ValueError(
+                f"behind the last interface light flies at a group index of {behind.group_index:g},"
+                f" and return_group_index of the medium is {medium.return_group_index:g}: give one "
+                "medium, as Medium(path_group_index, return_group_index) of what fills the scene"
+            )

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from lightflight.arguments import check_kinds
 from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
-from lightflight.reconstruct.calls import cameras_and_clocks, checked_call
+from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, checked_media
 from lightflight.reconstruct.estimators import estimator_named
 from lightflight.reconstruct.fit.result import explained, on_first_lap
 from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
@@ -107,6 +107,7 @@ def reconstruct(
     setting = Setting(
         views[0], source, medium, checked_waypoints(waypoints, n_legs), tuple(views[1:])
     )
+    checked_media(setting, method)
     told = clocks[0]
     setting, clocks = freed(setting, clocks, repeats, free)
     sightings = [

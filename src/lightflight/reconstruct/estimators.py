@@ -34,6 +34,8 @@ class Estimator:
         True where it fits what several cameras saw of one flight.
     least_squares : bool
         True where its pulses are found as the paper does: one Gaussian per pixel, by least squares.
+    through_windows : bool
+        True where the cameras may look through interfaces.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Estimator:
     needs_counts: bool = False
     several_cameras: bool = False
     least_squares: bool = False
+    through_windows: bool = True
 
 
 def _paper(request: Request) -> tuple[LightPath, JointFit | None]:
@@ -64,7 +67,11 @@ def _photon(request: Request) -> tuple[LightPath, JointFit | None]:
 
 ESTIMATORS = (
     Estimator(
-        "paper", "the estimator of Zheng et al. 2020, to the letter", _paper, least_squares=True
+        "paper",
+        "the estimator of Zheng et al. 2020, to the letter",
+        _paper,
+        least_squares=True,
+        through_windows=False,
     ),
     Estimator(
         "joint",

@@ -103,9 +103,8 @@ def laser_pulse(
         transit_std_ps=_transit_std_ps(path, hist, clock, arrivals),
     )
     middle = 0.5 * (path.vertices_mm[1:] + path.vertices_mm[:-1])
-    towards = path.camera.center_mm - middle
     # Only the component of the leg towards the camera stretches what a frame shows.
-    towards /= np.linalg.norm(towards, axis=1)[:, np.newaxis]
+    towards = -path.camera.sight_directions(middle)
     direction = np.array([leg.direction for leg in path.legs])
     apparent = apparent_fwhm_ps(width.fwhm_ps, direction, towards, medium=path.medium)
     return LaserPulse(width, apparent)

@@ -16,7 +16,6 @@ from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError
-from lightflight.flight import arrival_time_from_event
 from lightflight.simulate.optics import Catch
 from lightflight.simulate.scattering import (
     cos4_from_directions,
@@ -160,9 +159,8 @@ def _strength_at(scene: Scene, leg: int, points: Floats, length_mm: Floats) -> F
     """Light per mm sent into the lens from points on one leg; relative."""
     vertices = np.asarray(scene.vertices_mm)
     step = vertices[leg + 1] - vertices[leg]
-    towards = scene.camera.center_mm - points
-    distance = np.linalg.norm(towards, axis=1)
-    towards = towards / distance[:, np.newaxis]
+    distance = np.linalg.norm(scene.camera.center_mm - points, axis=1)
+    towards = -scene.camera.sight_directions(points)
     strength = scene.strength(length_mm, leg)
     if scene.inverse_square:
         strength = strength * inverse_square_from_distance(distance)
@@ -189,12 +187,9 @@ def arrival_at(scene: Scene, points: Floats, length_mm: Floats) -> Floats:
     """Arrival time (n,), ps, of light from points of the beam that far along the path, mm."""
     # Two indices: the beam may run through a fibre, and its light comes back through air.
     flight = scene.medium.path_group_index * length_mm / SPEED_OF_LIGHT_MM_PER_PS
-    return arrival_time_from_event(
-        points,
-        scene.emission_time_ps + flight,
-        camera_center_mm=scene.camera.center_mm,
-        return_group_index=scene.medium.return_group_index,
-    )
+    back = scene.camera.return_times_ps(points, return_group_index=scene.medium.return_group_index)
+    arrival: Floats = scene.emission_time_ps + flight + back
+    return arrival
 
 
 def segments_from_scene(scene: Scene) -> Segments:

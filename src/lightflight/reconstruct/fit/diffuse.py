@@ -57,7 +57,6 @@ from lightflight.reconstruct.model.second_path import Places, SecondPath
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.strength import span_of_knots
-from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -300,9 +299,10 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
         share = (np.arange(_PLACES) + 0.5) / _PLACES
         points = state.vertices_mm[k] + share[:, np.newaxis] * np.diff(state.vertices_mm, axis=0)[k]
         row, col = camera.pixels_from_points(points)
-        way = np.linalg.norm(points - camera.center_mm, axis=1)
         arrival = times[k] + share * (times[k + 1] - times[k])
-        arrival = arrival + medium.return_group_index * way / SPEED_OF_LIGHT_MM_PER_PS
+        arrival = arrival + camera.return_times_ps(
+            points, return_group_index=medium.return_group_index
+        )
         along = leg.along_across(undistorted_px(camera, row, col))[0]
         # The picture knows the strength as far as it shows the leg.
         strength = np.exp(of.spline(np.clip(along, *span_of_knots(of.spline.t))))

@@ -22,6 +22,7 @@ from lightflight.reconstruct.model.second_path import (
     Mirror,
     Places,
     SecondPath,
+    arrivals_of,
     return_ps_per_mm,
 )
 from lightflight.reconstruct.model.sighting import Sighting
@@ -305,7 +306,7 @@ def _chi2_of(
     image = points + 2.0 * behind[:, :, np.newaxis] * normals[:, np.newaxis]
     row, col = camera.pixels_from_points(image)
     way = np.linalg.norm(image - camera.center_mm, axis=2)
-    arrival = places.event_ps[some] + places.return_ps_per_mm * way
+    arrival = arrivals_of(image, places.event_ps[some], places, camera)
     light = np.where(behind > 0.0, places.light[some] / way**2, 0.0)
     return scores.along(row, col, arrival, light, places.spot_px)
 

@@ -9,7 +9,7 @@ viewing plane (Zheng et al. 2020, Fig. 4).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -88,9 +88,42 @@ def world_rays(camera: Camera, points_px: Floats) -> Floats:
 def curve_from_leg(leg: ImageLeg, camera: Camera) -> LegCurve:
     """Rays and smoothed arrival times along a leg seen in the picture."""
     s = np.linspace(*leg.extent_px, _SAMPLES)
-    rays = world_rays(camera, leg.points_px(s))
+    return _curve(world_rays(camera, leg.points_px(s)), leg.arrival_ps(s))
+
+
+def _curve(rays: Floats, arrival_ps: Floats) -> LegCurve:
     normal = np.cross(rays[0], rays[-1])
-    return LegCurve(rays, leg.arrival_ps(s), normal / np.linalg.norm(normal))
+    return LegCurve(rays, arrival_ps, normal / np.linalg.norm(normal))
+
+
+def _as_seen_in_one_medium(
+    legs: tuple[ImageLeg, ...], camera: Camera, medium: Medium
+) -> tuple[Camera, list[LegCurve]]:
+    """A camera without interfaces that sees nearly the same, and what each leg showed to it.
+
+    Behind the last interface all rays come nearly from one point, nearer or farther than the
+    camera (a tank looks shallow): there it stands, and what the light needed more up to the
+    interface is taken off the times. Good to a mm or so, which is enough for a start.
+    """
+    sights, plain = [], replace(camera, interfaces=())
+    for leg in legs:
+        points = leg.points_px(np.linspace(*leg.extent_px, _SAMPLES)) / mean_focal_px(camera)
+        sights.append(camera.lines_of_sight(*plain.pixels_from_normalized(*points.T)))
+    origins, rays, optical = (np.concatenate(part) for part in zip(*sights, strict=True))
+    # The point nearest to all lines: across each of them it should not be off.
+    across = np.eye(3) - rays[:, :, np.newaxis] * rays[:, np.newaxis]
+    pull = np.einsum("nij,nj->i", across, origins)
+    center = np.linalg.lstsq(across.sum(axis=0), pull, rcond=None)[0]
+    early = optical - medium.return_group_index * np.sum((origins - center) * rays, axis=1)
+    pose = camera.world_from_camera.copy()
+    pose[:3, 3] = center
+    curves = []
+    for leg, own, more in zip(
+        legs, np.split(rays, len(legs)), np.split(early, len(legs)), strict=True
+    ):
+        times = leg.arrival_ps(np.linspace(*leg.extent_px, _SAMPLES))
+        curves.append(_curve(own, times - more / SPEED_OF_LIGHT_MM_PER_PS))
+    return replace(plain, world_from_camera=pose), curves
 
 
 def state_from_legs(
@@ -123,7 +156,10 @@ def state_from_legs(
     GeometryError
         Where a leg cannot follow the one before it.
     """
-    curves = [curve_from_leg(leg, camera) for leg in legs]
+    if camera.interfaces:
+        camera, curves = _as_seen_in_one_medium(legs, camera, medium)
+    else:
+        curves = [curve_from_leg(leg, camera) for leg in legs]
     if source.position_mm is None:
         first = _blind_first_leg(curves[0], camera, medium)
     else:

@@ -396,8 +396,7 @@ def _event_time_rms(path: LightPath, sampled: NDArray[np.void], camera: Camera) 
         start, step = path.vertices_mm[leg], path.vertices_mm[leg + 1] - path.vertices_mm[leg]
         f = (row["event_time_ps"] - t0) / (t1 - t0)
         point = start + f * step
-        ray = point - camera.center_mm
-        ray = ray / np.linalg.norm(ray)
+        ray = camera.sight_directions(point)
         across = step - (step @ ray) * ray
         slide = across / (across @ across)
         jacobian = np.zeros(8)

@@ -267,7 +267,7 @@ def _log_strength(
     medium: Medium,
 ) -> Floats:
     """ln(light per px of picture) along a leg: strength per mm, dwell, and 1/r^2."""
-    on_line = leg.origin_px + grid[:, np.newaxis] * leg.direction_px
+    on_line = leg.points_px(grid)
     focal = mean_focal_px(camera)
     row, col = camera.pixels_from_normalized(on_line[:, 0] / focal, on_line[:, 1] / focal)
     print_ = footprints(

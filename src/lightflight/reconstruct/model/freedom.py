@@ -219,13 +219,13 @@ def end_in_picture(camera: Camera, position_mm: Floats, across: tuple[float, flo
     row += inwards * np.sign(center_row - row) * abs(across[1])
     col += inwards * np.sign(center_col - col) * abs(across[0])
     step = 0.25
-    rays = camera.rays_from_pixels(
+    origins, rays, _ = camera.lines_of_sight(
         np.array([row - step * across[0], row + step * across[0]]),
         np.array([col - step * across[1], col + step * across[1]]),
     )
-    ray = position_mm - camera.center_mm
-    ray = ray / np.linalg.norm(ray)
-    edge = rays[1] - rays[0]
+    ray = camera.sight_directions(position_mm)
+    depth = np.linalg.norm(position_mm - origins.mean(axis=0))
+    edge = (origins[1] - origins[0]) / depth + rays[1] - rays[0]
     # Depth and slide are to be independent: the slide is made normal to the ray.
     edge = edge - (edge @ ray) * ray
     return ViewEnd(position_mm, np.column_stack((ray, edge / np.linalg.norm(edge))))
@@ -253,8 +253,7 @@ def view_plane(camera: Camera, end_mm: Floats, towards_mm: Floats) -> Floats:
     GeometryError
         Where the leg, on its way to `towards_mm`, runs along the ray.
     """
-    ray = end_mm - camera.center_mm
-    ray = ray / np.linalg.norm(ray)
+    ray = camera.sight_directions(end_mm)
     across = np.cross(ray, towards_mm - end_mm)
     size = float(np.linalg.norm(across))
     if size < 1e-9:

@@ -87,7 +87,7 @@ class Footprint:
     px_per_leg : array of float, shape (n,)
         d(picture length) / d(fraction), px.
     distance_mm : array of float, shape (n,)
-        Camera to foot, mm.
+        Foot to the camera, or to the last interface that it looks through, mm.
     """
 
     leg: Indices
@@ -125,10 +125,10 @@ def nearest_fractions(
     array of float, shape (n,)
         0 at the start, 1 at the end; may lie outside.
     """
-    rays = camera.rays_from_pixels(rows, cols)
+    origins, rays, _ = camera.lines_of_sight(rows, cols)
     step = end - start
     across = step - np.sum(rays * step, axis=1)[:, np.newaxis] * rays
-    offset = camera.center_mm - start
+    offset = origins - start
     offset = offset - np.sum(rays * offset, axis=1)[:, np.newaxis] * rays
     # A leg along the ray has no nearest point; any will do, none counts.
     size = np.maximum(np.sum(across**2, axis=1), 1e-12)
@@ -297,15 +297,14 @@ def _footprints_and_jacobian(
     offset = np.column_stack((rows, cols)) - seen
     # speed = (d row, d col): the right-hand normal in (row down, col right) is (col, -row).
     lateral = (offset[:, 0] * speed[:, 1] - offset[:, 1] * speed[:, 0]) / px_per_leg
-    back = points - camera.center_mm
-    distance = np.linalg.norm(back, axis=1)
-    outward = back / distance[:, np.newaxis]
+    back = camera.way_back(points, return_group_index=medium.return_group_index)
+    later = back.optical_by_point / SPEED_OF_LIGHT_MM_PER_PS
     times = state.vertex_times_ps(medium)
     per_path = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
-    per_return = medium.return_group_index / SPEED_OF_LIGHT_MM_PER_PS
     length = np.linalg.norm(step, axis=1)
-    arrival = times[legs] + per_path * fraction * length + per_return * distance
-    along = per_path * length + per_return * np.sum(outward * step, axis=1)
+    out = times[legs] + per_path * fraction * length
+    arrival = out + back.optical_mm / SPEED_OF_LIGHT_MM_PER_PS
+    along = per_path * length + np.sum(later * step, axis=1)
     result = Footprint(
         leg=legs,
         fraction=fraction,
@@ -313,14 +312,14 @@ def _footprints_and_jacobian(
         arrival_ps=arrival,
         slope_ps_per_px=along / px_per_leg,
         px_per_leg=px_per_leg,
-        distance_mm=distance,
+        distance_mm=np.linalg.norm(points - back.last_mm, axis=1),
     )
     if not with_jacobian:
         return result, None
     # How the foot slides along the leg per mm that its point moves in the picture.
     slide = np.einsum("nij,ni->nj", projection, speed) / (px_per_leg**2)[:, np.newaxis]
     # Moving the point at fixed fraction by dX changes the return, and slides the foot back.
-    with_point = per_return * outward - along[:, np.newaxis] * slide
+    with_point = later - along[:, np.newaxis] * slide
     unit = step / length[:, np.newaxis]
     jacobian = np.zeros((n, 3 * len(vertices) + 1))
     _add_vertex(jacobian, legs, (1 - fraction)[:, np.newaxis] * with_point)
@@ -406,6 +405,8 @@ def line_offsets(
     jacobian : array of float, shape (k, 3m + 1)
         px per mm; the start time does not enter.
     """
+    if camera.interfaces:
+        return _curve_offsets(state, camera, legs, anchors, focal_px)
     rotation = camera.world_from_camera[:3, :3]
     a = (state.vertices_mm[legs] - camera.center_mm) @ rotation
     b = (state.vertices_mm[legs + 1] - camera.center_mm) @ rotation
@@ -425,4 +426,35 @@ def line_offsets(
     jacobian = np.zeros((len(legs), 3 * len(state.vertices_mm) + 1))
     _add_vertex(jacobian, legs, by_start)
     _add_vertex(jacobian, legs + 1, by_end)
+    return offset, jacobian
+
+
+def _curve_offsets(
+    state: PathState, camera: Camera, legs: Indices, anchors: Floats, focal_px: float
+) -> tuple[Floats, Floats]:
+    """`line_offsets` through interfaces, where a straight leg is a curve in the picture.
+
+    From the point of that curve which is nearest; to first order it does not matter where it lies.
+    """
+    plane = anchors / focal_px
+    rows, cols = camera.pixels_from_normalized(plane[:, 0], plane[:, 1])
+    start, end = state.vertices_mm[legs], state.vertices_mm[legs + 1]
+    step = end - start
+    fraction = nearest_fractions(camera, start, end, rows, cols)
+    # Nearest in undistorted pixels: two steps from what is nearest in the lens's own.
+    for _ in range(3):
+        points = start + fraction[:, np.newaxis] * step
+        seen = focal_px * np.column_stack(camera.normalized_from_points(points))
+        slopes = focal_px * camera.normalized_jacobian(points)
+        speed = np.einsum("nij,nj->ni", slopes, step)
+        size = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
+        away = anchors - seen
+        fraction = fraction + np.nan_to_num(np.sum(away * speed, axis=1) / size**2)
+    # speed = (d u, d v), v down: the right-hand normal is (-dv, du).
+    right = np.column_stack((-speed[:, 1], speed[:, 0])) / size[:, np.newaxis]
+    offset = np.sum(away * right, axis=1)
+    by_point = -np.einsum("ni,nij->nj", right, slopes)
+    jacobian = np.zeros((len(legs), 3 * len(state.vertices_mm) + 1))
+    _add_vertex(jacobian, legs, (1 - fraction)[:, np.newaxis] * by_point)
+    _add_vertex(jacobian, legs + 1, fraction[:, np.newaxis] * by_point)
     return offset, jacobian

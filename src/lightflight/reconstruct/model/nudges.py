@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.camera.refraction import Interface, moved_rigidly
 from lightflight.flight import Medium
 from lightflight.reconstruct.model.geometry import Footprint, PathState, cross
 from lightflight.reconstruct.model.image_plane import mean_focal_px
@@ -42,7 +43,8 @@ class Nudges:
     index : array of float, shape (k, 2)
         Of the medium, out and back.
     lenses : dict of int to Camera
-        For errors that change the lens: the same pose, seen through it after `step` of the error.
+        For errors that change the lens, or what the camera looks through: the same pose, seen
+        through them after `step` of the error.
     step : float
         Standard deviations.
     """
@@ -97,7 +99,23 @@ class Nudges:
             # The image runs away under the pixel, which then sees an earlier point of the leg.
             slide = self.slides(feet, step[print_.leg])
             columns -= print_.slope_ps_per_px[:, np.newaxis] * slide
+            columns += self._later(feet, medium)
         return columns
+
+    def _later(self, points_mm: Floats, medium: Medium) -> Floats:
+        """How much longer light of points (n, 3) needs to the camera, ps per standard deviation.
+
+        Nothing where the camera looks through no interface: a lens takes no time.
+        """
+        found = np.zeros((len(points_mm), len(self)))
+        if not self.camera.interfaces:
+            return found
+        index = medium.return_group_index
+        here = self.camera.return_times_ps(points_mm, return_group_index=index)
+        for k, other in self.lenses.items():
+            there = other.return_times_ps(points_mm, return_group_index=index)
+            found[:, k] = (there - here) / self.step
+        return found
 
     def slides(self, points_mm: Floats, along_mm: Floats) -> Floats:
         """How far the lens moves the images of points along their legs, px.
@@ -120,10 +138,9 @@ class Nudges:
         speed = np.einsum("nij,nj->ni", self.camera.pixel_jacobian(points_mm), along_mm)
         speed = np.nan_to_num(speed)
         unit = speed / np.maximum(np.linalg.norm(speed, axis=1), 1e-12)[:, np.newaxis]
-        plane = self.camera.normalized_from_points(points_mm)
-        seen = np.column_stack(self.camera.pixels_from_normalized(*plane))
+        seen = np.column_stack(self.camera.pixels_from_points(points_mm))
         for k, lens in self.lenses.items():
-            there = np.column_stack(lens.pixels_from_normalized(*plane))
+            there = np.column_stack(lens.pixels_from_points(points_mm))
             found[:, k] = np.nan_to_num(np.sum((there - seen) * unit, axis=1)) / self.step
         return found
 
@@ -183,6 +200,15 @@ def nudge_between(seen: Camera, there: Camera) -> tuple[Floats, Floats, Camera |
     turn = 0.5 * (turned - turned.T)[[2, 0, 1], [1, 2, 0]]
     shift = there.center_mm - seen.center_mm
     same = np.array_equal(there.matrix, seen.matrix)
+    moved = moved_rigidly(seen.interfaces, turned, seen.center_mm, shift)
+    same &= np.allclose(_numbers(moved), _numbers(there.interfaces), rtol=0.0, atol=1e-11)
     if same and np.array_equal(there.distortion, seen.distortion):
         return turn, shift, None
-    return turn, shift, replace(there, world_from_camera=seen.world_from_camera)
+    faces = moved_rigidly(there.interfaces, turned.T, there.center_mm, -shift)
+    return turn, shift, replace(there, world_from_camera=seen.world_from_camera, interfaces=faces)
+
+
+def _numbers(interfaces: tuple[Interface, ...]) -> Floats:
+    """All that says where planes stand and how they bend."""
+    rows = [(*face.point_mm, *face.normal, face.beyond.phase_index) for face in interfaces]  # type: ignore[misc]
+    return np.array(rows, dtype=float)

@@ -6,11 +6,12 @@ legs to and the corrections that turn a pixel's time into that of its weighted f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.polynomial import Polynomial
+from numpy.typing import ArrayLike, NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.flight import Medium
@@ -18,7 +19,6 @@ from lightflight.reconstruct.model.geometry import Footprint, Indices, PathState
 from lightflight.reconstruct.model.image_plane import along_across, undistorted_px
 from lightflight.reconstruct.model.lateral import LineData, LineFit, fit_lines
 from lightflight.reconstruct.model.sighting import Sighting, photons_at_times
-from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -32,6 +32,8 @@ usual spot, so that dark pixels beside the line tell how wide it is."""
 CLEAR_OF_CORNER_PX = 1.5
 """Pixels this near to a corner in the picture belong to no one leg, px: both legs light them."""
 
+_BOW_DEGREE = 6
+"""Of the polynomial that bows a leg's image: 1e-6 px from the image through a tank at 30 deg."""
 _LEAST_PIXELS = 4
 """Fewer pixels than this do not say where a leg's line runs."""
 
@@ -64,7 +66,7 @@ class LineDataInPicture:
 
 @dataclass(frozen=True, eq=False)
 class LegInPicture:
-    """Straight image of one leg, in undistorted pixels.
+    """Image of one leg, in undistorted pixels.
 
     Attributes
     ----------
@@ -74,15 +76,33 @@ class LegInPicture:
         Unit, in the direction of flight.
     span_px : (float, float)
         First and last position along the line that can show the leg, px.
+    bow : Polynomial or None
+        Distance of the image to the right of the line, px, by the position along it: a straight
+        leg is bowed where the camera looks through an interface. None: it is straight.
     """
 
     origin_px: Floats
     direction_px: Floats
     span_px: tuple[float, float]
+    bow: Polynomial | None = None
 
     def along_across(self, points: Floats) -> tuple[Floats, Floats]:
-        """Position along the line and distance to its right, of (n, 2) points; px."""
-        return along_across(points, self.origin_px, self.direction_px)
+        """Position along the line and distance to the image's right, of (n, 2) points; px."""
+        along, across = along_across(points, self.origin_px, self.direction_px)
+        return along, across if self.bow is None else across - self.bow(along)
+
+    def points_px(self, along: ArrayLike, across: ArrayLike = 0.0) -> Floats:
+        """Points (n, 2) at positions along the line and distances to the image's right, px."""
+        along_ = np.asarray(along, dtype=float)
+        aside = np.broadcast_to(across, along_.shape)
+        aside = aside if self.bow is None else aside + self.bow(along_)
+        right = np.array([-self.direction_px[1], self.direction_px[0]])
+        points: Floats = (
+            self.origin_px
+            + along_[..., np.newaxis] * self.direction_px
+            + aside[..., np.newaxis] * right
+        )
+        return points
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,11 +159,15 @@ def leg_in_picture(state: PathState, leg: int, camera: Camera) -> LegInPicture:
             f"leg {leg + 1} of the path does not cross the picture: check start, source and camera "
             "(lightflight check), or whether a leg runs outside of what the camera sees"
         )
-    uv = undistorted_px(camera, row[inside][[0, -1]], col[inside][[0, -1]])
+    ends = np.flatnonzero(inside)[[0, -1]]
+    uv = undistorted_px(camera, row[ends], col[ends])
     length = float(np.hypot(*(uv[1] - uv[0])))
     direction = (uv[1] - uv[0]) / max(length, 1e-12)
-    origin = 0.5 * (uv[0] + uv[1])
-    return LegInPicture(origin, direction, (-0.5 * length, 0.5 * length))
+    line = LegInPicture(0.5 * (uv[0] + uv[1]), direction, (-0.5 * length, 0.5 * length))
+    if not camera.interfaces or inside.sum() <= _BOW_DEGREE:
+        return line
+    along, across = line.along_across(undistorted_px(camera, row[inside], col[inside]))
+    return replace(line, bow=Polynomial.fit(along, across, _BOW_DEGREE))
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,10 +328,8 @@ def lines_from_picture(picture: Picture) -> LineDataInPicture:
     """
     legs, anchors, blocks = [], [], []
     for k, (leg, fit) in enumerate(zip(picture.legs, picture.fits, strict=True)):
-        right = np.array([-leg.direction_px[1], leg.direction_px[0]])
-        for along, offset in zip(fit.anchors_along_px, fit.offset_px, strict=True):
-            anchors.append(leg.origin_px + along * leg.direction_px + offset * right)
-            legs.append(k)
+        anchors.extend(leg.points_px(np.array(fit.anchors_along_px), np.array(fit.offset_px)))
+        legs.extend([k] * len(fit.anchors_along_px))
         # Two anchors measured alike leave no room for Cholesky: 1e-5 px keeps it.
         covariance = fit.offset_covariance + 1e-10 * np.eye(2)
         blocks.append(np.linalg.inv(np.linalg.cholesky(covariance)))
@@ -395,8 +417,8 @@ def arrival_curvature(
         fraction = print_.fraction + side * half_px / print_.px_per_leg
         points = start + fraction[:, np.newaxis] * (end - start)
         event = times[print_.leg] + fraction * (times[print_.leg + 1] - times[print_.leg])
-        distance = np.linalg.norm(points - camera.center_mm, axis=1)
-        values.append(event + medium.return_group_index * distance / SPEED_OF_LIGHT_MM_PER_PS)
+        back = camera.return_times_ps(points, return_group_index=medium.return_group_index)
+        values.append(event + back)
         places.append(np.column_stack(camera.pixels_from_points(points)))
     before = np.linalg.norm(places[1] - places[0], axis=1)
     after = np.linalg.norm(places[2] - places[1], axis=1)

@@ -71,5 +71,7 @@ def earliest_arrival_ps(setting: Setting) -> float | None:
     gap = np.linalg.norm(np.asarray(source.position_mm, dtype=float) - setting.camera.center_mm)
     # The faster medium all the way: a bound that no light can beat.
     index = min(medium.path_group_index, medium.return_group_index)
+    if setting.camera.interfaces:
+        index = min(index, setting.camera.stands_in.group_index)
     slack = 1000.0 + 5.0 * source.emission_time_std_ps
     return float(source.emission_time_ps + index * gap / SPEED_OF_LIGHT_MM_PER_PS - slack)

@@ -155,6 +155,9 @@ def moved(setting: Setting, errors: SharedErrors, delta: Floats) -> Setting:
     medium = setting.medium
     if own.any():
         medium = _medium_moved(medium, errors.sigma[own].T @ delta[own])
+        # What times the light bends it: both indices of a medium are off by the same share.
+        share = medium.return_group_index / setting.medium.return_group_index
+        cameras = [camera.with_scene_denser(share) for camera in cameras]
     return replace(setting, camera=cameras[0], others=tuple(cameras[1:]), medium=medium)
 
 
@@ -203,8 +206,10 @@ def nudges_of_views(setting: Setting, errors: SharedErrors, delta: Floats) -> tu
         view = int(errors.view[k])
         if view == MEDIUM:
             change = _indices(there.medium) - _indices(seen.medium)
-            for nudges in found:
+            for nudges, other in zip(found, there.cameras, strict=True):
                 nudges.index[k] = change / NUDGE
+                if other.interfaces:
+                    nudges.lenses[k] = other
             continue
         turn, shift, lens = nudge_between(seen.cameras[view], there.cameras[view])
         found[view].turn_rad[k], found[view].shift_mm[k] = turn / NUDGE, shift / NUDGE

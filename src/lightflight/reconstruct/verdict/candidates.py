@@ -120,6 +120,11 @@ class Rows:
         along = np.sum(away * ahead, axis=0) / np.maximum(np.hypot(*ahead), 1e-12)
         # A runaway leg's pulses may lie behind the camera, where no picture tells of its lens.
         by_time[here] = -self.traced.slope_ps_per_px[here] * np.nan_to_num(along)
+        if camera.interfaces:
+            index = self.medium.return_group_index
+            late = other.return_times_ps(points, return_group_index=index)
+            late -= camera.return_times_ps(points, return_group_index=index)
+            by_time[here] += np.nan_to_num(late)
         anchors, places = self.lines.anchors[drawn], _pixels_of(camera, self.lines.anchors[drawn])
         there = undistorted_px(other, *places)
         for sign, eye, points_px in ((-1.0, camera, anchors), (1.0, other, there)):
@@ -214,10 +219,8 @@ class Traced:
 
 def _pixels_of(camera: Camera, anchors: Floats) -> tuple[Floats, Floats]:
     """(row, col) of undistorted places (k, 2) of the picture."""
-    slopes = np.column_stack((anchors / mean_focal_px(camera), np.ones(len(anchors))))
-    places = camera.center_mm + slopes @ camera.world_from_camera[:3, :3].T
-    row, col = camera.pixels_from_points(places)
-    return np.asarray(row), np.asarray(col)
+    plane = anchors / mean_focal_px(camera)
+    return camera.pixels_from_normalized(plane[:, 0], plane[:, 1])
 
 
 def geometry_candidates(
@@ -275,8 +278,16 @@ def _candidate(
 
 def _index(rows: Rows) -> Candidate:
     still = np.zeros(len(rows.lines.leg))
-    ways = (rows.traced.out_mm, rows.traced.back_mm)
-    parts = [("index", (way / SPEED_OF_LIGHT_MM_PER_PS, still)) for way in ways]
+    out, back = (
+        way / SPEED_OF_LIGHT_MM_PER_PS for way in (rows.traced.out_mm, rows.traced.back_mm)
+    )
+    bent, drawn = np.zeros(len(back)), still
+    for view, camera in enumerate(rows.cameras):
+        if camera.interfaces:
+            denser = camera.with_scene_denser(1.0 + _STEP / rows.medium.return_group_index)
+            by_time, by_line = rows.seen_by(view, denser)
+            bent, drawn = bent + by_time / _STEP, drawn + by_line / _STEP
+    parts = [("index", (out, still)), ("index", (back + bent, drawn))]
     return _candidate(rows, FindingName.INDEX, parts)
 
 
@@ -325,12 +336,11 @@ def _source(rows: Rows) -> Candidate:
 def _curved(rows: Rows) -> Candidate:
     """Each leg bowed in the picture and in depth: half a sine, with so large a sagitta."""
     f_time, f_line = rows.traced.fraction, rows.line_fractions()
-    center = rows.cameras[0].center_mm
     parts = []
     for leg in range(rows.state.n_legs):
         start, end = rows.state.vertices_mm[leg : leg + 2]
         along = (end - start) / np.linalg.norm(end - start)
-        away = 0.5 * (start + end) - center
+        away = rows.cameras[0].sight_directions(0.5 * (start + end))
         depth = away - (away @ along) * along
         depth = depth / max(float(np.linalg.norm(depth)), 1e-12)
         for direction in (np.cross(along, depth), depth):

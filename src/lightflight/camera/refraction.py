@@ -1,0 +1,421 @@
+"""A camera's view through plane interfaces: a window, the wall of a tank.
+
+Between camera and scene stand k planes, ordered from the camera on; light from a point X takes the
+way that is stationary in optical length (Fermat), bent by the *phase* indices, and needs the time
+that the *group* indices say. With P_0 = A, P_(k+1) = X and P_i on plane i,
+
+    S = sum_i n_i |P_(i+1) - P_i|  is least,   c t = sum_i g_i |P_(i+1) - P_i|.
+
+S is convex in the P_i, so Newton's method finds the one way there is (`way_through`), and the
+implicit function theorem its derivative. `rays_through` goes the other way, by Snell's law.
+
+Everything above `camera` sees rays with an origin each, and optical lengths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lightflight.arguments import finite_number, finite_numbers
+from lightflight.errors import GeometryError
+from lightflight.materials import AIR, Material
+
+Floats = NDArray[np.float64]
+
+_MOST_STEPS = 60
+_STILL = 1e-14
+"""Newton's step, as a share of the way, that changes nothing any more."""
+
+
+@dataclass(frozen=True)
+class Interface:
+    """A plane at which one medium ends and the next begins, seen from the camera.
+
+    Raises ValueError for numbers that are none, GeometryError for a normal without length.
+
+    Attributes
+    ----------
+    point_mm : ArrayLike
+        (3,) any point of the plane, world, mm; stored as a tuple.
+    normal : ArrayLike
+        (3,) across the plane, either way, any length; stored as a unit tuple.
+    beyond : Material
+        What fills the space behind it.
+    distance_std_mm : float
+        One-sigma error of where the plane stands along its normal, mm. 0: exact.
+    """
+
+    point_mm: ArrayLike
+
+    normal: ArrayLike
+
+    beyond: Material
+
+    distance_std_mm: float = field(default=0.0, kw_only=True)
+
+    def __post_init__(self) -> None:
+        must = "be three finite numbers (x, y, z)"
+        point = finite_numbers("point_mm of an interface", self.point_mm, must, shapes=[(3,)])
+        normal = finite_numbers("normal of an interface", self.normal, must, shapes=[(3,)])
+        size = float(np.linalg.norm(normal))
+        if not size > 0.0:
+            raise GeometryError("normal of an interface is zero: give the direction across it")
+        if not isinstance(self.beyond, Material):
+            raise ValueError(
+                "beyond of an interface must be a Material: "
+                'Material.named("water", wavelength_nm=532), or Material(phase_index, group_index)'
+            )
+        must = "be finite and >= 0"
+        std = finite_number("distance_std_mm", self.distance_std_mm, must, low=0.0)
+        object.__setattr__(self, "point_mm", tuple(point.tolist()))
+        object.__setattr__(self, "normal", tuple((normal / size).tolist()))
+        object.__setattr__(self, "distance_std_mm", std)
+
+
+def window(
+    point_mm: ArrayLike,
+    normal: ArrayLike,
+    *,
+    thickness_mm: float,
+    glass: Material,
+    beyond: Material = AIR,
+    distance_std_mm: float = 0.0,
+) -> tuple[Interface, Interface]:
+    """Both faces of a flat window, from the camera on.
+
+    Parameters
+    ----------
+    point_mm : array of float, shape (3,)
+        A point of the face that the camera sees first, world, mm.
+    normal : array of float, shape (3,)
+        Across the window, from the scene towards the camera, any length.
+    thickness_mm : float
+        Of the glass, mm.
+    glass : Material
+        Of the window.
+    beyond : Material, optional
+        What fills the scene behind it: water of a tank; default air.
+    distance_std_mm : float, optional
+        One-sigma error of where the window stands along its normal, mm; both faces go along.
+
+    Returns
+    -------
+    (Interface, Interface)
+        For `Camera(interfaces=...)`; only the first states the error, which moves both.
+    """
+    must = "be positive and finite"
+    thickness = finite_number("thickness_mm", thickness_mm, must, low=np.finfo(float).tiny)
+    near = Interface(point_mm, normal, glass, distance_std_mm=distance_std_mm)
+    across = np.asarray(near.normal, dtype=float)
+    far = np.asarray(near.point_mm, dtype=float) - thickness * across
+    return near, Interface(far, near.normal, beyond)
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """How light of n points comes to the camera.
+
+    Attributes
+    ----------
+    first_mm : array of float, shape (n, 3)
+        Where it meets the plane next to the camera: what the pinhole sees. NaN: it does not come.
+    last_mm : array of float, shape (n, 3)
+        Where it leaves the scene's medium.
+    optical_mm : array of float, shape (n,)
+        Group indices times lengths, all the way.
+    first_by_point : array of float, shape (n, 3, 3)
+        d(first) / d(point).
+    optical_by_point : array of float, shape (n, 3)
+        d(optical) / d(point).
+    """
+
+    first_mm: Floats
+    last_mm: Floats
+    optical_mm: Floats
+    first_by_point: Floats
+    optical_by_point: Floats
+
+    def shaped(self, shape: tuple[int, ...]) -> Way:
+        """The same with points in another shape (...)."""
+        return Way(
+            self.first_mm.reshape(*shape, 3),
+            self.last_mm.reshape(*shape, 3),
+            self.optical_mm.reshape(shape),
+            self.first_by_point.reshape(*shape, 3, 3),
+            self.optical_by_point.reshape(*shape, 3),
+        )
+
+
+def straight_way(points_mm: Floats, center_mm: Floats, group_index: float) -> Way:
+    """The way in one medium: the pinhole sees the points (n, 3) themselves."""
+    step = points_mm - center_mm
+    length = np.linalg.norm(step, axis=1)
+    by_itself = np.broadcast_to(np.eye(3), (len(points_mm), 3, 3))
+    outwards = step / np.maximum(length, 1e-300)[:, np.newaxis]
+    last = np.broadcast_to(center_mm, step.shape)
+    return Way(points_mm, last, group_index * length, by_itself, group_index * outwards)
+
+
+def moved_rigidly(
+    interfaces: Sequence[Interface], rotation: Floats, about_mm: Floats, shift_mm: Floats
+) -> tuple[Interface, ...]:
+    """Interfaces turned by a matrix (3, 3) about a point (3,), then shifted (3,), mm."""
+    return tuple(
+        replace(
+            face,
+            point_mm=about_mm + rotation @ (np.asarray(face.point_mm) - about_mm) + shift_mm,
+            normal=rotation @ np.asarray(face.normal),
+        )
+        for face in interfaces
+    )
+
+
+def _frames(interfaces: Sequence[Interface], center: Floats) -> tuple[Floats, Floats, Floats]:
+    """Points (k, 3), normals away from the camera (k, 3), axes in the planes (k, 3, 2)."""
+    points = np.array([face.point_mm for face in interfaces], dtype=float)
+    normals = np.array([face.normal for face in interfaces], dtype=float)
+    away = np.sum((points - center) * normals, axis=1)
+    normals = np.where(away[:, np.newaxis] < 0.0, -normals, normals)
+    axes = np.empty((len(points), 3, 2))
+    for k, normal in enumerate(normals):
+        # The world axis least along the normal makes the best conditioned pair.
+        one = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+        one /= np.linalg.norm(one)
+        axes[k] = np.column_stack((one, np.cross(normal, one)))
+    return points, normals, axes
+
+
+def checked_interfaces(
+    interfaces: Sequence[Interface], center_mm: Floats, forward: Floats
+) -> tuple[Interface, ...]:
+    """Interfaces as a tuple, in an order and at places that a camera can look through.
+
+    Parameters
+    ----------
+    interfaces : sequence of Interface
+        From the camera to the scene.
+    center_mm : array of float, shape (3,)
+        The camera's, world, mm.
+    forward : array of float, shape (3,)
+        Along its optical axis, unit.
+
+    Raises
+    ------
+    ValueError
+        For what is no sequence of `Interface`.
+    GeometryError
+        For one behind the camera or out of order.
+    """
+    listed = [interfaces] if isinstance(interfaces, Interface) else list(interfaces)
+    flat: list[Interface] = []
+    for one in listed:
+        # A `window` among them is a pair of its own.
+        flat.extend(one if isinstance(one, tuple) else (one,))
+    if not all(isinstance(one, Interface) for one in flat):
+        raise ValueError(
+            "interfaces must be a list of Interface, from the camera to the scene (window() makes "
+            "the two of a pane)"
+        )
+    before = 0.0
+    for number, one in enumerate(flat, start=1):
+        normal = np.asarray(one.normal)
+        towards = float(forward @ normal)
+        gap = float((np.asarray(one.point_mm) - center_mm) @ normal)
+        distance = gap / towards if towards else np.inf
+        if not (np.isfinite(distance) and distance > 0.0):
+            raise GeometryError(
+                f"interface {number} does not stand before the camera: its plane must cross the "
+                "optical axis in front of the pupil; check its point_mm and normal"
+            )
+        if distance <= before:
+            raise GeometryError(
+                f"interface {number} stands {distance:.6g} mm before the camera, the one before it "
+                f"{before:.6g} mm: list them in order, from the camera to the scene"
+            )
+        before = distance
+    return tuple(flat)
+
+
+def way_through(
+    points_mm: Floats,
+    *,
+    center_mm: Floats,
+    front: Material,
+    interfaces: Sequence[Interface],
+    return_group_index: float,
+) -> Way:
+    """The way light takes from points to the camera.
+
+    Parameters
+    ----------
+    points_mm : array of float, shape (n, 3)
+        World, mm.
+    center_mm : array of float, shape (3,)
+        The camera's entrance pupil, world, mm.
+    front : Material
+        What the camera stands in.
+    interfaces : sequence of Interface
+        From the camera to the scene.
+    return_group_index : float
+        Group index of the scene's own medium.
+
+    Returns
+    -------
+    Way
+        NaN for points that are not behind the last interface.
+
+    Notes
+    -----
+    Implements Fermat's principle as in the module's docstring (method.md, Refraction).
+    """
+    points, normals, axes = _frames(interfaces, center_mm)
+    n, k = len(points_mm), len(points)
+    phase = np.array([front.phase_index, *(face.beyond.phase_index for face in interfaces)])
+    group = np.array([front.group_index, *(face.beyond.group_index for face in interfaces)])
+    group[-1] = return_group_index
+    depth = np.einsum("nki,ki->nk", points_mm[:, np.newaxis] - points, normals)
+    behind = (depth > 0.0).all(axis=1)
+    target = np.where(behind[:, np.newaxis], points_mm, np.nan)
+    # Where the straight line meets the planes: S is convex, any start would do.
+    to_plane = np.sum((points - center_mm) * normals, axis=1)
+    share = to_plane / (to_plane + depth)
+    straight = center_mm + share[..., np.newaxis] * (target - center_mm)[:, np.newaxis]
+    places = np.einsum("nki,kia->nka", straight - points, axes)
+    for _ in range(_MOST_STEPS):
+        lengths, units = _stretches(places, points, axes, center_mm, target)
+        gradient, hessian = _fermat(lengths, units, phase, axes)
+        step = np.linalg.solve(
+            np.where(np.isfinite(hessian), hessian, np.eye(2 * k)), -gradient[..., np.newaxis]
+        ).reshape(n, k, 2)
+        # Newton overshoots where a ray grazes: half the way is far enough a step.
+        size, whole = np.linalg.norm(step, axis=(1, 2)), lengths.sum(axis=1)
+        step *= np.minimum(1.0, 0.5 * whole / np.maximum(size, 1e-300))[:, np.newaxis, np.newaxis]
+        places = places + step
+        if not (size > _STILL * whole).any():
+            break
+    return _told(places, points, axes, center_mm, target, phase, group)
+
+
+def _stretches(
+    places: Floats, points: Floats, axes: Floats, center: Floats, target: Floats
+) -> tuple[Floats, Floats]:
+    """Lengths (n, k + 1) and unit vectors (n, k + 1, 3) of the straight pieces of a way."""
+    on = points + np.einsum("nka,kia->nki", places, axes)
+    n = len(target)
+    corners = np.concatenate(
+        (np.broadcast_to(center, (n, 1, 3)), on, target[:, np.newaxis]), axis=1
+    )
+    steps = np.diff(corners, axis=1)
+    lengths = np.linalg.norm(steps, axis=2)
+    return lengths, steps / np.maximum(lengths, 1e-300)[..., np.newaxis]
+
+
+def _bends(lengths: Floats, units: Floats, index: Floats) -> Floats:
+    """(n, k + 1, 3, 3): second derivative of index times length by the end of each stretch."""
+    across = np.eye(3) - units[..., :, np.newaxis] * units[..., np.newaxis, :]
+    bends: Floats = (index / np.maximum(lengths, 1e-300))[..., np.newaxis, np.newaxis] * across
+    return bends
+
+
+def _in_planes(units: Floats, index: Floats, axes: Floats) -> Floats:
+    """(n, 2k): derivative of sum index_i length_i by the places in the planes."""
+    pull = index[:, np.newaxis] * units
+    gradient = np.einsum("kia,nki->nka", axes, pull[:, :-1] - pull[:, 1:])
+    return gradient.reshape(len(units), -1)
+
+
+def _fermat(lengths: Floats, units: Floats, phase: Floats, axes: Floats) -> tuple[Floats, Floats]:
+    """Gradient (n, 2k) and Hessian (n, 2k, 2k) of the optical length by the places."""
+    n, k = len(lengths), len(axes)
+    bends = _bends(lengths, units, phase)
+    hessian = np.zeros((n, k, 2, k, 2))
+    for i in range(k):
+        both = bends[:, i] + bends[:, i + 1]
+        hessian[:, i, :, i, :] = np.einsum("ia,nij,jb->nab", axes[i], both, axes[i])
+        if i + 1 < k:
+            side = -np.einsum("ia,nij,jb->nab", axes[i], bends[:, i + 1], axes[i + 1])
+            hessian[:, i, :, i + 1, :] = side
+            hessian[:, i + 1, :, i, :] = np.swapaxes(side, 1, 2)
+    return _in_planes(units, phase, axes), hessian.reshape(n, 2 * k, 2 * k)
+
+
+def _told(
+    places: Floats,
+    points: Floats,
+    axes: Floats,
+    center: Floats,
+    target: Floats,
+    phase: Floats,
+    group: Floats,
+) -> Way:
+    """The way and how it follows its point, once its places are found."""
+    n, k = len(target), len(axes)
+    lengths, units = _stretches(places, points, axes, center, target)
+    _, hessian = _fermat(lengths, units, phase, axes)
+    by_target = np.zeros((n, k, 2, 3))
+    by_target[:, -1] = np.einsum("ia,nij->naj", axes[-1], _bends(lengths, units, phase)[:, -1])
+    # dS/dq = 0 for every X, so H dq/dX = -d2S/dq dX.
+    places_by_point = np.linalg.solve(
+        np.where(np.isfinite(hessian), hessian, np.eye(2 * k)), by_target.reshape(n, 2 * k, 3)
+    )
+    optical_by_point = group[-1] * units[:, -1] + np.einsum(
+        "nq,nqj->nj", _in_planes(units, group, axes), places_by_point
+    )
+    on = points + np.einsum("nka,kia->nki", places, axes)
+    return Way(
+        first_mm=on[:, 0],
+        last_mm=on[:, -1],
+        optical_mm=lengths @ group,
+        first_by_point=np.einsum("ia,naj->nij", axes[0], places_by_point[:, :2]),
+        optical_by_point=optical_by_point,
+    )
+
+
+def rays_through(
+    rays: Floats, *, center_mm: Floats, front: Material, interfaces: Sequence[Interface]
+) -> tuple[Floats, Floats, Floats]:
+    """Rays behind all interfaces, by Snell's law at each.
+
+    Parameters
+    ----------
+    rays : array of float, shape (..., 3)
+        Unit, world, from the camera outwards.
+    center_mm : array of float, shape (3,)
+        Where they start, world, mm.
+    front : Material
+        What the camera stands in.
+    interfaces : sequence of Interface
+        From the camera to the scene.
+
+    Returns
+    -------
+    origins_mm : array of float, shape (..., 3)
+        On the last interface, world; NaN where the ray never gets behind it: it runs along a
+        plane, or is totally reflected.
+    directions : array of float, shape (..., 3)
+        Unit, world.
+    optical_mm : array of float, shape (...)
+        Group index times length from the camera to the origin.
+    """
+    points, normals, _ = _frames(interfaces, center_mm)
+    direction = np.asarray(rays, dtype=float)
+    origin = np.broadcast_to(center_mm, direction.shape)
+    optical, here = np.zeros(direction.shape[:-1]), front
+    for point, normal, face in zip(points, normals, interfaces, strict=True):
+        along = direction @ normal
+        with np.errstate(divide="ignore", invalid="ignore"):
+            way = ((point - origin) @ normal) / along
+        # A tilted plane may be met from behind: that ray has left the window's side.
+        way = np.where((along > 0.0) & (way >= 0.0), way, np.nan)
+        origin = origin + way[..., np.newaxis] * direction
+        optical = optical + here.group_index * way
+        ratio = here.phase_index / face.beyond.phase_index
+        with np.errstate(invalid="ignore"):
+            cosine = np.sqrt(1.0 - ratio**2 * (1.0 - along**2))
+        direction = ratio * direction + (cosine - ratio * along)[..., np.newaxis] * normal
+        here = face.beyond
+    return origin, direction, optical
