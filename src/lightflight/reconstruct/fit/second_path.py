@@ -7,13 +7,14 @@ of them is where a fit of the mirror starts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from lightflight.camera.stand_in import stand_in_of
 from lightflight.reconstruct.fit.around import Group, Seen
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.counted import Pixels
@@ -22,11 +23,11 @@ from lightflight.reconstruct.model.second_path import (
     Mirror,
     Places,
     SecondPath,
-    arrivals_of,
     return_ps_per_mm,
 )
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.strength import span_of_knots
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -267,6 +268,11 @@ def second_path_in(
 
 def _best_mirror(scores: _Scores, places: Places, camera: Camera) -> tuple[Mirror | None, float]:
     """Of all mirrors that are tried the one with the largest chi-square, and that."""
+    # Thousands of mirrors: a stand-in tells them apart, the fit that follows sees through windows.
+    per_mm = places.return_ps_per_mm
+    camera, more_mm = stand_in_of(camera, per_mm * SPEED_OF_LIGHT_MM_PER_PS)
+    late_ps = more_mm / SPEED_OF_LIGHT_MM_PER_PS
+    places = replace(places, event_ps=places.event_ps + late_ps) if more_mm else places
     row, col = camera.pixels_from_points(places.points_mm)
     rows, cols = camera.shape
     shown = np.flatnonzero((row > -3) & (row < rows + 2) & (col > -3) & (col < cols + 2))
@@ -306,7 +312,7 @@ def _chi2_of(
     image = points + 2.0 * behind[:, :, np.newaxis] * normals[:, np.newaxis]
     row, col = camera.pixels_from_points(image)
     way = np.linalg.norm(image - camera.center_mm, axis=2)
-    arrival = arrivals_of(image, places.event_ps[some], places, camera)
+    arrival = places.event_ps[some] + places.return_ps_per_mm * way
     light = np.where(behind > 0.0, places.light[some] / way**2, 0.0)
     return scores.along(row, col, arrival, light, places.spot_px)
 

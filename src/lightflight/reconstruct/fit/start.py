@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.camera.stand_in import meeting_point
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
 from lightflight.reconstruct.legs.find import ImageLeg
@@ -101,19 +102,15 @@ def _as_seen_in_one_medium(
 ) -> tuple[Camera, list[LegCurve]]:
     """A camera without interfaces that sees nearly the same, and what each leg showed to it.
 
-    Behind the last interface all rays come nearly from one point, nearer or farther than the
-    camera (a tank looks shallow): there it stands, and what the light needed more up to the
-    interface is taken off the times. Good to a mm or so, which is enough for a start.
+    It stands where these legs' rays come from, and what their light needed more up to the
+    interface is taken off the times.
     """
     sights, plain = [], replace(camera, interfaces=())
     for leg in legs:
         points = leg.points_px(np.linspace(*leg.extent_px, _SAMPLES)) / mean_focal_px(camera)
         sights.append(camera.lines_of_sight(*plain.pixels_from_normalized(*points.T)))
     origins, rays, optical = (np.concatenate(part) for part in zip(*sights, strict=True))
-    # The point nearest to all lines: across each of them it should not be off.
-    across = np.eye(3) - rays[:, :, np.newaxis] * rays[:, np.newaxis]
-    pull = np.einsum("nij,nj->i", across, origins)
-    center = np.linalg.lstsq(across.sum(axis=0), pull, rcond=None)[0]
+    center = meeting_point(origins, rays)
     early = optical - medium.return_group_index * np.sum((origins - center) * rays, axis=1)
     pose = camera.world_from_camera.copy()
     pose[:3, 3] = center

@@ -133,19 +133,13 @@ Images = tuple[Glow, ...]
 """A mirror's pictures: as it stands, and a step on and back of each of `_STEPS`."""
 
 
-def arrivals_of(image_mm: Floats, event_ps: Floats, places: Places, camera: Camera) -> Floats:
-    """Arrival times (..., n), ps, of light of images (..., n, 3) sent at event times (n,), ps."""
-    index = places.return_ps_per_mm * SPEED_OF_LIGHT_MM_PER_PS
-    back: Floats = event_ps + camera.return_times_ps(image_mm, return_group_index=index)
-    return back
-
-
 def glow(mirror: Mirror, places: Places, camera: Camera) -> Glow:
     """Photons, mean time and width of each leg's image in the picture, at a share of one."""
     image = mirror.image_of(places.points_mm)
     row, col = camera.pixels_from_points(image)
     way = np.linalg.norm(image - camera.center_mm, axis=1)
-    arrival = arrivals_of(image, places.event_ps, places, camera)
+    index = places.return_ps_per_mm * SPEED_OF_LIGHT_MM_PER_PS
+    arrival = places.event_ps + camera.return_times_ps(image, return_group_index=index)
     spot, (n_rows, n_cols) = places.spot_px, camera.shape
     half = int(np.ceil(_REACH_SPOTS * spot))
     with np.errstate(invalid="ignore"):
