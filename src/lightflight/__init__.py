@@ -1,11 +1,12 @@
 """From the photons of a SPAD camera to the 4D path (x, y, z, t) of a laser pulse.
 
 Records: `Histograms`, `Recording`, `TimingCalibration`, `Pulses`, `Arrivals`, `Camera`,
-`Source`, `Medium`, `LightPath`, `LaserPulse`, `Scene`, `Detector`, `Bounds`, `Plan`.
+`Interface`, `Material`, `Source`, `Medium`, `LightPath`, `LaserPulse`, `Scene`, `Detector`,
+`Bounds`, `Plan`.
 
 The chain: `read` a file, `histogram` it, `calibrate_timing` and `calibrate_camera`,
 `fit_pulses` or `find_arrivals`, `find_legs`, `reconstruct`; `write` keeps a record;
-`laser_pulse` says how long the laser's pulse was.
+`laser_pulse` says how long the laser's pulse was; `window` is what a camera looks through.
 
 Without a lab: `simulate` a `Scene`; `bounds` says what its photons allow,
 `plan` what light a wanted error takes; `path_error`
@@ -24,8 +25,10 @@ from lightflight._version import __version__
 if TYPE_CHECKING:
     from lightflight.camera.calibration import calibrate_camera as calibrate_camera
     from lightflight.camera.model import Camera as Camera
+    from lightflight.camera.refraction import Interface as Interface, window as window
     from lightflight.flight import Medium as Medium, Source as Source
     from lightflight.formats.registry import read as read, write as write
+    from lightflight.materials import Material as Material
     from lightflight.path.error import path_error as path_error
     from lightflight.path.light_path import LightPath as LightPath
     from lightflight.path.second_view import observe as observe
@@ -54,8 +57,10 @@ __getattr__, __dir__, __all__ = lazy_names(
     {
         "lightflight.camera.calibration": ("calibrate_camera",),
         "lightflight.camera.model": ("Camera",),
+        "lightflight.camera.refraction": ("Interface", "window"),
         "lightflight.flight": ("Medium", "Source"),
         "lightflight.formats.registry": ("read", "write"),
+        "lightflight.materials": ("Material",),
         "lightflight.path.error": ("path_error",),
         "lightflight.path.light_path": ("LightPath",),
         "lightflight.path.second_view": ("observe",),

@@ -38,7 +38,7 @@ INDEX_SLACK_STDS = 5.0
 class Medium:
     """Uniform medium: group index on the way of the pulse, and on the way to the camera.
 
-    Windows or walls between path and camera are not part of the model.
+    Windows and walls of tanks between path and camera are the camera's (`Camera.interfaces`).
 
     Attributes
     ----------

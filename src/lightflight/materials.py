@@ -23,7 +23,7 @@ _STEP_UM = 1e-4
 class _Dispersion(NamedTuple):
     """n of a wavelength in um, and the range it was measured over, um."""
 
-    index: Callable[[float], float]
+    index_at: Callable[[float], float]
     range_um: tuple[float, float]
 
 
@@ -133,7 +133,7 @@ class Material:
         low, high = (1000.0 * end for end in dispersion.range_um)
         must = f"lie between {low:g} and {high:g} nm, where the index of {name} was measured"
         um = finite_number("wavelength_nm", wavelength_nm, must, low=low, high=high) / 1000.0
-        n = dispersion.index
+        n = dispersion.index_at
         slope = (n(um + _STEP_UM) - n(um - _STEP_UM)) / (2.0 * _STEP_UM)
         return cls(n(um), n(um) - um * slope, name)
 

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import lightflight as lf
+from lightflight.camera.refraction import window
+from lightflight.materials import Material
 from lightflight.reconstruct.model.forward import layout_of, local_variables
 from lightflight.reconstruct.model.geometry import arrival_jacobian, footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
@@ -31,13 +33,24 @@ UNSURE = replace(
 ALONG = np.random.default_rng(5).normal(size=(9, 6)) * np.array([0.3] * 3 + [1e-3] * 3)
 FITTED = replace(UNSURE, intrinsics_per_pose=ALONG)
 """A camera whose lens terms were fitted together with its pose."""
+TANK = replace(
+    UNSURE,
+    interfaces=window(
+        (0.0, 0.0, 300.0), (0.1, -0.05, 1.0), thickness_mm=10.0, glass=Material(1.52, 1.55),
+        beyond=Material(1.334, 1.36), distance_std_mm=0.5,
+    ),
+)  # fmt: skip
+"""It looks through a tilted window of uncertain place into water of uncertain index."""
+WATER = replace(MEDIUM, path_group_index=1.36, return_group_index=1.36)
+SEEN = [(UNSURE, MEDIUM), (FITTED, MEDIUM), (TANK, WATER)]
+SEEN_IDS = ["told", "fitted with its pose", "through a window"]
 STEP = 0.01
 
 
-@pytest.mark.parametrize("camera", [UNSURE, FITTED], ids=["told", "fitted with its pose"])
+@pytest.mark.parametrize(("camera", "medium"), SEEN, ids=SEEN_IDS)
 @pytest.mark.parametrize("state", [CORNER, ASIDE], ids=["corner", "corner aside"])
-def test_arrival_times_follow_as_a_second_look_says(camera, state):
-    told = Setting(camera, lf.Source(), MEDIUM)
+def test_arrival_times_follow_as_a_second_look_says(camera, medium, state):
+    told = Setting(camera, lf.Source(), medium)
     errors = shared_errors(told)
     delta = np.linspace(-2.0, 2.0, len(errors))
     _, pixels = scene_of(state)
@@ -60,18 +73,18 @@ def test_arrival_times_follow_as_a_second_look_says(camera, state):
     # Feet of pixels beside the leg turn with it, which is left out.
     on = np.abs(print_.lateral_px) < 0.15
     assert on.sum() >= 2
-    assert own.shape[1] == len(nudges) == len(errors) == 10
+    assert own.shape[1] == len(nudges) == len(errors) == 10 + bool(camera.interfaces)
     for k, unit in enumerate(np.eye(len(errors)) * STEP):
         change = (arrivals(delta + unit) - arrivals(delta - unit)) / (2 * STEP)
         np.testing.assert_allclose(own[on, k], change[on], rtol=0.02, atol=0.02)
     assert np.abs(own[on]).max() > 1.0
 
 
-@pytest.mark.parametrize("camera", [UNSURE, FITTED], ids=["told", "fitted with its pose"])
+@pytest.mark.parametrize(("camera", "medium"), SEEN, ids=SEEN_IDS)
 @pytest.mark.parametrize(("state", "off"), [(ASIDE, 1e-6), (CORNER, 0.01)], ids=["legs", "corner"])
-def test_brightness_follows_as_a_second_look_says(camera, state, off):
+def test_brightness_follows_as_a_second_look_says(camera, medium, state, off):
     """A leg's image moves across its pixels, and a corner, whose feet turn, along it."""
-    told = Setting(camera, lf.Source(), MEDIUM)
+    told = Setting(camera, lf.Source(), medium)
     errors = shared_errors(told)
     delta = np.linspace(-1.0, 1.0, len(errors))
     light, pixels = scene_of(state, slope=0.1)

@@ -26,6 +26,7 @@ from lightflight.camera.refraction import (
     checked_interfaces,
     moved_rigidly,
     rays_through,
+    shifted_from,
     straight_way,
     way_through,
 )
@@ -685,6 +686,26 @@ class Camera(Shown):
         if slopes is not None:
             slopes = np.vstack((slopes, np.zeros((missing, 6))))
         return replace(self, matrix=matrix, distortion=distortion, intrinsics_per_pose=slopes)
+
+    def with_interface_moved(self, number: int, by_mm: float) -> Camera:
+        """Camera whose interface, and all behind it, stand farther away along its normal.
+
+        Parameters
+        ----------
+        number : int
+            Which, from 0.
+        by_mm : float
+            Farther from the camera, mm.
+
+        Returns
+        -------
+        Camera
+            Itself where nothing moves.
+        """
+        if by_mm == 0.0:
+            return self
+        faces = shifted_from(self.interfaces, number, by_mm, self.center_mm)
+        return replace(self, interfaces=faces)
 
     def with_scene_denser(self, share: float) -> Camera:
         """Camera that sees a scene whose phase index is `share` times as high; it needs a window.

@@ -16,13 +16,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.arguments import finite_number, finite_numbers
 from lightflight.errors import GeometryError
+from lightflight.flight import INDEX_SLACK_STDS, Medium
 from lightflight.materials import AIR, Material
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +51,7 @@ class Interface:
     beyond : Material
         What fills the space behind it.
     distance_std_mm : float
-        One-sigma error of where the plane stands along its normal, mm. 0: exact.
+        One-sigma error of where it stands along its normal, mm; all behind it goes along. 0: exact.
     """
 
     point_mm: ArrayLike
@@ -172,6 +177,58 @@ def moved_rigidly(
         )
         for face in interfaces
     )
+
+
+def shifted_from(
+    interfaces: Sequence[Interface], number: int, by_mm: float, center_mm: Floats
+) -> tuple[Interface, ...]:
+    """Interfaces of which one, and all behind it, stand farther away along its normal, mm."""
+    first = interfaces[number]
+    normal, point = np.asarray(first.normal, float), np.asarray(first.point_mm, float)
+    step = by_mm * normal * (1.0 if (point - center_mm) @ normal > 0.0 else -1.0)
+    moved = (
+        replace(face, point_mm=np.asarray(face.point_mm) + step) for face in interfaces[number:]
+    )
+    return (*interfaces[:number], *moved)
+
+
+_SAME_INDEX = 1e-3
+"""Two statements of one group index that differ by less are of one medium: 1.8 ps over half a m."""
+
+
+def scene_medium(camera: Camera) -> Medium:
+    """What fills the scene behind all that a camera looks through, out and back; else air."""
+    if not camera.interfaces:
+        return Medium()
+    index = camera.interfaces[-1].beyond.group_index
+    return Medium(index, index)
+
+
+def refuse_other_medium(camera: Camera, medium: Medium) -> None:
+    """Refuse a medium that is not the one behind a camera's last interface.
+
+    Parameters
+    ----------
+    camera : Camera
+        Without interfaces, any medium will do.
+    medium : Medium
+        Of the scene.
+
+    Raises
+    ------
+    ValueError
+        Where its return index is another, by more than its stated errors and a thousandth.
+    """
+    if not camera.interfaces:
+        return
+    behind = camera.interfaces[-1].beyond.group_index
+    slack = _SAME_INDEX + INDEX_SLACK_STDS * medium.return_group_index_std
+    if abs(behind - medium.return_group_index) > slack:
+        raise ValueError(
+            f"behind the last interface light flies at a group index of {behind:g}, and "
+            f"return_group_index of the medium is {medium.return_group_index:g}: give one medium, "
+            "as Medium(path_group_index, return_group_index) of what fills the scene"
+        )
 
 
 def _frames(interfaces: Sequence[Interface], center: Floats) -> tuple[Floats, Floats, Floats]:
@@ -324,7 +381,7 @@ def _bends(lengths: Floats, units: Floats, index: Floats) -> Floats:
 def _in_planes(units: Floats, index: Floats, axes: Floats) -> Floats:
     """(n, 2k): derivative of sum index_i length_i by the places in the planes."""
     pull = index[:, np.newaxis] * units
-    gradient = np.einsum("kia,nki->nka", axes, pull[:, :-1] - pull[:, 1:])
+    gradient: Floats = np.einsum("kia,nki->nka", axes, pull[:, :-1] - pull[:, 1:])
     return gradient.reshape(len(units), -1)
 
 

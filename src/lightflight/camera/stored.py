@@ -38,7 +38,7 @@ def arrays_of_camera(camera: Camera) -> dict[str, NDArray[np.generic]]:
         if getattr(camera, name) > 0.0:
             arrays[name] = np.array(getattr(camera, name))
     if camera.interfaces:
-        arrays["interfaces"] = np.array([_row_of(face) for face in camera.interfaces])
+        arrays["interfaces"] = np.array([row_of_interface(face) for face in camera.interfaces])
         arrays["stands_in"] = np.array(_indices(camera.stands_in))
     return arrays
 
@@ -47,12 +47,13 @@ def _indices(material: Material) -> tuple[float, float]:
     return material.phase_index, material.group_index
 
 
-def _row_of(face: Interface) -> list[float]:
-    """Point, normal, both indices beyond, error of the distance."""
+def row_of_interface(face: Interface) -> list[float]:
+    """(9,) point, normal, phase and group index beyond, error of the distance."""
     return [*face.point_mm, *face.normal, *_indices(face.beyond), face.distance_std_mm]  # type: ignore[misc]
 
 
-def _interface_of(row: NDArray[np.float64]) -> Interface:
+def interface_of_row(row: NDArray[np.float64]) -> Interface:
+    """The interface of what `row_of_interface` gave, (9,)."""
     return Interface(row[:3], row[3:6], Material(row[6], row[7]), distance_std_mm=row[8])
 
 
@@ -69,7 +70,7 @@ def fields_of_arrays(arrays: Mapping[str, ArrayLike]) -> dict[str, object]:
     found |= {name: float(np.asarray(arrays[name])) for name in LENS_ERRORS if name in arrays}
     if "interfaces" in arrays:
         table = np.asarray(arrays["interfaces"], dtype=np.float64).reshape(-1, 9)
-        found["interfaces"] = tuple(_interface_of(row) for row in table)
+        found["interfaces"] = tuple(interface_of_row(row) for row in table)
         front = np.asarray(arrays.get("stands_in", _indices(AIR)), dtype=np.float64)
         found["stands_in"] = Material(*front.ravel())
     return found

@@ -15,6 +15,7 @@ from functools import cache
 
 from lightflight.files import toml_tables as config
 from lightflight.files.toml_tables import Key
+from lightflight.materials import MATERIALS
 from lightflight.reconstruct import FREE_NAMES
 from lightflight.reconstruct.estimators import METHODS
 from lightflight.simulate.detector import Detector
@@ -96,6 +97,12 @@ SOURCE_KEYS = (
 
 MEDIUM_KEYS = (
     Key("path_group_index", "group index along the path (fibre: about 1.47)", config.number),
+    Key(
+        "material",
+        "in place of both group indices, what light flies through; with wavelength_nm",
+        config.choice(*MATERIALS),
+    ),
+    Key("wavelength_nm", "of the laser, nm", config.number),
     Key("return_group_index", "group index from the path to the camera", config.number),
     Key("path_group_index_std", "one-sigma error of path_group_index; 0: exact", config.number),
     Key("return_group_index_std", "one-sigma error of return_group_index; 0: exact", config.number),
@@ -104,6 +111,40 @@ MEDIUM_KEYS = (
         "of those two errors: 1, one medium both ways; 0, two that know nothing of each other",
         config.number,
     ),
+)
+
+_indices = config.numbers(2)
+
+WINDOW_KEYS = (
+    Key(
+        "distance_mm",
+        "from the entrance pupil along the optical axis to the face that the camera sees first, mm",
+        config.number,
+    ),
+    Key("thickness_mm", "of the glass, mm; left out: one face, as of open water", config.number),
+    Key(
+        "normal",
+        "direction across the window; left out: it faces the camera squarely",
+        config.numbers(3),
+    ),
+    Key("distance_std_mm", "one-sigma error of distance_mm, mm; 0: exact", config.number),
+    Key("wavelength_nm", "of the laser, nm: materials named here have its indices", config.number),
+    Key("glass", f"of the window: {', '.join(MATERIALS)}", config.choice(*MATERIALS)),
+    Key("glass_indices", "in place of glass: its phase index and its group index", _indices),
+    Key(
+        "behind",
+        "what fills the scene behind it; left out: air",
+        config.choice(*MATERIALS),
+    ),
+    Key("behind_indices", "in place of behind: its phase index and its group index", _indices),
+    Key(
+        "interfaces",
+        "in place of all these, any planes from the camera to the scene, one row (x, y, z of a "
+        "point, x, y, z of the normal, phase index and group index beyond, one-sigma error of its "
+        "place) each, mm",
+        config.table_of_numbers(9),
+    ),
+    Key("front_indices", "phase and group index of what the camera stands in", _indices),
 )
 
 TIMING_KEYS = (
@@ -279,6 +320,7 @@ DETECTOR_KEYS = (
 
 SECTIONS: Mapping[str, Sequence[Key] | None] = {
     "camera": CAMERA_KEYS,
+    "window": WINDOW_KEYS,
     "source": SOURCE_KEYS,
     "medium": MEDIUM_KEYS,
     "detector": DETECTOR_KEYS,

@@ -35,6 +35,7 @@ from lightflight.errors import ConfigError, SuspectDataWarning
 from lightflight.files import toml_tables as config
 from lightflight.flight import Medium, Source
 from lightflight.lab.keys import SECTIONS
+from lightflight.lab.window import camera_behind, medium_from_table
 from lightflight.simulate.detector import Detector
 
 _CLOCK_KEYS = {"n_codes", "bin_width_ps", "code_width_ps", "laser_period_ps", "reversed_codes"}
@@ -145,10 +146,12 @@ def lab_from_table(table: Mapping[str, object], *, where: str = "set-up") -> Lab
     needs = _missing_camera_keys(camera_table)
     with _naming(where, "camera"):
         camera = None if needs else _camera_from_table(camera_table)
+    with _naming(where, "window"):
+        camera = None if camera is None else camera_behind(camera, sections.get("window", {}))
     with _naming(where, "source"):
         source = Source(**sections.get("source", {}))
     with _naming(where, "medium"):
-        medium = Medium(**sections.get("medium", {}))
+        medium = medium_from_table(sections.get("medium", {}), camera)
     with _naming(where, "detector"):
         detector = _detector_from_table(sections["detector"]) if "detector" in sections else None
     options = {name: sections.get(name, {}) for name in OPTION_SECTIONS}

@@ -11,6 +11,7 @@ from lightflight.camera.model import LENS_ERRORS, Camera
 from lightflight.flight import Medium
 from lightflight.lab.keys import WORD_FOR_NONE
 from lightflight.lab.lab import OPTION_SECTIONS, Lab
+from lightflight.lab.window import table_from_window
 
 
 def table_from_lab(lab: Lab) -> dict[str, dict[str, object]]:
@@ -29,6 +30,7 @@ def table_from_lab(lab: Lab) -> dict[str, dict[str, object]]:
     table: dict[str, dict[str, object]] = {}
     if lab.camera is not None:
         table["camera"] = _table_from_camera(lab.camera)
+        table |= {"window": w} if (w := table_from_window(lab.camera)) else {}
     table["source"] = _table_from_record(lab.source)
     table["medium"] = _table_from_medium(lab.medium)
     if lab.detector is not None:

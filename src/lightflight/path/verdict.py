@@ -28,6 +28,7 @@ class FindingName(StrEnum):
     FOCAL_LENGTH = "focal_length"
     DISTORTION = "distortion"
     POSE = "pose"
+    WINDOW = "window"
     CLOCK_OFFSET = "clock_offset"
     CLOCK_SCALE = "clock_scale"
     CLOCK_DRIFT = "clock_drift"

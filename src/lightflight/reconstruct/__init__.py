@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 
 FREE_NAMES = (
-    "source", "emission_time", "pose", "focal_length", "distortion", "index", "clock_offset",
-    "clock_scale", "clock_drift",
+    "source", "emission_time", "pose", "focal_length", "distortion", "index", "window",
+    "clock_offset", "clock_scale", "clock_drift",
 )  # fmt: skip
 """What `reconstruct(free=)` takes; their plausible sizes are `model.sizes.PLAUSIBLE`."""
 

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lightflight.arguments import mask_of_pixels, shown
+from lightflight.camera.refraction import refuse_other_medium
 from lightflight.errors import CalibrationError, GeometryError
-from lightflight.flight import INDEX_SLACK_STDS, Source
+from lightflight.flight import Source
 from lightflight.reconstruct.estimators import ESTIMATORS, estimator_named
 
 if TYPE_CHECKING:
@@ -145,10 +146,6 @@ def checked_call(
     return camera
 
 
-_SAME_INDEX = 1e-3
-"""Two statements of one group index that differ by less are of one medium: 1.8 ps over half a m."""
-
-
 def checked_media(setting: Setting, method: str) -> None:
     """What the cameras look through and the medium of the scene, before any work.
 
@@ -164,9 +161,9 @@ def checked_media(setting: Setting, method: str) -> None:
     ValueError
         Where the medium is not the one behind the last interface, or the estimator knows no
         interfaces.
+    GeometryError
+        Where pixels look along rays that never get behind the interfaces.
     """
-    medium = setting.medium
-    slack = _SAME_INDEX + INDEX_SLACK_STDS * medium.return_group_index_std
     for camera in setting.cameras:
         if not camera.interfaces:
             continue
@@ -175,10 +172,18 @@ def checked_media(setting: Setting, method: str) -> None:
                 f"method={method!r} knows one medium, and the camera looks through an interface: "
                 "use method='joint' or 'photon'"
             )
-        behind = camera.interfaces[-1].beyond
-        if abs(behind.group_index - medium.return_group_index) > slack:
-            raise ValueError(
-                f"behind the last interface light flies at a group index of {behind.group_index:g},"
-                f" and return_group_index of the medium is {medium.return_group_index:g}: give one "
-                "medium, as Medium(path_group_index, return_group_index) of what fills the scene"
-            )
+        refuse_other_medium(camera, setting.medium)
+        _refuse_reflected(camera)
+
+
+def _refuse_reflected(camera: Camera) -> None:
+    """Refuse a camera some of whose pixels see nothing of the scene."""
+    origins, _, _ = camera.lines_of_sight(*np.indices(camera.shape))
+    lost = ~np.isfinite(origins).all(axis=-1)
+    if lost.any():
+        row, col = np.argwhere(lost)[0]
+        raise GeometryError(
+            f"{int(lost.sum())} of {lost.size} pixels, the first at (row, col) = ({row}, {col}), "
+            "look along rays that are totally reflected, or miss an interface: check the order, "
+            "the normals and the indices of what the camera looks through"
+        )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 from lightflight.arguments import check_kinds
+from lightflight.camera.refraction import scene_medium
 from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
 from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, checked_media
@@ -57,7 +58,7 @@ def reconstruct(
     source : Source, optional
         Where and when the pulse starts, as far as known; None: nothing is known.
     medium : Medium, optional
-        Group indices out and back; None: air.
+        Group indices out and back; None: air, or what fills the scene behind the camera's window.
     timing : TimingCalibration or sequence of TimingCalibration, optional
         Calibrated clock; None: nominal codes, with a warning. With several cameras, a list of one
         for each: all clocks count from the same zero (the trigger, or one flat).
@@ -76,8 +77,8 @@ def reconstruct(
         A LightPath or vertices_mm (m, 3) to start from, instead of the search for legs.
     free : iterable of str, optional
         What to fit within its plausible size although it was told as exact, or nearly so: "source",
-        "emission_time", "pose", "focal_length", "distortion", "index", "clock_offset",
-        "clock_scale", "clock_drift".
+        "emission_time", "pose", "focal_length", "distortion", "index", "window" (its distance),
+        "clock_offset", "clock_scale", "clock_drift".
 
     Raises
     ------
@@ -93,7 +94,6 @@ def reconstruct(
     """
     repeats = [hist] if not isinstance(hist, Sequence) else list(hist)
     source = Source() if source is None else source
-    medium = Medium() if medium is None else medium
     check_kinds(source=source, medium=medium, background=background)
     check_kinds(lists=True, camera=camera, timing=timing)
     several = isinstance(camera, Sequence)
@@ -104,6 +104,7 @@ def reconstruct(
         checked_call(own, view, source, method, n_legs, exclude_mask)
         for own, view in zip(of_camera, cameras, strict=True)
     ]
+    medium = scene_medium(views[0]) if medium is None else medium
     setting = Setting(
         views[0], source, medium, checked_waypoints(waypoints, n_legs), tuple(views[1:])
     )

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.camera.refraction import scene_medium
 from lightflight.flight import Medium, Source
-from lightflight.reconstruct.calls import checked_call
+from lightflight.reconstruct.calls import checked_call, checked_media
 from lightflight.reconstruct.chain import path_from_sightings
 from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.model.setting import Setting
@@ -48,9 +49,10 @@ def path_from_arrivals(
         True where the counts are not to be used.
     """
     source = Source() if source is None else source
-    medium = Medium() if medium is None else medium
     camera = checked_call([hist], camera, source, "joint", n_legs, None)
+    medium = scene_medium(camera) if medium is None else medium
     setting = Setting(camera, source, medium, checked_waypoints(waypoints, n_legs))
+    checked_media(setting, "joint")
     clock = clock_or_nominal(hist, timing)
     seen = Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind)
     return path_from_sightings(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.arguments import check_kinds, finite_number, finite_numbers, one_of
+from lightflight.camera.refraction import refuse_other_medium
 from lightflight.display import Card, Shown, number, size_facts
 from lightflight.flight import Medium, Source, event_times_from_vertices
 from lightflight.path.light_path import FARTHEST_MM
@@ -150,6 +151,7 @@ class Scene(Shown):
         vertices = _checked_vertices(self.vertices_mm)
         object.__setattr__(self, "vertices_mm", vertices)
         check_kinds(*_PARTS, **{name: getattr(self, name) for name in _PARTS})
+        refuse_other_medium(self.camera, self.medium)
         must = "be finite and >= 0: it is an expected count"
         background = finite_numbers("background", self.background, must, low=0.0)
         if background.shape not in ((), self.camera.shape):

@@ -17,7 +17,12 @@ from lightflight.reconstruct.fit.joint import JointFit, floor_variance
 from lightflight.reconstruct.fit.least_squares import Modelled, modelled
 from lightflight.reconstruct.model.geometry import vertex_time_jacobian
 from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.shared import MEDIUM, SharedErrors, undistorted_as_moved
+from lightflight.reconstruct.model.shared import (
+    MEDIUM,
+    SharedErrors,
+    undistorted_as_moved,
+    width_of_errors,
+)
 
 Floats = NDArray[np.float64]
 
@@ -41,21 +46,23 @@ def _units(setting: Setting) -> list[_Unit]:
     """Things of camera and medium that are told as exact, first camera only."""
     camera, medium = setting.camera, setting.medium
     pose = np.zeros(6) if camera.pose_covariance is None else np.diag(camera.pose_covariance)
-    found = []
+    found, width = [], width_of_errors(setting)
     for axis, name in enumerate("xyz"):
         for first, thing, size, step in (
             (3, "camera's place", f"1 mm in {name}", 1.0),
             (0, "camera's rotation", f"0.1° about {name}", np.radians(0.1)),
         ):
             if pose[first + axis] == 0.0:
-                sigma = np.eye(8)[first + axis] * step
+                sigma = np.eye(width)[first + axis] * step
                 found.append(_Unit(thing, size, 0, tuple(sigma)))
     if camera.focal_std_fraction == 0.0:
-        found.append(_Unit("focal length", "1 %", 0, tuple(np.eye(8)[6] * 0.01)))
+        found.append(_Unit("focal length", "1 %", 0, tuple(np.eye(width)[6] * 0.01)))
     if camera.distortion_std == 0.0:
-        found.append(_Unit("distortion", "0.01 of k1", 0, tuple(np.eye(8)[7] * 0.01)))
+        found.append(_Unit("distortion", "0.01 of k1", 0, tuple(np.eye(width)[7] * 0.01)))
+    if camera.interfaces and not any(face.distance_std_mm for face in camera.interfaces):
+        found.append(_Unit("window", "1 mm", 0, tuple(np.eye(width)[8])))
     if medium.path_group_index_std == 0.0 and medium.return_group_index_std == 0.0:
-        both = (np.eye(8)[0] + np.eye(8)[1]) * 1e-3
+        both = (np.eye(width)[0] + np.eye(width)[1]) * 1e-3
         found.append(_Unit("group index", "0.001", MEDIUM, tuple(both)))
     return found
 
@@ -120,7 +127,7 @@ def _off_by(fit: JointFit, setting: Setting) -> Iterator[tuple[str, str, Floats,
     errors = SharedErrors(
         tuple(unit.thing for unit in units),
         np.array([unit.view for unit in units], dtype=np.int64),
-        np.array([unit.sigma for unit in units]).reshape(-1, 8),
+        np.array([unit.sigma for unit in units]).reshape(len(units), -1),
     )
     seen = Setting(solution.cameras[0], Source(), solution.medium, others=solution.cameras[1:])
     # Anchors are told in the picture of the lens as told.

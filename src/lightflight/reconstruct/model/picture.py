@@ -326,7 +326,9 @@ def lines_from_picture(picture: Picture) -> LineDataInPicture:
     LineDataInPicture
         Two anchors per leg.
     """
-    legs, anchors, blocks = [], [], []
+    legs: list[int] = []
+    anchors: list[Floats] = []
+    blocks: list[Floats] = []
     for k, (leg, fit) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         anchors.extend(leg.points_px(np.array(fit.anchors_along_px), np.array(fit.offset_px)))
         legs.extend([k] * len(fit.anchors_along_px))

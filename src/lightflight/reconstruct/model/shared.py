@@ -53,12 +53,14 @@ class SharedErrors:
     Attributes
     ----------
     names : tuple of str
-        (k,), the cause that each belongs to ("pose", "focal_length", "distortion", "index").
+        (k,), the cause that each belongs to ("pose", "focal_length", "distortion", "window",
+        "index").
     view : array of int, shape (k,)
         The camera it moves; -1: the medium.
-    sigma : array of float, shape (k, 8)
+    sigma : array of float, shape (k, 8 + f)
         What one standard deviation moves: pose (rad, rad, rad, mm, mm, mm), focal length (share),
-        k1; of the medium index out and back, then zeros.
+        k1, distance of each of the camera's f interfaces (mm); of the medium index out and back,
+        then zeros.
     """
 
     names: tuple[str, ...]
@@ -80,9 +82,10 @@ def shared_errors(setting: Setting) -> SharedErrors:
     """The errors that the records of a setting state; none where all is exact."""
     names: list[str] = []
     rows: list[tuple[int, Floats]] = []
+    width = width_of_errors(setting)
 
     def add(name: str, view: int, first: int, sigma: Floats | list[float]) -> None:
-        row = np.zeros(8)
+        row = np.zeros(width)
         row[first : first + len(sigma)] = sigma
         names.append(name)
         rows.append((view, row))
@@ -94,13 +97,21 @@ def shared_errors(setting: Setting) -> SharedErrors:
             add("focal_length", view, 6, [camera.focal_std_fraction])
         if camera.distortion_std > 0:
             add("distortion", view, 7, [camera.distortion_std])
+        for number, face in enumerate(camera.interfaces):
+            if face.distance_std_mm > 0:
+                add("window", view, 8 + number, [face.distance_std_mm])
     for pair in _index_scale(setting.medium):
         add("index", MEDIUM, 0, pair)
     return SharedErrors(
         tuple(names),
         np.array([view for view, _ in rows], dtype=np.int64),
-        np.array([row for _, row in rows]).reshape(-1, 8),
+        np.array([row for _, row in rows]).reshape(-1, width),
     )
+
+
+def width_of_errors(setting: Setting) -> int:
+    """Numbers that one shared error may move: eight, and the places of a camera's interfaces."""
+    return 8 + max(len(camera.interfaces) for camera in setting.cameras)
 
 
 def _pose_scale(camera: Camera) -> Floats:
@@ -150,6 +161,8 @@ def moved(setting: Setting, errors: SharedErrors, delta: Floats) -> Setting:
             # A pose that is exact stays, bit for bit.
             camera = camera.perturbed(move[:6]) if move[:6].any() else camera
             camera = camera.with_lens_moved(focal_share=float(move[6]), radial=float(move[7]))
+            for number in np.flatnonzero(move[8:]):
+                camera = camera.with_interface_moved(int(number), float(move[8 + number]))
         cameras.append(camera)
     own = errors.view == MEDIUM
     medium = setting.medium
@@ -420,6 +433,11 @@ def _freed_camera(camera: Camera, wanted: set[str]) -> Camera:
     if "focal_length" in wanted:
         size = PLAUSIBLE["focal_length"].size
         changes["focal_std_fraction"] = max(camera.focal_std_fraction, size)
+    if "window" in wanted and camera.interfaces:
+        first = camera.interfaces[0]
+        std_mm = max(first.distance_std_mm, PLAUSIBLE["window"].size)
+        faces = (replace(first, distance_std_mm=std_mm), *camera.interfaces[1:])
+        changes["interfaces"] = faces
     if "distortion" in wanted:
         size = radial_of_corner(camera, PLAUSIBLE["distortion"].size)
         changes["distortion_std"] = max(camera.distortion_std, size)

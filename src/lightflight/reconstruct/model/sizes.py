@@ -38,6 +38,8 @@ PLAUSIBLE: dict[str, Plausible] = {
     "focal_length": Plausible(0.1, "of itself"),
     # A wide-angle lens that nobody calibrated: some px at the corner.
     "distortion": Plausible(3.0, "px at the corner"),
+    # The wrong face of a pane, a tank that was moved.
+    "window": Plausible(5.0, "mm"),
     # Air told for water (0.33) or fibre (0.47), or the other way round.
     "index": Plausible(0.5, ""),
     # Cables and triggers; another cable is 500 ps for 10 cm.

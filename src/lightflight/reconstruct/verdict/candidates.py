@@ -253,6 +253,8 @@ def geometry_candidates(
         _source(rows),
         _curved(rows),
     ]
+    if any(camera.interfaces for camera in rows.cameras):
+        found.append(_window(rows))
     if rows.state.n_legs > 1:
         found.append(_unseen(rows))
     # Of what a clock drifts over one recording, its mean time is half late.
@@ -301,6 +303,17 @@ def _of_lenses(
         by_time, by_line = rows.seen_by(view, moved(camera, step))
         parts.append((str(name), (by_time / step, by_line / step)))
     return _candidate(rows, name, parts)
+
+
+def _window(rows: Rows) -> Candidate:
+    """Each camera's first interface, with all behind it, farther away than told."""
+    parts = []
+    for view, camera in enumerate(rows.cameras):
+        if camera.interfaces:
+            step = _STEP * PLAUSIBLE["window"].size
+            by_time, by_line = rows.seen_by(view, camera.with_interface_moved(0, step))
+            parts.append(("window", (by_time / step, by_line / step)))
+    return _candidate(rows, FindingName.WINDOW, parts)
 
 
 def _pose(rows: Rows) -> Candidate:

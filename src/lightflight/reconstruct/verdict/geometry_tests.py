@@ -363,6 +363,7 @@ REMEDIES: dict[FindingName, str] = {
     FindingName.FOCAL_LENGTH: "calibrate the camera, or measure its field of view",
     FindingName.DISTORTION: "calibrate the camera's lens",
     FindingName.POSE: "measure where the camera stands and looks, or state its errors",
+    FindingName.WINDOW: "measure how far the window stands from the camera, or state its error",
     FindingName.CALIBRATION: "calibrate the delays and codes of the pixels anew",
     FindingName.CURVED_LEG: "look for what bends the beam",
     FindingName.UNSEEN_LEG: "look for a mirror outside the picture, and say where it is",

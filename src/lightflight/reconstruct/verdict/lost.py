@@ -37,6 +37,7 @@ _NUMBERS = {
     FindingName.FOCAL_LENGTH: 1,
     FindingName.DISTORTION: 1,
     FindingName.POSE: 6,
+    FindingName.WINDOW: 1,
     FindingName.SOURCE: 3,
 }
 """Causes that `free=` names, and how many numbers each frees."""
@@ -86,7 +87,10 @@ def _freed_one_by_one(
     """Cause, how many numbers it frees, and setting and recordings with it free."""
     # Out and back by themselves: light may run through water and be seen through air.
     apart = replace(setting, medium=replace(setting.medium, index_correlation=0.0))
+    windows = any(camera.interfaces for camera in setting.cameras)
     for name, n_freed in _NUMBERS.items():
+        if name is FindingName.WINDOW and not windows:
+            continue
         yield name, n_freed, freed(apart, (), (), (name,))[0], sightings
     for name in _OF_CLOCK:
         size = PLAUSIBLE[name].size
