@@ -77,7 +77,9 @@ class Interface:
         must = "be finite and >= 0"
         std = finite_number("distance_std_mm", self.distance_std_mm, must, low=0.0)
         object.__setattr__(self, "point_mm", tuple(point.tolist()))
-        object.__setattr__(self, "normal", tuple((normal / size).tolist()))
+        # A unit normal stays to the last bit, through files and `replace`.
+        unit = normal if abs(size - 1.0) < 1e-15 else normal / size
+        object.__setattr__(self, "normal", tuple(unit.tolist()))
         object.__setattr__(self, "distance_std_mm", std)
 
 
@@ -475,4 +477,9 @@ def rays_through(
             cosine = np.sqrt(1.0 - ratio**2 * (1.0 - along**2))
         direction = ratio * direction + (cosine - ratio * along)[..., np.newaxis] * normal
         here = face.beyond
-    return origin, direction, optical
+    lost = np.isnan(direction).any(axis=-1)
+    return (
+        np.where(lost[..., np.newaxis], np.nan, origin),
+        direction,
+        np.where(lost, np.nan, optical),
+    )
