@@ -181,19 +181,6 @@ def moved_rigidly(
     )
 
 
-def shifted_from(
-    interfaces: Sequence[Interface], number: int, by_mm: float, center_mm: Floats
-) -> tuple[Interface, ...]:
-    """Interfaces of which one, and all behind it, stand farther away along its normal, mm."""
-    first = interfaces[number]
-    normal, point = np.asarray(first.normal, float), np.asarray(first.point_mm, float)
-    step = by_mm * normal * (1.0 if (point - center_mm) @ normal > 0.0 else -1.0)
-    moved = (
-        replace(face, point_mm=np.asarray(face.point_mm) + step) for face in interfaces[number:]
-    )
-    return (*interfaces[:number], *moved)
-
-
 _SAME_INDEX = 1e-3
 """Two statements of one group index that differ by less are of one medium: 1.8 ps over half a m."""
 
@@ -231,6 +218,25 @@ def refuse_other_medium(camera: Camera, medium: Medium) -> None:
             f"return_group_index of the medium is {medium.return_group_index:g}: give one medium, "
             "as Medium(path_group_index, return_group_index) of what fills the scene"
         )
+
+
+def interface_moved(camera: Camera, number: int, by_mm: float) -> Camera:
+    """Camera whose interface `number`, and all behind it, stand farther away along its normal."""
+    faces = camera.interfaces
+    first = faces[number]
+    normal, point = np.asarray(first.normal, float), np.asarray(first.point_mm, float)
+    step = by_mm * normal * (1.0 if (point - camera.center_mm) @ normal > 0.0 else -1.0)
+    moved = (replace(face, point_mm=np.asarray(face.point_mm) + step) for face in faces[number:])
+    return replace(camera, interfaces=(*faces[:number], *moved))
+
+
+def scene_denser(camera: Camera, share: float) -> Camera:
+    """Camera that sees a scene whose phase index is `share` times as high, behind its window."""
+    if not camera.interfaces or share == 1.0:
+        return camera
+    last = camera.interfaces[-1]
+    denser = replace(last.beyond, phase_index=max(1.0, share * last.beyond.phase_index))
+    return replace(camera, interfaces=(*camera.interfaces[:-1], replace(last, beyond=denser)))
 
 
 def _frames(interfaces: Sequence[Interface], center: Floats) -> tuple[Floats, Floats, Floats]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.arguments import shown
+from lightflight.camera.refraction import interface_moved, scene_denser
 from lightflight.flight import INDEX_SLACK_STDS, Medium
 from lightflight.reconstruct import FREE_NAMES
 from lightflight.reconstruct.model.forward import Layout, Light, Local, Pixels, local_variables
@@ -162,7 +163,7 @@ def moved(setting: Setting, errors: SharedErrors, delta: Floats) -> Setting:
             camera = camera.perturbed(move[:6]) if move[:6].any() else camera
             camera = camera.with_lens_moved(focal_share=float(move[6]), radial=float(move[7]))
             for number in np.flatnonzero(move[8:]):
-                camera = camera.with_interface_moved(int(number), float(move[8 + number]))
+                camera = interface_moved(camera, int(number), float(move[8 + number]))
         cameras.append(camera)
     own = errors.view == MEDIUM
     medium = setting.medium
@@ -170,7 +171,7 @@ def moved(setting: Setting, errors: SharedErrors, delta: Floats) -> Setting:
         medium = _medium_moved(medium, errors.sigma[own].T @ delta[own])
         # What times the light bends it: both indices of a medium are off by the same share.
         share = medium.return_group_index / setting.medium.return_group_index
-        cameras = [camera.with_scene_denser(share) for camera in cameras]
+        cameras = [scene_denser(camera, share) for camera in cameras]
     return replace(setting, camera=cameras[0], others=tuple(cameras[1:]), medium=medium)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.camera.model import Camera
+from lightflight.camera.refraction import interface_moved, scene_denser
 from lightflight.flight import Medium
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.least_squares import TimeData, rows_of_view
@@ -286,7 +287,7 @@ def _index(rows: Rows) -> Candidate:
     bent, drawn = np.zeros(len(back)), still
     for view, camera in enumerate(rows.cameras):
         if camera.interfaces:
-            denser = camera.with_scene_denser(1.0 + _STEP / rows.medium.return_group_index)
+            denser = scene_denser(camera, 1.0 + _STEP / rows.medium.return_group_index)
             by_time, by_line = rows.seen_by(view, denser)
             bent, drawn = bent + by_time / _STEP, drawn + by_line / _STEP
     parts = [("index", (out, still)), ("index", (back + bent, drawn))]
@@ -311,7 +312,7 @@ def _window(rows: Rows) -> Candidate:
     for view, camera in enumerate(rows.cameras):
         if camera.interfaces:
             step = _STEP * PLAUSIBLE["window"].size
-            by_time, by_line = rows.seen_by(view, camera.with_interface_moved(0, step))
+            by_time, by_line = rows.seen_by(view, interface_moved(camera, 0, step))
             parts.append(("window", (by_time / step, by_line / step)))
     return _candidate(rows, FindingName.WINDOW, parts)
 
