@@ -1,0 +1,225 @@
+"""Paths seen through a window or into a tank, against the bound of a forward model of its own.
+
+    python benchmarks/refraction.py                         # 12 recordings a cell, joint and photon
+    python benchmarks/refraction.py --runs 100 --methods joint
+    python benchmarks/refraction.py --only tank_3 --told index
+    python benchmarks/refraction.py --rows rows.jsonl       # keep rows, and go on from there
+
+Recordings are those of `tests/oracles/refracted.py`: rays shot by Snell's law, 40,000 photons in the
+brightest pixel, ideal codes of 55 ps. `told` says what is uncertain, drawn anew for each recording
+from what is stated: nothing ("known"), the emission time, the index of the scene by 0.5 % (phase
+and group alike, out and back), or the window's distance by 1 mm. Printed: recordings with the right
+number of legs (untold), rms error of the position in view over the bound with its 95 % interval
+(bootstrap), rms pull of the position in view, verdicts, and the CPU seconds of the middle one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import lightflight as lf
+from lightflight.materials import Material
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from tests.oracles.refracted import (
+    AIR,
+    RefractedScene,
+    paper_scene,
+    recording,
+    tank_world,
+    window_world,
+)
+from tests.oracles.refracted_bound import (
+    Freedom,
+    bound,
+    distance_freedom,
+    emission_freedom,
+    medium_freedom,
+)
+
+Row = dict[str, Any]
+
+WORLDS: dict[str, Callable[[], RefractedScene]] = {
+    "air_3": paper_scene,
+    "window_3": window_world,
+    "window_3_tilted": lambda: window_world(5.0),
+    "tank_1": lambda: tank_world(1),
+    "tank_3": lambda: tank_world(3),
+    "tank_1_tilted": lambda: tank_world(1, 5.0),
+    "tank_3_tilted": lambda: tank_world(3, 5.0),
+}
+INDEX_SHARE, DISTANCE_MM = 0.005, 1.0
+TOLD = ("known", "emission", "index", "distance")
+
+
+def freedom_of(told: str, scene: RefractedScene) -> Freedom | None:
+    """What a case leaves uncertain."""
+    if told == "emission":
+        return emission_freedom()
+    if told == "index":
+        return medium_freedom([len(scene.planes) - 1], INDEX_SHARE)
+    if told == "distance":
+        return distance_freedom(range(len(scene.planes)), DISTANCE_MM)
+    return None
+
+
+@cache
+def scene_of(world: str) -> RefractedScene:
+    return WORLDS[world]()
+
+
+@cache
+def bound_mm(world: str, told: str) -> float:
+    """Least rms error of the position in view."""
+    scene = scene_of(world)
+    free = freedom_of(told, scene)
+    return bound(scene, also=() if free is None else (free,)).position_rms_mm
+
+
+def camera_told(scene: RefractedScene, distance_std_mm: float = 0.0) -> lf.Camera:
+    """The oracle's camera and planes as a user tells them."""
+    seen = scene.camera
+    pose = np.eye(4)
+    pose[:3] = np.column_stack((seen.right, seen.down, seen.forward, seen.center))
+    matrix = np.eye(3)
+    matrix[0, [0, 2]] = seen.px_per_slope_col, seen.col_of_axis
+    matrix[1, [1, 2]] = seen.px_per_slope_row, seen.row_of_axis
+    faces = tuple(
+        lf.Interface(plane.point_mm, plane.normal, Material(plane.phase_beyond, plane.group_beyond))
+        for plane in scene.planes
+    )
+    if faces:
+        faces = (replace(faces[0], distance_std_mm=distance_std_mm), *faces[1:])
+    return lf.Camera(matrix, np.empty(0), pose, (seen.rows, seen.cols), interfaces=faces)
+
+
+def call_told(scene: RefractedScene, told: str) -> dict[str, Any]:
+    """What `reconstruct` is told of a scene."""
+    index = float(np.atleast_1d(scene.path_group_index)[0])
+    back = scene.planes[-1].group_beyond if scene.planes else AIR
+    stds = (INDEX_SHARE * index, INDEX_SHARE * back) if told == "index" else (0.0, 0.0)
+    medium = lf.Medium(index, back, path_group_index_std=stds[0], return_group_index_std=stds[1])
+    source = lf.Source(
+        tuple(scene.vertices_mm[0]),
+        emission_time_ps=None if told == "emission" else scene.emission_time_ps,
+    )
+    camera = camera_told(scene, DISTANCE_MM if told == "distance" else 0.0)
+    return {"camera": camera, "source": source, "medium": medium}
+
+
+def histograms(scene: RefractedScene, seed: int) -> lf.Histograms:
+    clock = scene.clock
+    return lf.Histograms(
+        recording(scene, seed), bin_width_ps=clock.width, laser_period_ps=clock.period
+    )
+
+
+def result_of(world: str, told: str, method: str, seed: int) -> Row:
+    """One recording of a world that differs from what is told by one draw of what is uncertain."""
+    scene = scene_of(world)
+    free, true = freedom_of(told, scene), scene
+    if free is not None and np.isfinite(free.std):
+        amount = np.random.default_rng([seed, 3]).normal(0.0, free.std)
+        true = free.changed(scene, amount)
+    hist = histograms(true, seed)
+    row: Row = {"world": world, "told": told, "method": method, "seed": seed}
+    timing = lf.TimingCalibration.nominal(hist)
+    start = time.process_time()
+    try:
+        path = lf.reconstruct(hist, timing=timing, method=method, **call_told(scene, told))
+    except (ValueError, RuntimeError) as refused:
+        return row | {"says": f"{type(refused).__name__}: {refused}"}
+    row |= {"cpu_s": time.process_time() - start, "level": str(path.verdict.level)}
+    row |= {"legs": path.n_legs, "named": [str(one.name) for one in path.verdict.findings]}
+    if path.n_legs != scene.n_legs:
+        return row
+    return row | errors_in_view(path, true)
+
+
+def errors_in_view(path: lf.LightPath, true: RefractedScene) -> Row:
+    """Mean square of error and of stated error, mm^2, at 1,000 equal times from source to exit."""
+    from tests.oracles.refracted import in_picture, positions_at
+
+    times = np.linspace(*true.vertex_times_ps[[0, -1]], 1000)
+    where = positions_at(true, times)
+    seen = in_picture(true, where)
+    off = path.position_at(times[seen]) - where[seen]
+    known = np.isfinite(off).all(axis=1)
+    stated = np.trace(path.position_covariance_at(times[seen][known]), axis1=1, axis2=2)
+    squares = np.sum(off[known] ** 2, axis=1)
+    return {"error2": float(squares.mean()), "stated2": float(stated.mean())}
+
+
+def interval(squares: np.ndarray, over: float) -> str:
+    """Root of the mean and its 95 % interval, by bootstrap over recordings."""
+    draws = np.random.default_rng(0).integers(0, len(squares), (2000, len(squares)))
+    low, high = np.quantile(np.sqrt(squares[draws].mean(axis=1)), [0.025, 0.975]) / over
+    return f"{np.sqrt(squares.mean()) / over:.2f} [{low:.2f}, {high:.2f}]"
+
+
+def line_of(own: list[Row]) -> str:
+    """A row of the table."""
+    world, told = own[0]["world"], own[0]["told"]
+    right = [row for row in own if "error2" in row]
+    levels = [sum(row.get("level") == level for row in own)
+              for level in ("trust", "check", "contradicted")]  # fmt: skip
+    cells = [world, told, own[0]["method"], f"{len(right)}/{len(own)}"]
+    if right:
+        error2, stated2 = (np.array([row[key] for row in right]) for key in ("error2", "stated2"))
+        cells += [f"{np.sqrt(error2.mean()):.4f}", interval(error2, bound_mm(world, told))]
+        cells += [interval(error2 / stated2, 1.0)]
+    else:
+        cells += ["", "", ""]
+    cpu = np.median([row.get("cpu_s", np.nan) for row in own])
+    return "| " + " | ".join([*cells, "/".join(map(str, levels)), f"{cpu:.1f}"]) + " |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--runs", type=int, default=12)
+    parser.add_argument("--first", type=int, default=17_000, help="first seed")
+    parser.add_argument("--only", nargs="+", choices=WORLDS, default=list(WORLDS))
+    parser.add_argument("--told", nargs="+", choices=TOLD, default=list(TOLD))
+    parser.add_argument("--methods", nargs="+", default=["joint", "photon"])
+    parser.add_argument("--rows", type=Path, help="JSON lines to keep, and to go on from")
+    args = parser.parse_args()
+    warnings.simplefilter("ignore")
+    done: list[Row] = []
+    if args.rows and args.rows.exists():
+        done = [json.loads(line) for line in args.rows.read_text().splitlines()]
+    names = ("world", "told", "method", "seed")
+    kept = {tuple(row[name] for name in names): row for row in done}
+    print("| world | told | method | right | rms, mm | / bound | pull | t/c/c | CPU, s |")
+    print("|---|---|---|---:|---:|---:|---:|---:|---:|", flush=True)
+    for world in args.only:
+        for told in args.told:
+            if told in ("index", "distance") and not scene_of(world).planes:
+                continue
+            for method in args.methods:
+                own = []
+                for seed in range(args.first, args.first + args.runs):
+                    key = (world, told, method, seed)
+                    if key not in kept:
+                        kept[key] = result_of(*key)
+                        if args.rows:
+                            with args.rows.open("a") as file:
+                                file.write(json.dumps(kept[key]) + "\n")
+                    own.append(kept[key])
+                print(line_of(own), flush=True)
+
+
+if __name__ == "__main__":
+    main()
