@@ -5,9 +5,9 @@
     python benchmarks/refraction.py --only tank_3 --told index
     python benchmarks/refraction.py --rows rows.jsonl       # keep rows, and go on from there
 
-Recordings are those of `tests/oracles/refracted.py`: rays shot by Snell's law, 40,000 photons in the
-brightest pixel, ideal codes of 55 ps. `told` says what is uncertain, drawn anew for each recording
-from what is stated: nothing ("known"), the emission time, the index of the scene by 0.5 % (phase
+Recordings are those of `tests/oracles/refracted.py`: rays shot by Snell's law, 40,000 photons in
+the brightest pixel, ideal codes of 55 ps. `told` says what is uncertain, drawn anew for each
+recording from what is stated: nothing ("known"), the emission time, the index of the scene by 0.5 % (phase
 and group alike, out and back), or the window's distance by 1 mm. Printed: recordings with the right
 number of legs (untold), rms error of the position in view over the bound with its 95 % interval
 (bootstrap), rms pull of the position in view, verdicts, and the CPU seconds of the middle one.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import lightflight as lf
-from lightflight.camera.refraction import moved_rigidly
+from lightflight.camera.refraction import frames_of, moved_rigidly, way_through_any
 from lightflight.camera.rigid import rotation_from_vector
 from lightflight.camera.stand_in import stand_in_of
 from lightflight.errors import GeometryError
@@ -69,6 +69,28 @@ def test_derivatives_against_central_differences(camera):
             np.testing.assert_allclose(np.moveaxis(change, 0, -1), own[..., axis], atol=1e-8)
         change = (camera.way_back(ahead).optical_mm - camera.way_back(back).optical_mm) / (2 * step)
         np.testing.assert_allclose(change, way.optical_by_point[..., axis], atol=1e-7)
+
+
+@pytest.mark.parametrize("camera", [TANK, TILTED], ids=["tank", "tilted"])
+def test_parallel_planes_in_one_unknown_are_planes_in_any(camera):
+    """The fast path against the plain one, off the axis, on it and near grazing."""
+    planes = frames_of(camera.interfaces, camera.center_mm)
+    normal = planes[1][0]
+    media = (camera.stands_in, *(face.beyond for face in camera.interfaces))
+    phase, group = ([getattr(m, f"{w}_index") for m in media] for w in ("phase", "group"))
+    _, _, points, _, _ = points_behind(camera)
+    points = np.concatenate((
+        points.reshape(-1, 3), camera.center_mm + normal * [[300.0], [500.0]],
+        camera.center_mm + 400.0 * normal + np.cross(normal, [0, 1.0, 0]) * [[2e3], [2e4]],
+    ))  # fmt: skip
+    fast = camera.way_back(points)
+    plain = way_through_any(points, camera.center_mm, planes, np.array(phase), np.array(group))
+    for name, tolerance in (
+        ("first_mm", 1e-9), ("last_mm", 1e-9), ("optical_mm", 1e-9), ("first_by_point", 1e-11),
+        ("optical_by_point", 1e-11),
+    ):  # fmt: skip
+        own, other = getattr(fast, name), getattr(plain, name)
+        np.testing.assert_allclose(own, other, rtol=1e-11, atol=tolerance, err_msg=name)
 
 
 def test_a_plate_shifts_a_ray_sideways():

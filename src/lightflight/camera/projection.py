@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.camera.lens import Lens
-from lightflight.camera.refraction import Interface, Way, rays_through, straight_way, way_through
+from lightflight.camera.refraction import Interface, rays_through, way_through
+from lightflight.camera.way import Way, straight_way
 from lightflight.errors import GeometryError
 from lightflight.flight import return_time_from_points
 from lightflight.materials import Material

@@ -22,6 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.arguments import finite_number, finite_numbers
+from lightflight.camera.parallel_planes import way_through_parallel
+from lightflight.camera.way import Way
 from lightflight.errors import GeometryError
 from lightflight.flight import INDEX_SLACK_STDS, Medium
 from lightflight.materials import AIR, Material
@@ -31,7 +33,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_MOST_STEPS = 60
+_MOST_STEPS, _MOST_HALVINGS = 60, 60
+_PARALLEL = 1e-14
+"""Normals whose angle's cosine is nearer to one than this are of parallel planes: 1e-7 rad."""
 _STILL = 1e-14
 """Newton's step, as a share of the way, that changes nothing any more."""
 
@@ -122,51 +126,6 @@ def window(
     return near, Interface(far, near.normal, beyond)
 
 
-@dataclass(frozen=True, eq=False)
-class Way:
-    """How light of n points comes to the camera.
-
-    Attributes
-    ----------
-    first_mm : array of float, shape (n, 3)
-        Where it meets the plane next to the camera: what the pinhole sees. NaN: it does not come.
-    last_mm : array of float, shape (n, 3)
-        Where it leaves the scene's medium.
-    optical_mm : array of float, shape (n,)
-        Group indices times lengths, all the way.
-    first_by_point : array of float, shape (n, 3, 3)
-        d(first) / d(point).
-    optical_by_point : array of float, shape (n, 3)
-        d(optical) / d(point).
-    """
-
-    first_mm: Floats
-    last_mm: Floats
-    optical_mm: Floats
-    first_by_point: Floats
-    optical_by_point: Floats
-
-    def shaped(self, shape: tuple[int, ...]) -> Way:
-        """The same with points in another shape (...)."""
-        return Way(
-            self.first_mm.reshape(*shape, 3),
-            self.last_mm.reshape(*shape, 3),
-            self.optical_mm.reshape(shape),
-            self.first_by_point.reshape(*shape, 3, 3),
-            self.optical_by_point.reshape(*shape, 3),
-        )
-
-
-def straight_way(points_mm: Floats, center_mm: Floats, group_index: float) -> Way:
-    """The way in one medium: the pinhole sees the points (n, 3) themselves."""
-    step = points_mm - center_mm
-    length = np.linalg.norm(step, axis=1)
-    by_itself = np.broadcast_to(np.eye(3), (len(points_mm), 3, 3))
-    outwards = step / np.maximum(length, 1e-300)[:, np.newaxis]
-    last = np.broadcast_to(center_mm, step.shape)
-    return Way(points_mm, last, group_index * length, by_itself, group_index * outwards)
-
-
 def moved_rigidly(
     interfaces: Sequence[Interface], rotation: Floats, about_mm: Floats, shift_mm: Floats
 ) -> tuple[Interface, ...]:
@@ -239,7 +198,7 @@ def scene_denser(camera: Camera, share: float) -> Camera:
     return replace(camera, interfaces=(*camera.interfaces[:-1], replace(last, beyond=denser)))
 
 
-def _frames(interfaces: Sequence[Interface], center: Floats) -> tuple[Floats, Floats, Floats]:
+def frames_of(interfaces: Sequence[Interface], center: Floats) -> tuple[Floats, Floats, Floats]:
     """Points (k, 3), normals away from the camera (k, 3), axes in the planes (k, 3, 2)."""
     points = np.array([face.point_mm for face in interfaces], dtype=float)
     normals = np.array([face.normal for face in interfaces], dtype=float)
@@ -337,14 +296,49 @@ def way_through(
     -----
     Implements Fermat's principle as in the module's docstring (method.md, Refraction).
     """
-    points, normals, axes = _frames(interfaces, center_mm)
-    n, k = len(points_mm), len(points)
+    points, normals, axes = frames_of(interfaces, center_mm)
     phase = np.array([front.phase_index, *(face.beyond.phase_index for face in interfaces)])
     group = np.array([front.group_index, *(face.beyond.group_index for face in interfaces)])
     group[-1] = return_group_index
     depth = np.einsum("nki,ki->nk", points_mm[:, np.newaxis] - points, normals)
     behind = (depth > 0.0).all(axis=1)
     target = np.where(behind[:, np.newaxis], points_mm, np.nan)
+    if (normals @ normals[0] > 1.0 - _PARALLEL).all():
+        return way_through_parallel(
+            target, center_mm=center_mm, normal=normals[0],
+            distances_mm=(points - center_mm) @ normals[0], phase=phase, group=group,
+        )  # fmt: skip
+    return way_through_any(target, center_mm, (points, normals, axes), phase, group)
+
+
+def way_through_any(
+    target: Floats,
+    center_mm: Floats,
+    planes: tuple[Floats, Floats, Floats],
+    phase: Floats,
+    group: Floats,
+) -> Way:
+    """The way from points (n, 3) through k planes at any angle; the reference of the fast one.
+
+    Parameters
+    ----------
+    target : array of float, shape (n, 3)
+        Points behind all planes, world, mm.
+    center_mm : array of float, shape (3,)
+        The camera's entrance pupil, world, mm.
+    planes : (array (k, 3), array (k, 3), array (k, 3, 2))
+        A point of each, mm, its unit normal away from the camera, and two unit axes in it.
+    phase, group : array of float, shape (k + 1,)
+        Indices of the layers, from the camera's on.
+
+    Returns
+    -------
+    Way
+        As `way_through`.
+    """
+    points, normals, axes = planes
+    n, k = len(target), len(points)
+    depth = np.einsum("nki,ki->nk", target[:, np.newaxis] - points, normals)
     # Where the straight line meets the planes: S is convex, any start would do.
     to_plane = np.sum((points - center_mm) * normals, axis=1)
     share = to_plane / (to_plane + depth)
@@ -356,11 +350,16 @@ def way_through(
         step = np.linalg.solve(
             np.where(np.isfinite(hessian), hessian, np.eye(2 * k)), -gradient[..., np.newaxis]
         ).reshape(n, k, 2)
-        # Newton overshoots where a ray grazes: half the way is far enough a step.
-        size, whole = np.linalg.norm(step, axis=(1, 2)), lengths.sum(axis=1)
-        step *= np.minimum(1.0, 0.5 * whole / np.maximum(size, 1e-300))[:, np.newaxis, np.newaxis]
+        size, before = np.linalg.norm(step, axis=(1, 2)), lengths @ phase
+        # Newton overshoots where a ray grazes; S is convex, so half a step that is too long is not.
+        for _ in range(_MOST_HALVINGS):
+            there = _stretches(places + step, points, axes, center_mm, target)[0] @ phase
+            longer = there > before * (1.0 + 1e-14)
+            if not longer.any():
+                break
+            step[longer] *= 0.5
         places = places + step
-        if not (size > _STILL * whole).any():
+        if not (size > _STILL * before).any():
             break
     return _told(places, points, axes, center_mm, target, phase, group)
 
@@ -466,7 +465,7 @@ def rays_through(
     optical_mm : array of float, shape (...)
         Group index times length from the camera to the origin.
     """
-    points, normals, _ = _frames(interfaces, center_mm)
+    points, normals, _ = frames_of(interfaces, center_mm)
     direction = np.asarray(rays, dtype=float)
     origin = np.broadcast_to(center_mm, direction.shape)
     optical, here = np.zeros(direction.shape[:-1]), front
