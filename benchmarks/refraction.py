@@ -7,10 +7,11 @@
 
 Recordings are those of `tests/oracles/refracted.py`: rays shot by Snell's law, 40,000 photons in
 the brightest pixel, ideal codes of 55 ps. `told` says what is uncertain, drawn anew for each
-recording from what is stated: nothing ("known"), the emission time, the index of the scene by 0.5 % (phase
-and group alike, out and back), or the window's distance by 1 mm. Printed: recordings with the right
-number of legs (untold), rms error of the position in view over the bound with its 95 % interval
-(bootstrap), rms pull of the position in view, verdicts, and the CPU seconds of the middle one.
+recording from what is stated: nothing ("known"), the emission time, the index of the scene by 0.5 %
+(phase and group alike, out and back), or the window's distance by 1 mm. Printed: recordings with
+the right number of legs (untold), rms error of the position in view over the bound with its
+95 % interval (bootstrap), rms pull of the position in view, verdicts, and the CPU seconds of the
+middle one.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -29,17 +29,17 @@ from typing import Any
 import numpy as np
 
 import lightflight as lf
-from lightflight.materials import Material
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.oracles.refracted import (
-    AIR,
     RefractedScene,
+    in_picture,
     paper_scene,
-    recording,
+    positions_at,
     tank_world,
     window_world,
 )
+from tests.oracles.refracted_border import histograms, what_the_user_tells
 from tests.oracles.refracted_bound import (
     Freedom,
     bound,
@@ -60,7 +60,12 @@ WORLDS: dict[str, Callable[[], RefractedScene]] = {
     "tank_3_tilted": lambda: tank_world(3, 5.0),
 }
 INDEX_SHARE, DISTANCE_MM = 0.005, 1.0
-TOLD = ("known", "emission", "index", "distance")
+STATED: dict[str, dict[str, Any]] = {
+    "known": {},
+    "emission": {"emission_known": False},
+    "index": {"index_share": INDEX_SHARE},
+    "distance": {"distance_std_mm": DISTANCE_MM},
+}
 
 
 def freedom_of(told: str, scene: RefractedScene) -> Freedom | None:
@@ -87,44 +92,6 @@ def bound_mm(world: str, told: str) -> float:
     return bound(scene, also=() if free is None else (free,)).position_rms_mm
 
 
-def camera_told(scene: RefractedScene, distance_std_mm: float = 0.0) -> lf.Camera:
-    """The oracle's camera and planes as a user tells them."""
-    seen = scene.camera
-    pose = np.eye(4)
-    pose[:3] = np.column_stack((seen.right, seen.down, seen.forward, seen.center))
-    matrix = np.eye(3)
-    matrix[0, [0, 2]] = seen.px_per_slope_col, seen.col_of_axis
-    matrix[1, [1, 2]] = seen.px_per_slope_row, seen.row_of_axis
-    faces = tuple(
-        lf.Interface(plane.point_mm, plane.normal, Material(plane.phase_beyond, plane.group_beyond))
-        for plane in scene.planes
-    )
-    if faces:
-        faces = (replace(faces[0], distance_std_mm=distance_std_mm), *faces[1:])
-    return lf.Camera(matrix, np.empty(0), pose, (seen.rows, seen.cols), interfaces=faces)
-
-
-def call_told(scene: RefractedScene, told: str) -> dict[str, Any]:
-    """What `reconstruct` is told of a scene."""
-    index = float(np.atleast_1d(scene.path_group_index)[0])
-    back = scene.planes[-1].group_beyond if scene.planes else AIR
-    stds = (INDEX_SHARE * index, INDEX_SHARE * back) if told == "index" else (0.0, 0.0)
-    medium = lf.Medium(index, back, path_group_index_std=stds[0], return_group_index_std=stds[1])
-    source = lf.Source(
-        tuple(scene.vertices_mm[0]),
-        emission_time_ps=None if told == "emission" else scene.emission_time_ps,
-    )
-    camera = camera_told(scene, DISTANCE_MM if told == "distance" else 0.0)
-    return {"camera": camera, "source": source, "medium": medium}
-
-
-def histograms(scene: RefractedScene, seed: int) -> lf.Histograms:
-    clock = scene.clock
-    return lf.Histograms(
-        recording(scene, seed), bin_width_ps=clock.width, laser_period_ps=clock.period
-    )
-
-
 def result_of(world: str, told: str, method: str, seed: int) -> Row:
     """One recording of a world that differs from what is told by one draw of what is uncertain."""
     scene = scene_of(world)
@@ -134,10 +101,10 @@ def result_of(world: str, told: str, method: str, seed: int) -> Row:
         true = free.changed(scene, amount)
     hist = histograms(true, seed)
     row: Row = {"world": world, "told": told, "method": method, "seed": seed}
-    timing = lf.TimingCalibration.nominal(hist)
+    call = what_the_user_tells(scene, hist, **STATED[told])
     start = time.process_time()
     try:
-        path = lf.reconstruct(hist, timing=timing, method=method, **call_told(scene, told))
+        path = lf.reconstruct(hist, method=method, **call)
     except (ValueError, RuntimeError) as refused:
         return row | {"says": f"{type(refused).__name__}: {refused}"}
     row |= {"cpu_s": time.process_time() - start, "level": str(path.verdict.level)}
@@ -149,8 +116,6 @@ def result_of(world: str, told: str, method: str, seed: int) -> Row:
 
 def errors_in_view(path: lf.LightPath, true: RefractedScene) -> Row:
     """Mean square of error and of stated error, mm^2, at 1,000 equal times from source to exit."""
-    from tests.oracles.refracted import in_picture, positions_at
-
     times = np.linspace(*true.vertex_times_ps[[0, -1]], 1000)
     where = positions_at(true, times)
     seen = in_picture(true, where)
@@ -192,7 +157,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=12)
     parser.add_argument("--first", type=int, default=17_000, help="first seed")
     parser.add_argument("--only", nargs="+", choices=WORLDS, default=list(WORLDS))
-    parser.add_argument("--told", nargs="+", choices=TOLD, default=list(TOLD))
+    parser.add_argument("--told", nargs="+", choices=STATED, default=list(STATED))
     parser.add_argument("--methods", nargs="+", default=["joint", "photon"])
     parser.add_argument("--rows", type=Path, help="JSON lines to keep, and to go on from")
     args = parser.parse_args()

@@ -16,6 +16,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,7 +30,11 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 import lightflight as lf  # noqa: E402  # the checkout's
+from lightflight.camera.refraction import interface_moved  # noqa: E402
 from lightflight.view import style  # noqa: E402
+from tests.oracles import refracted_border  # noqa: E402
+from tests.oracles.refracted import tank_world  # noqa: E402
+from tests.oracles.refracted_border import histograms  # noqa: E402
 from tests.oracles.worlds.border import record, what_the_user_tells  # noqa: E402
 from tests.oracles.worlds.defects import DEFECTS  # noqa: E402
 from tests.oracles.worlds.mistakes import with_pf32  # noqa: E402
@@ -62,6 +67,7 @@ TROUBLES = {
     "pose": Trouble("camera_rolled", 1.0, "the camera is rolled by 1°, told upright"),
     "focal_length": Trouble("focal_length_longer", 0.02, "a focal length 2 % longer than told"),
     "distortion": Trouble("barrel", -1.0, "a lens that moves the corner by 1 px, told as none"),
+    "window": Trouble("window", 3.0, "a tank whose window stands 3 mm farther away than told"),
     "index": Trouble("index_to_the_camera", 0.33, "water between path and camera, told as air"),
     "units": Trouble("metres", 2.0, "the source told in metres, all else in mm"),
     "orientation": Trouble("swapped_field", 1.3, "width and height of the field swapped, 1.3 : 1"),
@@ -106,6 +112,28 @@ def case_of(world: World) -> Case:
         warnings.simplefilter("ignore")
         path = lf.reconstruct(made, **told)
     return Case(made[0] if isinstance(made, list) else made, path, told)
+
+
+def case_of_tank(farther_mm: float) -> Case:
+    """Three legs in a tank, reconstructed with its window told so much too near."""
+    scene = replace(tank_world(3), photons=PHOTONS)
+    hist = histograms(scene, 1)
+    told = refracted_border.what_the_user_tells(scene, hist)
+    told["camera"] = interface_moved(told["camera"], 0, -farther_mm)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        path = lf.reconstruct(hist, **told)
+    return Case(hist, path, told)
+
+
+def cases_of(trouble: Trouble, start: World, plain: dict[str, Case]) -> tuple[Case, Case]:
+    """A recording with nothing wrong, made once for all troubles of its camera, and the other."""
+    if trouble.defect == "window":
+        return case_of_tank(0.0), case_of_tank(trouble.strength)
+    base = trouble.base(start)
+    key = base.clock.__class__.__name__ + str(base.clock.edges_ps is None)
+    plain.setdefault(key, case_of(base))
+    return plain[key], case_of(DEFECTS[trouble.defect].applied(start, trouble.strength))
 
 
 def draw_light(case: Case, ax: Axes) -> None:
@@ -197,13 +225,10 @@ def main() -> None:
     plain: dict[str, Case] = {}
     for name in args.names or TROUBLES:
         trouble = TROUBLES[name]
-        base = trouble.base(start)
-        key = base.clock.__class__.__name__ + str(base.clock.edges_ps is None)
-        plain.setdefault(key, case_of(base))
-        case = case_of(DEFECTS[trouble.defect].applied(start, trouble.strength))
+        right, case = cases_of(trouble, start, plain)
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "wrong.png"
-            figure_of(plain[key], case).savefig(file, dpi=200)
+            figure_of(right, case).savefig(file, dpi=200)
             keep(file, f"wrong-{name}.png")
         if PAGE.exists():
             put(name, words_of(trouble, case))

@@ -11,6 +11,7 @@ from lightflight.lab import (
     RECONSTRUCT_KEYS,
     SECTIONS,
     SOURCE_KEYS,
+    WINDOW_KEYS,
     field_meanings,
 )
 from lightflight.reconstruct.estimators import METHODS
@@ -20,11 +21,14 @@ from lightflight.simulate.detector import Detector
 def test_sections_mirror_the_records_they_build():
     names = {section: {key.name for key in keys or ()} for section, keys in SECTIONS.items()}
     assert names["source"] == {item.name for item in dataclasses.fields(Source)}
-    assert names["medium"] == {item.name for item in dataclasses.fields(Medium)}
+    by_name = {"material", "wavelength_nm"}
+    assert names["medium"] == {item.name for item in dataclasses.fields(Medium)} | by_name
     assert names["detector"] == {item.name for item in dataclasses.fields(Detector)} | {"preset"}
 
 
-@pytest.mark.parametrize("key", [*SOURCE_KEYS, *MEDIUM_KEYS, *DETECTOR_KEYS], ids=lambda k: k.name)
+@pytest.mark.parametrize(
+    "key", [*SOURCE_KEYS, *WINDOW_KEYS, *MEDIUM_KEYS, *DETECTOR_KEYS], ids=lambda k: k.name
+)
 def test_every_key_has_a_meaning(key):
     assert len(key.meaning) > 5
 

@@ -56,6 +56,9 @@ class Interface:
         What fills the space behind it.
     distance_std_mm : float
         One-sigma error of where it stands along its normal, mm; all behind it goes along. 0: exact.
+    phase_index_std : float
+        One-sigma error of the phase index beyond it, beside what an error of the medium's group
+        index moves: both by the same share. 0: exact.
     """
 
     point_mm: ArrayLike
@@ -65,6 +68,8 @@ class Interface:
     beyond: Material
 
     distance_std_mm: float = field(default=0.0, kw_only=True)
+
+    phase_index_std: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
         must = "be three finite numbers (x, y, z)"
@@ -79,12 +84,13 @@ class Interface:
                 'Material.named("water", wavelength_nm=532), or Material(phase_index, group_index)'
             )
         must = "be finite and >= 0"
-        std = finite_number("distance_std_mm", self.distance_std_mm, must, low=0.0)
+        for name in ("distance_std_mm", "phase_index_std"):
+            std = finite_number(name, getattr(self, name), must, low=0.0)
+            object.__setattr__(self, name, std)
         object.__setattr__(self, "point_mm", tuple(point.tolist()))
         # A unit normal stays to the last bit, through files and `replace`.
         unit = normal if abs(size - 1.0) < 1e-15 else normal / size
         object.__setattr__(self, "normal", tuple(unit.tolist()))
-        object.__setattr__(self, "distance_std_mm", std)
 
 
 def window(
@@ -189,13 +195,22 @@ def interface_moved(camera: Camera, number: int, by_mm: float) -> Camera:
     return replace(camera, interfaces=(*faces[:number], *moved))
 
 
+def phase_index_moved(camera: Camera, number: int, by: float) -> Camera:
+    """Camera with another phase index beyond its interface `number`; not below one."""
+    face = camera.interfaces[number]
+    beyond = replace(face.beyond, phase_index=max(1.0, face.beyond.phase_index + by))
+    faces = list(camera.interfaces)
+    faces[number] = replace(face, beyond=beyond)
+    return replace(camera, interfaces=tuple(faces))
+
+
 def scene_denser(camera: Camera, share: float) -> Camera:
     """Camera that sees a scene whose phase index is `share` times as high, behind its window."""
     if not camera.interfaces or share == 1.0:
         return camera
-    last = camera.interfaces[-1]
-    denser = replace(last.beyond, phase_index=max(1.0, share * last.beyond.phase_index))
-    return replace(camera, interfaces=(*camera.interfaces[:-1], replace(last, beyond=denser)))
+    last = len(camera.interfaces) - 1
+    index = camera.interfaces[last].beyond.phase_index
+    return phase_index_moved(camera, last, (share - 1.0) * index)
 
 
 def frames_of(interfaces: Sequence[Interface], center: Floats) -> tuple[Floats, Floats, Floats]:

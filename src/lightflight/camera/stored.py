@@ -48,13 +48,15 @@ def _indices(material: Material) -> tuple[float, float]:
 
 
 def row_of_interface(face: Interface) -> list[float]:
-    """(9,) point, normal, phase and group index beyond, error of the distance."""
-    return [*face.point_mm, *face.normal, *_indices(face.beyond), face.distance_std_mm]  # type: ignore[misc]
+    """(10,) point, normal, phase and group index beyond, errors of distance and phase index."""
+    errors = face.distance_std_mm, face.phase_index_std
+    return [*face.point_mm, *face.normal, *_indices(face.beyond), *errors]  # type: ignore[misc]
 
 
 def interface_of_row(row: NDArray[np.float64]) -> Interface:
-    """The interface of what `row_of_interface` gave, (9,)."""
-    return Interface(row[:3], row[3:6], Material(row[6], row[7]), distance_std_mm=row[8])
+    """The interface of what `row_of_interface` gave, (10,)."""
+    beyond = Material(row[6], row[7])
+    return Interface(row[:3], row[3:6], beyond, distance_std_mm=row[8], phase_index_std=row[9])
 
 
 def fields_of_arrays(arrays: Mapping[str, ArrayLike]) -> dict[str, object]:
@@ -69,7 +71,7 @@ def fields_of_arrays(arrays: Mapping[str, ArrayLike]) -> dict[str, object]:
             found[name] = np.asarray(arrays[name], dtype=np.float64)
     found |= {name: float(np.asarray(arrays[name])) for name in LENS_ERRORS if name in arrays}
     if "interfaces" in arrays:
-        table = np.asarray(arrays["interfaces"], dtype=np.float64).reshape(-1, 9)
+        table = np.asarray(arrays["interfaces"], dtype=np.float64).reshape(-1, 10)
         found["interfaces"] = tuple(interface_of_row(row) for row in table)
         front = np.asarray(arrays.get("stands_in", _indices(AIR)), dtype=np.float64)
         found["stands_in"] = Material(*front.ravel())

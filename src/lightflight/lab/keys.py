@@ -140,9 +140,9 @@ WINDOW_KEYS = (
     Key(
         "interfaces",
         "in place of all these, any planes from the camera to the scene, one row (x, y, z of a "
-        "point, x, y, z of the normal, phase index and group index beyond, one-sigma error of its "
-        "place) each, mm",
-        config.table_of_numbers(9),
+        "point, x, y, z of the normal, phase index and group index beyond, one-sigma errors of its "
+        "place and of that phase index) each, mm",
+        config.table_of_numbers(10),
     ),
     Key("front_indices", "phase and group index of what the camera stands in", _indices),
 )

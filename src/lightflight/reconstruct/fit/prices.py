@@ -127,7 +127,7 @@ def _off_by(fit: JointFit, setting: Setting) -> Iterator[tuple[str, str, Floats,
     errors = SharedErrors(
         tuple(unit.thing for unit in units),
         np.array([unit.view for unit in units], dtype=np.int64),
-        np.array([unit.sigma for unit in units]).reshape(len(units), -1),
+        np.array([unit.sigma for unit in units]).reshape(-1, width_of_errors(setting)),
     )
     seen = Setting(solution.cameras[0], Source(), solution.medium, others=solution.cameras[1:])
     # Anchors are told in the picture of the lens as told.

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.arguments import shown
-from lightflight.camera.refraction import interface_moved, scene_denser
+from lightflight.camera.refraction import interface_moved, phase_index_moved, scene_denser
 from lightflight.flight import INDEX_SLACK_STDS, Medium
 from lightflight.reconstruct import FREE_NAMES
 from lightflight.reconstruct.model.forward import Layout, Light, Local, Pixels, local_variables
@@ -58,10 +58,10 @@ class SharedErrors:
         "index").
     view : array of int, shape (k,)
         The camera it moves; -1: the medium.
-    sigma : array of float, shape (k, 8 + f)
+    sigma : array of float, shape (k, 8 + 2 f)
         What one standard deviation moves: pose (rad, rad, rad, mm, mm, mm), focal length (share),
-        k1, distance of each of the camera's f interfaces (mm); of the medium index out and back,
-        then zeros.
+        k1, distance (mm) and phase index of each of the camera's f interfaces; of the medium index
+        out and back, then zeros.
     """
 
     names: tuple[str, ...]
@@ -100,7 +100,9 @@ def shared_errors(setting: Setting) -> SharedErrors:
             add("distortion", view, 7, [camera.distortion_std])
         for number, face in enumerate(camera.interfaces):
             if face.distance_std_mm > 0:
-                add("window", view, 8 + number, [face.distance_std_mm])
+                add("window", view, 8 + 2 * number, [face.distance_std_mm])
+            if face.phase_index_std > 0:
+                add("index", view, 9 + 2 * number, [face.phase_index_std])
     for pair in _index_scale(setting.medium):
         add("index", MEDIUM, 0, pair)
     return SharedErrors(
@@ -111,8 +113,8 @@ def shared_errors(setting: Setting) -> SharedErrors:
 
 
 def width_of_errors(setting: Setting) -> int:
-    """Numbers that one shared error may move: eight, and the places of a camera's interfaces."""
-    return 8 + max(len(camera.interfaces) for camera in setting.cameras)
+    """Numbers that one shared error may move: eight, and two of each of a camera's interfaces."""
+    return 8 + 2 * max(len(camera.interfaces) for camera in setting.cameras)
 
 
 def _pose_scale(camera: Camera) -> Floats:
@@ -154,25 +156,29 @@ def moved(setting: Setting, errors: SharedErrors, delta: Floats) -> Setting:
     """
     if not len(errors):
         return setting
-    cameras = []
-    for view, camera in enumerate(setting.cameras):
-        own = errors.view == view
-        if own.any():
-            move = errors.sigma[own].T @ delta[own]
-            # A pose that is exact stays, bit for bit.
-            camera = camera.perturbed(move[:6]) if move[:6].any() else camera
-            camera = camera.with_lens_moved(focal_share=float(move[6]), radial=float(move[7]))
-            for number in np.flatnonzero(move[8:]):
-                camera = interface_moved(camera, int(number), float(move[8 + number]))
-        cameras.append(camera)
-    own = errors.view == MEDIUM
-    medium = setting.medium
+    medium, own = setting.medium, errors.view == MEDIUM
     if own.any():
         medium = _medium_moved(medium, errors.sigma[own].T @ delta[own])
-        # What times the light bends it: both indices of a medium are off by the same share.
-        share = medium.return_group_index / setting.medium.return_group_index
-        cameras = [scene_denser(camera, share) for camera in cameras]
+    # What times the light bends it: both indices of a medium are off by the same share.
+    share = medium.return_group_index / setting.medium.return_group_index
+    cameras = []
+    for view, camera in enumerate(setting.cameras):
+        camera, own = scene_denser(camera, share), errors.view == view
+        if own.any():
+            camera = _camera_moved(camera, errors.sigma[own].T @ delta[own])
+        cameras.append(camera)
     return replace(setting, camera=cameras[0], others=tuple(cameras[1:]), medium=medium)
+
+
+def _camera_moved(camera: Camera, by: Floats) -> Camera:
+    """The camera moved by the numbers (8 + 2 f,) of `SharedErrors.sigma`."""
+    # A pose that is exact stays, bit for bit.
+    camera = camera.perturbed(by[:6]) if by[:6].any() else camera
+    camera = camera.with_lens_moved(focal_share=float(by[6]), radial=float(by[7]))
+    for number, (farther_mm, denser) in enumerate(by[8:].reshape(-1, 2)):
+        camera = interface_moved(camera, number, farther_mm) if farther_mm else camera
+        camera = phase_index_moved(camera, number, denser) if denser else camera
+    return camera
 
 
 def _indices(medium: Medium) -> Floats:
@@ -434,11 +440,16 @@ def _freed_camera(camera: Camera, wanted: set[str]) -> Camera:
     if "focal_length" in wanted:
         size = PLAUSIBLE["focal_length"].size
         changes["focal_std_fraction"] = max(camera.focal_std_fraction, size)
-    if "window" in wanted and camera.interfaces:
-        first = camera.interfaces[0]
-        std_mm = max(first.distance_std_mm, PLAUSIBLE["window"].size)
-        faces = (replace(first, distance_std_mm=std_mm), *camera.interfaces[1:])
-        changes["interfaces"] = faces
+    faces = list(camera.interfaces)
+    if "window" in wanted and faces:
+        std_mm = max(faces[0].distance_std_mm, PLAUSIBLE["window"].size)
+        faces[0] = replace(faces[0], distance_std_mm=std_mm)
+    if "index" in wanted and faces:
+        # Another material, not the same one denser: phase and group index by themselves.
+        std_n = max(faces[-1].phase_index_std, PLAUSIBLE["index"].size)
+        faces[-1] = replace(faces[-1], phase_index_std=std_n)
+    if faces:
+        changes["interfaces"] = tuple(faces)
     if "distortion" in wanted:
         size = radial_of_corner(camera, PLAUSIBLE["distortion"].size)
         changes["distortion_std"] = max(camera.distortion_std, size)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.camera.model import Camera
-from lightflight.camera.refraction import interface_moved, scene_denser
+from lightflight.camera.refraction import interface_moved, phase_index_moved
 from lightflight.flight import Medium
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.least_squares import TimeData, rows_of_view
@@ -280,17 +280,15 @@ def _candidate(
 
 
 def _index(rows: Rows) -> Candidate:
+    """Group indices out and back; where a window bends the light, the scene's phase index too."""
     still = np.zeros(len(rows.lines.leg))
-    out, back = (
-        way / SPEED_OF_LIGHT_MM_PER_PS for way in (rows.traced.out_mm, rows.traced.back_mm)
-    )
-    bent, drawn = np.zeros(len(back)), still
+    ways = (rows.traced.out_mm, rows.traced.back_mm)
+    parts = [("index", (way / SPEED_OF_LIGHT_MM_PER_PS, still)) for way in ways]
     for view, camera in enumerate(rows.cameras):
         if camera.interfaces:
-            denser = scene_denser(camera, 1.0 + _STEP / rows.medium.return_group_index)
+            denser = phase_index_moved(camera, len(camera.interfaces) - 1, _STEP)
             by_time, by_line = rows.seen_by(view, denser)
-            bent, drawn = bent + by_time / _STEP, drawn + by_line / _STEP
-    parts = [("index", (out, still)), ("index", (back + bent, drawn))]
+            parts.append(("index", (by_time / _STEP, by_line / _STEP)))
     return _candidate(rows, FindingName.INDEX, parts)
 
 

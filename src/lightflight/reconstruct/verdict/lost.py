@@ -91,6 +91,8 @@ def _freed_one_by_one(
     for name, n_freed in _NUMBERS.items():
         if name is FindingName.WINDOW and not windows:
             continue
+        # Behind a window the phase index too.
+        n_freed += windows and name is FindingName.INDEX
         yield name, n_freed, freed(apart, (), (), (name,))[0], sightings
     for name in _OF_CLOCK:
         size = PLAUSIBLE[name].size
