@@ -116,7 +116,8 @@ def result_of(world: str, told: str, method: str, seed: int) -> Row:
 
 def errors_in_view(path: lf.LightPath, true: RefractedScene) -> Row:
     """Mean square of error and of stated error, mm^2, at 1,000 equal times from source to exit."""
-    times = np.linspace(*true.vertex_times_ps[[0, -1]], 1000)
+    ends = np.asarray(true.vertex_times_ps)
+    times = np.linspace(ends[0], ends[-1], 1000)
     where = positions_at(true, times)
     seen = in_picture(true, where)
     off = path.position_at(times[seen]) - where[seen]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import lightflight as lf
-from lightflight.camera.refraction import frames_of, moved_rigidly, way_through_any
+from lightflight.camera.refraction import moved_rigidly, planes_of, way_through_any
 from lightflight.camera.rigid import rotation_from_vector
 from lightflight.camera.stand_in import stand_in_of
 from lightflight.errors import GeometryError
@@ -74,7 +74,7 @@ def test_derivatives_against_central_differences(camera):
 @pytest.mark.parametrize("camera", [TANK, TILTED], ids=["tank", "tilted"])
 def test_parallel_planes_in_one_unknown_are_planes_in_any(camera):
     """The fast path against the plain one, off the axis, on it and near grazing."""
-    planes = frames_of(camera.interfaces, camera.center_mm)
+    planes = planes_of(camera.interfaces, camera.center_mm)
     normal = planes[1][0]
     media = (camera.stands_in, *(face.beyond for face in camera.interfaces))
     phase, group = ([getattr(m, f"{w}_index") for m in media] for w in ("phase", "group"))

@@ -213,19 +213,23 @@ def scene_denser(camera: Camera, share: float) -> Camera:
     return phase_index_moved(camera, last, (share - 1.0) * index)
 
 
-def frames_of(interfaces: Sequence[Interface], center: Floats) -> tuple[Floats, Floats, Floats]:
-    """Points (k, 3), normals away from the camera (k, 3), axes in the planes (k, 3, 2)."""
+def planes_of(interfaces: Sequence[Interface], center_mm: Floats) -> tuple[Floats, Floats]:
+    """A point of each plane (k, 3), mm, and its unit normal away from the camera (k, 3)."""
     points = np.array([face.point_mm for face in interfaces], dtype=float)
     normals = np.array([face.normal for face in interfaces], dtype=float)
-    away = np.sum((points - center) * normals, axis=1)
-    normals = np.where(away[:, np.newaxis] < 0.0, -normals, normals)
-    axes = np.empty((len(points), 3, 2))
+    away = np.sum((points - center_mm) * normals, axis=1)
+    return points, np.where(away[:, np.newaxis] < 0.0, -normals, normals)
+
+
+def axes_in(normals: Floats) -> Floats:
+    """Two unit axes (k, 3, 2) in planes of these normals (k, 3)."""
+    axes = np.empty((len(normals), 3, 2))
     for k, normal in enumerate(normals):
         # The world axis least along the normal makes the best conditioned pair.
         one = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
         one /= np.linalg.norm(one)
         axes[k] = np.column_stack((one, np.cross(normal, one)))
-    return points, normals, axes
+    return axes
 
 
 def checked_interfaces(
@@ -311,7 +315,7 @@ def way_through(
     -----
     Implements Fermat's principle as in the module's docstring (method.md, Refraction).
     """
-    points, normals, axes = frames_of(interfaces, center_mm)
+    points, normals = planes_of(interfaces, center_mm)
     phase = np.array([front.phase_index, *(face.beyond.phase_index for face in interfaces)])
     group = np.array([front.group_index, *(face.beyond.group_index for face in interfaces)])
     group[-1] = return_group_index
@@ -323,13 +327,13 @@ def way_through(
             target, center_mm=center_mm, normal=normals[0],
             distances_mm=(points - center_mm) @ normals[0], phase=phase, group=group,
         )  # fmt: skip
-    return way_through_any(target, center_mm, (points, normals, axes), phase, group)
+    return way_through_any(target, center_mm, (points, normals), phase, group)
 
 
 def way_through_any(
     target: Floats,
     center_mm: Floats,
-    planes: tuple[Floats, Floats, Floats],
+    planes: tuple[Floats, Floats],
     phase: Floats,
     group: Floats,
 ) -> Way:
@@ -341,8 +345,8 @@ def way_through_any(
         Points behind all planes, world, mm.
     center_mm : array of float, shape (3,)
         The camera's entrance pupil, world, mm.
-    planes : (array (k, 3), array (k, 3), array (k, 3, 2))
-        A point of each, mm, its unit normal away from the camera, and two unit axes in it.
+    planes : (array of float, shape (k, 3), array of float, shape (k, 3))
+        By `planes_of`.
     phase, group : array of float, shape (k + 1,)
         Indices of the layers, from the camera's on.
 
@@ -351,7 +355,8 @@ def way_through_any(
     Way
         As `way_through`.
     """
-    points, normals, axes = planes
+    points, normals = planes
+    axes = axes_in(normals)
     n, k = len(target), len(points)
     depth = np.einsum("nki,ki->nk", target[:, np.newaxis] - points, normals)
     # Where the straight line meets the planes: S is convex, any start would do.
@@ -480,7 +485,7 @@ def rays_through(
     optical_mm : array of float, shape (...)
         Group index times length from the camera to the origin.
     """
-    points, normals, _ = frames_of(interfaces, center_mm)
+    points, normals = planes_of(interfaces, center_mm)
     direction = np.asarray(rays, dtype=float)
     origin = np.broadcast_to(center_mm, direction.shape)
     optical, here = np.zeros(direction.shape[:-1]), front

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
         CAMERA_KEYS as CAMERA_KEYS,
         DETECTOR_KEYS as DETECTOR_KEYS,
         MEDIUM_KEYS as MEDIUM_KEYS,
-        WINDOW_KEYS as WINDOW_KEYS,
         RECONSTRUCT_KEYS as RECONSTRUCT_KEYS,
         SCENE_KEYS as SCENE_KEYS,
         SECTIONS as SECTIONS,
         SOURCE_KEYS as SOURCE_KEYS,
         TIMING_KEYS as TIMING_KEYS,
+        WINDOW_KEYS as WINDOW_KEYS,
         field_meanings as field_meanings,
     )
     from lightflight.lab.lab import (
@@ -51,6 +51,7 @@ __getattr__, __dir__, __all__ = lazy_names(
             "SECTIONS",
             "SOURCE_KEYS",
             "TIMING_KEYS",
+            "WINDOW_KEYS",
             "field_meanings",
         ),
         "lightflight.lab.lab": ("Lab", "lab_from_table", "lab_from_toml", "reconstruct_options"),

@@ -34,6 +34,10 @@ CLEAR_OF_CORNER_PX = 1.5
 
 _BOW_DEGREE = 6
 """Of the polynomial that bows a leg's image: 1e-6 px from the image through a tank at 30 deg."""
+_BOW_PLACES = 33
+"""That it is fitted to, evenly along the leg."""
+_LEAST_BOWED_PX = 2.0
+"""A shorter image is straight to 1e-3 px."""
 _LEAST_PIXELS = 4
 """Fewer pixels than this do not say where a leg's line runs."""
 
@@ -164,9 +168,11 @@ def leg_in_picture(state: PathState, leg: int, camera: Camera) -> LegInPicture:
     length = float(np.hypot(*(uv[1] - uv[0])))
     direction = (uv[1] - uv[0]) / max(length, 1e-12)
     line = LegInPicture(0.5 * (uv[0] + uv[1]), direction, (-0.5 * length, 0.5 * length))
-    if not camera.interfaces or inside.sum() <= _BOW_DEGREE:
+    if not camera.interfaces or length < _LEAST_BOWED_PX:
         return line
-    along, across = line.along_across(undistorted_px(camera, row[inside], col[inside]))
+    between = np.linspace(fraction[ends[0], 0], fraction[ends[1], 0], _BOW_PLACES)[:, np.newaxis]
+    places = camera.pixels_from_points((1 - between) * start + between * end)
+    along, across = line.along_across(undistorted_px(camera, *places))
     return replace(line, bow=Polynomial.fit(along, across, _BOW_DEGREE))
 
 
