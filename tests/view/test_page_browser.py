@@ -13,7 +13,9 @@ import pytest
 
 from lightflight import Histograms
 from lightflight.camera.model import Camera
+from lightflight.camera.refraction import window
 from lightflight.flight import Source, arrival_time_from_event, event_times_from_vertices
+from lightflight.materials import Material
 from lightflight.path.light_path import LightPath
 from lightflight.path.second_view import camera_towards, observe
 from lightflight.path.tables import RESIDUAL_DTYPE
@@ -83,6 +85,32 @@ def arrival_since_vertex_0(path: LightPath, event_since: float) -> float:
         path.position_at(when), when, camera_center_mm=path.camera.center_mm
     )
     return float(arrival[1] - arrival[0])
+
+
+def test_clocks_behind_a_window_are_those_of_the_bent_light(chromium: Any, tmp_path: Path) -> None:
+    """The page reads the way back off the path's trace: to 0.05 ps of the package's own."""
+    plain = fakes.fake_path(residuals=False)
+    glass = Material(1.5195, 1.5489)
+    pane = window((0.0, 0.0, 310.0), (0.2, 0.0, 1.0), thickness_mm=40.0, glass=glass)
+    path = replace(plain, camera=replace(plain.camera, interfaces=pane))
+    file = tmp_path / "page.html"
+    write_page(path, file)
+    page = br.OpenPage(chromium, file)
+    try:
+        for since in (0.0, 700.0, 1900.0, 3333.0):
+            page.run("lightflight.setPlaying(false), lightflight.setClock('event')")
+            page.slide(since)
+            page.page.click("#clock-arrival")
+            page.settle()
+            when = path.vertex_times_ps[0] + np.array([0.0, since])
+            arrival = when + path.camera.return_times_ps(
+                path.position_at(when), return_group_index=path.medium.return_group_index
+            )
+            reading = page.run("lightflight.state.elapsed")
+            assert reading == pytest.approx(arrival[1] - arrival[0], abs=0.05)
+        assert page.errors == []
+    finally:
+        page.close()
 
 
 def length_of(points: Any) -> float:

@@ -135,7 +135,12 @@ def window(
 def moved_rigidly(
     interfaces: Sequence[Interface], rotation: Floats, about_mm: Floats, shift_mm: Floats
 ) -> tuple[Interface, ...]:
-    """Interfaces turned by a matrix (3, 3) about a point (3,), then shifted (3,), mm."""
+    """Interfaces turned by a matrix (3, 3) about a point (3,), then shifted (3,), mm.
+
+    Raises GeometryError for a move that is not finite, as a step of a fit may be.
+    """
+    if not (np.isfinite(rotation).all() and np.isfinite(shift_mm).all()):
+        raise GeometryError("interfaces cannot be moved by NaN or inf")
     return tuple(
         replace(
             face,

@@ -185,10 +185,10 @@ def field_of_view(camera: Camera, depth_point_mm: ArrayLike) -> Floats:
     # Eight points on a side: a lens with distortion bends the edges of its picture.
     f = np.linspace(0, 1, 9)[:-1, np.newaxis]
     outline = np.concatenate([(1 - f) * edge[i] + f * edge[i + 1] for i in range(4)] + [edge[-1:]])
-    rays = camera.rays_from_pixels(outline[:, 0], outline[:, 1])
+    origins, rays, _ = camera.lines_of_sight(outline[:, 0], outline[:, 1])
     forward = -camera.backward_axis
-    depth = (np.asarray(depth_point_mm, dtype=float) - camera.center_mm) @ forward
-    return np.asarray(camera.center_mm + rays * (depth / (rays @ forward))[:, np.newaxis])
+    depth = (np.asarray(depth_point_mm, dtype=float) - origins) @ forward
+    return np.asarray(origins + rays * (depth / (rays @ forward))[:, np.newaxis])
 
 
 def field_lines(camera: Camera, depth_point_mm: ArrayLike) -> Floats:

@@ -54,14 +54,16 @@ function positionAt(t) {
   return [0, 1, 2].map((i) => lerp(vertices[k][i], vertices[k + 1][i], f));
 }
 
-function wayBack(point) {
+// Through a window light bends: its time back is told along the path, and read off there.
+function wayBack(point, t) {
+  if (trace && trace.back_ps && t !== undefined) return alongTrace(trace.back_ps, t);
   const d = Math.hypot(...point.map((x, i) => camera.center_mm[i] - x));
   return path.return_index * d / C;
 }
 
 // Arrival time of the light of event time t, both since vertex 0.
 function arrivalFromEvent(t) {
-  return hasArrival ? t + startTime + wayBack(positionAt(t)) - path.first_arrival_ps : NaN;
+  return hasArrival ? t + startTime + wayBack(positionAt(t), t) - path.first_arrival_ps : NaN;
 }
 
 const eventEnd = nLegs ? legTimes[nLegs] : 0;
@@ -78,6 +80,19 @@ function eventFromArrival(ta) {
     if (arrivalFromEvent(middle) < ta) low = middle; else high = middle;
   }
   return (low + high) / 2;
+}
+
+// A column of the trace at event time t, linear between its points.
+function alongTrace(column, t) {
+  const times = trace.event_ps;
+  let low = 0;
+  let high = times.length - 1;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (times[middle] <= t) low = middle; else high = middle;
+  }
+  const span = times[high] - times[low];
+  return lerp(column[low], column[high], span > 0 ? (t - times[low]) / span : 0);
 }
 
 function legLength(k) {
@@ -97,6 +112,7 @@ function lengthAt(t) {
 function speedAt(t, clock) {
   if (!nLegs) return NaN;
   if (clock === "event" || !hasArrival) return 1 / path.path_index;
+  if (trace.back_ps) return alongTrace(trace.apparent_speed, t);
   const k = legAt(t);
   const d = [0, 1, 2].map((i) => (vertices[k + 1][i] - vertices[k][i]) / legLength(k));
   const x = positionAt(t);

@@ -28,7 +28,7 @@ function truthClocks() {
     for (let i = 0; i <= 24; i += 1) {
       const p = [0, 1, 2].map((q) => lerp(v[k][q], v[k + 1][q], i / 24));
       const t = lerp(times[k], times[k + 1], i / 24);
-      out.push([t - times[0], t + wayBack(p) - path.first_arrival_ps]);
+      out.push([t - times[0], t + wayBack(p, t - startTime) - path.first_arrival_ps]);
     }
   }
   return out;

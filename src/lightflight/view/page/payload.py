@@ -182,7 +182,15 @@ def _trace_part(path: LightPath, trace: Trace) -> Json:
         "half_axes_mm": packed(half_axes, "f4") if has_errors(path) else None,
         "pixel": packed(pixel, "f4"),
         "apparent_speed": packed(speed, "f4"),
+        "back_ps": _way_back(camera, trace),
     }
+
+
+def _way_back(camera: Camera | None, trace: Trace) -> Json | None:
+    """Time of the light to the camera where it is not index times distance; else None."""
+    if camera is None or not camera.interfaces or not len(trace.leg):
+        return None
+    return packed(trace.arrival_ps - trace.event_time_ps, "f8")
 
 
 def errors_of(path: LightPath, truth: Polyline) -> tuple[float, float]:

@@ -185,7 +185,7 @@ function preparePictureEvents() {
 // --- a second viewpoint: what another camera would see of the same path --------------------------
 
 const eyes = [{ camera, first: path.first_arrival_ps, lights: pulses,
-  trace: Object.fromEntries(["arrival_ps", "pixel", "in_view", "apparent_speed"].map((k) => [k, trace[k]])) }];
+  trace: Object.fromEntries(["arrival_ps", "pixel", "in_view", "apparent_speed", "back_ps"].map((k) => [k, trace[k]])) }];
 if (payload.second) {
   eyes.push({ camera: payload.second.camera, first: payload.second.first_arrival_ps,
     lights: unpackTable(payload.second.lights), trace: unpackTable(payload.second.trace) });

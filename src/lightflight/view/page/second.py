@@ -48,6 +48,7 @@ def second_view(path: LightPath, camera: Camera, trace: Trace) -> Json:
         "camera": camera_part(camera, path),
         "first_arrival_ps": json_value(first),
         "trace": {
+            "back_ps": None,
             "arrival_ps": packed(other.arrival_ps - first, "f4"),
             "pixel": packed(np.stack((row, col), axis=1), "f4"),
             "in_view": packed(other.in_view, "u1"),
