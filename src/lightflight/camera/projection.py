@@ -131,8 +131,29 @@ class Projection:
         array of float, shape (..., 2, 3)
             px/mm; NaN behind the camera.
         """
-        plane, by_plane = self._plane_and_slopes(points_mm)
-        x_by_point, y_by_point = by_plane[..., 0, :], by_plane[..., 1, :]
+        return self.pixels_and_slopes(points_mm)[1]
+
+    def pixels_and_slopes(
+        self, points_mm: ArrayLike, *, way: Way | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Pixels that see world points, and how they follow them, in one go.
+
+        Parameters
+        ----------
+        points_mm : array of float, shape (..., 3)
+            World, mm.
+        way : Way, optional
+            By `way_back`, where it is known already.
+
+        Returns
+        -------
+        pixels : array of float, shape (..., 2)
+            (row, col), as `pixels_from_points`.
+        slopes : array of float, shape (..., 2, 3)
+            px/mm, as `pixel_jacobian`.
+        """
+        plane, by_point = self.plane_and_slopes(points_mm, way=way)
+        x_by_point, y_by_point = by_point[..., 0, :], by_point[..., 1, :]
         if not self._lens.is_ideal:
             bend = self._lens.jacobian(plane[..., 0], plane[..., 1])
             x_by_point, y_by_point = (
@@ -140,37 +161,43 @@ class Projection:
                 for of_plane in (bend[..., 0, :], bend[..., 1, :])
             )
         k = self.matrix
-        jacobian = np.empty(by_plane.shape)
+        jacobian = np.empty(by_point.shape)
         jacobian[..., 0, :] = k[1, 1] * y_by_point
         jacobian[..., 1, :] = k[0, 0] * x_by_point + k[0, 1] * y_by_point
-        return jacobian
+        pixels = self.pixels_from_normalized(plane[..., 0], plane[..., 1])
+        return np.stack(pixels, axis=-1), jacobian
 
-    def normalized_jacobian(self, points_mm: ArrayLike) -> NDArray[np.float64]:
-        """Derivative of (x, y) of the undistorted image plane by the world point.
+    def plane_and_slopes(
+        self, points_mm: ArrayLike, *, way: Way | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Places in the undistorted image plane, and how they follow the points.
 
         Parameters
         ----------
         points_mm : array of float, shape (..., 3)
             World, mm.
+        way : Way, optional
+            By `way_back`, where it is known already.
 
         Returns
         -------
-        array of float, shape (..., 2, 3)
+        plane : array of float, shape (..., 2)
+            (x, y) at unit depth, as `normalized_from_points`.
+        slopes : array of float, shape (..., 2, 3)
             Per mm; NaN behind the camera.
         """
-        return self._plane_and_slopes(points_mm)[1]
-
-    def _plane_and_slopes(
-        self, points_mm: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Places (..., 2) in the image plane at unit depth, and their derivatives (..., 2, 3)."""
-        way = self.way_back(points_mm) if self.interfaces else None
-        points = self._camera_points(points_mm if way is None else way.first_mm)
+        if not self.interfaces:
+            points = self._camera_points(points_mm)
+        else:
+            way = self.way_back(points_mm) if way is None else way
+            points = self._camera_points(way.first_mm)
         z = np.where(points[..., 2:] > 0.0, points[..., 2:], np.nan)
         plane = points[..., :2] / z
         right_down, forward = self.world_from_camera[:3, :2].T, self.world_from_camera[:3, 2]
         slopes = (right_down - plane[..., np.newaxis] * forward) / z[..., np.newaxis]
-        return plane, slopes if way is None else np.asarray(slopes @ way.first_by_point)
+        if self.interfaces and way is not None:
+            slopes = slopes @ way.first_by_point
+        return plane, slopes
 
     # ---- pixel -> world -------------------------------------------------------------------
 

@@ -136,8 +136,8 @@ def nearest_fractions(
     pixels = np.column_stack((rows, cols))
     for _ in range(4):
         points = start + fraction[:, np.newaxis] * step
-        seen = np.column_stack(camera.pixels_from_points(points))
-        speed = np.einsum("nij,nj->ni", camera.pixel_jacobian(points), step)
+        seen, slopes = camera.pixels_and_slopes(points)
+        speed = np.einsum("nij,nj->ni", slopes, step)
         change = np.sum((pixels - seen) * speed, axis=1) / np.maximum(
             np.sum(speed**2, axis=1), 1e-12
         )
@@ -288,16 +288,16 @@ def _footprints_and_jacobian(
     step = end - start
     fraction = nearest_fractions(camera, start, end, rows, cols)
     points = start + fraction[:, np.newaxis] * step
-    seen = np.column_stack(camera.pixels_from_points(points))
+    back = camera.way_back(points, return_group_index=medium.return_group_index)
+    seen, projection = camera.pixels_and_slopes(points, way=back)
     # A path on its way through the search may run behind the camera, where nothing is seen.
-    projection = np.nan_to_num(camera.pixel_jacobian(points))
+    projection = np.nan_to_num(projection)
     speed = np.einsum("nij,nj->ni", projection, step)
     # A leg that points at the camera has no length in the picture.
     px_per_leg = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
     offset = np.column_stack((rows, cols)) - seen
     # speed = (d row, d col): the right-hand normal in (row down, col right) is (col, -row).
     lateral = (offset[:, 0] * speed[:, 1] - offset[:, 1] * speed[:, 0]) / px_per_leg
-    back = camera.way_back(points, return_group_index=medium.return_group_index)
     later = back.optical_by_point / SPEED_OF_LIGHT_MM_PER_PS
     times = state.vertex_times_ps(medium)
     per_path = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
@@ -444,8 +444,8 @@ def _curve_offsets(
     # Nearest in undistorted pixels: two steps from what is nearest in the lens's own.
     for _ in range(3):
         points = start + fraction[:, np.newaxis] * step
-        seen = focal_px * np.column_stack(camera.normalized_from_points(points))
-        slopes = focal_px * camera.normalized_jacobian(points)
+        plane, slopes = camera.plane_and_slopes(points)
+        seen, slopes = focal_px * plane, focal_px * slopes
         speed = np.einsum("nij,nj->ni", slopes, step)
         size = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
         away = anchors - seen
