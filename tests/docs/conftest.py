@@ -21,8 +21,8 @@ def built_pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build_pages(tmp_path_factory.mktemp("built"), PAGES)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    """A browser for all of them."""
+    """A browser for a module's tests: one that lived on would forbid another module its own."""
     with br.started_browser() as browser:
         yield browser
