@@ -258,18 +258,18 @@ def checked_interfaces(
     GeometryError
         For one behind the camera or out of order.
     """
-    listed = [interfaces] if isinstance(interfaces, Interface) else list(interfaces)
-    flat: list[Interface] = []
-    for one in listed:
+    flat: list[object] = []
+    for one in interfaces if isinstance(interfaces, (list, tuple)) else [interfaces]:
         # A `window` among them is a pair of its own.
         flat.extend(one if isinstance(one, tuple) else (one,))
-    if not all(isinstance(one, Interface) for one in flat):
+    faces = tuple(one for one in flat if isinstance(one, Interface))
+    if len(faces) < len(flat):
         raise ValueError(
             "interfaces must be a list of Interface, from the camera to the scene (window() makes "
             "the two of a pane)"
         )
     before = 0.0
-    for number, one in enumerate(flat, start=1):
+    for number, one in enumerate(faces, start=1):
         normal = np.asarray(one.normal)
         towards = float(forward @ normal)
         gap = float((np.asarray(one.point_mm) - center_mm) @ normal)
@@ -285,7 +285,7 @@ def checked_interfaces(
                 f"{before:.6g} mm: list them in order, from the camera to the scene"
             )
         before = distance
-    return tuple(flat)
+    return faces
 
 
 def way_through(
