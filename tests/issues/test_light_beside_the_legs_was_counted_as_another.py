@@ -12,7 +12,7 @@ import pytest
 
 import lightflight as lf
 from lightflight.errors import LightflightWarning, NothingFoundError
-from lightflight.reconstruct.fit import diffuse, photon
+from lightflight.reconstruct.fit import counts, diffuse
 from lightflight.reconstruct.fit.joint import pictured_again
 from lightflight.reconstruct.fit.strangers import counts_of_pulses
 from lightflight.reconstruct.model.cells import Cells, lag_edges
@@ -48,7 +48,7 @@ def test_further_pulses_of_repeats_are_as_bright_as_in_all(monkeypatch):
         seen.append(float(counts.sum()))
         return counts
 
-    monkeypatch.setattr(photon, "counts_of_pulses", kept)
+    monkeypatch.setattr(counts, "counts_of_pulses", kept)
     world = disturbed("pulse_before_2ns", 1, 288)
     for repeats in (1, 4):
         found(world.but(repeats=repeats), 288, "photon")

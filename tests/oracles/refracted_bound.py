@@ -140,6 +140,7 @@ def bound(
     fit_pulse: bool = True,
     vertices: Sequence[int] | None = None,
     also: Sequence[Freedom] = (),
+    others: Sequence[RefractedScene] = (),
     knot_px: float = 3.0,
     step_share: float = 1.0,
 ) -> RefractedBound:
@@ -148,6 +149,8 @@ def bound(
     Parameters
     ----------
     scene : at which the counts are differentiated; its background must not be zero.
+    others : the same flight before further cameras, each with a light, a spot and a pulse of its
+        own; what `scene` has in view is still what the error of the position is taken over.
     fit_emission : whether the emission time is unknown.
     fit_pulse : whether the pulse's width is.
     vertices : numbers of the vertices that are unknown; None: all but the source.
@@ -157,8 +160,31 @@ def bound(
     """
     numbers = range(1, scene.n_legs + 1) if vertices is None else vertices
     free = [vertex_freedom(vertex, axis) for vertex in numbers for axis in range(3)]
-    free += [emission_freedom()] * fit_emission + [SPOT] + [PULSE] * fit_pulse + list(also)
+    free += [emission_freedom()] * fit_emission + list(also)
     free = [replace(one, step=one.step * step_share) for one in free]
+    own = [replace(one, step=one.step * step_share) for one in [SPOT] + [PULSE] * fit_pulse]
+    names, information = [one.name for one in free], np.diag([max(f.std**-2, _WEAK) for f in free])
+    k = len(free)
+    for number, one in enumerate((scene, *others)):
+        found, labels = _of_counts(one, free, own, knot_px)
+        information = np.pad(information, (0, len(labels)))
+        places = np.r_[0:k, len(names) : len(names) + len(labels)]
+        information[np.ix_(places, places)] += found
+        names += labels if number == 0 else [f"{label}_of_{number + 1}" for label in labels]
+    unit = 1.0 / np.sqrt(np.diag(information))
+    factor = cho_factor(information * np.outer(unit, unit))
+    covariance = cho_solve(factor, np.eye(unit.size)) * np.outer(unit, unit)
+    times = np.linspace(scene.vertex_times_ps[0], scene.vertex_times_ps[-1], 1000)
+    times = times[in_picture(scene, positions_at(scene, times))]
+    moves = np.array([_central(lambda s: positions_at(s, times), scene, one) for one in free])
+    square = np.einsum("ink,ij,jnk->n", moves, covariance[:k, :k], moves)
+    return RefractedBound(float(np.sqrt(square.mean())), tuple(names), covariance)
+
+
+def _of_counts(
+    scene: RefractedScene, free: Sequence[Freedom], own: Sequence[Freedom], knot_px: float
+) -> tuple[np.ndarray, list[str]]:
+    """Information of one camera's counts on what is free, then on its own; names of these."""
     # What the scale would take up is the light's own freedom: it stays as the truth has it.
     beam = stations(scene)
     pairs = caught(scene, beam)
@@ -169,22 +195,14 @@ def bound(
     def seen(changed: RefractedScene) -> np.ndarray:
         return fold(signal_counts(changed, caught(changed, stations(changed)), scale))
 
-    slopes = [_central(seen, scene, one) for one in free]
+    slopes = [_central(seen, scene, one) for one in (*free, *own)]
     hats = list(_hats(scene, beam, knot_px))
     slopes += [fold(signal_counts(scene, _weighed(pairs, hat), scale)) for hat in hats]
-    names = [one.name for one in free] + [f"light_{n}" for n in range(len(hats))]
-    precision = [max(one.std**-2, _WEAK) for one in free] + [_WEAK] * len(hats)
     mean = fold(signal) + scene.background_per_ps * fold.width_ps
-    information = _information(np.array(slopes), mean, fold.width_ps) + np.diag(precision)
-    unit = 1.0 / np.sqrt(np.diag(information))
-    factor = cho_factor(information * np.outer(unit, unit))
-    covariance = cho_solve(factor, np.eye(unit.size)) * np.outer(unit, unit)
-    times = np.linspace(scene.vertex_times_ps[0], scene.vertex_times_ps[-1], 1000)
-    times = times[in_picture(scene, positions_at(scene, times))]
-    moves = np.array([_central(lambda s: positions_at(s, times), scene, one) for one in free])
-    own = covariance[: len(free), : len(free)]
-    square = np.einsum("ink,ij,jnk->n", moves, own, moves)
-    return RefractedBound(float(np.sqrt(square.mean())), tuple(names), covariance)
+    information = _information(np.array(slopes), mean, fold.width_ps)
+    weak = np.arange(len(free), len(information))
+    information[weak, weak] += _WEAK
+    return information, [one.name for one in own] + [f"light_{n}" for n in range(len(hats))]
 
 
 def _central(

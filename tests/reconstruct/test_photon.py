@@ -12,7 +12,7 @@ from lightflight.errors import NothingFoundError
 from lightflight.path.error import path_error
 from lightflight.path.light_path import LightPath
 from lightflight.reconstruct.chain import reconstruct
-from lightflight.reconstruct.fit.photon import merged
+from lightflight.reconstruct.fit.counts import merged
 from lightflight.reconstruct.limits.bounds import bounds
 from lightflight.reconstruct.model.sighting import Sighting
 from tests.labs import Lab, corner_in_view, one_leg, three_legs

@@ -48,7 +48,8 @@ def cameras_and_clocks(
         )
     if len(cameras) > 1 and method not in _FOR_SEVERAL_CAMERAS:
         raise ValueError(
-            f"method={method!r} takes one camera: fit several at once with method='joint'"
+            f"method={method!r} takes one camera: fit several at once with method='joint' or "
+            "'photon'"
         )
     return cameras, clocks
 

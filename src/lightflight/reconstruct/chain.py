@@ -53,8 +53,8 @@ def reconstruct(
     camera : Camera or sequence of Camera, optional
         Where every pixel looks; needed for anything beyond (u, v, t_a). One for all recordings, or
         a list of one for each: the same flight seen from several places, fitted at once (`joint`
-        only). Legs are looked for in the first camera's picture, and where that one's view ends the
-        path ends.
+        and `photon`). Legs are looked for in the first camera's picture, and where that one's view
+        ends the path ends.
     source : Source, optional
         Where and when the pulse starts, as far as known; None: nothing is known.
     medium : Medium, optional

@@ -80,7 +80,11 @@ ESTIMATORS = (
         several_cameras=True,
     ),
     Estimator(
-        "photon", "likelihood of every count; dim pixels count too", _photon, needs_counts=True
+        "photon",
+        "likelihood of every count; dim pixels count too",
+        _photon,
+        needs_counts=True,
+        several_cameras=True,
     ),
 )
 """From the paper's to the limit."""

@@ -11,8 +11,8 @@ from scipy.ndimage import binary_dilation
 
 from lightflight import flags
 from lightflight.errors import NothingFoundError
+from lightflight.reconstruct.fit.counts import merged
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.photon import merged
 from lightflight.reconstruct.model.cells import cells_about, lag_edges
 from lightflight.reconstruct.model.counted import Pixels, dark_pixels
 from lightflight.reconstruct.model.geometry import footprints

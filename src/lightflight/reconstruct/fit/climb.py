@@ -1,11 +1,12 @@
 """The climb of `photon`: everything unknown at once, to the top of the likelihood of all counts.
 
-Takes pixels, counts, a freedom and a start; gives where Fisher scoring ended and what the
-likelihood knows there. Which pixels take part, and what becomes of the path, is `photon`'s.
+Takes pixels and counts of every camera, a freedom and a start; gives where Fisher scoring ended and
+what the likelihood knows there. Which pixels take part is for `counts` to say.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,15 +54,157 @@ _BEND_PRIOR = 0.3
 
 
 @dataclass(frozen=True, eq=False)
+class View:
+    """What one camera's counts bring to a climb.
+
+    Attributes
+    ----------
+    number : int
+        Which of the setting's cameras it is.
+    light : Light
+        Where brightness, spot and pulse width start.
+    pixels : Pixels
+        The n pixels that take part.
+    codes : CodeCounts
+        Counts and code intervals of those pixels.
+    uneven : array of bool, shape (n, L)
+        True where a pixel's light may depart freely from its leg's.
+    """
+
+    number: int
+    light: Light
+    pixels: Pixels
+    codes: CodeCounts
+    uneven: NDArray[np.bool_]
+
+    @property
+    def scatter(self) -> Floats:
+        """(n, L), how far ln(photons) of a pixel may depart from its leg's."""
+        return np.where(self.uneven, _FREE_SCATTER, self.light.log_scatter)
+
+
+@dataclass(frozen=True, eq=False)
+class ViewPoint:
+    """What is unknown of one camera's counts, at one place of a climb; n pixels, L legs.
+
+    Attributes
+    ----------
+    light : Light
+        Brightness, spot and pulse width.
+    modes : array of float, shape (k,)
+        Shared errors of its clock, in standard deviations.
+    log_background : array of float, shape (n,)
+        ln(background counts per ps) of each pixel.
+    delay_shift_ps : array of float, shape (n,)
+        Clock error of each pixel, ps.
+    departure : array of float, shape (n, L)
+        By how much ln(photons) of each leg in a pixel departs from the leg's.
+    """
+
+    light: Light
+    modes: Floats
+    log_background: Floats
+    delay_shift_ps: Floats
+    departure: Floats
+
+    def moved(self, step: Floats, found: Likelihood, layout: Layout) -> ViewPoint:
+        """The same after a step of this view's parameters, pixels' own following it."""
+        # Each pixel's own unknowns were eliminated: they go to their best values for the step.
+        follow = found.nuisance_step + found.nuisance_gain @ step
+        return ViewPoint(
+            moved_light(self.light, step, layout),
+            self.modes + step[layout.unit_priors][: layout.n_modes],
+            # Logarithms: a linear step of more than this is no longer to be trusted.
+            self.log_background + np.clip(follow[:, 0], -1.5, 1.5),
+            self.delay_shift_ps + follow[:, 1],
+            self.departure + np.clip(follow[:, 2:], -1.0, 1.0),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What the counts of one camera say at one place of a climb.
+
+    Attributes
+    ----------
+    local : Local
+        What each of its pixels expects.
+    result : Likelihood
+        Value, score and information, of this view's parameters alone.
+    """
+
+    local: Local
+    result: Likelihood
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """Where the parameters of each view sit among all P of a climb.
+
+    The first view's stand as in its own layout: path, modes, shared errors, brightness, spot,
+    pulse width. Of each further view modes, brightness, spot and width follow.
+
+    Attributes
+    ----------
+    layouts : tuple of Layout
+        Of each view by itself.
+    places : tuple of array of int
+        Where each of a view's parameters sits among all.
+    size : int
+        P.
+    """
+
+    layouts: tuple[Layout, ...]
+    places: tuple[NDArray[np.intp], ...]
+    size: int
+
+    @property
+    def n_free(self) -> int:
+        """Freedom of the path, which comes first."""
+        return self.layouts[0].n_free
+
+    @property
+    def shared(self) -> slice:
+        """Shared errors of cameras and medium."""
+        first = self.n_free + self.layouts[0].n_modes
+        return slice(first, first + self.layouts[0].n_shared)
+
+
+def order_of(layouts: Sequence[Layout]) -> Order:
+    """All parameters of some views, path and shared errors once."""
+    first, places = layouts[0], [np.arange(layouts[0].size)]
+    size = first.size
+    for own in layouts[1:]:
+        at = np.empty(own.size, dtype=np.intp)
+        common = own.of_path_and_shared
+        at[common] = first.of_path_and_shared
+        rest = np.setdiff1d(np.arange(own.size), common)
+        at[rest] = size + np.arange(len(rest))
+        size += len(rest)
+        places.append(at)
+    return Order(tuple(layouts), tuple(places), size)
+
+
+@dataclass(frozen=True, eq=False)
 class Climb:
     """Where a climb ended.
 
     Attributes
     ----------
-    departure : array of float, shape (n, L)
-        By how much ln(photons) of each leg in a pixel departs from the leg's.
-    uneven : array of bool, shape (n, L)
-        True where it may depart freely.
+    state : PathState
+        The path.
+    views : tuple of View
+        The cameras' counts, as they went in.
+    points : tuple of ViewPoint
+        What was unknown of each, as found.
+    told : tuple of Told
+        What the likelihood knows there, of each.
+    freedom : Freedom
+        What could move.
+    order : Order
+        Where the parameters sit.
+    information : array of float, shape (P, P)
+        Of all counts.
     prior : array of float, shape (P, P)
         Information of the shared priors (source, emission time, waypoints, modes, shared errors).
     hold : array of float, shape (P, P)
@@ -72,20 +215,17 @@ class Climb:
         Of that setting.
     shared : array of float, shape (j,)
         Those found, in standard deviations.
+    converged : bool
+        Whether it is the top.
     """
 
     state: PathState
-    light: Light
-    modes: Floats
+    views: tuple[View, ...]
+    points: tuple[ViewPoint, ...]
+    told: tuple[Told, ...]
     freedom: Freedom
-    layout: Layout
-    pixels: Pixels
-    local: Local
-    log_background: Floats
-    delay_shift_ps: Floats
-    result: Likelihood
-    departure: Floats
-    uneven: NDArray[np.bool_]
+    order: Order
+    information: Floats
     prior: Floats
     hold: Floats
     setting: Setting
@@ -101,48 +241,33 @@ class Climb:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """Everything that is unknown, at one place of a climb; n pixels, L legs.
+    """Everything that is unknown, at one place of a climb.
 
     Attributes
     ----------
     state : PathState
         The path.
-    light : Light
-        Brightness, spot and pulse width.
-    modes : array of float, shape (k,)
-        Shared clock errors, in standard deviations.
     shared : array of float, shape (j,)
-        Shared errors of camera and medium, in standard deviations.
-    log_background : array of float, shape (n,)
-        ln(background counts per ps) of each pixel.
-    delay_shift_ps : array of float, shape (n,)
-        Clock error of each pixel, ps.
-    departure : array of float, shape (n, L)
-        By how much ln(photons) of each leg in a pixel departs from the leg's.
+        Shared errors of cameras and medium, in standard deviations.
+    views : tuple of ViewPoint
+        The rest, of each camera.
     """
 
     state: PathState
-    light: Light
-    modes: Floats
     shared: Floats
-    log_background: Floats
-    delay_shift_ps: Floats
-    departure: Floats
+    views: tuple[ViewPoint, ...]
 
-    def moved(self, step: Floats, found: Likelihood, freedom: Freedom, layout: Layout) -> _Point:
+    def moved(self, step: Floats, slope: _Slope, freedom: Freedom, order: Order) -> _Point:
         """The point after a step (P,) of the shared parameters, pixels' own following it."""
-        # Each pixel's own unknowns were eliminated: they go to their best values for the step.
-        follow = found.nuisance_step + found.nuisance_gain @ step
-        units = step[layout.unit_priors]
         return _Point(
-            self.state.moved(freedom.basis @ step[: layout.n_free]),
-            moved_light(self.light, step, layout),
-            self.modes + units[: layout.n_modes],
-            self.shared + units[layout.n_modes :],
-            # Logarithms: a linear step of more than this is no longer to be trusted.
-            self.log_background + np.clip(follow[:, 0], -1.5, 1.5),
-            self.delay_shift_ps + follow[:, 1],
-            self.departure + np.clip(follow[:, 2:], -1.0, 1.0),
+            self.state.moved(freedom.basis @ step[: order.n_free]),
+            self.shared + step[order.shared],
+            tuple(
+                view.moved(step[places], told.result, layout)
+                for view, told, layout, places in zip(
+                    self.views, slope.told, order.layouts, order.places, strict=True
+                )
+            ),
         )
 
 
@@ -150,8 +275,8 @@ class _Point:
 class _Slope:
     """The likelihood about a point: what the next step is taken from."""
 
-    local: Local
-    found: Likelihood
+    told: tuple[Told, ...]
+    of_counts: Floats
     value: float
     score: Floats
     information: Floats
@@ -163,90 +288,104 @@ class _Hill:
 
     Attributes
     ----------
-    scatter : array of float, shape (n, L)
-        How far ln(photons) of a pixel may depart from its leg's.
     prior : array of float, shape (P, P)
         Information of the shared priors (source, emission time, waypoints, modes).
     hold : array of float, shape (P, P)
         Information of the weak holds on brightness and spot.
     """
 
-    pixels: Pixels
-    codes: CodeCounts
+    views: tuple[View, ...]
     setting: Setting
     errors: SharedErrors
     freedom: Freedom
-    layout: Layout
-    scatter: Floats
+    order: Order
     prior: Floats
     hold: Floats
 
     def slope_at(self, point: _Point) -> _Slope:
         """Log-likelihood with all priors, score and information at a point."""
+        score, value = self._prior_score(point)
+        information = np.zeros((self.order.size, self.order.size))
+        told = []
+        for view, at, layout, places in zip(
+            self.views, point.views, self.order.layouts, self.order.places, strict=True
+        ):
+            one = self._told(view, at, layout, point)
+            told.append(one)
+            value += one.result.value
+            score[places] += one.result.score
+            information[np.ix_(places, places)] += one.result.information
+        whole = information + self.prior + self.hold
+        return _Slope(tuple(told), information, value, score, whole)
+
+    def _told(self, view: View, at: ViewPoint, layout: Layout, point: _Point) -> Told:
+        """What one camera's counts say at a point."""
         local = local_with_shared(
             point.state,
-            point.light,
-            self.pixels,
-            self.layout,
+            at.light,
+            view.pixels,
+            layout,
             basis=self.freedom.basis,
-            modes=point.modes,
+            modes=at.modes,
             setting=self.setting,
             errors=self.errors,
             delta=point.shared,
+            view=view.number,
         )
         found = likelihood(
             local,
-            self.pixels,
-            self.codes,
-            log_background=point.log_background,
-            delay_shift_ps=point.delay_shift_ps,
-            log_photons_shift=point.departure,
-            log_scatter=self.scatter,
+            view.pixels,
+            view.codes,
+            log_background=at.log_background,
+            delay_shift_ps=at.delay_shift_ps,
+            log_photons_shift=at.departure,
+            log_scatter=view.scatter,
         )
-        score, value = self._prior_score(point)
-        information = found.information + self.prior + self.hold
-        return _Slope(local, found, found.value + value, found.score + score, information)
+        return Told(local, found)
 
     def _prior_score(self, point: _Point) -> tuple[Floats, float]:
         """Score (P,) and log-density of all priors at a point."""
-        freedom, layout = self.freedom, self.layout
-        units = np.concatenate((point.modes, point.shared))
+        freedom, order = self.freedom, self.order
         misfit = freedom.prior_values - freedom.prior_rows @ state_vector(point.state)
-        score = np.zeros(layout.size)
-        score[: layout.n_free] = (freedom.prior_rows @ freedom.basis).T @ misfit
-        score[layout.unit_priors] = -units
-        held = np.zeros(layout.size)
-        for start, spline in zip(layout.spline_starts, point.light.coefficients, strict=True):
-            held[start : start + len(spline)] = spline
-        held[-2] = point.light.log_spot_px - SPOT_PRIOR[0]
+        score = np.zeros(order.size)
+        score[: order.n_free] = (freedom.prior_rows @ freedom.basis).T @ misfit
+        score[order.shared] = -point.shared
+        held = np.zeros(order.size)
+        squared = float(misfit @ misfit + point.shared @ point.shared)
+        for at, layout, places in zip(point.views, order.layouts, order.places, strict=True):
+            own = np.zeros(layout.size)
+            for start, spline in zip(layout.spline_starts, at.light.coefficients, strict=True):
+                own[start : start + len(spline)] = spline
+            own[-2] = at.light.log_spot_px - SPOT_PRIOR[0]
+            held[places] += own
+            score[places[layout.unit_priors][: layout.n_modes]] = -at.modes
+            squared += float(at.modes @ at.modes)
         score -= self.hold @ held
-        value = -0.5 * float(misfit @ misfit + units @ units + held @ self.hold @ held)
-        return score, value
+        return score, -0.5 * (squared + float(held @ self.hold @ held))
 
 
-def _priors(freedom: Freedom, layout: Layout, light: Light) -> tuple[Floats, Floats]:
+def _priors(freedom: Freedom, order: Order, views: Sequence[View]) -> tuple[Floats, Floats]:
     """Information of the shared priors, and of the weak holds on brightness and spot; (P, P)."""
-    prior, hold = np.zeros((layout.size, layout.size)), np.zeros((layout.size, layout.size))
-    prior[: layout.n_free, : layout.n_free] = freedom.prior_information
-    units = np.arange(layout.size)[layout.unit_priors]
-    prior[units, units] = 1.0
-    for start, coefficients in zip(layout.spline_starts, light.coefficients, strict=True):
-        n = len(coefficients)
-        # Second differences: a steady slope of the brightness is free, a jagged one is held.
-        bend = _BEND_PRIOR * np.diff(np.eye(n), 2, axis=0) if n > 2 else np.zeros((0, n))
-        hold[start : start + n, start : start + n] = bend.T @ bend + 1e-9 * np.eye(n)
-    hold[-2, -2] = 1.0 / SPOT_PRIOR[1] ** 2
+    prior, hold = np.zeros((order.size, order.size)), np.zeros((order.size, order.size))
+    prior[: order.n_free, : order.n_free] = freedom.prior_information
+    for view, layout, places in zip(views, order.layouts, order.places, strict=True):
+        units = places[layout.unit_priors]
+        prior[units, units] = 1.0
+        for first, coefficients in zip(layout.spline_starts, view.light.coefficients, strict=True):
+            n = len(coefficients)
+            # Second differences: a steady slope of the brightness is free, a jagged one is held.
+            bend = _BEND_PRIOR * np.diff(np.eye(n), 2, axis=0) if n > 2 else np.zeros((0, n))
+            own = places[first : first + n]
+            hold[np.ix_(own, own)] = bend.T @ bend + 1e-9 * np.eye(n)
+        hold[places[-2], places[-2]] = 1.0 / SPOT_PRIOR[1] ** 2
     return prior, hold
 
 
 def climb(
     state: PathState,
-    light: Light,
+    views: Sequence[View],
     freedom: Freedom,
-    pixels: Pixels,
-    codes: CodeCounts,
     setting: Setting,
-    uneven: NDArray[np.bool_],
     *,
     shared: Floats | None = None,
 ) -> Climb:
@@ -256,18 +395,12 @@ def climb(
     ----------
     state : PathState
         Where the climb starts.
-    light : Light
-        Brightness, spot and pulse width.
+    views : sequence of View
+        The counts of each camera, one of them or more.
     freedom : Freedom
         What may move, and the priors on it.
-    pixels : Pixels
-        The pixels that take part.
-    codes : CodeCounts
-        Counts and code intervals of those pixels.
     setting : Setting
-        Camera, source, medium and waypoints.
-    uneven : array of bool, shape (n, L)
-        True where a pixel's light may depart freely from its leg's.
+        Cameras, source, medium and waypoints.
     shared : array of float, shape (j,), optional
         Where the shared errors of the setting start, in standard deviations; None: at zero.
 
@@ -278,66 +411,78 @@ def climb(
 
     Notes
     -----
-    Maximised is ln L + ln prior over everything unknown at once; each pixel's own unknowns are
-    eliminated from the system and follow its step (method.md, What the counts say).
+    Maximised is ln L + ln prior over everything unknown at once, ln L the sum over cameras; each
+    pixel's own unknowns are eliminated from the system and follow its step (method.md, What the
+    counts say).
     """
     errors = shared_errors(setting)
-    layout = layout_of(freedom.basis.shape[1], pixels.modes_ps.shape[2], light, len(errors))
-    scatter = np.where(uneven, _FREE_SCATTER, light.log_scatter)
-    priors = _priors(freedom, layout, light)
-    hill = _Hill(pixels, codes, setting, errors, freedom, layout, scatter, *priors)
+    order = order_of(
+        [
+            layout_of(
+                freedom.basis.shape[1], view.pixels.modes_ps.shape[2], view.light, len(errors)
+            )
+            for view in views
+        ]
+    )
+    hill = _Hill(tuple(views), setting, errors, freedom, order, *_priors(freedom, order, views))
     point = _Point(
         state,
-        light,
-        modes=np.zeros(layout.n_modes),
-        shared=np.zeros(layout.n_shared) if shared is None else shared,
-        log_background=np.log(_background_start(codes)),
-        delay_shift_ps=np.zeros(len(pixels.rows)),
-        departure=np.zeros(pixels.near.shape),
+        np.zeros(len(errors)) if shared is None else shared,
+        tuple(
+            ViewPoint(
+                view.light,
+                modes=np.zeros(layout.n_modes),
+                log_background=np.log(_background_start(view.codes)),
+                delay_shift_ps=np.zeros(len(view.pixels.rows)),
+                departure=np.zeros(view.pixels.near.shape),
+            )
+            for view, layout in zip(views, order.layouts, strict=True)
+        ),
     )
     point, slope, converged = ascend(
         point,
         hill.slope_at,
-        lambda at, slope, step: at.moved(step, slope.found, freedom, layout),
+        lambda at, slope, step: at.moved(step, slope, freedom, order),
         most_steps=_MOST_CLIMB_STEPS,
         level=_LEVEL,
         gauge=GAUGE,
     )
     return Climb(
-        point.state, point.light, point.modes, freedom, layout, pixels, slope.local,
-        point.log_background, point.delay_shift_ps, slope.found, point.departure, uneven,
+        point.state, hill.views, point.views, slope.told, freedom, order, slope.of_counts,
         hill.prior, hill.hold, setting, errors, point.shared, converged,
     )  # fmt: skip
 
 
-def uneven_pixels(ended: Climb, codes: CodeCounts) -> NDArray[np.bool_]:
+def uneven_pixels(view: View, at: ViewPoint, told: Told) -> NDArray[np.bool_]:
     """(n, L), True where a pixel's light departs from its leg's brightness beyond chance.
 
     Parameters
     ----------
-    ended : Climb
-        The climb that ended.
-    codes : CodeCounts
-        Counts and code intervals of those pixels.
+    view : View
+        Counts of one camera.
+    at : ViewPoint
+        Where a climb ended.
+    told : Told
+        What its likelihood knows there.
 
     Returns
     -------
     array of bool, shape (n, L)
     """
     free = likelihood(
-        ended.local,
-        ended.pixels,
-        codes,
-        log_background=ended.log_background,
-        delay_shift_ps=ended.delay_shift_ps,
-        log_photons_shift=ended.departure,
+        told.local,
+        view.pixels,
+        view.codes,
+        log_background=at.log_background,
+        delay_shift_ps=at.delay_shift_ps,
+        log_photons_shift=at.departure,
         log_scatter=_FREE_SCATTER,
     )
-    departure = ended.departure + free.nuisance_step[:, 2:]
+    departure = at.departure + free.nuisance_step[:, 2:]
     std = free.nuisance_std[:, 2:]
-    usual = np.hypot(std, ended.light.log_scatter)
+    usual = np.hypot(std, at.light.log_scatter)
     # Where few photons fell, a departure is chance: its own error says so.
-    telling = ended.pixels.near & (std < 0.3 * _FREE_SCATTER)
+    telling = view.pixels.near & (std < 0.3 * _FREE_SCATTER)
     scaled = np.abs(departure) / usual
     spread = max(1.0, std_from_mad(float(np.median(scaled[telling])))) if telling.any() else 1.0
     wrong: NDArray[np.bool_] = telling & (scaled > _UNEVEN * spread)

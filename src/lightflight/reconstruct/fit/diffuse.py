@@ -36,7 +36,7 @@ from lightflight.reconstruct.fit.joint import (
     fitted_again,
     moved_stds,
     pictured_again,
-    pulse_std_ps,
+    pulse_std_in_view,
     with_uneven_light,
 )
 from lightflight.reconstruct.fit.second_path import LEAST_GAIN, places_of_path, second_path_in
@@ -185,8 +185,8 @@ def without_diffuse(
         Where too few pixels show a whole pulse, or no strengths explain them.
     """
     found, strengths = list(sightings), []
-    std = pulse_std_ps(found)
     for whole, own in alike(found):
+        std = pulse_std_in_view(found, whole.view)
         seen = pixels_about_path(whole, fit, own[0], std)
         reach = fit.pictures[own[0]].spot_std_px * np.sqrt(-2.0 * np.log(_LEAST_LIT))
         about = seen.leg[:, 0] >= 0

@@ -130,6 +130,11 @@ def pulse_std_ps(sightings: list[Sighting]) -> float:
     return float(stds[order][np.searchsorted(light, 0.5 * light[-1])])
 
 
+def pulse_std_in_view(sightings: list[Sighting], view: int) -> float:
+    """The same of one camera's pulses, ps: light crosses another's pixels in another time."""
+    return pulse_std_ps([one for one in sightings if one.view == view])
+
+
 def fit_joint(
     sightings: list[Sighting],
     state: PathState,

@@ -35,6 +35,8 @@ _FLIGHT_STD = 0.03
 _CLIPS = 4
 """Rounds in which pixels five deviations above the mean are left out of it."""
 _LEAST_PHOTONS = 1e-3
+_MOST_TAKEN = 0.5
+"""No more than this share of a pulse's variance is taken up by the place that was fitted to it."""
 _HELD = 1e12
 """Precision of what a pixel does not have: it stays."""
 
@@ -298,6 +300,10 @@ def lit_pixels(
         inverse = _inverse(np.swapaxes(slopes, 1, 2) @ (weight[:, :, np.newaxis] * slopes), prior)
         if step == steps - 1:
             break
+        if s:
+            # About a place that was fitted to them few photons lie closer than about their own.
+            taken = np.minimum(inverse[:, s, s] / std[:, 0] ** 2, _MOST_TAKEN)
+            center[:, -2] = 0.5 * np.log1p(-taken)
         score = np.einsum("nmq,nm->nq", slopes, weight * (cells.counts - mean)) + pull
         moved = np.einsum("nij,nj->ni", inverse, score)
         moved[:, s : 2 * s] = np.clip(moved[:, s : 2 * s], -0.5 * std, 0.5 * std)
@@ -314,7 +320,7 @@ def lit_pixels(
         pull,
         unknown[:, :s],
         late + unknown[:, s : 2 * s],
-        std * np.exp(unknown[:, -2:-1]),
+        std * np.exp(unknown[:, -2:-1] - center[:, -2:-1]),
         unknown[:, -1],
         pulses.shape,
     )

@@ -332,6 +332,7 @@ def local_with_shared(
     setting: Setting,
     errors: SharedErrors,
     delta: Floats,
+    view: int = 0,
 ) -> Local:
     """`local_variables` as the moved setting sees them, and how they follow the shared errors.
 
@@ -355,6 +356,8 @@ def local_with_shared(
         Of that setting.
     delta : array of float, shape (k,)
         Where they stand, in standard deviations.
+    view : int, optional
+        Which of the setting's cameras sees the pixels.
 
     Returns
     -------
@@ -362,12 +365,13 @@ def local_with_shared(
         (n, L) each.
     """
     seen = moved(setting, errors, delta)
+    camera = seen.cameras[view]
     if len(errors):
-        points = undistorted_px(seen.camera, pixels.rows, pixels.cols)
+        points = undistorted_px(camera, pixels.rows, pixels.cols)
         pixels = replace(pixels, points_px=points)
-    nudges = nudges_of_views(setting, errors, delta)[0] if len(errors) else None
+    nudges = nudges_of_views(setting, errors, delta)[view] if len(errors) else None
     return local_variables(
-        state, light, pixels, layout, basis=basis, modes=modes, camera=seen.camera,
+        state, light, pixels, layout, basis=basis, modes=modes, camera=camera,
         medium=seen.medium, nudges=nudges,
     )  # fmt: skip
 

@@ -20,7 +20,7 @@ from lightflight.reconstruct.fit.around import (
     dispersion_of,
     pixels_about_path,
 )
-from lightflight.reconstruct.fit.joint import JointFit, pulse_std_ps
+from lightflight.reconstruct.fit.joint import JointFit, pulse_std_in_view
 from lightflight.reconstruct.fit.result import explained_by_fit
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
@@ -94,14 +94,16 @@ def evidence_from_counts(
     """
     if not all(o.histograms.poisson for o in sightings):
         raise NothingFoundError("intensities are scaled, and chance is known of counts alone")
-    std = pulse_std_ps(sightings)
+    # Times between pulses are asked of all cameras at once, beyond what the widest of them hide.
+    stds = {o.view: pulse_std_in_view(sightings, o.view) for o in sightings}
+    std = max(stds.values())
     periods = [o.histograms.laser_period_ps for o in sightings]
     fine = lag_edges(std, FINE_STDS * std, FINE_GROWTH, _shortest(periods))
     lags = light.other_lags(fine, std)
     held: list[Held] = []
     for whole, own in alike(sightings):
         expected = whole if taken_up else replace(whole, diffuse=None)
-        held += _held(expected, fit, own, std, fine, lags, nominal)
+        held += _held(expected, fit, own, stds[whole.view], fine, lags, nominal)
     if not held:
         raise NothingFoundError("no two usable pixels lie on the path")
     asked, sums = causes(lags), summed([(one.group.pixels, one.columns) for one in held])

@@ -9,9 +9,10 @@ import numpy as np
 from lightflight.errors import CalibrationError, GeometryError, NothingFoundError
 from lightflight.path.light_path import LightPath
 from lightflight.path.tables import RESIDUAL_DTYPE
+from lightflight.reconstruct.fit.counts import merged
 from lightflight.reconstruct.fit.joint import JointFit, pulse_std_ps
 from lightflight.reconstruct.fit.membership import Tips
-from lightflight.reconstruct.fit.photon import merged, photon_path
+from lightflight.reconstruct.fit.photon import photon_path
 from lightflight.reconstruct.fit.pooled import pooled_camera, pooled_sighting
 from lightflight.reconstruct.sightings import unwrapped_sighting
 from lightflight.reconstruct.ways.joint import fit_of_request, path_of_fit
@@ -71,24 +72,33 @@ def _pooled_path(request: Request) -> tuple[LightPath, float]:
     NothingFoundError
         Where even the coarsest picture shows no path.
     """
-    camera = request.setting.camera
-    whole = merged(request.sightings)
+    setting = request.setting
+    wholes = [
+        merged([one for one in request.sightings if one.view == view])
+        for view in range(len(setting.cameras))
+    ]
     problem: Exception | None = None
     for factor in _POOLING:
         # Four pixels along an axis are the least that a leg is looked for in.
-        if min(camera.shape) // factor < 4:
+        if min(min(camera.shape) for camera in setting.cameras) // factor < 4:
             break
-        coarse = replace(request.setting, camera=pooled_camera(camera, factor))
+        first, *others = (pooled_camera(camera, factor) for camera in setting.cameras)
+        coarse = replace(setting, camera=first, others=tuple(others))
         try:
             # Pooled counts lie on their own clock, which must be folded like the recording's own.
-            pooled = [unwrapped_sighting(pooled_sighting(whole, factor), coarse)]
+            pooled = [
+                unwrapped_sighting(
+                    replace(pooled_sighting(whole, factor), view=whole.view), coarse.at(whole.view)
+                )
+                for whole in wholes
+            ]
             asked = replace(request, sightings=pooled, setting=coarse)
             path = path_of_fit(fit_of_request(asked), asked)
         except (GeometryError, NothingFoundError, CalibrationError) as found:
             problem = found
             continue
         # Residuals of pooled pixels mean nothing for single ones.
-        rough = replace(path, camera=camera, residuals=np.empty(0, RESIDUAL_DTYPE))
+        rough = replace(path, camera=setting.camera, residuals=np.empty(0, RESIDUAL_DTYPE))
         return rough, pulse_std_ps(pooled)
     raise NothingFoundError(
         "too little light: no pixel can be fitted alone and pooled pixels show no path; record "

@@ -1,0 +1,468 @@
+"""The counts of one camera, on their way to a climb.
+
+Repeats become one recording, without pixels that disagree with a rough path; then the light in the
+picture, the pixels near it and the codes of these.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.path.light_path import LightPath
+from lightflight.reconstruct.fit.climb import Climb, View, uneven_pixels
+from lightflight.reconstruct.fit.membership import (
+    Tips,
+    roughly_on_leg,
+)
+from lightflight.reconstruct.fit.strangers import (
+    counts_of_pulses,
+    further_pulses,
+    pulses_of_no_leg,
+    strange_pulses,
+    whole_pulses,
+)
+from lightflight.reconstruct.model.forward import (
+    CodeCounts,
+    Light,
+    Pixels,
+)
+from lightflight.reconstruct.model.geometry import (
+    PathState,
+    footprints,
+    state_of_path,
+)
+from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.picture import Picture, lit_by_legs, measure_picture
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting, clock_errors, pixel_counts
+from lightflight.reconstruct.model.strength import span_of_knots, strength_spline
+from lightflight.timing.pulses.pile_up import open_share_of
+
+Floats = NDArray[np.float64]
+
+LIKELIHOOD_REACH_PX = 2.5
+"""A pixel this near to a leg's line takes part in the likelihood, px, and its pulse must agree."""
+_DISTURBING = 12.0
+"""A strange pulse this many standard deviations from a leg's reaches into its light."""
+_AT_TIP_PX = 2.5
+"""Pixels this near to where the light begins or stops are not judged by their times, px."""
+
+
+def merged(sightings: list[Sighting]) -> Sighting:
+    """Repeats as one recording: counts of the same codes add, which loses nothing for one clock.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+
+    Returns
+    -------
+    Sighting
+        The first, with the counts of all, its pulses as bright as in all, and the pixels blind that
+        are blind in any.
+    """
+    if len(sightings) == 1:
+        return sightings[0]
+    first = sightings[0]
+    counts = np.sum([o.histograms.counts.astype(np.int64) for o in sightings], axis=0)
+    blind = np.logical_or.reduce([o.blind for o in sightings])
+    frames = [o.histograms.n_frames for o in sightings]
+    # One unknown number of frames leaves the sum unknown.
+    known = [n for n in frames if n is not None]
+    whole = replace(
+        first.histograms,
+        counts=counts.astype(np.uint64),
+        n_frames=sum(known) if len(known) == len(frames) else None,
+    )
+    # What was found in the first is so much brighter in all of them.
+    factor = float(counts.sum()) / max(float(first.histograms.photons.sum()), 1.0)
+    arrivals = replace(first.arrivals, photons=factor * first.arrivals.photons)
+    diffuse = None if first.diffuse is None else first.diffuse.times(factor)
+    return replace(first, histograms=whole, arrivals=arrivals, blind=blind, diffuse=diffuse)
+
+
+def without_outliers(
+    sighting: Sighting, rough: LightPath, std_ps: float, tips: Tips, setting: Setting
+) -> Sighting:
+    """The recording with the pixels that disagree with the rough path blinded.
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    rough : LightPath
+        A path that is roughly right, with the residuals of its pulses.
+    std_ps : float
+        Typical standard deviation of a pulse, ps.
+    tips : Tips
+        (row, col) where the light begins and stops in the picture; None: it does not.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    Sighting
+        The same counts, `blind` extended.
+    """
+    blind = sighting.blind.copy()
+    if sighting.view == 0:
+        # What the joint fit left out as an outlier is no light of the path at that time; its table
+        # tells of the first camera's pulses.
+        wrong = rough.residuals[~rough.residuals["used"]]
+        blind[wrong["row"], wrong["col"]] = True
+    if len(rough.residuals):
+        blind |= pixels_off_the_path(sighting, rough, std_ps, tips, setting)
+    return replace(sighting, blind=blind)
+
+
+def pixels_off_the_path(
+    sighting: Sighting, rough: LightPath, std_ps: float, tips: Tips, setting: Setting
+) -> NDArray[np.bool_]:
+    """(rows, cols), True where a pixel on the path has a pulse beside the path's time.
+
+    Such a pixel's clock is wrong, or other light sits under the leg's: the likelihood of its
+    counts would pull the path. `joint` leaves such pulses out by the same gate. A pulse between
+    the times of two legs is their mixed light and stays.
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    rough : LightPath
+        A path that is roughly right, with the residuals of its pulses.
+    std_ps : float
+        Typical standard deviation of a pulse, ps.
+    tips : Tips
+        (row, col) where the light begins and stops in the picture; None: it does not.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    array of bool, shape (rows, cols)
+    """
+    arrivals = sighting.arrivals
+    pulses = sighting.usable_pulses
+    state = state_of_path(rough)
+    gap = np.full((len(pulses), state.n_legs), np.nan)
+    for k in range(state.n_legs):
+        print_ = footprints(
+            state,
+            camera=setting.camera,
+            medium=rough.medium,
+            legs=k,
+            rows=arrivals.row[pulses],
+            cols=arrivals.col[pulses],
+        )
+        near = np.abs(print_.lateral_px) < LIKELIHOOD_REACH_PX
+        near &= roughly_on_leg(print_, k, state)
+        gap[near, k] = (sighting.arrival_ps[pulses] - print_.arrival_ps)[near]
+    # Where the light begins or stops, a pixel's time is that of the lit part of its footprint.
+    for tip in (tip for tip in tips if tip is not None):
+        away = np.hypot(arrivals.row[pulses] - tip[0], arrivals.col[pulses] - tip[1])
+        gap[away < _AT_TIP_PX] = np.nan
+    on_path = np.isfinite(gap).any(axis=1)
+    pulses, gap = pulses[on_path], gap[on_path]
+    if not len(pulses):
+        return np.zeros(arrivals.shape, dtype=bool)
+    nearest = gap[np.arange(len(gap)), np.nanargmin(np.abs(gap), axis=1)]
+    close = np.abs(nearest) < 2.0 * std_ps
+    # Errors that all pulses share (clock scale, pose) are no fault of a pixel.
+    shared = float(np.median(nearest[close])) if close.any() else 0.0
+    errors = arrivals.independent_std_ps[pulses]
+    gate = np.maximum(6.0 * np.hypot(errors, rough.goodness.error_floor_ps), 0.5 * std_ps)
+    mixed = (np.nanmin(gap, axis=1) < 0) & (np.nanmax(gap, axis=1) > 0)
+    off = (np.abs(nearest - shared) > gate) & (np.abs(nearest) < _DISTURBING * std_ps) & ~mixed
+    # Beside a pulse that is the leg's, one that was fitted apart is a light of its own.
+    drawn = np.isin(pulses, pulses_of_no_leg(sighting, state, setting, std_ps), invert=True)
+    off &= drawn | ~further_pulses(sighting, pulses, np.abs(nearest - shared) <= gate)
+    wrong = np.zeros(arrivals.shape, dtype=bool)
+    wrong[arrivals.row[pulses[off]], arrivals.col[pulses[off]]] = True
+    return wrong
+
+
+def light_from_picture(picture: Picture, std_ps: float) -> Light:
+    """Start of the brightness: the picture's splines, re-knotted over all that is in view.
+
+    Parameters
+    ----------
+    picture : Picture
+        Lines, brightness and spot of the legs, as the counts showed them.
+    std_ps : float
+        Typical standard deviation of a pulse, ps.
+
+    Returns
+    -------
+    Light
+        Strength per leg, spot and width.
+    """
+    knots, coefficients = [], []
+    for leg, fit in zip(picture.legs, picture.fits, strict=True):
+
+        def measured(along: Floats, spline: BSpline = fit.spline) -> Floats:
+            seen = spline(np.clip(along, *span_of_knots(spline.t)))
+            # Where nothing lit the leg the spline may fall without end: e^-12 is dark enough.
+            lit: Floats = np.maximum(seen, seen.max() - 12.0)
+            return lit
+
+        knot, coefficient = strength_spline(*leg.span_px, measured, spacing_px=fit.knot_spacing_px)
+        knots.append(knot)
+        coefficients.append(coefficient)
+    return Light(
+        picture.legs,
+        tuple(knots),
+        tuple(coefficients),
+        float(np.log(picture.spot_std_px)),
+        float(np.log(std_ps)),
+        tuple(fit.log_scatter for fit in picture.fits),
+    )
+
+
+def pixels_near_path(
+    light: Light, setting: Setting, sighting: Sighting, state: PathState
+) -> Pixels:
+    """Pixels that a leg's light can reach, with what the calibration says of them.
+
+    Parameters
+    ----------
+    light : Light
+        Brightness, spot and pulse width.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    state : PathState
+        The path as it is now.
+
+    Returns
+    -------
+    Pixels
+        Blind pixels left out.
+    """
+    camera = setting.camera
+    rows, cols = (index.ravel() for index in np.indices(camera.shape))
+    points = undistorted_px(camera, rows, cols)
+    # Pixels beyond reach would only add background, which tells nothing of the path.
+    near = lit_by_legs(light.lines, points, spot_px=float(np.exp(light.log_spot_px)))
+    keep = near.any(axis=1) & ~sighting.blind.ravel()
+    rows, cols, near, points = rows[keep], cols[keep], near[keep], points[keep]
+    timing = sighting.timing
+    pixel_var, modes_ps = clock_errors(timing, rows, cols, near, state, camera, setting.medium)
+    if sighting.diffuse is not None:
+        more = sighting.diffuse.modes_of_legs(rows, cols, camera.shape, near.shape[1])
+        modes_ps = np.concatenate((modes_ps, more), axis=2)
+    return Pixels(
+        rows=rows,
+        cols=cols,
+        near=near,
+        points_px=points,
+        skew_ps=timing.skew_ps[rows, cols],
+        pixel_var=pixel_var,
+        modes_ps=modes_ps,
+    )
+
+
+def codes_of_pixels(
+    pixels: Pixels, sighting: Sighting, state: PathState, setting: Setting, std_ps: float
+) -> CodeCounts:
+    """Counts and code intervals, with what is expected of light that is no leg's.
+
+    Parameters
+    ----------
+    pixels : Pixels
+        The pixels that take part.
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    state : PathState
+        The path as it is now.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    std_ps : float
+        Typical standard deviation of a pulse, ps.
+
+    Returns
+    -------
+    CodeCounts
+        (n, codes) each.
+    """
+    found = pixel_counts(sighting, pixels.rows, pixels.cols)
+    response, other = sighting.timing.response, np.empty((0, 0))
+    skew = found.skew_ps[:, np.newaxis]
+    intervals = found.lower_ps - skew, found.upper_ps - skew
+    open_share = open_share_of(
+        sighting.histograms, pixels.rows, pixels.cols, (found.lower_ps, found.upper_ps)
+    )
+    if sighting.diffuse is not None:
+        other = sighting.diffuse.counts(
+            pixels.rows, pixels.cols, intervals,
+            float(sighting.histograms.laser_period_ps or 0.0), setting.camera.shape,
+        )  # fmt: skip
+        # As in its cells: of photons of which those that came first are counted.
+        other *= open_share / open_share.max(axis=1, keepdims=True)
+    pulses = strange_pulses(sighting, state, setting, std_ps)
+    whole = whole_pulses(sighting, pulses)
+    if whole.any():
+        more = counts_of_pulses(sighting, pulses[whole], pixels.rows, pixels.cols, intervals)
+        more *= open_share
+        other = more if not other.size else other + more
+    # What is not known well enough to be expected would be fitted as background.
+    strange = np.zeros(setting.camera.shape, dtype=bool)
+    strange[sighting.arrivals.row[pulses[~whole]], sighting.arrivals.col[pulses[~whole]]] = True
+    return CodeCounts(
+        counts=found.counts,
+        lower_ps=found.lower_ps,
+        upper_ps=found.upper_ps,
+        period_ps=float(sighting.histograms.laser_period_ps or 0.0),
+        use_outside=~strange[pixels.rows, pixels.cols],
+        open_share=open_share,
+        shape=np.empty((3, 0)) if response is None else response.table(),
+        other=other,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Counts:
+    """The recordings of one camera between climbs.
+
+    Attributes
+    ----------
+    whole : Sighting
+        As one recording.
+    intrinsic_ps : float
+        Standard deviation of its pulses, ps, as last climbed.
+    uneven : array of bool, shape (rows, cols, L)
+        True where a pixel's light was seen to depart from its leg's.
+    """
+
+    whole: Sighting
+    intrinsic_ps: float
+    uneven: NDArray[np.bool_]
+
+
+def clean_counts(
+    sightings: list[Sighting], rough: LightPath, std_ps: float, tips: Tips, setting: Setting
+) -> list[Sighting]:
+    """Of each camera one recording, without the pixels that disagree with the rough path.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+    rough : LightPath
+        A path that is roughly right, with the residuals of the first camera's pulses.
+    std_ps : float
+        Typical standard deviation of a pulse, ps.
+    tips : Tips
+        (row, col) where the light begins and stops in the first picture; None: it does not.
+    setting : Setting
+        Cameras, source, medium and waypoints.
+
+    Returns
+    -------
+    list of Sighting
+        In the order of the cameras.
+    """
+    wholes = []
+    for view in sorted({one.view for one in sightings}):
+        whole = merged([one for one in sightings if one.view == view])
+        own = setting.at(view)
+        wholes.append(without_outliers(whole, rough, std_ps, _tips_in(own, rough, tips, view), own))
+    return wholes
+
+
+def _tips_in(setting: Setting, rough: LightPath, tips: Tips, view: int) -> Tips:
+    """The tips of the first camera's picture in that of another."""
+    if view == 0:
+        return tips
+    ends = rough.vertices_mm[[0, -1]]
+    places = np.column_stack(setting.camera.pixels_from_points(ends))
+    first, last = (None if tip is None else place for tip, place in zip(tips, places, strict=True))
+    return first, last
+
+
+def view_of_counts(
+    counts: Counts,
+    state: PathState,
+    seen: Setting,
+    cut_ends: tuple[bool, bool],
+    std_ps: float,
+    floor_ps: float,
+) -> View:
+    """What one camera's counts bring to a climb from a path.
+
+    Parameters
+    ----------
+    counts : Counts
+        Of that camera.
+    state : PathState
+        The path as it is now.
+    seen : Setting
+        Cameras and medium as they were found so far.
+    cut_ends : (bool, bool)
+        Whether the light begins at the path's first vertex, and stops at its last.
+    std_ps : float
+        Typical standard deviation of a pulse, ps.
+    floor_ps : float
+        Error per pulse beyond the stated ones, ps.
+
+    Returns
+    -------
+    View
+        For `climb`.
+
+    Raises
+    ------
+    NothingFoundError
+        Where its picture loses the path, or hardly a pixel lies near it.
+    """
+    whole, own = counts.whole, seen.at(counts.whole.view)
+    try:
+        picture = measure_picture(
+            state, whole, camera=own.camera, medium=own.medium, std_ps=counts.intrinsic_ps
+        )
+    except GeometryError as lost:
+        raise NothingFoundError(
+            "too little light: the counts lose the path from the picture; record longer, or "
+            "give a starting path (start=)"
+        ) from lost
+    light = replace(light_from_picture(picture, counts.intrinsic_ps), cut_ends=cut_ends)
+    pixels = pixels_near_path(light, own, whole, state)
+    # The floor that the pulses asked for is a clock error of each pixel.
+    pixels = replace(pixels, pixel_var=pixels.pixel_var + floor_ps**2)
+    if len(pixels.rows) < 3:
+        raise NothingFoundError("fewer than three usable pixels lie near the path")
+    codes = codes_of_pixels(pixels, whole, state, own, std_ps)
+    return View(whole.view, light, pixels, codes, counts.uneven[pixels.rows, pixels.cols])
+
+
+def with_uneven(counts: list[Counts], ended: Climb) -> tuple[list[Counts], bool]:
+    """The recordings with pixels that a climb showed to be uneven.
+
+    Parameters
+    ----------
+    counts : list of Counts
+        As they went in.
+    ended : Climb
+        Of their views, in the same order.
+
+    Returns
+    -------
+    counts : list of Counts
+        With what was found of pixels and of the pulses' width.
+    new : bool
+        True where some pixels are.
+    """
+    after, new = [], False
+    for own, view, at, told in zip(counts, ended.views, ended.points, ended.told, strict=True):
+        found = uneven_pixels(view, at, told)
+        new |= bool((found & ~view.uneven).any())
+        uneven = own.uneven.copy()
+        uneven[view.pixels.rows, view.pixels.cols] |= found
+        after.append(Counts(own.whole, float(np.exp(at.light.log_std_ps)), uneven))
+    return after, new
