@@ -21,6 +21,7 @@ from lightflight.flight import (
     Source,
     elevation_from_direction,
 )
+from lightflight.path.gaps import Gap, checked_unseen, gaps_of_path
 from lightflight.path.tables import RESIDUAL_DTYPE, SAMPLE_DTYPE, Explained, Goodness
 from lightflight.path.verdict import NOT_EXAMINED, Verdict
 
@@ -66,6 +67,8 @@ class Leg:
         One-sigma error of `angle_deg`, deg.
     paper_angle_deg : float
         The paper's alpha, measured in the plane through camera and leg; deg.
+    seen : bool
+        False: it ran outside of every picture, and both its ends may lie elsewhere.
     """
 
     start_mm: Floats
@@ -75,8 +78,11 @@ class Leg:
     angle_deg: float
     angle_std_deg: float
     paper_angle_deg: float
+    seen: bool = True
 
     def __repr__(self) -> str:
+        if not self.seen:
+            return f"Leg(not seen, {self.start_time_ps:.1f} to {self.end_time_ps:.1f} ps)"
         elevation = with_error(self.angle_deg, self.angle_std_deg)
         times = f"{self.start_time_ps:.1f} to {self.end_time_ps:.1f} ps"
         return f"Leg({self.length_mm:.1f} mm, elevation {elevation}\u00b0, {times})"
@@ -176,6 +182,9 @@ class LightPath(Drawn, Tabled, Labelled):
         Whether it may be trusted, and what contradicts it.
     explained : Explained or None
         How much of what was found in the recordings lies on it; None where that is not known.
+    unseen_legs : tuple of int
+        Legs, by number, that ran outside of every picture: the way between is not known, its delay
+        is (`gaps`). Both their ends are mirrors that may stand elsewhere.
     """
 
     vertices_mm: Floats
@@ -197,6 +206,7 @@ class LightPath(Drawn, Tabled, Labelled):
     provenance: Mapping[str, Any] = field(default_factory=dict, kw_only=True, repr=False)
     verdict: Verdict = field(default=NOT_EXAMINED, kw_only=True)
     explained: Explained | None = field(default=None, kw_only=True)
+    unseen_legs: tuple[int, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices_mm, dtype=float)
@@ -223,6 +233,7 @@ class LightPath(Drawn, Tabled, Labelled):
             raise LimitError(f"vertex_times_ps must lie within {FARTHEST_PS:g} ps, got {times}")
         if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
             raise ValueError(f"vertex_times_ps must be finite and ascend, got {times}")
+        object.__setattr__(self, "unseen_legs", checked_unseen(self.unseen_legs, m - 1))
         for array in (vertices, times, covariance):
             array.setflags(write=False)
         object.__setattr__(self, "vertices_mm", vertices)
@@ -299,7 +310,27 @@ class LightPath(Drawn, Tabled, Labelled):
             angle_deg=float(np.rad2deg(elevation_from_direction(d, normal))),
             angle_std_deg=float(np.rad2deg(np.sqrt(np.maximum(variance, 0.0)))),
             paper_angle_deg=float(np.rad2deg(paper)),
+            seen=i not in self.unseen_legs,
         )
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """Where the light was lost from sight, in the order of flight: what is known of the way."""
+        return gaps_of_path(self)
+
+    def is_seen_at(self, event_times_ps: ArrayLike) -> NDArray[np.bool_]:
+        """Whether the pulse is on a leg that a picture showed, at each event time.
+
+        Parameters
+        ----------
+        event_times_ps : array of float, shape (n,)
+            ps.
+
+        Returns
+        -------
+        array of bool, shape (n,)
+        """
+        return ~np.isin(self.leg_at(event_times_ps), self.unseen_legs)
 
     def leg_at(self, event_times_ps: ArrayLike) -> NDArray[np.int64]:
         """Index of the leg on which the pulse is at each event time.
@@ -329,7 +360,7 @@ class LightPath(Drawn, Tabled, Labelled):
         Returns
         -------
         array of float, shape (n, 3)
-            World, mm; NaN off the path's two ends.
+            World, mm; NaN off the path's two ends, and on legs that nobody saw.
         """
         times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
         position = extrapolated_position(self.vertices_mm, self.vertex_times_ps, times)
@@ -339,7 +370,7 @@ class LightPath(Drawn, Tabled, Labelled):
         outside = (times < self.vertex_times_ps[0] - slack) | (
             times > self.vertex_times_ps[-1] + slack
         )
-        position[outside] = np.nan
+        position[outside | ~self.is_seen_at(times)] = np.nan
         return position
 
     def position_covariance_at(self, event_times_ps: ArrayLike) -> Floats:
@@ -353,13 +384,15 @@ class LightPath(Drawn, Tabled, Labelled):
         Returns
         -------
         array of float, shape (n, 3, 3)
-            mm^2, world axes: J C J^T with J by the two vertices of the leg.
+            mm^2, world axes: J C J^T with J by the two vertices of the leg; NaN where no leg was
+            seen.
         """
         times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
         out = np.empty((len(times), 3, 3))
         for k, (time, leg) in enumerate(zip(times, self.leg_at(times), strict=True)):
             jacobian, block = self._position_jacobian(time, int(leg))
             out[k] = jacobian @ self.covariance[np.ix_(block, block)] @ jacobian.T
+        out[~self.is_seen_at(times)] = np.nan
         return out
 
     def _position_jacobian(self, time_ps: float, leg: int) -> tuple[Floats, NDArray[np.int64]]:
@@ -387,7 +420,8 @@ class LightPath(Drawn, Tabled, Labelled):
         array, shape (n,)
             dtype `SAMPLE_DTYPE`. `x_std_mm` ... are errors of the position at that event time;
             `event_time_std_ps` is the error of the time at which the pulse passes that fraction
-            of its leg.
+            of its leg. On legs that nobody saw positions are those of one way of many, their
+            errors NaN, and nothing is in view.
 
         Raises
         ------
@@ -411,7 +445,7 @@ class LightPath(Drawn, Tabled, Labelled):
         variance = np.diagonal(self.position_covariance_at(times), axis1=1, axis2=2)
         out["x_std_mm"], out["y_std_mm"], out["z_std_mm"] = np.sqrt(np.maximum(variance, 0.0)).T
         out["event_time_std_ps"] = np.sqrt(np.maximum(self._time_variance(times, leg), 0.0))
-        out["in_view"] = self.camera.sees(position)
+        out["in_view"] = self.camera.sees(position) & self.is_seen_at(times)
         return out
 
     def _time_variance(self, times: Floats, leg: NDArray[np.int64]) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -10,16 +11,21 @@ from numpy.typing import ArrayLike
 
 from lightflight.arguments import check_kinds
 from lightflight.camera.refraction import scene_medium
+from lightflight.errors import GeometryError, NothingFoundError, SuspectDataWarning
 from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
+from lightflight.path.verdict import Level, warning_of
 from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, checked_media
-from lightflight.reconstruct.estimators import estimator_named
+from lightflight.reconstruct.estimators import Estimator, estimator_named
+from lightflight.reconstruct.fit.diffuse import with_diffuse
+from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.result import explained, on_first_lap
 from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.sightings import sighting_from_histograms
+from lightflight.reconstruct.verdict.detours import detour_instead, has_weak_leg
 from lightflight.reconstruct.verdict.examine import examined
 from lightflight.reconstruct.ways.request import Request
 
@@ -68,7 +74,7 @@ def reconstruct(
         An estimator's name (`reconstruct.estimators.ESTIMATORS`): "paper" (literal baseline),
         "joint" (default), "photon" ...
     n_legs : int, optional
-        Number of straight legs where the user knows it.
+        Number of straight legs where the user knows it; legs that nobody saw may be counted or not.
     waypoints : sequence of (int, array_like, float), optional
         (vertex index, position_mm, std_mm) of corners measured otherwise.
     exclude_mask : array_like, shape (rows, cols), optional
@@ -164,9 +170,60 @@ def path_from_sightings(
     As `reconstruct`, whose errors it raises; for pulses that were found elsewhere.
     """
     request = Request(sightings, setting, timing, n_legs, start)
-    path, fit = estimator_named(method).fit(request)
+    estimator = estimator_named(method)
+    path, fit = _answer(request, estimator)
+    found = _judged(path, fit, request)
+    # Light that was out of the picture is asked for where nothing that is seen explains the rest.
+    unsure = found.verdict.level is Level.CONTRADICTED and not found.unseen_legs
+    detour = _detour(fit, request, estimator) if unsure and fit is not None else None
+    if detour is not None:
+        found = _judged(*detour, request)
+    if found.verdict.level is not Level.TRUST:
+        warnings.warn(warning_of(found.verdict), SuspectDataWarning, stacklevel=3)
+    return found
+
+
+def _answer(request: Request, estimator: Estimator) -> tuple[LightPath, JointFit | None]:
+    """The path and the fit it rests on; with a detour where legs join to no path, or a poor one."""
+    try:
+        path, fit = estimator.fit(request)
+    except (GeometryError, NothingFoundError):
+        detour = _detour(None, request, estimator)
+        if detour is None:
+            raise
+        return detour
+    if fit is None or not has_weak_leg(fit):
+        return path, fit
+    return _detour(fit, request, estimator) or (path, fit)
+
+
+def _detour(
+    fit: JointFit | None, request: Request, estimator: Estimator
+) -> tuple[LightPath, JointFit] | None:
+    """A path with legs that nobody saw, where that is right; a start says what legs there are."""
+    if estimator.of_fit is None or request.start is not None:
+        return None
+    setting = request.setting
+    found = detour_instead(fit, request.sightings, setting, request.n_legs)
+    if found is None:
+        return None
+    found = with_diffuse(found, setting, nominal=request.timing is None)
+    try:
+        return estimator.of_fit(found, request), found
+    except (GeometryError, NothingFoundError):
+        return None
+
+
+def _judged(path: LightPath, fit: JointFit | None, request: Request) -> LightPath:
+    """The path in its lap of the clock, with what it explains and its verdict."""
     # A start given by the user says the lap too: the path stays where it was put.
-    path = path if start is not None else on_first_lap(path, sightings[0])
-    path = replace(path, explained=explained(path, fit, sightings))
-    seen = sightings if fit is None else list(fit.sightings)
-    return examined(path, fit, seen, setting, nominal_clock=timing is None, n_legs=n_legs)
+    path = path if request.start is not None else on_first_lap(path, request.sightings[0])
+    path = replace(path, explained=explained(path, fit, request.sightings))
+    return examined(
+        path,
+        fit,
+        request.sightings if fit is None else list(fit.sightings),
+        request.setting,
+        nominal_clock=request.timing is None,
+        n_legs=request.n_legs,
+    )

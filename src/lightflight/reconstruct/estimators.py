@@ -36,6 +36,8 @@ class Estimator:
         True where its pulses are found as the paper does: one Gaussian per pixel, by least squares.
     through_windows : bool
         True where the cameras may look through interfaces.
+    of_fit : Callable[[JointFit, Request], LightPath] or None
+        The path from a fit of pulses that has legs nobody saw; None: it knows no such legs.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Estimator:
     several_cameras: bool = False
     least_squares: bool = False
     through_windows: bool = True
+    of_fit: Callable[[JointFit, Request], LightPath] | None = None
 
 
 def _paper(request: Request) -> tuple[LightPath, JointFit | None]:
@@ -65,6 +68,18 @@ def _photon(request: Request) -> tuple[LightPath, JointFit | None]:
     return path_by_photon(request)
 
 
+def _joint_of_fit(fit: JointFit, request: Request) -> LightPath:
+    from lightflight.reconstruct.ways.joint import path_of_fit
+
+    return path_of_fit(fit, request)
+
+
+def _photon_of_fit(fit: JointFit, request: Request) -> LightPath:
+    from lightflight.reconstruct.ways.photon import path_of_all_counts
+
+    return path_of_all_counts(fit, request)
+
+
 ESTIMATORS = (
     Estimator(
         "paper",
@@ -77,12 +92,14 @@ ESTIMATORS = (
         "joint",
         "time and error of each pulse, then all vertices and nuisances in one weighted fit",
         _joint,
+        of_fit=_joint_of_fit,
         several_cameras=True,
     ),
     Estimator(
         "photon",
         "likelihood of every count; dim pixels count too",
         _photon,
+        of_fit=_photon_of_fit,
         needs_counts=True,
         several_cameras=True,
     ),

@@ -126,6 +126,8 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
     arrival, slope = np.full((2, len(rows), n_legs), np.nan)
     beyond = np.zeros(len(rows), dtype=bool)
     for k, leg in enumerate(picture.legs):
+        if leg.dark:
+            continue
         along, across = leg.along_across(points)
         first, last = leg.span_px
         on_line = np.abs(across) < reach

@@ -151,7 +151,7 @@ def pixels_off_the_path(
     pulses = sighting.usable_pulses
     state = state_of_path(rough)
     gap = np.full((len(pulses), state.n_legs), np.nan)
-    for k in range(state.n_legs):
+    for k in state.seen:
         print_ = footprints(
             state,
             camera=setting.camera,
@@ -204,6 +204,10 @@ def light_from_picture(picture: Picture, std_ps: float) -> Light:
     """
     knots, coefficients = [], []
     for leg, fit in zip(picture.legs, picture.fits, strict=True):
+        if leg.dark:
+            knots.append(np.empty(0))
+            coefficients.append(np.empty(0))
+            continue
 
         def measured(along: Floats, spline: BSpline = fit.spline) -> Floats:
             seen = spline(np.clip(along, *span_of_knots(spline.t)))

@@ -133,7 +133,7 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
     plain = list(fit.sightings)
     of_legs = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=fit.solution.state.n_legs)
     # About a leg that no pulse speaks for, the light of a path told wrong would be called diffuse.
-    if not of_legs.all():
+    if not of_legs[list(fit.solution.state.seen)].all():
         return fit
     try:
         for _ in range(_MOST_PATHS):
@@ -296,6 +296,8 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
     state, medium = fit.solution.state, fit.solution.medium
     times, parts = state.vertex_times_ps(medium), []
     for k, (leg, of) in enumerate(zip(picture.legs, picture.fits, strict=True)):
+        if leg.dark:
+            continue
         share = (np.arange(_PLACES) + 0.5) / _PLACES
         points = state.vertices_mm[k] + share[:, np.newaxis] * np.diff(state.vertices_mm, axis=0)[k]
         row, col = camera.pixels_from_points(points)

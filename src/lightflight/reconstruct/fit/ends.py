@@ -6,7 +6,7 @@ there, the planes in which they may move, and the tips of the light in the pictu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from scipy.special import chdtri
 
 from lightflight.reconstruct.fit.least_squares import OUTLIER, Solution, TimeData
 from lightflight.reconstruct.fit.membership import Tips, print_at, prints_of_leg, roughly_on_leg
+from lightflight.reconstruct.model.detour import with_detours_level
 from lightflight.reconstruct.model.freedom import (
     Freedom,
     ViewEnd,
@@ -130,7 +131,7 @@ def with_ends(
         view_plane(setting.camera, vertices[-1], vertices[-2]) if end is None else end.basis,
         (first_tip, last_tip),
     )
-    return PathState(vertices, float(start_time)), ends
+    return replace(state, vertices_mm=vertices, start_time_ps=float(start_time)), ends
 
 
 def freedom_at(
@@ -173,13 +174,14 @@ def freedom_at(
         start = with_tip(start, vertices[0], vertices[1] - vertices[0], camera)
     if last is not None:
         end = with_tip(end, vertices[-1], vertices[-1] - vertices[-2], camera)
-    return freedom_of_path(
+    freedom = freedom_of_path(
         state,
         source=setting.source,
         waypoints=setting.waypoints,
         start_basis=start if setting.source.position_mm is None else None,
         end_basis=end,
     )
+    return with_detours_level(freedom, state, camera)
 
 
 def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Setting) -> Tips:

@@ -165,7 +165,7 @@ def fit_joint(
         rough = _rough_fit(sightings, state, setting, legs)
         state = rough.state
         seen, clock = _as_found(rough, setting, sightings)
-        members = _members_of_legs(legs, len(sightings[0].arrivals.row))
+        members = _members_of_legs(legs, state, len(sightings[0].arrivals.row))
     floor, result = 0.0, None
     cut: Tips = (None, None)
     for passed in range(_PASSES):
@@ -331,10 +331,10 @@ def moved_stds(before: JointFit, after: JointFit) -> float:
     return float(np.max(_step_stds(before.solution.state, after.solution, after.freedom)))
 
 
-def _members_of_legs(legs: tuple[ImageLeg, ...], n_pulses: int) -> Indices:
-    """(n_pulses,), leg of the picture that each row of the arrivals belongs to; -1: none."""
+def _members_of_legs(legs: tuple[ImageLeg, ...], state: PathState, n_pulses: int) -> Indices:
+    """(n_pulses,), leg of the path that each row of the arrivals belongs to; -1: none."""
     members = np.full(n_pulses, -1)
-    for k, leg in enumerate(legs):
+    for k, leg in zip(state.seen, legs, strict=True):
         members[leg.members] = k
     return members
 
@@ -426,13 +426,13 @@ def _rough_fit(
     """One fit with the legs' own pulses and their lines as found, errors kept generous."""
     first = sightings[0]
     index = np.concatenate([leg.members for leg in legs])
-    leg_of = np.repeat(np.arange(len(legs)), [len(leg.members) for leg in legs])
+    leg_of = np.repeat(state.seen, [len(leg.members) for leg in legs])
     times = time_data(first, index, leg_of, np.zeros(len(index)))
     times = stacked([times], mode_columns(sightings))
     anchors = np.concatenate([leg.points_px(np.array(leg.extent_px)) for leg in legs])
     lines = LineDataInPicture(
         # Lines as found in the picture hold to about a third of a pixel.
-        np.repeat(np.arange(len(legs)), 2),
+        np.repeat(state.seen, 2),
         anchors,
         np.eye(2 * len(legs)) / 0.3,
     )

@@ -180,7 +180,7 @@ def assigned(
     gap = np.full((n, n_legs), np.inf)
     expected = np.zeros((n, n_legs))
     modelled = np.full((n, n_legs), np.nan)
-    for k in range(n_legs):
+    for k in state.seen:
         print_ = prints_of_leg(sighting, state, setting, usable, k)
         near = np.abs(print_.lateral_px) < max(CLAIM_REACH_PX, 3.0 * picture.spot_std_px)
         # Where two legs light a pixel its one time is neither's.

@@ -143,7 +143,7 @@ def _ending_at_tips(
         else:
             where = fraction_at(last, state.n_legs - 1, state, setting)
             vertices[-1] = vertices[-2] + where * (vertices[-1] - vertices[-2])
-    return PathState(vertices, start_time)
+    return replace(state, vertices_mm=vertices, start_time_ps=start_time)
 
 
 def _path_from_climb(ended: Climb, rough: LightPath) -> LightPath:

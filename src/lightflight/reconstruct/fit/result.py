@@ -203,6 +203,7 @@ def path_from_fit(
         prior=prior_in_words(setting.source),
         statements=statements,
         truth=truth,
+        unseen_legs=solution.state.unseen,
     )
 
 

@@ -225,7 +225,7 @@ def _opened(
     """Refit with a corner more, at a fraction of a leg, or why there is no such path."""
     vertices = state.vertices_mm
     corner = vertices[leg] + fraction * (vertices[leg + 1] - vertices[leg])
-    longer = PathState(np.insert(vertices, leg + 1, corner, axis=0), state.start_time_ps)
+    longer = state.with_corner(leg, corner)
     # Waypoints name vertices by number: those after the new corner count one more.
     moved = tuple((i + (i > leg), p, s) for i, p, s in setting.waypoints)
     return refitted(sightings, longer, replace(setting, waypoints=moved))
@@ -241,7 +241,7 @@ def _merged_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> 
     state = fit.solution.state
     waypoint_vertices = {index for index, _, _ in setting.waypoints}
     trials: list[tuple[float, int, PathState]] = []
-    for corner in range(1, state.n_legs):
+    for corner in state.corners_seen:
         # A measured mirror is there, and a clear turn is no error of the model.
         if corner in waypoint_vertices or turn_deg(state, corner) > 12.0:
             continue
@@ -275,7 +275,11 @@ def _thinned_once(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
     """The fit without legs that hardly any pulse speaks for, where the rest then fits as well."""
     state = fit.solution.state
     used = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=state.n_legs)
-    weak = [int(k) for k in np.argsort(used) if used[k] <= _THINNED_UP_TO_PULSES]
+    weak = [
+        int(k)
+        for k in np.argsort(used)
+        if used[k] <= _THINNED_UP_TO_PULSES and {k, k + 1} & set(state.corners_seen)
+    ]
     trials: list[tuple[int, ...]] = [(k,) for k in weak]
     if len(weak) > 1:
         # All of them: with one of two gone, the other may leave no path.
@@ -283,10 +287,9 @@ def _thinned_once(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
     for some in trials:
         ends = [{max(k, 1), min(k + 1, state.n_legs - 1)} for k in some]
         for vertices in product(*ends):
-            if state.n_legs <= len(some) or len(set(vertices)) < len(some):
+            if not set(vertices) <= set(state.corners_seen) or len(set(vertices)) < len(some):
                 continue
-            kept = np.delete(state.vertices_mm, vertices, axis=0)
-            trial = refitted(sightings, PathState(kept, state.start_time_ps), setting)
+            trial = refitted(sightings, state.without(vertices), setting)
             if not isinstance(trial, NoFit) and _fits_as_well(trial, fit):
                 return trial
     return None
@@ -310,10 +313,9 @@ def setting_without(setting: Setting, corners: Sequence[int]) -> Setting:
 def _without_corner(fit: JointFit, corner: int, setting: Setting) -> Solution | NoFit:
     """Fit of the same data with two legs taken as one."""
     state = fit.solution.state
-    vertices = np.delete(state.vertices_mm, corner, axis=0)
     shifted = replace(fit.times, leg=fit.times.leg - (fit.times.leg >= corner))
     lines = replace(fit.lines, leg=fit.lines.leg - (fit.lines.leg >= corner))
-    merged = PathState(vertices, state.start_time_ps)
+    merged = state.without((corner,))
     narrowed = setting_without(setting, (corner,))
     try:
         return fit_path(

@@ -90,6 +90,8 @@ def places_of_path(
     # About light that is mostly another's, a leg may run away from the picture: no place then.
     parts = [(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))]
     for k, (leg, of) in enumerate(zip(picture.legs, picture.fits, strict=True)):
+        if leg.dark:
+            continue
         step = np.diff(state.vertices_mm, axis=0)[k]
         # A path ends where the view does, its light runs on; where light ends in view it does not.
         before = _RUN_ON if k == 0 and open_ends[0] else 0.0

@@ -129,6 +129,7 @@ def state_from_legs(
     camera: Camera,
     source: Source,
     medium: Medium,
+    depth_mm: float | None = None,
 ) -> PathState:
     """First guess of the whole path; the last vertex is the end of the last leg as seen.
 
@@ -142,6 +143,9 @@ def state_from_legs(
         What is known of where and when the pulse starts.
     medium : Medium
         Group indices out and back.
+    depth_mm : float, optional
+        How far from the camera a path from an unknown source enters the view, mm; None: as its
+        times say, which few pulses do badly.
 
     Returns
     -------
@@ -158,7 +162,7 @@ def state_from_legs(
     else:
         curves = [curve_from_leg(leg, camera) for leg in legs]
     if source.position_mm is None:
-        first = _blind_first_leg(curves[0], camera, medium)
+        first = _blind_first_leg(curves[0], camera, medium, depth_mm)
     else:
         first = _first_leg_from_source(curves[0], camera, source, medium)
     straights = [first]
@@ -289,7 +293,9 @@ def _first_leg_from_source(
     return Straight(start, found.start_time_ps, found.direction, found.cost)
 
 
-def _blind_first_leg(curve: LegCurve, camera: Camera, medium: Medium) -> Straight:
+def _blind_first_leg(
+    curve: LegCurve, camera: Camera, medium: Medium, depth_mm: float | None
+) -> Straight:
     """First leg with nothing known of the source: depth and time at entry are linear unknowns."""
     angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _GRID)[1:-1]
     best: Straight | None = None
@@ -306,6 +312,7 @@ def _blind_first_leg(curve: LegCurve, camera: Camera, medium: Medium) -> Straigh
         centred = relative - relative.mean(axis=1)[:, np.newaxis]
         # Times scale with depth: a straight line through the origin, solved at once.
         depth = (centred @ (curve.arrival_ps - mean_t)) / np.sum(centred**2, axis=1)
+        depth = depth if depth_mm is None else np.full(len(angles), depth_mm)
         residual = curve.arrival_ps - mean_t - depth[:, np.newaxis] * centred
         cost = np.where(depth > 0, np.mean(residual**2, axis=1), np.nan)
         if not np.isfinite(cost).any():

@@ -54,7 +54,7 @@ def pulses_of_no_leg(
     pulses = np.flatnonzero(np.isfinite(sighting.arrival_ps))
     pixel = arrivals.row[pulses].astype(np.int64) * arrivals.shape[1] + arrivals.col[pulses]
     explained = np.zeros(len(pulses), dtype=bool)
-    for k in range(state.n_legs):
+    for k in state.seen:
         print_ = prints_of_leg(sighting, state, setting, pulses, k)
         gap = np.abs(sighting.arrival_ps[pulses] - print_.arrival_ps)
         drawn_ps = _TRANSIT_PX * np.nan_to_num(np.abs(print_.slope_ps_per_px))

@@ -129,7 +129,7 @@ def unclaimed_by_path(sighting: Sighting, fit: JointFit, setting: Setting) -> In
         max(EXPLAINED_REACH_PX, EXPLAINED_REACH_SPOTS * fit.pictures[0].spot_std_px),
     )
     gap = np.full((len(pulses), state.n_legs), np.nan)
-    for k in range(state.n_legs):
+    for k in state.seen:
         print_ = prints_of_leg(sighting, state, setting, pulses, k)
         near = np.abs(print_.lateral_px) < reach
         near &= on_leg(print_, k, state, margin_px=_MARGIN_PX)

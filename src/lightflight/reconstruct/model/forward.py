@@ -301,7 +301,7 @@ def local_variables(
         std_ps=np.ones((n, n_legs)),
         jacobian=np.zeros((n, 3 * n_legs, layout.size)),
     )
-    for k in range(n_legs):
+    for k in state.seen:
         here = np.flatnonzero(pixels.near[:, k])
         seen = _seen_leg(state, light, pixels, k, here, camera, medium)
         slopes = _slopes(seen, state, pixels.points_px[here], light, basis, medium, nudges)

@@ -7,7 +7,8 @@ the way out and back. The state of a path is its vertices and the event time at 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,22 +35,52 @@ class PathState:
         World, mm.
     start_time_ps : float
         Event time at vertex 0, ps.
+    unseen : tuple of int, optional
+        Legs that run outside of every picture, by number: a detour by mirrors that nobody sees.
     """
 
     vertices_mm: Floats
     start_time_ps: float
+    unseen: tuple[int, ...] = ()
 
     @property
     def n_legs(self) -> int:
         """Number of legs."""
         return len(self.vertices_mm) - 1
 
+    @property
+    def seen(self) -> tuple[int, ...]:
+        """The legs that a picture may show, in the order of flight."""
+        return tuple(k for k in range(self.n_legs) if k not in self.unseen)
+
+    @property
+    def corners_seen(self) -> tuple[int, ...]:
+        """Corners, by the number of their vertex, between two legs that are seen."""
+        ends = {vertex for k in self.unseen for vertex in (k, k + 1)}
+        return tuple(k for k in range(1, self.n_legs) if k not in ends)
+
+    def has_legs(self, n_legs: int | None) -> bool:
+        """Whether it has as many legs as were told, those that nobody saw counted or not."""
+        return n_legs is None or n_legs in (self.n_legs, len(self.seen))
+
+    def with_corner(self, leg: int, corner_mm: Floats) -> PathState:
+        """The path with one more corner (3,), mm, on a leg that is seen."""
+        vertices = np.insert(self.vertices_mm, leg + 1, corner_mm, axis=0)
+        return PathState(vertices, self.start_time_ps, tuple(k + (k > leg) for k in self.unseen))
+
+    def without(self, corners: Sequence[int]) -> PathState:
+        """The path without some corners, none of them an end of a leg that nobody saw."""
+        vertices = np.delete(self.vertices_mm, corners, axis=0)
+        unseen = tuple(k - sum(corner <= k for corner in corners) for k in self.unseen)
+        return PathState(vertices, self.start_time_ps, unseen)
+
     def moved(self, step: Floats) -> PathState:
         """The state after adding `step` (3m + 1,): vertices in mm, then start time in ps."""
         m = len(self.vertices_mm)
-        return PathState(
-            self.vertices_mm + step[: 3 * m].reshape(m, 3),
-            self.start_time_ps + float(step[3 * m]),
+        return replace(
+            self,
+            vertices_mm=self.vertices_mm + step[: 3 * m].reshape(m, 3),
+            start_time_ps=self.start_time_ps + float(step[3 * m]),
         )
 
     def vertex_times_ps(self, medium: Medium) -> Floats:
@@ -64,7 +95,8 @@ class PathState:
 
 def state_of_path(path: LightPath) -> PathState:
     """The state of a path that is already told, to start or to look from."""
-    return PathState(np.array(path.vertices_mm, dtype=float), float(path.vertex_times_ps[0]))
+    start_time = float(path.vertex_times_ps[0])
+    return PathState(np.array(path.vertices_mm, dtype=float), start_time, path.unseen_legs)
 
 
 @dataclass(frozen=True, eq=False)

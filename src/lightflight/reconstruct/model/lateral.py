@@ -73,6 +73,10 @@ class LineData:
     empty_variance: Floats
 
 
+_NO_LIGHT = -60.0
+"""Log of the photons of a leg that nobody sees: below the least that a double tells from none."""
+
+
 @dataclass(frozen=True, eq=False)
 class LineFit:
     """Line of one leg relative to the line it was measured about.
@@ -127,6 +131,26 @@ class LineFit:
         inside = (along_px >= low) & (along_px <= high)
         slope = self.spline.derivative()(np.clip(along_px, low, high))
         return np.where(inside, slope, 0.0)
+
+
+def dark_line(spot_px: float) -> LineFit:
+    """Of a leg that no pixel shows: nothing is lit, nothing is held to it.
+
+    Parameters
+    ----------
+    spot_px : float
+        Standard deviation of the spot, px.
+
+    Returns
+    -------
+    LineFit
+        Whose strength is that of no light.
+    """
+    none, even = np.empty(0), BSpline(np.repeat([0.0, 1.0], 4), np.full(4, _NO_LIGHT), 3)
+    return LineFit(
+        np.zeros(2), np.eye(2), np.array([0.0, 1.0]), spot_px, even, np.zeros((4, 4)), 1.0, 1.0,
+        0.0, none, none,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.flight import Medium
 from lightflight.reconstruct.model.geometry import Footprint, Indices, PathState, footprints
 from lightflight.reconstruct.model.image_plane import along_across, undistorted_px
-from lightflight.reconstruct.model.lateral import LineData, LineFit, fit_lines
+from lightflight.reconstruct.model.lateral import LineData, LineFit, dark_line, fit_lines
 from lightflight.reconstruct.model.sighting import Sighting, photons_at_times
 
 if TYPE_CHECKING:
@@ -90,6 +90,11 @@ class LegInPicture:
     span_px: tuple[float, float]
     bow: Polynomial | None = None
 
+    @property
+    def dark(self) -> bool:
+        """Whether no picture shows the leg: its span is empty."""
+        return self.span_px[0] > self.span_px[1]
+
     def along_across(self, points: Floats) -> tuple[Floats, Floats]:
         """Position along the line and distance to the image's right, of (n, 2) points; px."""
         along, across = along_across(points, self.origin_px, self.direction_px)
@@ -107,6 +112,10 @@ class LegInPicture:
             + aside[..., np.newaxis] * right
         )
         return points
+
+
+DARK_LEG = LegInPicture(np.zeros(2), np.array([1.0, 0.0]), (np.inf, -np.inf))
+"""Stands for a leg that runs outside of the picture: no pixel lies within its span."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,11 +242,14 @@ def measure_picture(
     NothingFoundError
         Where a leg has too few pixels of its own.
     """
-    legs = tuple(leg_in_picture(state, k, camera) for k in range(state.n_legs))
+    legs = tuple(
+        DARK_LEG if k in state.unseen else leg_in_picture(state, k, camera)
+        for k in range(state.n_legs)
+    )
     pixels = _pixels_near(legs, camera, sighting.blind)
     arrival = np.full(pixels.near.shape, np.nan)
     width = np.full(pixels.near.shape, std_ps)
-    for k in range(len(legs)):
+    for k in state.seen:
         here = pixels.near[:, k]
         print_ = footprints(
             state,
@@ -253,8 +265,8 @@ def measure_picture(
     photons, empty, _ = photons_at_times(sighting, pixels.rows, pixels.cols, arrival, width)
     blended = _blended(arrival, width)
     data = []
-    for k, leg in enumerate(legs):
-        margin = _corner_margin(leg, k, len(legs))
+    for k in state.seen:
+        margin = _corner_margin(legs[k], k, len(legs))
         clear = (pixels.along[:, k] > margin[0]) & (pixels.along[:, k] < margin[1])
         seen = pixels.near[:, k] & np.isfinite(empty[:, k])
         own = seen & ~blended[:, k]
@@ -269,8 +281,12 @@ def measure_picture(
             LineData(pixels.along[use, k], pixels.across[use, k], photons[use, k], empty[use, k])
         )
     # All legs at once, because they share the spot.
-    fits = fit_lines(data)
-    return Picture(legs, tuple(fits), fits[0].spot_std_px)
+    found = fit_lines(data)
+    spot = found[0].spot_std_px
+    fits = [dark_line(spot)] * len(legs)
+    for k, line in zip(state.seen, found, strict=True):
+        fits[k] = line
+    return Picture(legs, tuple(fits), spot)
 
 
 def lit_by_legs(legs: tuple[LegInPicture, ...], points_px: Floats, *, spot_px: float) -> Bools:
@@ -336,6 +352,8 @@ def lines_from_picture(picture: Picture) -> LineDataInPicture:
     anchors: list[Floats] = []
     blocks: list[Floats] = []
     for k, (leg, fit) in enumerate(zip(picture.legs, picture.fits, strict=True)):
+        if leg.dark:
+            continue
         anchors.extend(leg.points_px(np.array(fit.anchors_along_px), np.array(fit.offset_px)))
         legs.extend([k] * len(fit.anchors_along_px))
         # Two anchors measured alike leave no room for Cholesky: 1e-5 px keeps it.

@@ -107,8 +107,12 @@ def clock_errors(
     modes_ps : array of float, shape (n, L, k)
         One-sigma columns of the errors that all share, ps.
     """
-    modes, pixel_var = [], np.zeros(len(rows))
+    modes: list[Floats] = []
+    pixel_var = np.zeros(len(rows))
     for k in range(near.shape[1]):
+        if k in state.unseen:
+            modes.append(np.zeros_like(modes[0]))
+            continue
         print_ = footprints(state, camera=camera, medium=medium, legs=k, rows=rows, cols=cols)
         delay = print_.arrival_ps + timing.skew_ps[rows, cols]
         # A foot far off the leg has no time; any delay serves where the leg is not near.

@@ -96,7 +96,7 @@ def noticed(
                 Severity.CHECK,
             )
         )
-    if n_legs is not None and path.n_legs != n_legs:
+    if n_legs not in (None, path.n_legs, path.n_legs - len(path.unseen_legs)):
         found.append(
             Finding(
                 FindingName.LEG_COUNT,
@@ -139,6 +139,8 @@ def corners_without_a_turn(path: LightPath) -> list[int]:
     """
     corners = []
     for k in range(1, path.n_legs):
+        if {k - 1, k} & set(path.unseen_legs):
+            continue
         steps = np.diff(path.vertices_mm[k - 1 : k + 2], axis=0)
         lengths = np.linalg.norm(steps, axis=1)
         units = steps / lengths[:, np.newaxis]

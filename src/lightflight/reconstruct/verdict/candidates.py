@@ -256,7 +256,7 @@ def geometry_candidates(
     ]
     if any(camera.interfaces for camera in rows.cameras):
         found.append(_window(rows))
-    if rows.state.n_legs > 1:
+    if rows.state.corners_seen:
         found.append(_unseen(rows))
     # Of what a clock drifts over one recording, its mean time is half late.
     passed = (repeat + 0.5) / (repeat.max(initial=0.0) + 1.0)
@@ -349,7 +349,7 @@ def _curved(rows: Rows) -> Candidate:
     """Each leg bowed in the picture and in depth: half a sine, with so large a sagitta."""
     f_time, f_line = rows.traced.fraction, rows.line_fractions()
     parts = []
-    for leg in range(rows.state.n_legs):
+    for leg in rows.state.seen:
         start, end = rows.state.vertices_mm[leg : leg + 2]
         along = (end - start) / np.linalg.norm(end - start)
         away = rows.cameras[0].sight_directions(0.5 * (start + end))
@@ -373,7 +373,7 @@ def _unseen(rows: Rows) -> Candidate:
     """At each corner, what follows starts elsewhere or later than the leg before ends."""
     by_shift = [rows.moved(np.eye(3)[axis]) for axis in range(3)]
     parts = []
-    for corner in range(1, rows.state.n_legs):
+    for corner in rows.state.corners_seen:
         late, drawn = rows.times.leg >= corner, rows.lines.leg >= corner
         for by_time, by_line in by_shift:
             parts.append(("unseen_leg", (by_time * late, by_line * drawn)))

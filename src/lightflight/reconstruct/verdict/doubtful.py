@@ -56,9 +56,7 @@ def verdict_with_doubtful_corners(
         return verdict
     told = {index for index, _, _ in setting.waypoints}
     state = fit.solution.state
-    shallow = [
-        k for k in range(1, state.n_legs) if k not in told and turn_deg(state, k) < _SHALLOW_DEG
-    ]
+    shallow = [k for k in state.corners_seen if k not in told and turn_deg(state, k) < _SHALLOW_DEG]
     for corners in dict.fromkeys((tuple(shallow), *((k,) for k in shallow))):
         causes = _causes_instead(corners, fit, sightings, setting) if corners else []
         if causes:
@@ -72,7 +70,7 @@ def _causes_instead(
 ) -> list[Evidence]:
     """Causes that explain the recording without these corners as well as it is with them."""
     state = fit.solution.state
-    straight = PathState(np.delete(state.vertices_mm, corners, axis=0), state.start_time_ps)
+    straight = state.without(corners)
     narrowed = setting_without(setting, corners)
     shorter = refitted(sightings, straight, narrowed)
     if isinstance(shorter, NoFit):

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
 
-from lightflight.errors import GeometryError, NothingFoundError, SuspectDataWarning
+from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path.light_path import LightPath
 from lightflight.path.verdict import (
     NOT_EXAMINED,
@@ -16,12 +15,11 @@ from lightflight.path.verdict import (
     Level,
     Severity,
     Verdict,
-    warning_of,
 )
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, with_uneven_light
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.legs.plausible import implausible
-from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.geometry import state_of_path
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.verdict.bookkeeping import (
@@ -31,6 +29,7 @@ from lightflight.reconstruct.verdict.bookkeeping import (
     noticed,
 )
 from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
+from lightflight.reconstruct.verdict.detours import findings_of_detours
 from lightflight.reconstruct.verdict.doubtful import verdict_with_doubtful_corners
 from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry
@@ -56,7 +55,7 @@ def examined(
     nominal_clock: bool,
     n_legs: int | None,
 ) -> LightPath:
-    """The path with its verdict, and a warning unless that is "trust".
+    """The path with its verdict.
 
     `fit` is the joint fit of the same recordings; None: it is made here, from the path.
     """
@@ -75,7 +74,7 @@ def examined(
         if not own and not beyond:
             evidence = (*evidence, evidence_of_own_errors(path, fit, sightings, setting))
         light, unseen = ((), ()) if beyond else _light(fit, sightings, nominal_clock)
-        aside = (*said, *beyond, *unseen, *hidden)
+        aside = (*findings_of_detours(fit), *said, *beyond, *unseen, *hidden)
         verdict = verdict_from_evidence((*evidence, *light), aside)
         verdict = verdict_with_light_taken_up(
             verdict, evidence, aside, fit, sightings, nominal=nominal_clock
@@ -84,8 +83,6 @@ def examined(
             verdict = verdict_with_doubtful_corners(verdict, fit, sightings, setting)
     if verdict.level is Level.CONTRADICTED:
         verdict = replace(verdict, findings=(*_mistakes(sightings[0], setting), *verdict.findings))
-    if verdict.level is not Level.TRUST:
-        warnings.warn(warning_of(verdict), SuspectDataWarning, stacklevel=4)
     return replace(path, verdict=verdict)
 
 
@@ -143,7 +140,7 @@ def _light(
 
 def _fit_about(path: LightPath, sightings: list[Sighting], setting: Setting) -> JointFit | None:
     """A joint fit that starts from the path; None where single pulses do not allow one."""
-    state = PathState(np.array(path.vertices_mm), float(path.vertex_times_ps[0]))
+    state = state_of_path(path)
     try:
         return with_uneven_light(fit_joint(sightings, state, setting, legs=None), setting)
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):

@@ -66,14 +66,22 @@ def findings_of_hidden(fit: JointFit, *, told: bool) -> tuple[Finding, ...]:
     empty = np.flatnonzero(pulses_of_legs(fit) == 0)
     if not len(empty):
         return ()
-    sentence = f"no pulse speaks for leg {empty[0] + 1} of the path" if told else _SENTENCE
+    sentence = (
+        f"no pulse speaks for leg {_number(fit, empty[0])} of the path" if told else _SENTENCE
+    )
     return (Finding(FindingName.UNSEEN_LEG, sentence, 0.0, _REMEDY, Severity.CHECK),)
 
 
+def _number(fit: JointFit, seen: int) -> int:
+    """How people count a leg: those that nobody saw too, from 1."""
+    return fit.solution.state.seen[seen] + 1
+
+
 def pulses_of_legs(fit: JointFit) -> NDArray[np.intp]:
-    """(n_legs,), how many pulses each leg of the path holds."""
+    """(k,), how many pulses each leg of the path holds that a picture may show."""
     held = fit.times.leg[fit.times.weight > 0]
-    return np.bincount(held, minlength=fit.solution.state.n_legs)
+    state = fit.solution.state
+    return np.bincount(held, minlength=state.n_legs)[list(state.seen)]
 
 
 def _excess(fit: JointFit, evidence: tuple[Evidence, ...]) -> float:
@@ -89,4 +97,4 @@ def _without_hidden(fit: JointFit) -> PathState | None:
     if state.n_legs < 2 or (pulses[0] and pulses[-1]):
         return None
     corner = 1 if not pulses[0] else state.n_legs - 1
-    return PathState(np.delete(state.vertices_mm, corner, axis=0), state.start_time_ps)
+    return state.without((corner,))

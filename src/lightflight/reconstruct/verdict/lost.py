@@ -57,12 +57,12 @@ def evidence_from_lost_legs(
         legs = search_legs(sightings[0].arrivals, sightings[0], setting, None)
     except NothingFoundError:
         return ()
-    found, before = [], _cost(fit, sightings)
+    found, before = [], cost_of_pulses(fit, sightings)
     for name, n_freed, there, seen in _freed_one_by_one(sightings, setting):
         trial = fit_or_reason(partial(fit_from_legs, seen, legs, there, drop=False))
         if isinstance(trial, NoFit) or not pulses_of_legs(trial).all():
             continue
-        fall = before - _cost(trial, seen)
+        fall = before - cost_of_pulses(trial, seen)
         more = int(trial.times.weight.sum() - fit.times.weight.sum())
         if more < _REGAINED * fit.times.weight.sum():
             continue
@@ -111,7 +111,7 @@ def _with_mode(sighting: Sighting, column_ps: Floats | float) -> Sighting:
     return replace(sighting, arrivals=replace(arrivals, shared_modes_ps=modes))
 
 
-def _cost(fit: JointFit, sightings: list[Sighting]) -> float:
+def cost_of_pulses(fit: JointFit, sightings: list[Sighting]) -> float:
     """Chi-square of all pulses by their stated errors, of lines and of what is shared.
 
     A pulse that takes no part costs what it may at most.

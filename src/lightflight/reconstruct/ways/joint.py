@@ -294,7 +294,7 @@ def _at_exact_source(state: PathState, setting: Setting, period_ps: float) -> Pa
         # The start says the lap of the clock, the source the time within it.
         laps = round((time - source.emission_time_ps) / period_ps) if period_ps > 0 else 0
         time = source.emission_time_ps + laps * period_ps
-    return PathState(vertices, float(time))
+    return replace(state, vertices_mm=vertices, start_time_ps=float(time))
 
 
 def _statements_of_path(fit: JointFit, timing: CodeClock | None) -> tuple[str, ...]:

@@ -62,6 +62,37 @@ def path_by_photon(request: Request) -> tuple[LightPath, JointFit | None]:
     return path, fit
 
 
+def path_of_all_counts(fit: JointFit, request: Request) -> LightPath:
+    """The path by all counts, from a fit of single pulses that is there already.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The fit.
+    request : Request
+        What it answers.
+
+    Returns
+    -------
+    LightPath
+        On some lap of the clock.
+
+    Raises
+    ------
+    NothingFoundError
+        Where the counts lead it out of all bounds.
+    """
+    sightings = list(fit.sightings)
+    return photon_path(
+        sightings,
+        request.setting,
+        path_of_fit(fit, request),
+        std_ps=pulse_std_ps(sightings),
+        tips=fit.tips,
+        shared=fit.solution.shared,
+    )
+
+
 def _pooled_path(request: Request) -> tuple[LightPath, float]:
     """A rough path where no pixel can be fitted alone, and the pulses' std, ps.
 

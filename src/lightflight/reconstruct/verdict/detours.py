@@ -1,0 +1,166 @@
+"""Whether light was out of the picture on its way: a path with a detour, where no other is right.
+
+Asked where a path is contradicted, or holds legs that hardly a pulse speaks for: what a search that
+joins all legs makes of a roof mirror beside the picture. Light that is lost from sight leaves by
+the picture's edge and comes back by it, so only legs that end and start there are tried apart.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.path.verdict import Finding, FindingName, Severity
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint
+from lightflight.reconstruct.fit.least_squares import OUTLIER
+from lightflight.reconstruct.fit.unseen import fits_with_gaps
+from lightflight.reconstruct.legs.direction import search_legs
+from lightflight.reconstruct.legs.find import ImageLeg
+from lightflight.reconstruct.model.detour import detours_of
+from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.verdict.hidden import pulses_of_legs
+from lightflight.reconstruct.verdict.lost import cost_of_pulses
+
+_AT_EDGE_PX = 4.0
+"""A leg that is seen up to this near to the edge may run on beyond it, px: so many dim pixels and
+those near a corner are not counted to a leg."""
+_FEW_PULSES = 5
+"""A leg that no more pulses than this speak for may stand for a way that nobody saw."""
+_LEAST_DETOUR_MM = 10.0
+"""A single mirror that fails by less, mm, may be one with something else off: an index, a pose or a
+clock that is wrong by a plausible size moves corners by up to 5 mm (docs/explanation/limits.md)."""
+_LEAST_GAIN = 40.0
+"""Chi-square that a detour must win beyond its parameters' worth, as a further leg must."""
+_PARAMETERS = 3
+"""A second mirror's place, with each detour."""
+_MOST_GAPS = 2
+"""Detours that are tried together."""
+
+
+def has_weak_leg(fit: JointFit) -> bool:
+    """Whether a leg of the path is all but unseen.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path.
+
+    Returns
+    -------
+    bool
+    """
+    return bool((pulses_of_legs(fit) <= _FEW_PULSES).any())
+
+
+def detour_instead(
+    fit: JointFit | None, sightings: list[Sighting], setting: Setting, n_legs: int | None
+) -> JointFit | None:
+    """A path with detours that explains the recording far better; None where there is none.
+
+    Parameters
+    ----------
+    fit : JointFit or None
+        The path without; None: there is none.
+    sightings : list of Sighting
+        The recordings as they were found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    n_legs : int or None
+        How many legs there are, where that is told: with those that nobody saw, or without.
+
+    Returns
+    -------
+    JointFit or None
+        With the fewest detours that do.
+    """
+    try:
+        legs = search_legs(sightings[0].arrivals, sightings[0], setting, None)
+    except NothingFoundError:
+        return None
+    places = _open_places(legs, setting)
+    cost = _cost_as_it_is(fit, sightings, setting)
+    n = sum(len(one.usable_pulses) for one in sightings)
+    for n_gaps in range(1, min(len(places), _MOST_GAPS) + 1):
+        trials = [
+            trial
+            for gaps in combinations(places, n_gaps)
+            for trial in fits_with_gaps(sightings, legs, gaps, setting)
+            if trial.solution.state.has_legs(n_legs) and _are_detours(trial, setting)
+        ]
+        best = min(trials, key=lambda one: cost_of_pulses(one, sightings), default=None)
+        worth = _LEAST_GAIN + _PARAMETERS * n_gaps * float(np.log(max(n, 2)))
+        if best is not None and cost_of_pulses(best, sightings) + worth < cost:
+            return best
+    return None
+
+
+def _cost_as_it_is(fit: JointFit | None, sightings: list[Sighting], setting: Setting) -> float:
+    """What the path without a detour costs on the pulses as found, at best."""
+    if fit is None:
+        return OUTLIER**2 * sum(len(one.usable_pulses) for one in sightings)
+    costs = [cost_of_pulses(fit, list(fit.sightings))]
+    try:
+        again = fit_joint(sightings, fit.solution.state, setting, legs=None)
+        costs.append(cost_of_pulses(again, sightings))
+    except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
+        pass
+    return min(costs)
+
+
+def _open_places(legs: tuple[ImageLeg, ...], setting: Setting) -> tuple[int, ...]:
+    """Legs after which light may be out of the picture: seen to its edge, the next from there."""
+    edge = _edge_px(setting)
+    ends = [np.array(leg.points_px(np.array(leg.extent_px))) for leg in legs]
+    at_edge = [
+        [float(np.hypot(*(edge - point).T).min()) < _AT_EDGE_PX for point in both] for both in ends
+    ]
+    return tuple(k for k in range(len(legs) - 1) if at_edge[k][1] and at_edge[k + 1][0])
+
+
+def _edge_px(setting: Setting) -> NDArray[np.float64]:
+    """The picture's rim, (n, 2) undistorted (u, v), px, every quarter pixel."""
+    rows, cols = setting.camera.shape
+    down, right = np.arange(-0.5, rows - 0.4, 0.25), np.arange(-0.5, cols - 0.4, 0.25)
+    row = np.concatenate((down, down, np.full_like(right, -0.5), np.full_like(right, rows - 0.5)))
+    col = np.concatenate((np.full_like(down, -0.5), np.full_like(down, cols - 0.5), right, right))
+    return undistorted_px(setting.camera, row, col)
+
+
+def _are_detours(fit: JointFit, setting: Setting) -> bool:
+    """Whether light goes about everywhere where the path says so, and not over one mirror."""
+    detours = detours_of(fit.solution.state, setting.camera)
+    return all(one.corner_misses_mm > _LEAST_DETOUR_MM for one in detours)
+
+
+def findings_of_detours(fit: JointFit) -> tuple[Finding, ...]:
+    """What is to be said of a path with legs that nobody saw.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path.
+
+    Returns
+    -------
+    tuple of Finding
+        One of all of them; () where all legs are seen.
+    """
+    unseen = fit.solution.state.unseen
+    if not unseen:
+        return ()
+    where = " and ".join(f"legs {k} and {k + 2}" for k in unseen)
+    return (
+        Finding(
+            FindingName.UNSEEN_LEG,
+            f"between {where} the light was out of the picture: on one leg or on several of the "
+            "same delay, over mirrors whose places nothing here tells",
+            0.0,
+            "say where a mirror stands (waypoints), or film the way between with a second camera",
+            Severity.CHECK,
+        ),
+    )
