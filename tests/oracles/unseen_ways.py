@@ -39,7 +39,9 @@ def roof_or_cube(seed: int, *, photons: float = 4_000.0) -> UnseenWay:
     cube, third = seed % 2 == 1, seed % 3 != 0
     up, away = np.deg2rad(rng.uniform((-8.0, -25.0), (8.0, 25.0)))
     along = np.array([np.cos(up) * np.cos(away), np.sin(up), np.cos(up) * np.sin(away)])
-    source = np.array([rng.uniform(-20.0, 30.0), rng.uniform(-20.0, 70.0), rng.uniform(-30.0, 50.0)])
+    source = np.array(
+        [rng.uniform(-20.0, 30.0), rng.uniform(-20.0, 70.0), rng.uniform(-30.0, 50.0)]
+    )
     first = source + (rng.uniform(345.0, 440.0) - source[0]) / along[0] * along
     # Two directions square to the flight, one of them level with the picture.
     level = np.cross([0.0, 0.0, 1.0], along)

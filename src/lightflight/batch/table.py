@@ -263,6 +263,8 @@ def row_from_path(shot: Shot, path: LightPath) -> dict[str, object]:
         **made["packages"],
         **_verdict_of(path),
     }
+    if path.unseen_legs:
+        row["n_legs_unseen"] = len(path.unseen_legs)
     for k, leg in enumerate(_legs_of(path)):
         row |= {f"leg{k + 1}_{name}": value for name, value in leg.items()}
     for k in range(path.n_legs + 1):

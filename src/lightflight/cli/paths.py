@@ -141,7 +141,7 @@ def print_path(path: LightPath) -> None:
         ("vertex", "x (mm)", "y (mm)", "z (mm)", "event time (ps)"),
         [
             (
-                _vertex_name(i, path.n_legs, source_known=path.source.position_mm is not None),
+                _vertex_name(path, i),
                 *(with_error(v, s) for v, s in zip(position, std[:3], strict=True)),
                 with_error(time, std[3]),
             )
@@ -155,18 +155,25 @@ def print_path(path: LightPath) -> None:
         [
             (
                 str(i + 1),
-                with_error(leg.angle_deg, leg.angle_std_deg),
-                f"{leg.paper_angle_deg:.3f}",
-                f"{leg.length_mm:.2f}",
+                with_error(leg.angle_deg, leg.angle_std_deg) if leg.seen else "unseen",
+                f"{leg.paper_angle_deg:.3f}" if leg.seen else "",
+                f"{leg.length_mm:.2f}" if leg.seen else "open",
             )
             for i, leg in enumerate(path.legs)
         ],
     )
+    print_sentences(
+        f"After leg {gap.after_leg + 1} the light was out of the picture: {gap.in_words}."
+        for gap in path.gaps
+    )
     print_sentences(path.statements)
 
 
-def _vertex_name(i: int, n_legs: int, *, source_known: bool) -> str:
+def _vertex_name(path: LightPath, i: int) -> str:
     """Number of a vertex and what lies there."""
+    n_legs, source_known = path.n_legs, path.source.position_mm is not None
+    if {i - 1, i} & set(path.unseen_legs):
+        return f"{i}  mirror, open"
     if i == 0:
         return "0  source" if source_known else "0  entry into view"
     return f"{i}  exit from view" if i == n_legs else f"{i}  corner"
@@ -248,9 +255,11 @@ def json_from_path(path: LightPath) -> dict[str, Any]:
                     "paper_angle_deg": leg.paper_angle_deg,
                     "direction": leg.direction,
                     "length_mm": leg.length_mm,
+                    "seen": leg.seen,
                 }
                 for leg in path.legs
             ],
+            "gaps": [asdict(gap) | {"farthest_mm": gap.farthest_mm} for gap in path.gaps],
             "statements": path.statements,
         }
     )

@@ -45,8 +45,10 @@ from lightflight.files.packing import check_packing
 from lightflight.files.whole_file import atomic_path as atomic_path  # many take it from here
 
 FORMAT_NAME = "lightflight"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """Highest schema this version writes and reads; it reads every lower one too."""
+USUAL_SCHEMA = 1
+"""What is written where nothing in a record needs a newer one: older versions read it as well."""
 
 _ATTRIBUTES = "attributes"
 # Smaller arrays lie in one piece: a chunk has its own entry in an index.
@@ -65,6 +67,7 @@ def save_record(
     kind: str,
     arrays: Mapping[str, NDArray[np.generic]],
     attributes: Mapping[str, object],
+    schema: int = USUAL_SCHEMA,
 ) -> None:
     """Write one record, whole or not at all.
 
@@ -79,6 +82,8 @@ def save_record(
         Any shape; booleans, numbers, structured numbers or text. A `/` makes a group.
     attributes : mapping of str to JSON values
         Everything else; NumPy scalars and arrays become numbers and lists, tuples lists.
+    schema : int, optional
+        The lowest that says all of it: versions that know only lower ones refuse the file.
 
     Raises
     ------
@@ -87,14 +92,18 @@ def save_record(
     TypeError
         If an array holds Python objects or an attribute is not JSON.
     """
-    with new_record(path, kind=kind, attributes=attributes) as record:
+    with new_record(path, kind=kind, attributes=attributes, schema=schema) as record:
         for name, array in arrays.items():
             record.write(name, array)
 
 
 @contextlib.contextmanager
 def new_record(
-    path: str | os.PathLike[str], *, kind: str, attributes: Mapping[str, object]
+    path: str | os.PathLike[str],
+    *,
+    kind: str,
+    attributes: Mapping[str, object],
+    schema: int = USUAL_SCHEMA,
 ) -> Iterator[RecordWriter]:
     """Open a record for writing piece by piece; it appears at `path` when the block ends well.
 
@@ -106,6 +115,8 @@ def new_record(
         What the record is, as for `save_record`.
     attributes : mapping of str to JSON values
         Everything that is no array.
+    schema : int, optional
+        As for `save_record`.
 
     Yields
     ------
@@ -121,7 +132,7 @@ def new_record(
     with new_hdf5(path) as record:
         record.file.attrs["format"] = np.bytes_(FORMAT_NAME)
         record.file.attrs["kind"] = np.bytes_(kind)
-        record.file.attrs["schema_version"] = SCHEMA_VERSION
+        record.file.attrs["schema_version"] = schema
         # Of fixed length: see `text_attribute` for what texts of variable length can do.
         record.write(_ATTRIBUTES, np.array(text, h5py.string_dtype("utf-8", len(text))))
         yield record

@@ -37,8 +37,11 @@ def card_of_path(path: LightPath) -> Card:
     ]
     facts += [
         (f"elevation of leg {k}", f"{with_error(leg.angle_deg, leg.angle_std_deg)}\u00b0")
+        if leg.seen
+        else (f"leg {k}", "not seen: at least one leg")
         for k, leg in enumerate(path.legs[:_MOST_LEGS], start=1)
     ]
+    facts += [(f"out of view after leg {gap.after_leg + 1}", gap.in_words) for gap in path.gaps]
     if path.n_legs > _MOST_LEGS:
         facts.append(("", f"and {path.n_legs - _MOST_LEGS} legs more"))
     facts.append(("\u03c7\u00b2 / dof", good.chi2_in_words))

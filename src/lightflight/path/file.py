@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from lightflight.camera.model import Camera
 from lightflight.errors import FileFormatError, LimitError
 from lightflight.files.filecheck import damage_as_format_error
-from lightflight.files.store import load_record, save_record
+from lightflight.files.store import USUAL_SCHEMA, load_record, save_record
 from lightflight.flight import Medium, Source
 from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
 from lightflight.path.verdict import NOT_EXAMINED, Verdict
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 PATH_KIND = "path"
 """Kind of record in our HDF5 files."""
+_WITH_UNSEEN_LEGS = 2
+"""Schema of a path with legs that nobody saw."""
 _INDICES = ("path_group_index", "return_group_index")
 _KINDS: dict[str, tuple[type, ...]] = {
     "dof": (int,), "n_pulses": (int,), "n_rejected": (int,), "converged": (bool,),
@@ -83,7 +85,11 @@ def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
         attributes["medium_errors"] = errors
     if path.prices:
         attributes["prices"] = list(path.prices)
-    save_record(file, kind=PATH_KIND, arrays=arrays, attributes=attributes)
+    if path.unseen_legs:
+        attributes["unseen_legs"] = list(path.unseen_legs)
+    # A version that knows no unseen legs would draw them as light that was seen.
+    schema = _WITH_UNSEEN_LEGS if path.unseen_legs else USUAL_SCHEMA
+    save_record(file, kind=PATH_KIND, arrays=arrays, attributes=attributes, schema=schema)
 
 
 class TruePath:
@@ -197,6 +203,7 @@ def _fields_from_record(
         "provenance": attributes["provenance"],
         "verdict": _verdict_from_record(attributes),
         "explained": _explained_from_record(attributes),
+        "unseen_legs": tuple(attributes.get("unseen_legs", ())),
     }
 
 
@@ -232,6 +239,9 @@ def _check_plain(attributes: Mapping[str, Any]) -> None:
             raise ValueError(f"{name} cannot be {told!r:.60}")
         if len(told) > _MOST_SENTENCES:
             raise LimitError(f"it holds {len(told)} {name}, more than {_MOST_SENTENCES}")
+    unseen = attributes.get("unseen_legs", [])
+    if not isinstance(unseen, list) or not all(type(k) is int for k in unseen):
+        raise ValueError(f"unseen_legs cannot be {unseen!r:.60}")
     if not isinstance(attributes["provenance"], Mapping):
         raise ValueError(f"provenance cannot be {attributes['provenance']!r:.60}")
     # Pictures and pages set each in type: minutes for megabytes.

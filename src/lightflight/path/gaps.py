@@ -61,12 +61,14 @@ class Gap:
         """No mirror lies farther beyond the picture's edge than this, mm: there and back again."""
         return 0.5 * (self.length_mm + self.shortest_mm)
 
-    def __repr__(self) -> str:
+    @property
+    def in_words(self) -> str:
+        """Delay, way and the shortest there is."""
         delay = with_error(self.delay_ps, self.delay_std_ps)
-        return (
-            f"Gap(after leg {self.after_leg + 1}: {delay} ps, {self.length_mm:.1f} mm of way, "
-            f"{self.shortest_mm:.1f} mm at least)"
-        )
+        return f"{delay} ps, {self.length_mm:.1f} mm of way ({self.shortest_mm:.1f} mm straight)"
+
+    def __repr__(self) -> str:
+        return f"Gap(after leg {self.after_leg + 1}: {self.in_words})"
 
 
 def checked_unseen(legs: object, n_legs: int) -> tuple[int, ...]:

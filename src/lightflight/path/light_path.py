@@ -62,7 +62,8 @@ class Leg:
     end_time_ps : float
         Event time at the end, ps.
     angle_deg : float
-        Elevation towards the camera: asin(d.n), n the backward optical axis; deg.
+        Elevation towards the camera: asin(d.n), n the backward optical axis; deg. NaN, as the next
+        two, where the leg was not seen.
     angle_std_deg : float
         One-sigma error of `angle_deg`, deg.
     paper_angle_deg : float
@@ -89,14 +90,14 @@ class Leg:
 
     @property
     def direction(self) -> Floats:
-        """(3,), unit, world, in the direction of flight."""
+        """(3,), unit, world, in the direction of flight; NaN where that was not seen."""
         step = self.end_mm - self.start_mm
         unit: Floats = step / np.linalg.norm(step)
-        return unit
+        return unit if self.seen else np.full(3, np.nan)
 
     @property
     def length_mm(self) -> float:
-        """Length of the leg, mm."""
+        """Length of the leg, mm; of one that was not seen, between mirrors as drawn."""
         return float(np.linalg.norm(self.end_mm - self.start_mm))
 
 
@@ -252,7 +253,8 @@ class LightPath(Drawn, Tabled, Labelled):
         """The verdict first, then what it is about, vertex by vertex; at most 15 lines."""
         explains = [] if self.explained is None else [f"explains {self.explained}"]
         length = sum(leg.length_mm for leg in self.legs)
-        whole = f"{self.method}: {count(self.n_legs, 'leg')}, {length:.1f} mm"
+        unseen = f", {len(self.unseen_legs)} of them unseen" if self.unseen_legs else ""
+        whole = f"{self.method}: {count(self.n_legs, 'leg')}{unseen}, {length:.1f} mm"
         vertices = [
             f"{k}  ({', '.join(map(with_error, place, std[:3]))}) mm"
             f" at {with_error(time, std[3])} ps"
@@ -302,15 +304,17 @@ class LightPath(Drawn, Tabled, Labelled):
         paper = paper_angle_from_leg(
             start, end, camera_center_mm=self.camera.center_mm, normal=normal
         )
+        seen = i not in self.unseen_legs
+        known = 1.0 if seen else np.nan
         return Leg(
             start_mm=start,
             end_mm=end,
             start_time_ps=float(self.vertex_times_ps[i]),
             end_time_ps=float(self.vertex_times_ps[i + 1]),
-            angle_deg=float(np.rad2deg(elevation_from_direction(d, normal))),
-            angle_std_deg=float(np.rad2deg(np.sqrt(np.maximum(variance, 0.0)))),
-            paper_angle_deg=float(np.rad2deg(paper)),
-            seen=i not in self.unseen_legs,
+            angle_deg=known * float(np.rad2deg(elevation_from_direction(d, normal))),
+            angle_std_deg=known * float(np.rad2deg(np.sqrt(np.maximum(variance, 0.0)))),
+            paper_angle_deg=known * float(np.rad2deg(paper)),
+            seen=seen,
         )
 
     @property
@@ -420,8 +424,7 @@ class LightPath(Drawn, Tabled, Labelled):
         array, shape (n,)
             dtype `SAMPLE_DTYPE`. `x_std_mm` ... are errors of the position at that event time;
             `event_time_std_ps` is the error of the time at which the pulse passes that fraction
-            of its leg. On legs that nobody saw positions are those of one way of many, their
-            errors NaN, and nothing is in view.
+            of its leg. On legs that nobody saw all but leg and event time are NaN.
 
         Raises
         ------
@@ -445,7 +448,12 @@ class LightPath(Drawn, Tabled, Labelled):
         variance = np.diagonal(self.position_covariance_at(times), axis1=1, axis2=2)
         out["x_std_mm"], out["y_std_mm"], out["z_std_mm"] = np.sqrt(np.maximum(variance, 0.0)).T
         out["event_time_std_ps"] = np.sqrt(np.maximum(self._time_variance(times, leg), 0.0))
-        out["in_view"] = self.camera.sees(position) & self.is_seen_at(times)
+        out["in_view"] = self.camera.sees(position)
+        unseen = ~self.is_seen_at(times)
+        out["in_view"][unseen] = False
+        for name in (n for n in SAMPLE_DTYPE.names or () if out[n].dtype.kind == "f"):
+            if name != "event_time_ps":
+                out[name][unseen] = np.nan
         return out
 
     def _time_variance(self, times: Floats, leg: NDArray[np.int64]) -> Floats:

@@ -42,7 +42,9 @@ class Trace(Shown):
     covariance : array of float, shape (n, 4, 4)
         X, y, z (mm) and t (ps) at this fraction of the leg; NaN where unknown.
     in_view : array of bool, shape (n,)
-        True where the camera sees the point.
+        True where the camera sees the point; on legs that nobody saw it never does.
+    unseen : tuple of int
+        Legs, by number, that no picture showed: one way of many is drawn.
     """
 
     points_mm: Floats
@@ -58,6 +60,8 @@ class Trace(Shown):
     covariance: Floats
 
     in_view: NDArray[np.bool_]
+
+    unseen: tuple[int, ...] = ()
 
     @property
     def std_mm(self) -> Floats:
@@ -139,8 +143,20 @@ def trace_from_path(
         length_mm=start[leg] + fraction * lengths[leg],
         leg=leg,
         covariance=_covariance_at(path, leg, fraction),
-        in_view=_in_view(points, camera),
+        in_view=_in_view(points, camera) & ~np.isin(leg, unseen_legs_of(path)),
+        unseen=unseen_legs_of(path),
     )
+
+
+def unseen_legs_of(path: Polyline) -> tuple[int, ...]:
+    """Legs, by number, that no picture showed; () of a truth.
+
+    Parameters
+    ----------
+    path : LightPath or truth
+        The path.
+    """
+    return tuple(getattr(path, "unseen_legs", ()))
 
 
 def _in_view(points: Floats, camera: Camera | None) -> NDArray[np.bool_]:
@@ -257,7 +273,7 @@ def position_at(path: Polyline, event_times_ps: ArrayLike) -> Floats:
     Returns
     -------
     array of float, shape (n, 3)
-        World, mm; NaN before and after the path.
+        World, mm; NaN before and after the path, and on legs that nobody saw.
     """
     own = getattr(path, "position_at", None)
     if own is not None:

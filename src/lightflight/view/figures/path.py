@@ -18,7 +18,7 @@ from matplotlib.patches import Patch
 from numpy.typing import ArrayLike
 
 from lightflight.path.tables import Polyline
-from lightflight.path.trace import Trace, position_at, trace_from_path
+from lightflight.path.trace import Trace, position_at, trace_from_path, unseen_legs_of
 from lightflight.view import style
 from lightflight.view.projection import draw_box, label, line, polygon, ribbon_from_rings
 from lightflight.view.solids import error_rings, field_of_view, magnification_of, mirror_outline
@@ -277,8 +277,14 @@ def _draw_tubes(ax: Axes, view: Projector, trace: Trace, factor: float) -> None:
 
 
 def _draw_line(ax: Axes, view: Projector, trace: Trace) -> None:
-    """The path itself; thin where the camera does not see it."""
-    line(ax, view, trace.points_mm, color=style.EVENT, lw=0.8, zorder=8)
+    """The path itself; thin where the camera does not see it, dotted where nobody did."""
+    open_ = np.isin(trace.leg, trace.unseen)[:, np.newaxis]
+    told = np.where(open_, np.nan, trace.points_mm)
+    line(ax, view, told, color=style.EVENT, lw=0.8, zorder=8)
+    if open_.any():
+        guessed = np.where(open_, trace.points_mm, np.nan)
+        line(ax, view, guessed, color=style.EVENT, lw=0.8, ls=(0, (1, 3)), zorder=8,
+             label="one way of many (dotted: unseen)")  # fmt: skip
     seen = trace.points_mm.copy()
     # NaN parts the line where the pulse is out of view.
     seen[~trace.in_view] = np.nan
@@ -294,6 +300,8 @@ def _draw_time_marks(ax: Axes, view: Viewpoint, path: LightPath, step_ps: float 
     marks = np.arange(step, np.ptp(times), step)
     points = position_at(path, times[0] + marks)
     for mark, point in zip(marks, points, strict=True):
+        if not np.isfinite(point).all():
+            continue
         x, y = view.project(point)
         ax.plot(x, y, "o", ms=3.6, mfc=style.PAPER, mec=style.EVENT, mew=1.0, zorder=10)
         text = f"{mark / 1000:g} ns" if step >= 100 else f"{mark:g} ps"
@@ -320,7 +328,9 @@ def _draw_ends(ax: Axes, view: Projector, path: LightPath) -> None:
         after = view.project(vertices[i]) - view.project(vertices[i + 1])
         # On the side of the mirror that the outgoing leg leaves free.
         side = 1.0 if after[0] >= 0 else -1.0
-        label(ax, view, vertices[i], f"M{i}", offset_pt=(11 * side, 0), zorder=12)
+        # Where a mirror stands that ends a way nobody saw is open.
+        name = f"M{i}" + ("?" if {i - 1, i} & set(unseen_legs_of(path)) else "")
+        label(ax, view, vertices[i], name, offset_pt=(11 * side, 0), zorder=12)
 
 
 def legend_entries(ax: Axes, path: LightPath) -> tuple[list[Artist], list[str]]:

@@ -193,11 +193,13 @@ def _item(name: str, path: LightPath | str, link: str, frame: tuple[Floats, floa
 
 def _facts(path: LightPath) -> list[tuple[str, str]]:
     goodness = path.goodness
-    angles = ", ".join(with_error(leg.angle_deg, leg.angle_std_deg) for leg in path.legs[:3])
+    angles = ", ".join(
+        with_error(leg.angle_deg, leg.angle_std_deg) for leg in path.legs[:3] if leg.seen
+    )
     names = ", ".join(finding.name for finding in path.verdict.findings)
     facts = [("findings", names)] if names else []
     facts += [
-        ("legs", str(path.n_legs)),
+        ("legs", str(path.n_legs) + (f", {len(path.unseen_legs)} unseen" * bool(path.gaps))),
         ("elevation", f"{angles}\u00b0" + (" \u2026" if path.n_legs > 3 else "")),
         ("\u03c7\u00b2/dof", number(goodness.reduced_chi2, 3)),
         ("pulses", str(goodness.n_pulses))
@@ -230,7 +232,10 @@ def _picture(path: LightPath, name: str, frame: tuple[Floats, float]) -> str:
                 'stroke="var(--quiet)" stroke-width="1.2" stroke-dasharray="4 3"',
             )
         )
-    parts.append(line(path.vertices_mm, 'stroke="var(--event)" stroke-width="1.2"'))
+    for leg in path.legs:
+        dots = "" if leg.seen else ' stroke-dasharray="1 4"'
+        ends = np.array([leg.start_mm, leg.end_mm])
+        parts.append(line(ends, f'stroke="var(--event)" stroke-width="1.2"{dots}'))
     trace = trace_from_path(path, per_leg=33)
     for leg in np.unique(trace.leg):
         seen = trace.points_mm[(trace.leg == leg) & trace.in_view]

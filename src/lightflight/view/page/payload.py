@@ -137,6 +137,7 @@ def _path_part(path: LightPath, trace: Trace) -> Json:
         "vertex_std": json_value(std),
         "legs": [
             _fields(leg, "length_mm", "angle_deg", "angle_std_deg", "paper_angle_deg")
+            | {"seen": leg.seen}
             for leg in getattr(path, "legs", ())
         ],
         "path_index": medium.path_group_index,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lightflight.display import count, number, with_error
+from lightflight.path.trace import unseen_legs_of
 from lightflight.view.page.origin import origin_html
 from lightflight.view.types import Json
 
@@ -25,7 +26,11 @@ _SIGNS = {"trust": "\u2713", "check": "?", "contradicted": "\u2715"}
 def heading(path: LightPath) -> str:
     """A title for a path that was given none."""
     n_legs = max(len(np.atleast_1d(path.vertex_times_ps)) - 1, 0)
-    return f"{count(n_legs, 'leg').capitalize()} of light in space and time"
+    unseen = len(unseen_legs_of(path))
+    if not unseen:
+        return f"{count(n_legs, 'leg').capitalize()} of light in space and time"
+    ways = f"{count(unseen, 'way')} that nobody saw"
+    return f"{count(n_legs - unseen, 'leg').capitalize()} of light and {ways}"
 
 
 def lead(payload: Json) -> str:
@@ -117,6 +122,8 @@ def tables_html(payload: Json) -> str:
             with_error(leg["angle_deg"], leg["angle_std_deg"]),
             number(leg["paper_angle_deg"], 5),
         )
+        if leg["seen"]
+        else (str(k + 1), "open", "unseen", "")
         for k, leg in enumerate(path["legs"])
     ]
     header: tuple[str, ...] = (
@@ -142,9 +149,11 @@ def tables_html(payload: Json) -> str:
 def _vertex_table(path: Json) -> str:
     n = len(path["vertices_mm"])
     first = "source" if path["source_known"] else "entry"
+    open_ends = {k + end for k, leg in enumerate(path["legs"]) if not leg["seen"] for end in (0, 1)}
     rows = []
     for k in range(n):
         name = first if k == 0 else "exit" if k == n - 1 else f"corner {k}"
+        name = f"mirror {k}, open" if k in open_ends else name
         values = (*path["vertices_mm"][k], path["vertex_times_ps"][k])
         errors = path["vertex_std"][k]
         rows.append(
