@@ -63,6 +63,22 @@ def known_path() -> lf.LightPath:
     )
 
 
+def known_path_with_a_gap() -> lf.LightPath:
+    """Three legs of which nobody saw the second: schema 2 of paths."""
+    vertices = np.array(
+        [(0.0, 0.0, 0.0), (400.0, 0.0, 30.0), (400.0, 45.0, 30.0), (10.0, 45.0, 0.0)]
+    )
+    return replace(
+        known_path(),
+        vertices_mm=vertices,
+        vertex_times_ps=event_times_from_vertices(vertices, emission_time_ps=2000.0),
+        covariance=np.eye(16),
+        covariance_parts={"photon": 0.5 * np.eye(16), "shared": 0.5 * np.eye(16)},
+        truth=None,
+        unseen_legs=(1,),
+    )
+
+
 def known_calibration() -> lf.TimingCalibration:
     """A nominal clock with a gain and a delay of its own in every pixel."""
     recording = lf.Recording.from_frames(known_frames(), n_codes=32, **CLOCK)
@@ -102,7 +118,8 @@ def main() -> None:
         lf.write(record, path, provenance={"command": "tools/make_schema_files.py"})
         print(f"{path.name}: {path.stat().st_size} bytes")
     for name, version, result in (
-        ("path", SCHEMA_VERSION, known_path()),
+        ("path", 1, known_path()),
+        ("path", 2, known_path_with_a_gap()),
         ("calibration", 1, known_calibration()),
         ("calibration", 2, known_calibration_with_tail()),
     ):

@@ -21,6 +21,7 @@ from tools.make_schema_files import (
     known_calibration_with_tail,
     known_frames,
     known_path,
+    known_path_with_a_gap,
 )
 
 read: Any = lf.read
@@ -110,6 +111,31 @@ def test_a_group_where_an_array_should_be(tmp_path):
         file.create_group("pixel")
     with pytest.raises(FileFormatError, match="'pixel' is not an array"):
         read(tmp_path / "x.h5")
+
+
+def test_a_path_with_a_stretch_that_nobody_saw_is_read():
+    expected = known_path_with_a_gap()
+    found = lf.LightPath.load(FOLDER / "path_schema_2.h5")
+    assert found.unseen_legs == expected.unseen_legs == (1,)
+    np.testing.assert_array_equal(found.vertices_mm, expected.vertices_mm)
+    np.testing.assert_array_equal(found.covariance, expected.covariance)
+    assert repr(found.gaps) == repr(expected.gaps)
+
+
+def test_only_paths_with_such_a_stretch_need_the_newer_schema(tmp_path):
+    """Versions that know no unseen legs read all others, and would draw these as seen."""
+    for path, schema in ((known_path(), 1), (known_path_with_a_gap(), 2)):
+        path.save(tmp_path / "path.h5")
+        with unsealed(tmp_path / "path.h5") as file:
+            assert file.attrs["schema_version"] == schema
+
+
+def test_a_path_of_a_schema_that_is_newer_still_is_refused(tmp_path):
+    known_path_with_a_gap().save(tmp_path / "path.h5")
+    with unsealed(tmp_path / "path.h5") as file:
+        file.attrs["schema_version"] = 3
+    with pytest.raises(FileFormatError, match="this one reads up to 2"):
+        lf.LightPath.load(tmp_path / "path.h5")
 
 
 def test_the_tail_of_a_calibration_is_read():

@@ -42,7 +42,11 @@ def roof_or_cube(seed: int, *, photons: float = 4_000.0) -> UnseenWay:
     source = np.array(
         [rng.uniform(-20.0, 30.0), rng.uniform(-20.0, 70.0), rng.uniform(-30.0, 50.0)]
     )
-    first = source + (rng.uniform(345.0, 440.0) - source[0]) / along[0] * along
+    # The picture's edge is where x = 187.5 + 0.229 (535 - z): the first mirror stands beyond it.
+    edge = (310.0 - 0.229 * (source[2] - source[0] * along[2] / along[0])) / (
+        1.0 + 0.229 * along[2] / along[0]
+    )
+    first = source + (edge + rng.uniform(40.0, 120.0) - source[0]) / along[0] * along
     # Two directions square to the flight, one of them level with the picture.
     level = np.cross([0.0, 0.0, 1.0], along)
     level /= np.linalg.norm(level)

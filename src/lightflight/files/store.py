@@ -45,10 +45,11 @@ from lightflight.files.packing import check_packing
 from lightflight.files.whole_file import atomic_path as atomic_path  # many take it from here
 
 FORMAT_NAME = "lightflight"
-SCHEMA_VERSION = 2
-"""Highest schema this version writes and reads; it reads every lower one too."""
-USUAL_SCHEMA = 1
-"""What is written where nothing in a record needs a newer one: older versions read it as well."""
+SCHEMA_VERSION = 1
+"""Schema of every record that needs no newer one: older versions read it as well."""
+NEWEST_SCHEMA = {"path": 2}
+"""Highest schema this version reads, by kind of record; `SCHEMA_VERSION` where it is not named. It
+reads every lower one too."""
 
 _ATTRIBUTES = "attributes"
 # Smaller arrays lie in one piece: a chunk has its own entry in an index.
@@ -67,7 +68,7 @@ def save_record(
     kind: str,
     arrays: Mapping[str, NDArray[np.generic]],
     attributes: Mapping[str, object],
-    schema: int = USUAL_SCHEMA,
+    schema: int = SCHEMA_VERSION,
 ) -> None:
     """Write one record, whole or not at all.
 
@@ -103,7 +104,7 @@ def new_record(
     *,
     kind: str,
     attributes: Mapping[str, object],
-    schema: int = USUAL_SCHEMA,
+    schema: int = SCHEMA_VERSION,
 ) -> Iterator[RecordWriter]:
     """Open a record for writing piece by piece; it appears at `path` when the block ends well.
 
@@ -391,7 +392,7 @@ def open_record(
         version = _check_header(file, path, kind, try_newer=try_newer)
         refuse_links(file, path, within_too=True)
         # What a newer version's digest is over is not known here.
-        if version <= SCHEMA_VERSION:
+        if version <= _newest(kind):
             check_seal(file, file_path)
         yield file, _attributes_from(file, path)
 
@@ -555,6 +556,11 @@ def _check_is_hdf5(file_path: Path, path: str | os.PathLike[str]) -> None:
         )
 
 
+def _newest(kind: str) -> int:
+    """Highest schema of a kind of record that this version knows."""
+    return NEWEST_SCHEMA.get(kind, SCHEMA_VERSION)
+
+
 def _check_header(
     file: h5py.File, path: str | os.PathLike[str], kind: str, *, try_newer: bool = False
 ) -> int:
@@ -567,10 +573,10 @@ def _check_header(
     version = _number_attribute(file, "schema_version")
     if version is None or version < 1:
         raise FileFormatError(f"has schema version {version!r}: the file is damaged", path=path)
-    if version > SCHEMA_VERSION and not try_newer:
+    if version > _newest(kind) and not try_newer:
         raise FileFormatError(
             f"was written by a newer lightflight (schema {version}, this one reads up to "
-            f"{SCHEMA_VERSION}): upgrade lightflight",
+            f"{_newest(kind)}): upgrade lightflight",
             path=path,
         )
     found = text_attribute(file, "kind")

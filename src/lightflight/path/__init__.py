@@ -1,6 +1,7 @@
 """Paths: where a pulse was and when, its file, its errors, and how it looks.
 
 - the record and its file: `light_path` (`LightPath`), `file`, `card`; its tables: `tables`
+- stretches that no picture showed: `gaps` (`Gap`)
 - how far a path is from the truth: `error` (`path_error`)
 - points along it with both times: `trace`; `apparent_speed`
 - what another camera would see of it: `second_view` (`observe`, `camera_towards`)
@@ -12,6 +13,7 @@ from lightflight._lazy import lazy_names
 
 if TYPE_CHECKING:
     from lightflight.path.error import path_error as path_error
+    from lightflight.path.gaps import Gap as Gap
     from lightflight.path.light_path import (
         Leg as Leg,
         LightPath as LightPath,
@@ -31,6 +33,7 @@ __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
         "lightflight.path.error": ("path_error",),
+        "lightflight.path.gaps": ("Gap",),
         "lightflight.path.light_path": (
             "Leg",
             "LightPath",

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from lightflight.camera.model import Camera
 from lightflight.errors import FileFormatError, LimitError
 from lightflight.files.filecheck import damage_as_format_error
-from lightflight.files.store import USUAL_SCHEMA, load_record, save_record
+from lightflight.files.store import NEWEST_SCHEMA, SCHEMA_VERSION, load_record, save_record
 from lightflight.flight import Medium, Source
 from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
 from lightflight.path.verdict import NOT_EXAMINED, Verdict
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 PATH_KIND = "path"
 """Kind of record in our HDF5 files."""
-_WITH_UNSEEN_LEGS = 2
-"""Schema of a path with legs that nobody saw."""
 _INDICES = ("path_group_index", "return_group_index")
 _KINDS: dict[str, tuple[type, ...]] = {
     "dof": (int,), "n_pulses": (int,), "n_rejected": (int,), "converged": (bool,),
@@ -88,7 +86,7 @@ def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
     if path.unseen_legs:
         attributes["unseen_legs"] = list(path.unseen_legs)
     # A version that knows no unseen legs would draw them as light that was seen.
-    schema = _WITH_UNSEEN_LEGS if path.unseen_legs else USUAL_SCHEMA
+    schema = NEWEST_SCHEMA[PATH_KIND] if path.unseen_legs else SCHEMA_VERSION
     save_record(file, kind=PATH_KIND, arrays=arrays, attributes=attributes, schema=schema)
 
 

@@ -79,7 +79,7 @@ class Leg:
     angle_deg: float
     angle_std_deg: float
     paper_angle_deg: float
-    seen: bool = True
+    seen: bool = field(default=True, kw_only=True)
 
     def __repr__(self) -> str:
         if not self.seen:

@@ -43,8 +43,6 @@ class Trace(Shown):
         X, y, z (mm) and t (ps) at this fraction of the leg; NaN where unknown.
     in_view : array of bool, shape (n,)
         True where the camera sees the point; on legs that nobody saw it never does.
-    unseen : tuple of int
-        Legs, by number, that no picture showed: one way of many is drawn.
     """
 
     points_mm: Floats
@@ -60,8 +58,6 @@ class Trace(Shown):
     covariance: Floats
 
     in_view: NDArray[np.bool_]
-
-    unseen: tuple[int, ...] = ()
 
     @property
     def std_mm(self) -> Floats:
@@ -144,7 +140,6 @@ def trace_from_path(
         leg=leg,
         covariance=_covariance_at(path, leg, fraction),
         in_view=_in_view(points, camera) & ~np.isin(leg, unseen_legs_of(path)),
-        unseen=unseen_legs_of(path),
     )
 
 

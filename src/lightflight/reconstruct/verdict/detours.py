@@ -36,6 +36,9 @@ _LEAST_DETOUR_MM = 10.0
 clock that is wrong by a plausible size moves corners by up to 5 mm (docs/explanation/limits.md)."""
 _LEAST_GAIN = 40.0
 """Chi-square that a detour must win beyond its parameters' worth, as a further leg must."""
+_MOST_LEFT = 0.25
+"""Of the misfit a detour may leave this share: one that is there takes up all of it (of 150 to 1e7 in
+chi-square), one that stands in for a wrong source, time or index leaves half and more."""
 _PARAMETERS = 3
 """A second mirror's place, with each detour."""
 _MOST_GAPS = 2
@@ -93,8 +96,13 @@ def detour_instead(
             if trial.solution.state.has_legs(n_legs) and _are_detours(trial, setting)
         ]
         best = min(trials, key=lambda one: cost_of_pulses(one, sightings), default=None)
+        if best is None:
+            continue
+        left = cost_of_pulses(best, sightings)
         worth = _LEAST_GAIN + _PARAMETERS * n_gaps * float(np.log(max(n, 2)))
-        if best is not None and cost_of_pulses(best, sightings) + worth < cost:
+        # Every pulse is worth one by chance: what is beyond is misfit.
+        explains = left - n < _MOST_LEFT * (cost - n)
+        if left + worth < cost and explains:
             return best
     return None
 

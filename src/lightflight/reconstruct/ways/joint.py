@@ -309,6 +309,14 @@ def _statements_of_path(fit: JointFit, timing: CodeClock | None) -> tuple[str, .
         )
     if not fit.solution.converged:
         said.append("The fit stopped before it converged: do not trust its errors.")
-    n_free = len(fit.labels)
-    said.extend(statements_from_covariance(fit.solution.covariance[:n_free, :n_free], fit.labels))
+    told = _told_columns(fit)
+    labels = tuple(fit.labels[k] for k in told)
+    said.extend(statements_from_covariance(fit.solution.covariance[np.ix_(told, told)], labels))
     return tuple(said)
+
+
+def _told_columns(fit: JointFit) -> list[int]:
+    """Freedoms of which something can be said: not those of mirrors that end an unseen leg."""
+    ends = {vertex for leg in fit.solution.state.unseen for vertex in (leg, leg + 1)}
+    rows = [3 * vertex + axis for vertex in sorted(ends) for axis in range(3)]
+    return [k for k in range(len(fit.labels)) if not fit.freedom_basis[rows, k].any()]

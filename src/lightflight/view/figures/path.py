@@ -167,7 +167,7 @@ def _draw_scene(
     for k, (name, other) in enumerate(others.items()):
         marks = style.line_of_other(k) | {"lw": 1.2, "zorder": 7, "label": f"{name} estimate"}
         line(ax, view, other.vertices_mm, **marks)
-    _draw_line(ax, view, trace)
+    _draw_line(ax, view, trace, unseen_legs_of(path))
     if truth is not None:
         line(ax, view, truth.vertices_mm, **style.TRUTH_LINE, zorder=9, label="truth")
     _draw_ends(ax, view, path)
@@ -276,9 +276,9 @@ def _draw_tubes(ax: Axes, view: Projector, trace: Trace, factor: float) -> None:
     ax.add_collection(tubes, autolim=False)
 
 
-def _draw_line(ax: Axes, view: Projector, trace: Trace) -> None:
+def _draw_line(ax: Axes, view: Projector, trace: Trace, unseen: tuple[int, ...]) -> None:
     """The path itself; thin where the camera does not see it, dotted where nobody did."""
-    open_ = np.isin(trace.leg, trace.unseen)[:, np.newaxis]
+    open_ = np.isin(trace.leg, unseen)[:, np.newaxis]
     told = np.where(open_, np.nan, trace.points_mm)
     line(ax, view, told, color=style.EVENT, lw=0.8, zorder=8)
     if open_.any():

@@ -75,8 +75,10 @@ function mirrorCorners(k, size) {
 const mirrors = Array.from({ length: Math.max(0, nLegs - 1) }, (_, k) => mirrorCorners(k + 1, 0.06 * sizeOf(boxes.path)))
   .filter((corners) => corners.every(isPlace));
 
+// Mirrors that end a way nobody saw: where they stand is open.
+const open = new Set((path.legs || []).flatMap((leg, k) => (leg.seen === false ? [k, k + 1] : [])));
 const vertexNames = vertices.map((_, k) => (k === 0 ? (path.source_known ? "source" : "entry")
-  : k === nLegs ? "exit" : nLegs <= 12 ? `M${k}` : ""));
+  : k === nLegs ? "exit" : nLegs <= 12 ? `M${k}${open.has(k) ? "?" : ""}` : ""));
 
 // Everything that stays while time runs, as shapes: { points, closed, fill, stroke, width, alpha, dash }.
 function stillShapes(ink) {
