@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as hnp
 
 from lightflight.errors import FileFormatError
 from lightflight.files.store import (
-    SCHEMA_VERSION,
+    NEWEST_SCHEMA,
     kind_of_record,
     load_record,
     new_record,
@@ -260,7 +260,7 @@ def test_wrong_kind_and_newer_schema_say_what_to_do(tmp_path):
     with pytest.raises(FileFormatError, match="holds 'path', but 'calibration' is needed"):
         load_record(path, kind="calibration")
     with unsealed(path) as file:
-        file.attrs["schema_version"] = SCHEMA_VERSION + 1
+        file.attrs["schema_version"] = NEWEST_SCHEMA["path"] + 1
     with pytest.raises(FileFormatError, match=r"newer lightflight .* upgrade"):
         load_record(path, kind="path")
 

@@ -37,8 +37,8 @@ clock that is wrong by a plausible size moves corners by up to 5 mm (docs/explan
 _LEAST_GAIN = 40.0
 """Chi-square that a detour must win beyond its parameters' worth, as a further leg must."""
 _MOST_LEFT = 0.25
-"""Of the misfit a detour may leave this share: one that is there takes up all of it (of 150 to 1e7 in
-chi-square), one that stands in for a wrong source, time or index leaves half and more."""
+"""Of the misfit a detour may leave this share: one that is there takes up all of it (of 150 to 1e7
+in chi-square), one that stands in for a wrong source, time or index leaves half and more."""
 _PARAMETERS = 3
 """A second mirror's place, with each detour."""
 _MOST_GAPS = 2
