@@ -72,6 +72,8 @@ def main() -> None:
         Page(DOCS / "tutorial" / "first-path.md").run()
         for made, name in TUTORIAL.items():
             keep(Path(made), name)
+        Page(DOCS / "how-to" / "light-out-of-the-picture.md").run()
+        keep(Path("unseen.png"), "unseen-legs.png")
         for example, name in EXAMPLES.items():
             run_example(example, "-o", name)
             keep(Path(name), name)

@@ -147,7 +147,8 @@ def formats_page() -> str:
     lines.append(f"\n## Our own files, schema version {schema['version']}\n")
     lines.append(
         'HDF5 with the root attributes `format` = "lightflight", `kind` and `schema_version`; '
-        "the dataset `attributes` is a JSON text, all other datasets are arrays.\n"
+        "the dataset `attributes` is a JSON text, all other datasets are arrays. Paths with legs "
+        "that nobody saw (`unseen_legs`, their numbers) have schema version 2.\n"
     )
     for kind in ("histograms", "recording"):
         lines += [f"### {kind}\n", schema[kind]["summary"], "", "| array | shape | meaning |"]

@@ -52,6 +52,15 @@ def test_csv_holds_every_row_and_the_columns_of_the_longest_path(tmp_path):
     assert TABLE.n_failed == 1
 
 
+def test_legs_that_nobody_saw_have_a_column_where_there_are_any(tmp_path):
+    assert "n_legs_unseen" not in TABLE.columns
+    more = CampaignTable((*TABLE.rows, row(SHOTS[0], 2.5, n_legs=3) | {"n_legs_unseen": 1}))
+    assert more.columns[-1] == "n_legs_unseen"
+    write_table_csv(more, tmp_path / "t.csv")
+    lines = (tmp_path / "t.csv").read_text(encoding="utf-8").splitlines()
+    assert [line.rpartition(",")[2] for line in lines] == ["n_legs_unseen", "", "", "", "1"]
+
+
 def test_parquet_says_the_same_with_types(tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     write_table_parquet(TABLE, tmp_path / "t.parquet")

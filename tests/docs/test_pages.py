@@ -41,6 +41,7 @@ def test_the_tutorial_leads_to_what_it_says(tutorial_folder: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}/{page.stem}")
 @pytest.mark.filterwarnings("ignore:the clock is nominal:UserWarning")
+@pytest.mark.filterwarnings("ignore:.*the light was out of the picture:UserWarning")
 def test_a_page_does_what_it_shows(
     page: Path, tutorial_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -119,3 +119,22 @@ def test_a_file_with_an_impossible_one_is_told_as_damaged(tmp_path):
         save_record(tmp_path / "x.h5", kind="path", arrays=arrays, attributes=attributes, schema=2)
         with pytest.raises(FileFormatError, match="unseen_legs"):
             lf.LightPath.load(tmp_path / "x.h5")
+
+
+def test_a_mirror_that_slides_along_its_leg_costs_the_flight_nothing():
+    """One mirror out by s, the other in, s drawn with 60 mm: they are open, the flight is not."""
+    index = lf.Medium().path_group_index / C
+    slide = np.zeros(16)
+    slide[[4, 7]] = 1.0, index
+    slide[[8, 11]] = -1.0, index
+    path = roof(covariance=60.0**2 * np.outer(slide, slide))
+    assert path.vertex_std[1, 0] == pytest.approx(60.0)
+    table = path.sample(300)
+    seen = table["leg"] != 1
+    assert table["event_time_std_ps"][seen].max() < 1e-3
+    from lightflight.path.trace import trace_from_path
+
+    trace = trace_from_path(path)
+    std = np.sqrt(np.maximum(np.diagonal(trace.covariance, axis1=1, axis2=2), 0.0))
+    assert std[trace.leg != 1].max() < 1e-3
+    assert path.gaps[0].delay_std_ps < 1e-3

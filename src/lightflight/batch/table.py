@@ -34,7 +34,7 @@ _TEXTS = (
     "findings",
 )  # fmt: skip
 _VERSIONS = ("lightflight", "python", *NUMERIC_PACKAGES)
-_WHOLE = ("n_legs", "n_pulses", "n_rejected", "dof", "n_explained", "n_found")
+_WHOLE = ("n_legs", "n_pulses", "n_rejected", "dof", "n_explained", "n_found", "n_legs_unseen")
 _FIRST = (
     "recording", "group", "set_point_deg", "status", "reason", "method", "prior", "converged",
     "n_legs", "n_pulses", "n_rejected", "residual_rms_ps", "error_floor_ps", "chi2", "dof",
@@ -47,6 +47,8 @@ _OF_VERTEX_STD = ("x_std_mm", "y_std_mm", "z_std_mm", "event_time_std_ps")
 _LAST = ("sha256", *_VERSIONS)
 _VERDICT = ("verdict", "findings", "verdict_p_value", "n_explained", "n_found")
 """Behind all others: columns that are new to a table are put last."""
+_UNSEEN = "n_legs_unseen"
+"""Last of all, and only where a path has such legs."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,8 @@ class CampaignTable(Drawn, Tabled):
             for k in range(n_legs + 1 if n_legs else 0)
             for name in (*_OF_VERTEX, *_OF_VERTEX_STD)
         ]
-        return (*_FIRST, *legs, *vertices, *_LAST, *_VERDICT)
+        unseen = (_UNSEEN,) if any(row.get(_UNSEEN) for row in self.rows) else ()
+        return (*_FIRST, *legs, *vertices, *_LAST, *_VERDICT, *unseen)
 
     @property
     def n_failed(self) -> int:
@@ -264,7 +267,7 @@ def row_from_path(shot: Shot, path: LightPath) -> dict[str, object]:
         **_verdict_of(path),
     }
     if path.unseen_legs:
-        row["n_legs_unseen"] = len(path.unseen_legs)
+        row[_UNSEEN] = len(path.unseen_legs)
     for k, leg in enumerate(_legs_of(path)):
         row |= {f"leg{k + 1}_{name}": value for name, value in leg.items()}
     for k in range(path.n_legs + 1):

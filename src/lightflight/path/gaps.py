@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.display import with_error
+from lightflight.path.on_legs import sliding_maps
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
@@ -151,17 +152,10 @@ def _moment_by_vertices(path: LightPath, leg: int, fraction: float) -> Floats:
     The crossing stays in its plane of sight: a vertex that slides along the leg moves no light.
     """
     start, end = path.vertices_mm[leg : leg + 2]
-    step = end - start
-    point = start + fraction * step
-    ray = path.camera.sight_directions(point)
-    along = step / np.linalg.norm(step)
-    # What the picture shows of the leg's direction; the edge is taken square to it.
-    flat = along - (along @ ray) * ray
-    span = path.vertex_times_ps[leg + 1] - path.vertex_times_ps[leg]
+    point = start + fraction * (end - start)
+    row = sliding_maps(path, np.array([leg]), point[np.newaxis])[0, 3]
     by = np.zeros((len(path.vertex_times_ps), 4))
-    for vertex, share in ((leg, 1.0 - fraction), (leg + 1, fraction)):
-        by[vertex, :3] = -share * span * flat / float(flat @ step)
-        by[vertex, 3] = share
+    by[leg], by[leg + 1] = (1.0 - fraction) * row, fraction * row
     return by.ravel()
 
 

@@ -22,6 +22,7 @@ from lightflight.flight import (
     elevation_from_direction,
 )
 from lightflight.path.gaps import Gap, checked_unseen, gaps_of_path
+from lightflight.path.on_legs import covariance_on_legs, sliding_maps
 from lightflight.path.tables import RESIDUAL_DTYPE, SAMPLE_DTYPE, Explained, Goodness
 from lightflight.path.verdict import NOT_EXAMINED, Verdict
 
@@ -447,7 +448,9 @@ class LightPath(Drawn, Tabled, Labelled):
         # variances a hair below zero.
         variance = np.diagonal(self.position_covariance_at(times), axis1=1, axis2=2)
         out["x_std_mm"], out["y_std_mm"], out["z_std_mm"] = np.sqrt(np.maximum(variance, 0.0)).T
-        out["event_time_std_ps"] = np.sqrt(np.maximum(self._time_variance(times, leg), 0.0))
+        out["event_time_std_ps"] = np.sqrt(
+            np.maximum(self._time_variance(times, leg, position), 0.0)
+        )
         out["in_view"] = self.camera.sees(position)
         unseen = ~self.is_seen_at(times)
         out["in_view"][unseen] = False
@@ -456,13 +459,12 @@ class LightPath(Drawn, Tabled, Labelled):
                 out[name][unseen] = np.nan
         return out
 
-    def _time_variance(self, times: Floats, leg: NDArray[np.int64]) -> Floats:
-        """(n,), ps^2: variance of the event time at these fractions of a leg."""
+    def _time_variance(self, times: Floats, leg: NDArray[np.int64], points: Floats) -> Floats:
+        """(n,), ps^2: of the event time at these fractions of a leg, or planes of sight."""
         t0, t1 = self.vertex_times_ps[leg], self.vertex_times_ps[leg + 1]
-        f = (times - t0) / (t1 - t0)
-        i, j = 4 * leg + 3, 4 * leg + 7
-        c = self.covariance
-        variance: Floats = (1 - f) ** 2 * c[i, i] + f**2 * c[j, j] + 2 * f * (1 - f) * c[i, j]
+        found = covariance_on_legs(self.covariance, leg, (times - t0) / (t1 - t0))
+        row = sliding_maps(self, leg, points)[:, 3]
+        variance: Floats = np.einsum("ni,nij,nj->n", row, found, row)
         return variance
 
     def save(self, path: str | os.PathLike[str]) -> None:

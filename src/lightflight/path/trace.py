@@ -8,17 +8,19 @@ only: figures, page and movie draw from the same numbers.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.display import Shown
 from lightflight.flight import Medium
+from lightflight.path.on_legs import covariance_on_legs, sliding_maps
 from lightflight.path.tables import RESIDUAL_DTYPE, Polyline
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
+    from lightflight.path.light_path import LightPath
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +42,8 @@ class Trace(Shown):
     leg : array of int, shape (n,)
         0-based.
     covariance : array of float, shape (n, 4, 4)
-        X, y, z (mm) and t (ps) at this fraction of the leg; NaN where unknown.
+        X, y, z (mm) and t (ps) at this fraction of the leg (beside a leg that nobody saw: in this
+        plane of sight); NaN where unknown.
     in_view : array of bool, shape (n,)
         True where the camera sees the point; on legs that nobody saw it never does.
     """
@@ -86,18 +89,19 @@ def has_errors(path: Polyline) -> bool:
     return covariance.shape == (size, size) and bool(np.isfinite(np.diag(covariance)).all())
 
 
-def _covariance_at(path: Polyline, leg: NDArray[np.int64], fraction: Floats) -> Floats:
-    """(n, 4, 4): both ends of a leg propagated to a point at a fixed fraction of it."""
+def _covariance_at(
+    path: Polyline, leg: NDArray[np.int64], fraction: Floats, points: Floats
+) -> Floats:
+    """(n, 4, 4): at a fixed fraction of the leg, or in the plane of sight beside an unseen one."""
     if not has_errors(path):
         return np.full((len(leg), 4, 4), np.nan)
-    blocks = np.asarray(getattr(path, "covariance", None), dtype=float)
-    m = len(np.asarray(path.vertices_mm))
-    blocks = blocks.reshape(m, 4, m, 4).transpose(0, 2, 1, 3)
-    f = fraction[:, np.newaxis, np.newaxis]
-    start, end = blocks[leg, leg], blocks[leg + 1, leg + 1]
-    cross = blocks[leg, leg + 1]
-    both: Floats = (1 - f) ** 2 * start + f**2 * end
-    return np.asarray(both + f * (1 - f) * (cross + np.swapaxes(cross, 1, 2)))
+    whole = np.asarray(getattr(path, "covariance", None), dtype=float)
+    found = covariance_on_legs(whole, leg, fraction)
+    if not unseen_legs_of(path):
+        return found
+    maps = sliding_maps(cast("LightPath", path), leg, points)
+    held: Floats = maps @ found @ np.swapaxes(maps, 1, 2)
+    return held
 
 
 def trace_from_path(
@@ -138,7 +142,7 @@ def trace_from_path(
         arrival_ps=arrival_from_points(points, event, camera=camera, medium=medium),
         length_mm=start[leg] + fraction * lengths[leg],
         leg=leg,
-        covariance=_covariance_at(path, leg, fraction),
+        covariance=_covariance_at(path, leg, fraction, points),
         in_view=_in_view(points, camera) & ~np.isin(leg, unseen_legs_of(path)),
     )
 
