@@ -100,8 +100,8 @@ def detour_instead(
             continue
         left = cost_of_pulses(best, sightings)
         worth = _LEAST_GAIN + _PARAMETERS * n_gaps * float(np.log(max(n, 2)))
-        # Every pulse is worth one by chance: what is beyond is misfit.
-        explains = left - n < _MOST_LEFT * (cost - n)
+        # Every pulse is worth one by chance: what is beyond is misfit, unless errors explain it.
+        explains = best.floor_ps == 0.0 or left - n < _MOST_LEFT * (cost - n)
         if left + worth < cost and explains:
             return best
     return None
