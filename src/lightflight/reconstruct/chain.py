@@ -14,7 +14,7 @@ from lightflight.camera.refraction import scene_medium
 from lightflight.errors import GeometryError, NothingFoundError, SuspectDataWarning
 from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
-from lightflight.path.verdict import Level, warning_of
+from lightflight.path.verdict import NOT_EXAMINED, Level, warning_of
 from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, checked_media
 from lightflight.reconstruct.estimators import Estimator, estimator_named
 from lightflight.reconstruct.fit.diffuse import with_diffuse
@@ -178,7 +178,7 @@ def path_from_sightings(
     detour = _detour(fit, request, estimator) if unsure and fit is not None else None
     if detour is not None:
         found = _judged(*detour, request)
-    if found.verdict.level is not Level.TRUST:
+    if found.verdict.level is not Level.TRUST and found.verdict is not NOT_EXAMINED:
         warnings.warn(warning_of(found.verdict), SuspectDataWarning, stacklevel=3)
     return found
 

@@ -96,7 +96,9 @@ class PathState:
 def state_of_path(path: LightPath) -> PathState:
     """The state of a path that is already told, to start or to look from."""
     start_time = float(path.vertex_times_ps[0])
-    return PathState(np.array(path.vertices_mm, dtype=float), start_time, path.unseen_legs)
+    # A truth to start from knows of no picture.
+    unseen = tuple(getattr(path, "unseen_legs", ()))
+    return PathState(np.array(path.vertices_mm, dtype=float), start_time, unseen)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,10 +12,13 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.errors import NothingFoundError
 from lightflight.path.verdict import Finding, FindingName, Severity
-from lightflight.reconstruct.fit.joint import JointFit, fit_joint
+from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import OUTLIER
+from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.fit.result import explained_by_fit
+from lightflight.reconstruct.fit.revise import fit_from_legs, refitted
 from lightflight.reconstruct.fit.unseen import fits_with_gaps
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.legs.find import ImageLeg
@@ -25,6 +28,7 @@ from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.verdict.hidden import pulses_of_legs
 from lightflight.reconstruct.verdict.lost import cost_of_pulses
+from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 _AT_EDGE_PX = 4.0
 """A leg that is seen up to this near to the edge may run on beyond it, px: so many dim pixels and
@@ -36,9 +40,12 @@ _LEAST_DETOUR_MM = 10.0
 clock that is wrong by a plausible size moves corners by up to 5 mm (docs/explanation/limits.md)."""
 _LEAST_GAIN = 40.0
 """Chi-square that a detour must win beyond its parameters' worth, as a further leg must."""
-_MOST_LEFT = 0.25
-"""Of the misfit a detour may leave this share: one that is there takes up all of it (of 150 to 1e7
-in chi-square), one that stands in for a wrong source, time or index leaves half and more."""
+_LEAST_EXPLAINED = 0.95
+"""Of the photons found a path with a detour holds at least this share, and its times scatter by no
+more than their errors: one that stands in for a wrong index or source leaves a third of them, or
+scatter. Right ones held 0.98 to 1.00."""
+_MOST_OF_PERIOD = 0.5
+"""Light that comes back later than this, in laser periods, may as well be another pulse's."""
 _PARAMETERS = 3
 """A second mirror's place, with each detour."""
 _MOST_GAPS = 2
@@ -86,38 +93,46 @@ def detour_instead(
     except NothingFoundError:
         return None
     places = _open_places(legs, setting)
-    cost = _cost_as_it_is(fit, sightings, setting)
+    if not places:
+        return None
+    cost = _cost_without(fit, legs, sightings, setting)
     n = sum(len(one.usable_pulses) for one in sightings)
     for n_gaps in range(1, min(len(places), _MOST_GAPS) + 1):
         trials = [
             trial
             for gaps in combinations(places, n_gaps)
             for trial in fits_with_gaps(sightings, legs, gaps, setting)
-            if trial.solution.state.has_legs(n_legs) and _are_detours(trial, setting)
+            if trial.solution.state.has_legs(n_legs) and _are_detours(trial, sightings, setting)
         ]
         best = min(trials, key=lambda one: cost_of_pulses(one, sightings), default=None)
         if best is None:
             continue
         left = cost_of_pulses(best, sightings)
         worth = _LEAST_GAIN + _PARAMETERS * n_gaps * float(np.log(max(n, 2)))
-        # Every pulse is worth one by chance: what is beyond is misfit, unless errors explain it.
-        explains = best.floor_ps == 0.0 or left - n < _MOST_LEFT * (cost - n)
-        if left + worth < cost and explains:
+        if left + worth < cost and _explains_all(best, sightings):
             return best
     return None
 
 
-def _cost_as_it_is(fit: JointFit | None, sightings: list[Sighting], setting: Setting) -> float:
-    """What the path without a detour costs on the pulses as found, at best."""
-    if fit is None:
-        return OUTLIER**2 * sum(len(one.usable_pulses) for one in sightings)
-    costs = [cost_of_pulses(fit, list(fit.sightings))]
-    try:
-        again = fit_joint(sightings, fit.solution.state, setting, legs=None)
-        costs.append(cost_of_pulses(again, sightings))
-    except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
-        pass
-    return min(costs)
+def _cost_without(
+    fit: JointFit | None,
+    legs: tuple[ImageLeg, ...],
+    sightings: list[Sighting],
+    setting: Setting,
+) -> float:
+    """What a path without a detour costs on the pulses as found, at best.
+
+    The path as it is, or one of the very legs that are tried apart, each over one mirror to the
+    next: where that explains as much, nothing was out of the picture for longer.
+    """
+    costs = [OUTLIER**2 * sum(len(one.usable_pulses) for one in sightings)]
+    trials = [fit_or_reason(lambda: fit_from_legs(sightings, legs, setting, drop=False))]
+    if fit is not None:
+        costs.append(cost_of_pulses(fit, list(fit.sightings)))
+        trials.append(refitted(sightings, fit.solution.state, setting))
+    costs += [cost_of_pulses(one, sightings) for one in trials if not isinstance(one, NoFit)]
+    # Without a path every pulse costs what it may at most; a poor path may cost more.
+    return min(costs[1:] or costs)
 
 
 def _open_places(legs: tuple[ImageLeg, ...], setting: Setting) -> tuple[int, ...]:
@@ -139,10 +154,21 @@ def _edge_px(setting: Setting) -> NDArray[np.float64]:
     return undistorted_px(setting.camera, row, col)
 
 
-def _are_detours(fit: JointFit, setting: Setting) -> bool:
+def _are_detours(fit: JointFit, sightings: list[Sighting], setting: Setting) -> bool:
     """Whether light goes about everywhere where the path says so, and not over one mirror."""
-    detours = detours_of(fit.solution.state, setting.camera)
-    return all(one.corner_misses_mm > _LEAST_DETOUR_MM for one in detours)
+    period_ps = sightings[0].histograms.laser_period_ps or np.inf
+    longest = _MOST_OF_PERIOD * period_ps * SPEED_OF_LIGHT_MM_PER_PS
+    return all(
+        one.corner_misses_mm > _LEAST_DETOUR_MM and one.length_mm < longest
+        for one in detours_of(fit.solution.state, setting.camera)
+    )
+
+
+def _explains_all(fit: JointFit, sightings: list[Sighting]) -> bool:
+    """Whether a path holds all but all of the light, with no more scatter than is stated."""
+    share = explained_by_fit(fit, sightings)
+    enough = share.photons >= _LEAST_EXPLAINED * share.photons_found
+    return fit.floor_ps == 0.0 and enough
 
 
 def findings_of_detours(fit: JointFit) -> tuple[Finding, ...]:
