@@ -41,9 +41,11 @@ clock that is wrong by a plausible size moves corners by up to 5 mm (docs/explan
 _LEAST_GAIN = 40.0
 """Chi-square that a detour must win beyond its parameters' worth, as a further leg must."""
 _LEAST_EXPLAINED = 0.95
-"""Of the photons found a path with a detour holds at least this share, and its times scatter by no
-more than their errors: one that stands in for a wrong index or source leaves a third of them, or
-scatter. Right ones held 0.98 to 1.00."""
+"""Of the photons found a path with a detour holds at least this share: one that stands in for a
+wrong index leaves a third of them. Right ones held 0.98 to 1.00."""
+_MOST_LEFT = 0.25
+"""Where its times scatter beyond their errors, it leaves at most this share of the misfit: one that
+stands in for a wrong source or time leaves half and more."""
 _MOST_OF_PERIOD = 0.5
 """Light that comes back later than this, in laser periods, may as well be another pulse's."""
 _PARAMETERS = 3
@@ -109,7 +111,7 @@ def detour_instead(
             continue
         left = cost_of_pulses(best, sightings)
         worth = _LEAST_GAIN + _PARAMETERS * n_gaps * float(np.log(max(n, 2)))
-        if left + worth < cost and _explains_all(best, sightings):
+        if left + worth < cost and _explains_all(best, sightings, cost):
             return best
     return None
 
@@ -164,11 +166,13 @@ def _are_detours(fit: JointFit, sightings: list[Sighting], setting: Setting) -> 
     )
 
 
-def _explains_all(fit: JointFit, sightings: list[Sighting]) -> bool:
-    """Whether a path holds all but all of the light, with no more scatter than is stated."""
+def _explains_all(fit: JointFit, sightings: list[Sighting], cost: float) -> bool:
+    """Whether a path holds all but all of the light, and not the misfit of one that cost so much."""
     share = explained_by_fit(fit, sightings)
-    enough = share.photons >= _LEAST_EXPLAINED * share.photons_found
-    return fit.floor_ps == 0.0 and enough
+    # Every pulse is worth one by chance: what is beyond is misfit.
+    left = cost_of_pulses(fit, sightings) - share.n_found
+    clean = fit.floor_ps == 0.0 or left < _MOST_LEFT * (cost - share.n_found)
+    return clean and share.photons >= _LEAST_EXPLAINED * share.photons_found
 
 
 def findings_of_detours(fit: JointFit) -> tuple[Finding, ...]:
