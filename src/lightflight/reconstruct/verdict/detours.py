@@ -167,7 +167,7 @@ def _are_detours(fit: JointFit, sightings: list[Sighting], setting: Setting) -> 
 
 
 def _explains_all(fit: JointFit, sightings: list[Sighting], cost: float) -> bool:
-    """Whether a path holds all but all of the light, and not the misfit of one that cost so much."""
+    """Whether a path holds all but all of the light, and not the misfit of one at that cost."""
     share = explained_by_fit(fit, sightings)
     # Every pulse is worth one by chance: what is beyond is misfit.
     left = cost_of_pulses(fit, sightings) - share.n_found
