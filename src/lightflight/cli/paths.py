@@ -172,7 +172,7 @@ def print_path(path: LightPath) -> None:
 def _vertex_name(path: LightPath, i: int) -> str:
     """Number of a vertex and what lies there."""
     n_legs, source_known = path.n_legs, path.source.position_mm is not None
-    if {i - 1, i} & set(path.unseen_legs):
+    if i in path.open_vertices:
         return f"{i}  mirror, open"
     if i == 0:
         return "0  source" if source_known else "0  entry into view"

@@ -319,6 +319,11 @@ class LightPath(Drawn, Tabled, Labelled):
         )
 
     @property
+    def open_vertices(self) -> tuple[int, ...]:
+        """Vertices that end a leg nobody saw: mirrors that may stand elsewhere."""
+        return tuple(sorted({vertex for k in self.unseen_legs for vertex in (k, k + 1)}))
+
+    @property
     def gaps(self) -> tuple[Gap, ...]:
         """Where the light was lost from sight, in the order of flight: what is known of the way."""
         return gaps_of_path(self)

@@ -171,30 +171,29 @@ def path_from_sightings(
     """
     request = Request(sightings, setting, timing, n_legs, start)
     estimator = estimator_named(method)
-    path, fit = _answer(request, estimator)
-    found = _judged(path, fit, request)
-    # Light that was out of the picture is asked for where nothing that is seen explains the rest.
-    unsure = found.verdict.level is Level.CONTRADICTED and not found.unseen_legs
-    detour = _detour(fit, request, estimator) if unsure and fit is not None else None
-    if detour is not None:
-        found = _judged(*detour, request)
-    if found.verdict.level is not Level.TRUST and found.verdict is not NOT_EXAMINED:
-        warnings.warn(warning_of(found.verdict), SuspectDataWarning, stacklevel=3)
-    return found
-
-
-def _answer(request: Request, estimator: Estimator) -> tuple[LightPath, JointFit | None]:
-    """The path and the fit it rests on; with a detour where legs join to no path, or a poor one."""
     try:
         path, fit = estimator.fit(request)
     except (GeometryError, NothingFoundError):
         detour = _detour(None, request, estimator)
         if detour is None:
             raise
-        return detour
-    if fit is None or not has_weak_leg(fit):
-        return path, fit
-    return _detour(fit, request, estimator) or (path, fit)
+        return _warned(_judged(*detour, request))
+    # Light that was out of the picture is asked for where nothing that is seen explains the rest:
+    # before the verdict where a leg is all but unseen, else once that contradicts the path.
+    weak = fit is not None and has_weak_leg(fit)
+    detour = _detour(fit, request, estimator) if weak else None
+    found = _judged(*(detour or (path, fit)), request)
+    if fit is not None and not weak and found.verdict.level is Level.CONTRADICTED:
+        detour = _detour(fit, request, estimator)
+        found = found if detour is None else _judged(*detour, request)
+    return _warned(found)
+
+
+def _warned(path: LightPath) -> LightPath:
+    """The path, with a warning unless its verdict is "trust"."""
+    if path.verdict.level is not Level.TRUST and path.verdict is not NOT_EXAMINED:
+        warnings.warn(warning_of(path.verdict), SuspectDataWarning, stacklevel=4)
+    return path
 
 
 def _detour(

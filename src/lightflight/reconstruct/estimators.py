@@ -77,7 +77,7 @@ def _joint_of_fit(fit: JointFit, request: Request) -> LightPath:
 def _photon_of_fit(fit: JointFit, request: Request) -> LightPath:
     from lightflight.reconstruct.ways.photon import path_of_all_counts
 
-    return path_of_all_counts(fit, request)
+    return path_of_all_counts(fit, _joint_of_fit(fit, request), request)
 
 
 ESTIMATORS = (

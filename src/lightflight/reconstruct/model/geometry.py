@@ -56,8 +56,12 @@ class PathState:
     @property
     def corners_seen(self) -> tuple[int, ...]:
         """Corners, by the number of their vertex, between two legs that are seen."""
-        ends = {vertex for k in self.unseen for vertex in (k, k + 1)}
-        return tuple(k for k in range(1, self.n_legs) if k not in ends)
+        return tuple(k for k in range(1, self.n_legs) if k not in self.open_vertices)
+
+    @property
+    def open_vertices(self) -> tuple[int, ...]:
+        """Vertices that end a leg which is not seen."""
+        return tuple(vertex for k in self.unseen for vertex in (k, k + 1))
 
     def has_legs(self, n_legs: int | None) -> bool:
         """Whether it has as many legs as were told, those that nobody saw counted or not."""

@@ -139,7 +139,7 @@ def corners_without_a_turn(path: LightPath) -> list[int]:
     """
     corners = []
     for k in range(1, path.n_legs):
-        if {k - 1, k} & set(path.unseen_legs):
+        if k in path.open_vertices:
             continue
         steps = np.diff(path.vertices_mm[k - 1 : k + 2], axis=0)
         lengths = np.linalg.norm(steps, axis=1)

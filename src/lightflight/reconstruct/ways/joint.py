@@ -317,6 +317,6 @@ def _statements_of_path(fit: JointFit, timing: CodeClock | None) -> tuple[str, .
 
 def _told_columns(fit: JointFit) -> list[int]:
     """Freedoms of which something can be said: not those of mirrors that end an unseen leg."""
-    ends = {vertex for leg in fit.solution.state.unseen for vertex in (leg, leg + 1)}
-    rows = [3 * vertex + axis for vertex in sorted(ends) for axis in range(3)]
+    ends = fit.solution.state.open_vertices
+    rows = [3 * vertex + axis for vertex in ends for axis in range(3)]
     return [k for k in range(len(fit.labels)) if not fit.freedom_basis[rows, k].any()]

@@ -11,7 +11,6 @@ from lightflight.path.light_path import LightPath
 from lightflight.path.tables import RESIDUAL_DTYPE
 from lightflight.reconstruct.fit.counts import merged
 from lightflight.reconstruct.fit.joint import JointFit, pulse_std_ps
-from lightflight.reconstruct.fit.membership import Tips
 from lightflight.reconstruct.fit.photon import photon_path
 from lightflight.reconstruct.fit.pooled import pooled_camera, pooled_sighting
 from lightflight.reconstruct.sightings import unwrapped_sighting
@@ -44,31 +43,28 @@ def path_by_photon(request: Request) -> tuple[LightPath, JointFit | None]:
     NothingFoundError
         Where not even pooled pixels show a path.
     """
-    # Where no pixel can be fitted alone there is no joint fit that could tell of the tips.
-    tips: Tips = (None, None)
-    fit, shared, sightings = None, None, request.sightings
     try:
         fit = fit_of_request(request)
-        path, tips = path_of_fit(fit, request), fit.tips
-        shared, sightings = fit.solution.shared, list(fit.sightings)
-        std_ps = pulse_std_ps(sightings)
+        rough = path_of_fit(fit, request)
     except NothingFoundError:
         # Only the likelihood of all counts can go on from here; the joint fit rests on single
-        # pulses.
+        # pulses, and there is none that could tell of the tips.
         if request.start is not None:
             raise
-        path, std_ps = _pooled_path(request)
-    path = photon_path(sightings, request.setting, path, std_ps=std_ps, tips=tips, shared=shared)
-    return path, fit
+        rough, std_ps = _pooled_path(request)
+        return photon_path(request.sightings, request.setting, rough, std_ps=std_ps), None
+    return path_of_all_counts(fit, rough, request), fit
 
 
-def path_of_all_counts(fit: JointFit, request: Request) -> LightPath:
-    """The path by all counts, from a fit of single pulses that is there already.
+def path_of_all_counts(fit: JointFit, rough: LightPath, request: Request) -> LightPath:
+    """The path by all counts, from a fit of single pulses.
 
     Parameters
     ----------
     fit : JointFit
         The fit.
+    rough : LightPath
+        Its path.
     request : Request
         What it answers.
 
@@ -86,7 +82,7 @@ def path_of_all_counts(fit: JointFit, request: Request) -> LightPath:
     return photon_path(
         sightings,
         request.setting,
-        path_of_fit(fit, request),
+        rough,
         std_ps=pulse_std_ps(sightings),
         tips=fit.tips,
         shared=fit.solution.shared,

@@ -324,12 +324,13 @@ def _draw_ends(ax: Axes, view: Projector, path: LightPath) -> None:
         zorder=11,
     )  # fmt: skip
     label(ax, view, vertices[-1], "exit", offset_pt=(2, 8), zorder=12)
+    open_ = getattr(path, "open_vertices", ())
     for i in range(1, len(vertices) - 1):
         after = view.project(vertices[i]) - view.project(vertices[i + 1])
         # On the side of the mirror that the outgoing leg leaves free.
         side = 1.0 if after[0] >= 0 else -1.0
         # Where a mirror stands that ends a way nobody saw is open.
-        name = f"M{i}" + ("?" if {i - 1, i} & set(unseen_legs_of(path)) else "")
+        name = f"M{i}" + ("?" if i in open_ else "")
         label(ax, view, vertices[i], name, offset_pt=(11 * side, 0), zorder=12)
 
 
