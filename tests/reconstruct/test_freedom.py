@@ -27,7 +27,7 @@ PLANE = np.eye(3)[:, :2]
 
 def freedom(source, waypoints=()):
     return freedom_of_path(
-        STATE, source=source, waypoints=waypoints, start_basis=PLANE, end_basis=PLANE
+        STATE, source=source, waypoints=waypoints, start_basis=PLANE, end_bases=(PLANE,)
     )
 
 

@@ -205,14 +205,14 @@ class TestDerivatives:
             return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1)))
 
         expected = central(length, 19, 1e-3)[:, :-1]
-        np.testing.assert_allclose(travelled_jacobian(state.vertices_mm), expected, atol=1e-9)
+        np.testing.assert_allclose(travelled_jacobian(state), expected, atol=1e-9)
 
         def table(step):
             at = state.moved(step)
             return np.column_stack((at.vertices_mm, at.vertex_times_ps(medium))).ravel()
 
         np.testing.assert_allclose(
-            vertex_time_jacobian(state.vertices_mm, medium), central(table, 19, 1e-3), atol=1e-8
+            vertex_time_jacobian(state, medium), central(table, 19, 1e-3), atol=1e-8
         )
 
 

@@ -221,7 +221,7 @@ class TestPriorsAndSharedErrors:
             source=Source(PAPER_VERTICES[0]),
             waypoints=((1, PAPER_VERTICES[1] + [0.0, 0.0, 1.0], 0.01),),
             start_basis=None,
-            end_basis=np.eye(3)[:, 1:],
+            end_bases=(np.eye(3)[:, 1:],),
         )
         found = solved(times_of(TRUE, PAPER, std=50.0), lines_of(TRUE, PAPER), freedom)
         assert found.state.vertices_mm[1, 2] == pytest.approx(51.0, abs=0.05)

@@ -144,7 +144,7 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         # A path ends where the first camera's view does; others may see its light beyond.
         if whole.view > 0 and k == 0:
             beyond |= on_line & (along < first + reach)
-        if whole.view > 0 and k == n_legs - 1:
+        if whole.view > 0 and k in state.last_legs:
             beyond |= on_line & (along > last - reach)
     nearest = np.argsort(away, axis=1)[:, :_MOST_LEGS]
     lit = np.isfinite(np.take_along_axis(away, nearest, axis=1))
@@ -195,7 +195,9 @@ def _own_std_ps(std_ps: float, transit_ps: Floats) -> float:
 
 def _at_ends(fit: JointFit, view: int, rows: Indices, cols: Indices) -> NDArray[np.bool_]:
     """True for pixels about a corner or a tip in the picture: they see cut footprints."""
-    corners = fit.solution.state.vertices_mm[1:-1]
+    state = fit.solution.state
+    ends = [0, *(leg + 1 for leg in state.last_legs)]
+    corners = np.delete(state.vertices_mm, ends, axis=0)
     places = [tip for tip in fit.tips if tip is not None and view == 0]
     if len(corners):
         row, col = fit.solution.cameras[view].pixels_from_points(corners)

@@ -384,17 +384,16 @@ def _tips_in(setting: Setting, rough: LightPath, tips: Tips, view: int) -> Tips:
     """The tips of the first camera's picture in that of another."""
     if view == 0:
         return tips
-    ends = rough.vertices_mm[[0, -1]]
-    places = np.column_stack(setting.camera.pixels_from_points(ends))
-    first, last = (None if tip is None else place for tip, place in zip(tips, places, strict=True))
-    return first, last
+    ends = [0, *(leg + 1 for leg in state_of_path(rough).last_legs)]
+    places = np.column_stack(setting.camera.pixels_from_points(rough.vertices_mm[ends]))
+    return tuple(None if tip is None else place for tip, place in zip(tips, places, strict=False))
 
 
 def view_of_counts(
     counts: Counts,
     state: PathState,
     seen: Setting,
-    cut_ends: tuple[bool, bool],
+    cut_ends: tuple[bool, ...],
     std_ps: float,
     floor_ps: float,
 ) -> View:
@@ -408,7 +407,7 @@ def view_of_counts(
         The path as it is now.
     seen : Setting
         Cameras and medium as they were found so far.
-    cut_ends : (bool, bool)
+    cut_ends : tuple of bool
         Whether the light begins at the path's first vertex, and stops at its last.
     std_ps : float
         Typical standard deviation of a pulse, ps.

@@ -299,9 +299,10 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
         if leg.dark:
             continue
         share = (np.arange(_PLACES) + 0.5) / _PLACES
-        points = state.vertices_mm[k] + share[:, np.newaxis] * np.diff(state.vertices_mm, axis=0)[k]
+        start = int(state.leg_starts[k])
+        points = state.vertices_mm[start] + share[:, np.newaxis] * state.steps_mm[k]
         row, col = camera.pixels_from_points(points)
-        arrival = times[k] + share * (times[k + 1] - times[k])
+        arrival = times[start] + share * (times[k + 1] - times[start])
         arrival = arrival + camera.return_times_ps(
             points, return_group_index=medium.return_group_index
         )

@@ -7,13 +7,21 @@ there, the planes in which they may move, and the tips of the light in the pictu
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import zip_longest
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from lightflight.reconstruct.fit.least_squares import OUTLIER, Solution, TimeData
-from lightflight.reconstruct.fit.membership import Tips, print_at, prints_of_leg, roughly_on_leg
+from lightflight.reconstruct.fit.membership import (
+    Tips,
+    print_at,
+    prints_of_leg,
+    roughly_on_leg,
+    tip_of_leg,
+)
 from lightflight.reconstruct.model.detour import with_detours_level
 from lightflight.reconstruct.model.freedom import (
     Freedom,
@@ -28,6 +36,9 @@ from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
 
 Floats = NDArray[np.float64]
 
@@ -55,14 +66,14 @@ class Ends:
     ----------
     start_basis : array of float, shape (3, 2)
         At the entry into view (used where the source is unknown).
-    end_basis : array of float, shape (3, 2)
-        At the exit from view.
+    end_bases : tuple of array of float, shape (3, 2)
+        At the exit from view; of a path with arms at each, in the order of `PathState.last_legs`.
     tips : Tips
         Where the light begins and stops within the picture; None: it crosses the edge.
     """
 
     start_basis: Floats
-    end_basis: Floats
+    end_bases: tuple[Floats, ...]
     tips: Tips = (None, None)
 
 
@@ -81,8 +92,7 @@ def known_tips(one: Tips, other: Tips) -> Tips:
     Tips
         (row, col), of first and last, or None.
     """
-    first, last = (a if a is not None else b for a, b in zip(one, other, strict=True))
-    return first, last
+    return tuple(a if a is not None else b for a, b in zip_longest(one, other))
 
 
 def with_ends(
@@ -109,9 +119,12 @@ def with_ends(
         Planes in which the ends may move, and tips of the light.
     """
     vertices, start_time = state.vertices_mm.copy(), state.start_time_ps
-    end, last_tip = _visible_end(state, state.n_legs - 1, sightings, setting, std, outwards=1.0)
-    if end is not None:
-        vertices[-1] = end.position_mm
+    ends_seen = [
+        _visible_end(state, leg, sightings, setting, std, outwards=1.0) for leg in state.last_legs
+    ]
+    for leg, (end, _) in zip(state.last_legs, ends_seen, strict=True):
+        if end is not None:
+            vertices[leg + 1] = end.position_mm
     entry = None
     if setting.source.position_mm is None:
         entry, first_tip = _visible_end(state, 0, sightings, setting, std, outwards=-1.0)
@@ -128,10 +141,20 @@ def with_ends(
         first_tip = np.array(setting.camera.pixels_from_points(vertices[0])) if seen else None
     ends = Ends(
         view_plane(setting.camera, vertices[0], vertices[1]) if entry is None else entry.basis,
-        view_plane(setting.camera, vertices[-1], vertices[-2]) if end is None else end.basis,
-        (first_tip, last_tip),
+        tuple(
+            _end_plane(replace(state, vertices_mm=vertices), leg, setting.camera)
+            if end is None
+            else end.basis
+            for leg, (end, _) in zip(state.last_legs, ends_seen, strict=True)
+        ),
+        (first_tip, *(tip for _, tip in ends_seen)),
     )
     return replace(state, vertices_mm=vertices, start_time_ps=float(start_time)), ends
+
+
+def _end_plane(state: PathState, leg: int, camera: Camera) -> Floats:
+    """(3, 2), the plane in which the end of a last leg moves: across it."""
+    return view_plane(camera, state.vertices_mm[leg + 1], state.vertices_mm[state.leg_starts[leg]])
 
 
 def freedom_at(
@@ -166,20 +189,24 @@ def freedom_at(
     if ends is None:
         ends = Ends(
             view_plane(camera, vertices[0], vertices[1]),
-            view_plane(camera, vertices[-1], vertices[-2]),
+            tuple(_end_plane(state, leg, camera) for leg in state.last_legs),
         )
-    first, last = ends.tips if tips_move else (None, None)
-    start, end = ends.start_basis, ends.end_basis
-    if first is not None:
+    tips: Tips = ends.tips if tips_move else (None,)
+    start = ends.start_basis
+    if tips[0] is not None:
         start = with_tip(start, vertices[0], vertices[1] - vertices[0], camera)
-    if last is not None:
-        end = with_tip(end, vertices[-1], vertices[-1] - vertices[-2], camera)
+    lasts = tuple(
+        basis
+        if tip_of_leg(tips, leg, state) is None
+        else with_tip(basis, vertices[leg + 1], state.steps_mm[leg], camera)
+        for leg, basis in zip(state.last_legs, ends.end_bases, strict=True)
+    )
     freedom = freedom_of_path(
         state,
         source=setting.source,
         waypoints=setting.waypoints,
         start_basis=start if setting.source.position_mm is None else None,
-        end_basis=end,
+        end_bases=lasts,
     )
     return with_detours_level(freedom, state, camera)
 
@@ -211,14 +238,15 @@ def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Sett
     The squared pulls of an end's outermost pulses sum to a chi-square where the end is whole; one
     so large that chance gives it once in ten thousand ends says that it is not.
     """
-    if floor_ps > 0.0:  # errors that do not explain the middle of a leg cannot judge its ends
-        return None, None
     state = solution.state
+    found: list[Floats | None] = [None] * (1 + len(state.last_legs))
+    if floor_ps > 0.0:  # errors that do not explain the middle of a leg cannot judge its ends
+        return tuple(found)
     variance = times.photon_var + times.pixel_var
     # One wild pulse must not make an end look cut: it counts as an outlier's worth.
     pulls = np.minimum(solution.residual_ps**2 / variance, OUTLIER**2)
-    found: list[Floats | None] = [None, None]
-    for end, leg, sign in ((0, 0, -1.0), (1, state.n_legs - 1, 1.0)):
+    signs = [-1.0] + [1.0] * len(state.last_legs)
+    for end, (leg, sign) in enumerate(zip((0, *state.last_legs), signs, strict=True)):
         if end == 0 and setting.source.position_mm is not None:
             continue
         own = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == 0)
@@ -239,7 +267,7 @@ def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Sett
         if pulls[here][outer].sum() > chdtri(np.count_nonzero(outer), _FALSE_CUT):
             outermost = here[int(np.argmax(outwards))]
             found[end] = np.array([times.row[outermost], times.col[outermost]])
-    return found[0], found[1]
+    return tuple(found)
 
 
 def _visible_end(
@@ -256,7 +284,7 @@ def _visible_end(
     The tip is None where the light reaches the edge, or is too dim to tell.
     """
     camera = setting.camera
-    start, stop = state.vertices_mm[leg], state.vertices_mm[leg + 1]
+    start, stop = state.vertices_mm[[state.leg_starts[leg], leg + 1]]
     direction = (stop - start) / np.linalg.norm(stop - start)
     own = [o for o in sightings if o.view == 0]
     seen = [_footprints_of_pulses(o, state, setting, leg, std) for o in own]

@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-Tips = tuple[Floats | None, Floats | None]
-"""(row, col) where the light of a path begins and stops within the picture; None: it does not.
+Tips = tuple[Floats | None, ...]
+"""(row, col) where the light of a path begins, and where it stops, within the picture; None: it
+does not. A path with arms has an end for each, in the order of `PathState.last_legs`.
 
 In the picture, not in space: how deep a path lies may still move a lot when its ends are known."""
 
@@ -39,6 +40,22 @@ CLAIM_REACH_PX = 2.2
 spot; a wider spot widens the gate."""
 _TIP_PX = 1.2
 """Pixels this near to where the light begins or stops see a cut footprint, px."""
+
+
+def tip_of_leg(tips: Tips, leg: int, state: PathState) -> Floats | None:
+    """(row, col) where the light of one of the last legs stops in the picture; None: it does not.
+
+    Parameters
+    ----------
+    tips : Tips
+        Of the path.
+    leg : int
+        One of `PathState.last_legs`.
+    state : PathState
+        The path.
+    """
+    end = 1 + state.last_legs.index(leg)
+    return tips[end] if end < len(tips) else None
 
 
 def mode_columns(sightings: list[Sighting]) -> dict[int, slice]:
@@ -240,7 +257,7 @@ def on_leg(print_: Footprint, leg: int, state: PathState, *, margin_px: float) -
     """
     margin = margin_px / print_.px_per_leg
     low = -margin if leg > 0 else np.full_like(margin, -np.inf)
-    high = 1 + margin if leg < state.n_legs - 1 else np.full_like(margin, np.inf)
+    high = np.full_like(margin, np.inf) if leg in state.last_legs else 1 + margin
     inside: NDArray[np.bool_] = (print_.fraction > low) & (print_.fraction < high)
     return inside
 
@@ -248,7 +265,7 @@ def on_leg(print_: Footprint, leg: int, state: PathState, *, margin_px: float) -
 def roughly_on_leg(print_: Footprint, leg: int, state: PathState) -> NDArray[np.bool_]:
     """True where a pixel's foot lies on the leg or a fiftieth of it beyond its corners."""
     low = -0.02 if leg > 0 else -np.inf
-    high = 1.02 if leg < state.n_legs - 1 else np.inf
+    high = np.inf if leg in state.last_legs else 1.02
     inside: NDArray[np.bool_] = (print_.fraction > low) & (print_.fraction < high)
     return inside
 
@@ -294,8 +311,9 @@ def clear_of_tips(
     clear = np.ones(len(print_.fraction), dtype=bool)
     if leg == 0 and tips[0] is not None:
         clear &= print_.fraction > fraction_at(tips[0], leg, state, setting) + margin
-    if leg == state.n_legs - 1 and tips[1] is not None:
-        clear &= print_.fraction < fraction_at(tips[1], leg, state, setting) - margin
+    tip = tip_of_leg(tips, leg, state) if leg in state.last_legs else None
+    if tip is not None:
+        clear &= print_.fraction < fraction_at(tip, leg, state, setting) - margin
     return clear
 
 

@@ -370,7 +370,7 @@ def _path_from_plane_legs(
         angles[k] += 1e-5
         moved = _vertices(placed, projections, camera, angles)
         by_angle[:-1, k] = (moved - vertices).ravel() / 1e-5
-    to_vertices = vertex_time_jacobian(vertices, medium) @ by_angle
+    to_vertices = vertex_time_jacobian(state, medium) @ by_angle
     variance = np.array([leg.angle_std**2 for leg in placed])
     parts = {"photon": (to_vertices * variance) @ to_vertices.T}
     by_shared = _by_shared_errors(placed, projections, setting)

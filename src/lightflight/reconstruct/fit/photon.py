@@ -28,6 +28,7 @@ from lightflight.reconstruct.fit.ends import Ends, freedom_at, known_tips, with_
 from lightflight.reconstruct.fit.membership import (
     Tips,
     fraction_at,
+    tip_of_leg,
 )
 from lightflight.reconstruct.fit.result import prior_in_words, refuse_run_away
 from lightflight.reconstruct.model.geometry import (
@@ -100,7 +101,7 @@ def photon_path(
         # Seen in the picture now, or told by the pulses before.
         ends = replace(ends, tips=known_tips(ends.tips, tips))
         state = _ending_at_tips(state, ends, seen, None if ended is None else previous)
-        cut_ends = (ends.tips[0] is not None, ends.tips[1] is not None)
+        cut_ends = tuple(tip is not None for tip in ends.tips)
         views = [
             view_of_counts(own, state, seen, cut_ends, std_ps, rough.goodness.error_floor_ps)
             for own in counts
@@ -128,7 +129,7 @@ def _ending_at_tips(
     state: PathState, ends: Ends, setting: Setting, climbed: PathState | None
 ) -> PathState:
     """The path with its ends where light begins and stops in view: as seen, or as last climbed."""
-    first, last = ends.tips
+    first = ends.tips[0]
     vertices, start_time = state.vertices_mm.copy(), state.start_time_ps
     if first is not None and setting.source.position_mm is None:
         if climbed is not None:
@@ -137,12 +138,15 @@ def _ending_at_tips(
             where = fraction_at(first, 0, state, setting)
             vertices[0] += where * (vertices[1] - vertices[0])
             start_time += where * float(np.diff(state.vertex_times_ps(setting.medium))[0])
-    if last is not None:
+    for leg in state.last_legs:
+        last = tip_of_leg(ends.tips, leg, state)
+        if last is None:
+            continue
         if climbed is not None:
-            vertices[-1] = climbed.vertices_mm[-1]
+            vertices[leg + 1] = climbed.vertices_mm[leg + 1]
         else:
-            where = fraction_at(last, state.n_legs - 1, state, setting)
-            vertices[-1] = vertices[-2] + where * (vertices[-1] - vertices[-2])
+            where, start = fraction_at(last, leg, state, setting), state.leg_starts[leg]
+            vertices[leg + 1] = vertices[start] + where * (vertices[leg + 1] - vertices[start])
     return replace(state, vertices_mm=vertices, start_time_ps=start_time)
 
 

@@ -83,7 +83,7 @@ def prices_of_fit(fit: JointFit, setting: Setting) -> tuple[str, ...]:
         "source exact: 1 mm in z moves corner 1 by 0.45 mm" ...
     """
     dearest: dict[str, tuple[float, str]] = {}
-    to_vertices = vertex_time_jacobian(fit.solution.state.vertices_mm, fit.solution.medium)
+    to_vertices = vertex_time_jacobian(fit.solution.state, fit.solution.medium)
     for thing, size, times, lines in _off_by(fit, setting):
         step = _settled_step(fit, times, lines)[: fit.freedom_basis.shape[1]]
         moves = (to_vertices @ fit.freedom_basis @ step).reshape(-1, 4)

@@ -111,7 +111,9 @@ def residual_table(fit: JointFit, sightings: list[Sighting], setting: Setting) -
     table["residual_ps"] = fit.solution.residual_ps
     table["model_ps"] = times.arrival_ps - fit.solution.residual_ps
     table["std_ps"] = np.sqrt(times.photon_var + times.pixel_var + fit.floor_ps**2)
-    table["event_time_ps"] = at_vertex[times.leg] + print_.fraction * np.diff(at_vertex)[times.leg]
+    begun = at_vertex[state.leg_starts]
+    lasting = at_vertex[1:] - begun
+    table["event_time_ps"] = begun[times.leg] + print_.fraction * lasting[times.leg]
     table["used"] = times.weight > 0
     for number, sighting in enumerate(sightings):
         here = fit.sighting_of == number

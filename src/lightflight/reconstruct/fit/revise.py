@@ -49,8 +49,7 @@ _LEAST_TURN_DEG = 2.5
 
 def turn_deg(state: PathState, corner: int) -> float:
     """Angle by which the flight turns at a corner, deg."""
-    before = state.vertices_mm[corner] - state.vertices_mm[corner - 1]
-    after = state.vertices_mm[corner + 1] - state.vertices_mm[corner]
+    before, after = state.steps_mm[corner - 1], state.steps_mm[corner]
     # atan2 of both keeps small angles exact, where acos would not.
     cross = np.linalg.norm(np.cross(before, after))
     return float(np.rad2deg(np.arctan2(cross, before @ after)))
@@ -223,8 +222,7 @@ def _opened(
     sightings: list[Sighting], state: PathState, leg: int, fraction: float, setting: Setting
 ) -> JointFit | NoFit:
     """Refit with a corner more, at a fraction of a leg, or why there is no such path."""
-    vertices = state.vertices_mm
-    corner = vertices[leg] + fraction * (vertices[leg + 1] - vertices[leg])
+    corner = state.vertices_mm[state.leg_starts[leg]] + fraction * state.steps_mm[leg]
     longer = state.with_corner(leg, corner)
     # Waypoints name vertices by number: those after the new corner count one more.
     moved = tuple((i + (i > leg), p, s) for i, p, s in setting.waypoints)
@@ -278,16 +276,18 @@ def _thinned_once(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
     weak = [
         int(k)
         for k in np.argsort(used)
-        if used[k] <= _THINNED_UP_TO_PULSES and {k, k + 1} & set(state.corners_seen)
+        if used[k] <= _THINNED_UP_TO_PULSES
+        and {int(state.leg_starts[k]), k + 1} & set(state.corners_seen)
     ]
+    corners = set(state.corners_seen)
     trials: list[tuple[int, ...]] = [(k,) for k in weak]
     if len(weak) > 1:
         # All of them: with one of two gone, the other may leave no path.
         trials.append(tuple(weak[:_MOST_THINNED]))
     for some in trials:
-        ends = [{max(k, 1), min(k + 1, state.n_legs - 1)} for k in some]
+        ends = [{int(state.leg_starts[k]), k + 1} & corners for k in some]
         for vertices in product(*ends):
-            if not set(vertices) <= set(state.corners_seen) or len(set(vertices)) < len(some):
+            if len(set(vertices)) < len(some):
                 continue
             trial = refitted(sightings, state.without(vertices), setting)
             if not isinstance(trial, NoFit) and _fits_as_well(trial, fit):

@@ -17,6 +17,7 @@ from scipy.special import ndtr
 from lightflight.camera.stand_in import stand_in_of
 from lightflight.reconstruct.fit.around import Group, Seen
 from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.membership import tip_of_leg
 from lightflight.reconstruct.model.counted import Pixels
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.second_path import (
@@ -86,26 +87,28 @@ def places_of_path(
     camera, picture = fit.solution.cameras[whole.view], fit.pictures[number]
     state, medium = fit.solution.state, fit.solution.medium
     times = state.vertex_times_ps(medium)
-    open_ends = fit.tips[0] is None and not source_told, fit.tips[1] is None
+    runs_in = fit.tips[0] is None and not source_told
+    runs_out = {k for k in state.last_legs if tip_of_leg(fit.tips, k, state) is None}
     # About light that is mostly another's, a leg may run away from the picture: no place then.
     parts = [(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))]
     for k, (leg, of) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         if leg.dark:
             continue
-        step = np.diff(state.vertices_mm, axis=0)[k]
+        start, step = state.vertices_mm[state.leg_starts[k]], state.steps_mm[k]
         # A path ends where the view does, its light runs on; where light ends in view it does not.
-        before = _RUN_ON if k == 0 and open_ends[0] else 0.0
-        after = _RUN_ON if k == state.n_legs - 1 and open_ends[1] else 0.0
-        share = _shares_about_view(state.vertices_mm[k], step, camera, (-before, 1.0 + after))
+        before = _RUN_ON if k == 0 and runs_in else 0.0
+        after = _RUN_ON if k in runs_out else 0.0
+        share = _shares_about_view(start, step, camera, (-before, 1.0 + after))
         if len(share) < 2:
             continue
-        points = state.vertices_mm[k] + share[:, np.newaxis] * step
+        points = start + share[:, np.newaxis] * step
         row, col = camera.pixels_from_points(points)
         along = leg.along_across(undistorted_px(camera, row, col))[0]
         strength = np.exp(of.spline(np.clip(along, *span_of_knots(of.spline.t))))
         light = np.sqrt(2.0 * np.pi) * picture.spot_std_px * strength * np.abs(np.gradient(along))
         way2 = np.sum((points - camera.center_mm) ** 2, axis=1)
-        event = times[k] + share * (times[k + 1] - times[k])
+        before_ps = times[state.leg_starts[k]]
+        event = before_ps + share * (times[k + 1] - before_ps)
         parts.append((points, np.full(len(share), k), event, light * way2))
     points, of_leg, event, light = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Places(

@@ -254,7 +254,7 @@ def _state_in_view(
         source=source,
         waypoints=waypoints,
         start_basis=start_basis,
-        end_basis=_moves_of_end(camera, vertices[-1], vertices[-2], in_view=cut_ends[1]),
+        end_bases=(_moves_of_end(camera, vertices[-1], vertices[-2], in_view=cut_ends[1]),),
     )
     return state, freedom, cut_ends
 

@@ -194,11 +194,11 @@ def corner_distances(
     leg: int,
     *,
     camera: Camera,
-    cut_ends: tuple[bool, bool] = (False, False),
+    cut_ends: tuple[bool, ...] = (False, False),
 ) -> Corners:
     """Picture distance from the feet of pixels on one leg to where it is cut before and after.
 
-    Legs are cut at corners. The ends of the path are cuts only where `cut_ends` (first, last) says
+    Legs are cut at corners. The ends of the path are cuts only where `cut_ends` (first, lasts) says
     so: what lies beyond them is not always dark.
 
     Parameters
@@ -211,8 +211,9 @@ def corner_distances(
         Index of the leg.
     camera : Camera
         The camera that sees it.
-    cut_ends : (bool, bool), optional
-        Whether the light begins at the path's first vertex, and stops at its last.
+    cut_ends : tuple of bool, optional
+        Whether the light begins at the path's first vertex, and stops at its last, or at the end
+        of each of its arms, in the order of `PathState.last_legs`.
 
     Returns
     -------
@@ -222,7 +223,7 @@ def corner_distances(
     n, size = len(print_.fraction), 3 * len(state.vertices_mm) + 1
     before, after = np.full(n, -np.inf), np.full(n, np.inf)
     by_before, by_after = np.zeros((n, size)), np.zeros((n, size))
-    step = state.vertices_mm[leg + 1] - state.vertices_mm[leg]
+    start, step = int(state.leg_starts[leg]), state.steps_mm[leg]
 
     def slide(vertex: int) -> Floats:
         """How a corner's image moves along the leg's, (3,), px per mm."""
@@ -233,8 +234,8 @@ def corner_distances(
 
     if leg > 0 or cut_ends[0]:
         before = -print_.fraction * print_.px_per_leg
-        by_before[:, 3 * leg : 3 * leg + 3] = slide(leg)
-    if leg < state.n_legs - 1 or cut_ends[1]:
+        by_before[:, 3 * start : 3 * start + 3] = slide(start)
+    if leg not in state.last_legs or any(cut_ends[1:][state.last_legs.index(leg) :][:1]):
         after = (1 - print_.fraction) * print_.px_per_leg
         by_after[:, 3 * leg + 3 : 3 * leg + 6] = slide(leg + 1)
     return Corners(before, after, by_before, by_after)

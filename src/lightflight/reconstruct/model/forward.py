@@ -71,7 +71,7 @@ class Light:
         Log of the standard deviation of laser pulse and response, ps.
     log_scatter : tuple of float
         Per leg, scatter of ln(photons) from pixel to pixel that the model does not explain.
-    cut_ends : (bool, bool)
+    cut_ends : tuple of bool
         Whether the light begins at the path's first vertex, and stops at its last.
     """
 
@@ -81,7 +81,7 @@ class Light:
     log_spot_px: float
     log_std_ps: float
     log_scatter: tuple[float, ...]
-    cut_ends: tuple[bool, bool] = (False, False)
+    cut_ends: tuple[bool, ...] = (False, False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -425,9 +425,9 @@ def _slopes(
         return found
     own, k = slice(moves.shape[1] - n_shared, None), seen.leg
     found.arrival[:, own] = nudges.arrivals(state, seen.print_, seen.arrival_by_state, medium)
-    step = np.diff(state.vertices_mm[k : k + 2], axis=0)
+    step = state.steps_mm[k : k + 1]
     for slopes, vertex, cut in (
-        (found.before, k, seen.corners.before),
+        (found.before, int(state.leg_starts[k]), seen.corners.before),
         (found.after, k + 1, seen.corners.after),
     ):
         slide = nudges.slides(state.vertices_mm[vertex : vertex + 1], step)

@@ -327,7 +327,7 @@ def freedom_of_path(
     source: Source,
     waypoints: tuple[Waypoint, ...],
     start_basis: Floats | None,
-    end_basis: Floats,
+    end_bases: tuple[Floats, ...],
 ) -> Freedom:
     """Freedom of a whole path.
 
@@ -336,8 +336,9 @@ def freedom_of_path(
     start_basis : array of float, shape (3, 2) or None
         Plane in which an unknown source's entry point moves; (3, 3), by `with_tip`, where the light
         begins in view.
-    end_basis : array of float, shape (3, 2)
-        Plane in which the exit moves; (3, 3) where the light stops in view.
+    end_bases : tuple of array of float, shape (3, 2)
+        Plane in which the exit moves; (3, 3) where the light stops in view. Of a path with arms
+        one for each, in the order of `PathState.last_legs`.
     """
     m = len(state.vertices_mm)
     found = _Gathered(state_vector(state))
@@ -360,12 +361,15 @@ def freedom_of_path(
         if source.emission_time_ps is not None and source.position_mm is not None:
             found.add_prior(3 * m, source.emission_time_ps, source.emission_time_std_ps)
     # Corners are free in all directions: mirrors stand anywhere, in view or not.
-    for vertex in range(1, m - 1):
+    ends = [leg + 1 for leg in state.last_legs]
+    for vertex in (vertex for vertex in range(1, m) if vertex not in ends):
         for axis in range(3):
             found.add_column(vertex, np.eye(3)[axis], f"corner {vertex} {'xyz'[axis]}")
-    for direction, name in zip(end_basis.T, _END_MOVES, strict=False):
-        found.add_column(m - 1, direction, f"exit {name}")
-    found.hold_tip(m - 1, end_basis)
+    for vertex, basis in zip(ends, end_bases, strict=True):
+        which = "exit" if len(ends) == 1 else f"exit {vertex}"
+        for direction, name in zip(basis.T, _END_MOVES, strict=False):
+            found.add_column(vertex, direction, f"{which} {name}")
+        found.hold_tip(vertex, basis)
     for vertex, position_mm, std_mm in waypoints:
         if vertex >= m:
             raise ValueError(

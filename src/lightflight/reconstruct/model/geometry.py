@@ -37,11 +37,15 @@ class PathState:
         Event time at vertex 0, ps.
     unseen : tuple of int, optional
         Legs that run outside of every picture, by number: a detour by mirrors that nobody sees.
+    forks : tuple of (int, int), optional
+        Legs that begin at a vertex (leg, vertex) other than the end of the leg before: at a beam
+        splitter two legs leave. Every leg ends at the vertex after its own number.
     """
 
     vertices_mm: Floats
     start_time_ps: float
     unseen: tuple[int, ...] = ()
+    forks: tuple[tuple[int, int], ...] = ()
 
     @property
     def n_legs(self) -> int:
@@ -54,9 +58,40 @@ class PathState:
         return tuple(k for k in range(self.n_legs) if k not in self.unseen)
 
     @property
+    def leg_starts(self) -> Indices:
+        """(legs,), the vertex at which each leg begins; leg k ends at vertex k + 1."""
+        starts = np.arange(self.n_legs)
+        for leg, vertex in self.forks:
+            starts[leg] = vertex
+        return starts
+
+    @property
+    def steps_mm(self) -> Floats:
+        """(legs, 3), from the start of each leg to its end."""
+        steps: Floats = self.vertices_mm[1:] - self.vertices_mm[self.leg_starts]
+        return steps
+
+    @property
+    def legs_before(self) -> NDArray[np.bool_]:
+        """(m, legs), which legs light has flown when it reaches each vertex."""
+        flown = np.zeros((self.n_legs + 1, self.n_legs), dtype=bool)
+        for leg, start in enumerate(self.leg_starts):
+            flown[leg + 1] = flown[start]
+            flown[leg + 1, leg] = True
+        return flown
+
+    @property
+    def last_legs(self) -> tuple[int, ...]:
+        """Legs that nothing follows: the last one, and the end of every other arm."""
+        starts = set(self.leg_starts.tolist())
+        return tuple(k for k in range(self.n_legs) if k + 1 not in starts)
+
+    @property
     def corners_seen(self) -> tuple[int, ...]:
-        """Corners, by the number of their vertex, between two legs that are seen."""
-        return tuple(k for k in range(1, self.n_legs) if k not in self.open_vertices)
+        """Vertices at which one seen leg follows another: no fork, no end, no open mirror."""
+        corners = {leg + 1 for leg in range(self.n_legs) if leg not in self.last_legs}
+        forks = {vertex for _, vertex in self.forks}
+        return tuple(sorted(corners - forks - set(self.open_vertices)))
 
     @property
     def open_vertices(self) -> tuple[int, ...]:
@@ -70,13 +105,21 @@ class PathState:
     def with_corner(self, leg: int, corner_mm: Floats) -> PathState:
         """The path with one more corner (3,), mm, on a leg that is seen."""
         vertices = np.insert(self.vertices_mm, leg + 1, corner_mm, axis=0)
-        return PathState(vertices, self.start_time_ps, tuple(k + (k > leg) for k in self.unseen))
+        unseen = tuple(k + (k > leg) for k in self.unseen)
+        forks = tuple((k + (k > leg), v + (v > leg)) for k, v in self.forks)
+        return PathState(vertices, self.start_time_ps, unseen, forks)
 
     def without(self, corners: Sequence[int]) -> PathState:
-        """The path without some corners, none of them an end of a leg that nobody saw."""
+        """The path without some of `corners_seen`."""
+
+        def number(k: int) -> int:
+            """A leg's or a vertex's, once those before it are gone."""
+            return k - sum(corner <= k for corner in corners)
+
         vertices = np.delete(self.vertices_mm, corners, axis=0)
-        unseen = tuple(k - sum(corner <= k for corner in corners) for k in self.unseen)
-        return PathState(vertices, self.start_time_ps, unseen)
+        unseen = tuple(number(k) for k in self.unseen)
+        forks = tuple((number(k), number(vertex)) for k, vertex in self.forks)
+        return PathState(vertices, self.start_time_ps, unseen, forks)
 
     def moved(self, step: Floats) -> PathState:
         """The state after adding `step` (3m + 1,): vertices in mm, then start time in ps."""
@@ -87,10 +130,18 @@ class PathState:
             start_time_ps=self.start_time_ps + float(step[3 * m]),
         )
 
+    @property
+    def travelled_mm(self) -> Floats:
+        """(m,), way of the light from vertex 0 to each vertex."""
+        lengths = np.linalg.norm(self.steps_mm, axis=1)
+        if not self.forks:
+            return np.concatenate(([0.0], np.cumsum(lengths)))
+        travelled: Floats = self.legs_before @ lengths
+        return travelled
+
     def vertex_times_ps(self, medium: Medium) -> Floats:
         """Event time at each vertex, (m,), ps."""
-        lengths = np.linalg.norm(np.diff(self.vertices_mm, axis=0), axis=1)
-        travelled = np.concatenate(([0.0], np.cumsum(lengths)))
+        travelled = self.travelled_mm
         times: Floats = (
             self.start_time_ps + medium.path_group_index * travelled / SPEED_OF_LIGHT_MM_PER_PS
         )
@@ -290,16 +341,16 @@ def overshoots(state: PathState, print_: Footprint, *, camera: Camera) -> tuple[
         px per mm.
     """
     f = print_.fraction
-    last = state.n_legs - 1
-    beyond = np.where((f > 1) & (print_.leg < last), f - 1, 0.0)
+    ends = np.isin(print_.leg, state.last_legs)
+    beyond = np.where((f > 1) & ~ends, f - 1, 0.0)
     beyond = np.where((f < 0) & (print_.leg > 0), f, beyond)
     out = np.flatnonzero(beyond)
     jacobian = np.zeros((len(f), 3 * len(state.vertices_mm) + 1))
     if len(out):
         legs = print_.leg[out]
         # The pixel stays, so only the corner that it lies beyond matters, not the leg's other end.
-        corner = np.where(f[out] > 1, legs + 1, legs)
-        step = state.vertices_mm[legs + 1] - state.vertices_mm[legs]
+        corner = np.where(f[out] > 1, legs + 1, state.leg_starts[legs])
+        step = state.steps_mm[legs]
         projection = np.nan_to_num(camera.pixel_jacobian(state.vertices_mm[corner]))
         speed = np.einsum("nij,nj->ni", projection, step)
         size = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
@@ -322,7 +373,8 @@ def _footprints_and_jacobian(
     rows, cols = np.asarray(rows, dtype=float), np.asarray(cols, dtype=float)
     vertices, n = state.vertices_mm, len(rows)
     legs = np.broadcast_to(legs, n)
-    start, end = vertices[legs], vertices[legs + 1]
+    starts = state.leg_starts[legs]
+    start, end = vertices[starts], vertices[legs + 1]
     step = end - start
     fraction = nearest_fractions(camera, start, end, rows, cols)
     points = start + fraction[:, np.newaxis] * step
@@ -340,7 +392,7 @@ def _footprints_and_jacobian(
     times = state.vertex_times_ps(medium)
     per_path = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
     length = np.linalg.norm(step, axis=1)
-    out = times[legs] + per_path * fraction * length
+    out = times[starts] + per_path * fraction * length
     arrival = out + back.optical_mm / SPEED_OF_LIGHT_MM_PER_PS
     along = per_path * length + np.sum(later * step, axis=1)
     result = Footprint(
@@ -360,11 +412,12 @@ def _footprints_and_jacobian(
     with_point = later - along[:, np.newaxis] * slide
     unit = step / length[:, np.newaxis]
     jacobian = np.zeros((n, 3 * len(vertices) + 1))
-    _add_vertex(jacobian, legs, (1 - fraction)[:, np.newaxis] * with_point)
+    _add_vertex(jacobian, starts, (1 - fraction)[:, np.newaxis] * with_point)
     _add_vertex(jacobian, legs + 1, fraction[:, np.newaxis] * with_point)
-    _add_vertex(jacobian, legs, -per_path * fraction[:, np.newaxis] * unit)
+    _add_vertex(jacobian, starts, -per_path * fraction[:, np.newaxis] * unit)
     _add_vertex(jacobian, legs + 1, per_path * fraction[:, np.newaxis] * unit)
-    _add_travelled(jacobian, vertices, legs, per_path)
+    # The way of the light before the leg.
+    jacobian[:, :-1] += per_path * travelled_jacobian(state)[starts]
     jacobian[:, -1] = 1.0
     return result, jacobian
 
@@ -373,12 +426,6 @@ def _add_vertex(jacobian: Floats, vertex: Indices, gradient: Floats) -> None:
     rows = np.arange(len(jacobian))
     for axis in range(3):
         jacobian[rows, 3 * vertex + axis] += gradient[:, axis]
-
-
-def _add_travelled(jacobian: Floats, vertices: Floats, legs: Indices, per_path: float) -> None:
-    """Add d(n_p path length before the leg / c) / d(vertices)."""
-    travelled = travelled_jacobian(vertices) * per_path
-    jacobian[:, :-1] += travelled[legs]
 
 
 def cross(a: Floats, b: Floats) -> Floats:
@@ -393,27 +440,27 @@ def cross(a: Floats, b: Floats) -> Floats:
     )
 
 
-def travelled_jacobian(vertices: Floats) -> Floats:
+def travelled_jacobian(state: PathState) -> Floats:
     """d(path length up to vertex k) / d(vertices); (m, 3m)."""
-    m = len(vertices)
-    step = np.diff(vertices, axis=0)
-    unit = step / np.linalg.norm(step, axis=1)[:, np.newaxis]
+    m, steps = len(state.vertices_mm), state.steps_mm
+    unit = steps / np.linalg.norm(steps, axis=1)[:, np.newaxis]
+    flown = state.legs_before
     out = np.zeros((m, m, 3))
-    for k in range(m - 1):
-        # Every later vertex is farther by what a leg before it grows.
-        out[k + 1 :, k] -= unit[k]
-        out[k + 1 :, k + 1] += unit[k]
+    for leg, start in enumerate(state.leg_starts):
+        # Every vertex that light reaches by this leg is farther by what the leg grows.
+        out[flown[:, leg], start] -= unit[leg]
+        out[flown[:, leg], leg + 1] += unit[leg]
     return out.reshape(m, 3 * m)
 
 
-def vertex_time_jacobian(vertices: Floats, medium: Medium) -> Floats:
+def vertex_time_jacobian(state: PathState, medium: Medium) -> Floats:
     """d(x, y, z, t of every vertex) / d(vertices (3m), start time); (4m, 3m + 1)."""
-    m = len(vertices)
+    m = len(state.vertices_mm)
     per_path = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
     out = np.zeros((m, 4, 3 * m + 1))
     for k in range(m):
         out[k, :3, 3 * k : 3 * k + 3] = np.eye(3)
-    out[:, 3, :-1] = per_path * travelled_jacobian(vertices)
+    out[:, 3, :-1] = per_path * travelled_jacobian(state)
     out[:, 3, -1] = 1.0
     return out.reshape(4 * m, 3 * m + 1)
 
@@ -446,7 +493,8 @@ def line_offsets(
     if camera.interfaces:
         return _curve_offsets(state, camera, legs, anchors, focal_px)
     rotation = camera.world_from_camera[:3, :3]
-    a = (state.vertices_mm[legs] - camera.center_mm) @ rotation
+    starts = state.leg_starts[legs]
+    a = (state.vertices_mm[starts] - camera.center_mm) @ rotation
     b = (state.vertices_mm[legs + 1] - camera.center_mm) @ rotation
     normal = cross(a, b)
     size = np.hypot(normal[:, 0], normal[:, 1])
@@ -462,7 +510,7 @@ def line_offsets(
     by_start = cross(b, by_normal) @ rotation.T
     by_end = cross(by_normal, a) @ rotation.T
     jacobian = np.zeros((len(legs), 3 * len(state.vertices_mm) + 1))
-    _add_vertex(jacobian, legs, by_start)
+    _add_vertex(jacobian, starts, by_start)
     _add_vertex(jacobian, legs + 1, by_end)
     return offset, jacobian
 
@@ -476,7 +524,8 @@ def _curve_offsets(
     """
     plane = anchors / focal_px
     rows, cols = camera.pixels_from_normalized(plane[:, 0], plane[:, 1])
-    start, end = state.vertices_mm[legs], state.vertices_mm[legs + 1]
+    starts = state.leg_starts[legs]
+    start, end = state.vertices_mm[starts], state.vertices_mm[legs + 1]
     step = end - start
     fraction = nearest_fractions(camera, start, end, rows, cols)
     # Nearest in undistorted pixels: two steps from what is nearest in the lens's own.
@@ -493,6 +542,6 @@ def _curve_offsets(
     offset = np.sum(away * right, axis=1)
     by_point = -np.einsum("ni,nij->nj", right, slopes)
     jacobian = np.zeros((len(legs), 3 * len(state.vertices_mm) + 1))
-    _add_vertex(jacobian, legs, (1 - fraction)[:, np.newaxis] * by_point)
+    _add_vertex(jacobian, starts, (1 - fraction)[:, np.newaxis] * by_point)
     _add_vertex(jacobian, legs + 1, fraction[:, np.newaxis] * by_point)
     return offset, jacobian

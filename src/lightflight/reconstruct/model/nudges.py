@@ -88,13 +88,13 @@ class Nudges:
         """
         columns: Floats = by_state @ self.as_moves(state)
         if self.index.any():
-            steps = np.linalg.norm(np.diff(state.vertices_mm, axis=0), axis=1)
-            before = np.concatenate(([0.0], np.cumsum(steps)))[print_.leg]
+            steps = np.linalg.norm(state.steps_mm, axis=1)
+            before = state.travelled_mm[state.leg_starts[print_.leg]]
             out = before + print_.fraction * steps[print_.leg]
             ways = np.column_stack((out, print_.distance_mm))
             columns += ways @ self.index.T / SPEED_OF_LIGHT_MM_PER_PS
         if self.lenses:
-            start, step = state.vertices_mm[print_.leg], np.diff(state.vertices_mm, axis=0)
+            start, step = state.vertices_mm[state.leg_starts[print_.leg]], state.steps_mm
             feet = start + print_.fraction[:, np.newaxis] * step[print_.leg]
             # The image runs away under the pixel, which then sees an earlier point of the leg.
             slide = self.slides(feet, step[print_.leg])

@@ -159,7 +159,7 @@ def leg_in_picture(state: PathState, leg: int, camera: Camera) -> LegInPicture:
     GeometryError
         Where the leg does not cross the picture.
     """
-    start, end = state.vertices_mm[leg], state.vertices_mm[leg + 1]
+    start, end = state.vertices_mm[state.leg_starts[leg]], state.vertices_mm[leg + 1]
     # A leg may enter and leave the view anywhere: steps, not a formula, see every lens.
     fraction = np.linspace(0, 1, 801)[:, np.newaxis]
     points = (1 - fraction) * start + fraction * end
@@ -266,7 +266,7 @@ def measure_picture(
     blended = _blended(arrival, width)
     data = []
     for k in state.seen:
-        margin = _corner_margin(legs[k], k, len(legs))
+        margin = _corner_margin(legs[k], k, state)
         clear = (pixels.along[:, k] > margin[0]) & (pixels.along[:, k] < margin[1])
         seen = pixels.near[:, k] & np.isfinite(empty[:, k])
         own = seen & ~blended[:, k]
@@ -314,12 +314,12 @@ def lit_by_legs(legs: tuple[LegInPicture, ...], points_px: Floats, *, spot_px: f
     return near
 
 
-def _corner_margin(leg: LegInPicture, k: int, n_legs: int) -> tuple[float, float]:
+def _corner_margin(leg: LegInPicture, k: int, state: PathState) -> tuple[float, float]:
     """Span without the neighbourhood of corners, where two legs share the pixels."""
     first, last = leg.span_px
     return (
         first + (CLEAR_OF_CORNER_PX if k > 0 else 0.0),
-        last - (CLEAR_OF_CORNER_PX if k < n_legs - 1 else 0.0),
+        last - (0.0 if k in state.last_legs else CLEAR_OF_CORNER_PX),
     )
 
 
@@ -434,7 +434,8 @@ def arrival_curvature(
     array of float, shape (n,)
         ps per px^2; 0 where the picture cannot tell.
     """
-    start, end = state.vertices_mm[print_.leg], state.vertices_mm[print_.leg + 1]
+    starts = state.leg_starts[print_.leg]
+    start, end = state.vertices_mm[starts], state.vertices_mm[print_.leg + 1]
     times = state.vertex_times_ps(medium)
     # Half a pixel to each side: the footprint's own scale.
     half_px = 0.5
@@ -442,7 +443,7 @@ def arrival_curvature(
     for side in (-1.0, 0.0, 1.0):
         fraction = print_.fraction + side * half_px / print_.px_per_leg
         points = start + fraction[:, np.newaxis] * (end - start)
-        event = times[print_.leg] + fraction * (times[print_.leg + 1] - times[print_.leg])
+        event = times[starts] + fraction * (times[print_.leg + 1] - times[starts])
         back = camera.return_times_ps(points, return_group_index=medium.return_group_index)
         values.append(event + back)
         places.append(np.column_stack(camera.pixels_from_points(points)))

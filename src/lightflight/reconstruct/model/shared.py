@@ -278,8 +278,7 @@ def vertex_time_columns(errors: SharedErrors, state: PathState) -> Floats:
     array of float, shape (4m, k)
         Zero but for the times, and for the indices' columns.
     """
-    steps = np.linalg.norm(np.diff(state.vertices_mm, axis=0), axis=1)
-    travelled = np.concatenate(([0.0], np.cumsum(steps)))
+    travelled = state.travelled_mm
     columns = np.zeros((len(travelled), 4, len(errors)))
     own = np.flatnonzero(errors.view == MEDIUM)
     columns[:, 3, own] = np.outer(travelled, errors.sigma[own, 0]) / SPEED_OF_LIGHT_MM_PER_PS
@@ -313,7 +312,7 @@ def vertices_by_parameters(
     jacobian : array of float, shape (4m, k)
         mm and ps.
     """
-    to_vertices = vertex_time_jacobian(state.vertices_mm, medium) @ basis
+    to_vertices = vertex_time_jacobian(state, medium) @ basis
     by_shared = vertex_time_columns(errors, state)
     own = np.flatnonzero(by_shared.any(axis=0))
     if len(own):

@@ -113,8 +113,10 @@ class Rows:
         here = rows_of_view(self.times.view, view, len(by_time))
         drawn = rows_of_view(self.lines.view, view, len(by_line))
         leg, legs = self.times.leg[here], self.lines.leg[drawn]
-        step = np.diff(state.vertices_mm, axis=0)[leg]
-        points = state.vertices_mm[leg] + self.traced.fraction[here, np.newaxis] * step
+        step = state.steps_mm[leg]
+        points = (
+            state.vertices_mm[state.leg_starts[leg]] + self.traced.fraction[here, np.newaxis] * step
+        )
         seen = np.array(camera.pixels_from_points(points))
         ahead = np.array(camera.pixels_from_points(points + _AHEAD * step)) - seen
         away = np.array(other.pixels_from_points(points)) - seen
@@ -172,8 +174,8 @@ class Rows:
             )[1][:, :-1]
             fraction[here], distance[here] = print_.fraction, print_.distance_mm
             slope[here] = print_.slope_ps_per_px
-        steps = np.linalg.norm(np.diff(state.vertices_mm, axis=0), axis=1)
-        before = np.append(0.0, np.cumsum(steps))[self.times.leg]
+        steps = np.linalg.norm(state.steps_mm, axis=1)
+        before = state.travelled_mm[state.leg_starts[self.times.leg]]
         out_mm = before + fraction * steps[self.times.leg]
         return Traced(by_vertices, fraction, slope, out_mm, distance)
 
@@ -350,7 +352,7 @@ def _curved(rows: Rows) -> Candidate:
     f_time, f_line = rows.traced.fraction, rows.line_fractions()
     parts = []
     for leg in rows.state.seen:
-        start, end = rows.state.vertices_mm[leg : leg + 2]
+        start, end = rows.state.vertices_mm[[rows.state.leg_starts[leg], leg + 1]]
         along = (end - start) / np.linalg.norm(end - start)
         away = rows.cameras[0].sight_directions(0.5 * (start + end))
         depth = away - (away @ along) * along

@@ -136,7 +136,7 @@ def examined_fit(fit: JointFit, solution: Solution, setting: Setting) -> Examine
     kept = values > 1e-9 * values[0]
     n_free = fit.freedom.basis.shape[1]
     gain = ((right[kept].T / values[kept]) @ left[:, kept].T) / scale[:, np.newaxis]
-    to_vertices = vertex_time_jacobian(solution.state.vertices_mm, setting.medium)
+    to_vertices = vertex_time_jacobian(solution.state, setting.medium)
     m = len(solution.state.vertices_mm)
     places = np.arange(4 * m).reshape(m, 4)[:, :3].ravel()
     vertex_mm = to_vertices[places] @ fit.freedom.basis

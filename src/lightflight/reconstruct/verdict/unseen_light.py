@@ -90,7 +90,7 @@ def blind_to_light(
         By the cause's name.
     """
     late_ps = shift_of_pulses(held, sums, causes, fit)
-    to_vertices = vertex_time_jacobian(fit.solution.state.vertices_mm, fit.solution.medium)
+    to_vertices = vertex_time_jacobian(fit.solution.state, fit.solution.medium)
     m = len(fit.solution.state.vertices_mm)
     places = np.arange(4 * m).reshape(m, 4)[:, :3].ravel()
     by_free = to_vertices[places] @ fit.freedom.basis

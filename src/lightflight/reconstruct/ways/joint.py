@@ -256,7 +256,7 @@ def _why_all_counts(fit: JointFit) -> str:
     weak = np.flatnonzero(used <= _RECOUNTED_UP_TO_PULSES)
     if len(weak):
         return f"Leg {weak[0] + 1} rests on {used[weak[0]]} pulses"
-    for leg, tip in zip((0, n_legs - 1), fit.tips, strict=True):
+    for leg, tip in zip((0, *fit.solution.state.last_legs), fit.tips, strict=False):
         first, last = fit.pictures[0].legs[leg].span_px
         if tip is not None and last - first < _SHORT_PX:
             return "Light begins or stops within the picture"
