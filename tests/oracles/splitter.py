@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tests.oracles.brute_force import C
 from tests.oracles.refracted import (
     AIR,
-    C,
     RefractedScene,
     caught,
     code_edges_ps,

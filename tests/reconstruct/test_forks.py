@@ -192,7 +192,7 @@ class TestRecovery:
             of_these = np.array(gain) @ covariance @ np.array(gain).T
             total += float(np.array(off) @ np.linalg.solve(of_these, np.array(off)))
             assert set(fit.times.leg[fit.times.weight > 0]) == {0, 1, 2}
-        low, high = chi2.ppf((5e-5, 1 - 5e-5), 7 * len(SEEDS))
+        low, high = chi2.ppf(np.array([5e-5, 1 - 5e-5]), 7 * len(SEEDS))
         assert low < total < high
 
 

@@ -216,6 +216,25 @@ def _longer_chains(
     return chains
 
 
+def legs_among(sighting: Sighting, left: Indices, setting: Setting) -> list[ImageLeg]:
+    """Legs among some pulses, as the search finds them when it sees these alone; else clusters.
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    left : array of int, shape (n,)
+        Rows of its arrivals table.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    list of ImageLeg
+    """
+    return _searched(sighting, left, setting) or _clusters(sighting, left, setting)
+
+
 def _searched(sighting: Sighting, left: Indices, setting: Setting) -> list[ImageLeg]:
     """Legs that the search in the picture finds when it sees these pulses alone."""
     arrivals = sighting.arrivals

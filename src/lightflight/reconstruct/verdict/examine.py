@@ -22,6 +22,7 @@ from lightflight.reconstruct.legs.plausible import implausible
 from lightflight.reconstruct.model.geometry import state_of_path
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.verdict.arms import verdict_with_arm
 from lightflight.reconstruct.verdict.bookkeeping import (
     beyond_the_tests,
     evidence_from_flags,
@@ -81,6 +82,8 @@ def examined(
         )
         if n_legs is None:
             verdict = verdict_with_doubtful_corners(verdict, fit, sightings, setting)
+        if verdict.level is Level.CONTRADICTED:
+            verdict = verdict_with_arm(verdict, fit, sightings, setting)
     if verdict.level is Level.CONTRADICTED:
         verdict = replace(verdict, findings=(*_mistakes(sightings[0], setting), *verdict.findings))
     return replace(path, verdict=verdict)

@@ -1,0 +1,115 @@
+"""Arms of a beam splitter: light that leaves a path at one of its places, on the path's clock.
+
+Takes a path and the pulses that it does not explain. A leg among those whose line in the picture
+meets the path's may be an arm: it starts where they meet, when the light is there, like a path of
+its own from a source that is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.errors import GeometryError
+from lightflight.flight import Source
+from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.fit.revise import refitted
+from lightflight.reconstruct.fit.start import state_from_legs
+from lightflight.reconstruct.fit.unclaimed import legs_among, unclaimed_by_path
+from lightflight.reconstruct.legs.find import ImageLeg
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.image_plane import along_across, undistorted_px
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+
+Floats = NDArray[np.float64]
+
+_PLACES = 401
+"""Of a leg that are asked how far an arm's line runs from them: a tenth of a pixel apart."""
+_REACH_PX = 2.5
+"""An arm's line meets a path that it comes this near to, px: an arm of few pixels points no
+better."""
+_AT_VERTEX_PX = 2.5
+"""An arm that leaves this near to a corner may leave at the corner, px."""
+
+
+def fits_with_arm(sightings: list[Sighting], fit: JointFit, setting: Setting) -> list[JointFit]:
+    """Joint fits of a path with one arm more, from light that the path leaves.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+    fit : JointFit
+        The path without.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    list of JointFit
+        One of each place at which a leg among the other light may leave the path.
+    """
+    left = unclaimed_by_path(sightings[0], fit, setting)
+    found = []
+    for leg in legs_among(sightings[0], left, setting):
+        for state, moved in _starts(fit.solution.state, leg, setting):
+            trial = fit_or_reason(partial(refitted, sightings, state, moved))
+            if not isinstance(trial, NoFit):
+                found.append(trial)
+    return found
+
+
+def _starts(
+    state: PathState, arm: ImageLeg, setting: Setting
+) -> Iterator[tuple[PathState, Setting]]:
+    """Paths with an arm wherever its line meets the path, each with waypoints renumbered."""
+    for leg in state.seen:
+        start, step = state.vertices_mm[state.leg_starts[leg]], state.steps_mm[leg]
+        share = np.linspace(0.0, 1.0, _PLACES)
+        points = start + share[:, np.newaxis] * step
+        row, col = setting.camera.pixels_from_points(points)
+        places = undistorted_px(setting.camera, row, col)
+        along, across = along_across(places, arm.origin_px, arm.direction_px)
+        # Light comes to an arm's start before it runs along it.
+        away = np.where(along < arm.extent_px[0] + _REACH_PX, np.abs(across), np.inf)
+        if not np.nanmin(away, initial=np.inf) < _REACH_PX:
+            continue
+        at = int(np.nanargmin(away))
+        ends = np.hypot(*(places[[0, -1]] - places[at]).T) < _AT_VERTEX_PX
+        for vertex, near in ((int(state.leg_starts[leg]), ends[0]), (leg + 1, ends[1])):
+            inner = vertex > 0 and vertex - 1 not in state.last_legs
+            if near and inner:
+                yield from _with_arm(state, vertex, arm, setting)
+        if not ends.any():
+            longer = state.with_corner(leg, points[at])
+            moved = tuple((i + (i > leg), p, s) for i, p, s in setting.waypoints)
+            yield from _with_arm(longer, leg + 1, arm, replace(setting, waypoints=moved))
+
+
+def _with_arm(
+    state: PathState, vertex: int, arm: ImageLeg, setting: Setting
+) -> Iterator[tuple[PathState, Setting]]:
+    """The path with an arm from one of its vertices; nothing where light cannot run so."""
+    place, time = state.vertices_mm[vertex], state.vertex_times_ps(setting.medium)[vertex]
+    source = Source(tuple(place.tolist()), emission_time_ps=float(time))
+    try:
+        alone = state_from_legs((arm,), camera=setting.camera, source=source, medium=setting.medium)
+    except GeometryError:
+        return
+    end = alone.vertices_mm[-1]
+    if not np.isfinite(end).all():
+        return
+    yield (
+        replace(
+            state,
+            vertices_mm=np.vstack((state.vertices_mm, end)),
+            forks=(*state.forks, (state.n_legs, vertex)),
+        ),
+        setting,
+    )
