@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,7 +58,7 @@ class PathState:
         """The legs that a picture may show, in the order of flight."""
         return tuple(k for k in range(self.n_legs) if k not in self.unseen)
 
-    @property
+    @cached_property
     def leg_starts(self) -> Indices:
         """(legs,), the vertex at which each leg begins; leg k ends at vertex k + 1."""
         starts = np.arange(self.n_legs)
@@ -65,13 +66,13 @@ class PathState:
             starts[leg] = vertex
         return starts
 
-    @property
+    @cached_property
     def steps_mm(self) -> Floats:
         """(legs, 3), from the start of each leg to its end."""
         steps: Floats = self.vertices_mm[1:] - self.vertices_mm[self.leg_starts]
         return steps
 
-    @property
+    @cached_property
     def legs_before(self) -> NDArray[np.bool_]:
         """(m, legs), which legs light has flown when it reaches each vertex."""
         flown = np.zeros((self.n_legs + 1, self.n_legs), dtype=bool)
@@ -80,7 +81,7 @@ class PathState:
             flown[leg + 1, leg] = True
         return flown
 
-    @property
+    @cached_property
     def last_legs(self) -> tuple[int, ...]:
         """Legs that nothing follows: the last one, and the end of every other arm."""
         starts = set(self.leg_starts.tolist())
@@ -130,7 +131,7 @@ class PathState:
             start_time_ps=self.start_time_ps + float(step[3 * m]),
         )
 
-    @property
+    @cached_property
     def travelled_mm(self) -> Floats:
         """(m,), way of the light from vertex 0 to each vertex."""
         lengths = np.linalg.norm(self.steps_mm, axis=1)
