@@ -31,7 +31,7 @@ from tests.oracles.splitter import Splitter, splitter_world
 WITHIN_MM = 5.0
 
 
-def path_of(world: Splitter, seed: int, **options: object) -> lf.LightPath:
+def path_of(world: Splitter, seed: int) -> lf.LightPath:
     """What `reconstruct` makes of a recording of it."""
     hist = lf.Histograms(
         world.recording(seed),
@@ -43,7 +43,7 @@ def path_of(world: Splitter, seed: int, **options: object) -> lf.LightPath:
         warnings.simplefilter("ignore", LightflightWarning)
         return lf.reconstruct(
             hist, camera=camera_told(world.base), source=source,
-            timing=lf.TimingCalibration.nominal(hist), **options,
+            timing=lf.TimingCalibration.nominal(hist),
         )  # fmt: skip
 
 

@@ -59,8 +59,10 @@ def fits_with_arm(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
     found = []
     for leg in legs_among(sightings[0], left, setting):
         for state, moved in _starts(fit.solution.state, leg, setting):
-            trial = fit_or_reason(partial(refitted, sightings, state, moved))
-            if not isinstance(trial, NoFit):
+            # An arm told to end on a window's very face has no line of sight: its fit is no number.
+            with np.errstate(invalid="ignore"):
+                trial = fit_or_reason(partial(refitted, sightings, state, moved))
+            if not isinstance(trial, NoFit) and np.isfinite(trial.solution.covariance).all():
                 found.append(trial)
     return found
 

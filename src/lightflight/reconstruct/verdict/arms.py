@@ -70,9 +70,7 @@ def _best_arm(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Joi
     trials = [
         trial
         for trial in fits_with_arm(sightings, fit, setting)
-        if pulses_of_legs(trial).min() > _FEW_PULSES
-        and trial.solution.converged
-        and trial.floor_ps <= fit.floor_ps
+        if pulses_of_legs(trial).min() > _FEW_PULSES and trial.solution.converged
     ]
     best = min(trials, key=lambda one: cost_of_pulses(one, sightings), default=None)
     n = sum(len(one.usable_pulses) for one in sightings)
