@@ -196,8 +196,7 @@ def _own_std_ps(std_ps: float, transit_ps: Floats) -> float:
 def _at_ends(fit: JointFit, view: int, rows: Indices, cols: Indices) -> NDArray[np.bool_]:
     """True for pixels about a corner or a tip in the picture: they see cut footprints."""
     state = fit.solution.state
-    ends = [0, *(leg + 1 for leg in state.last_legs)]
-    corners = np.delete(state.vertices_mm, ends, axis=0)
+    corners = np.delete(state.vertices_mm, state.ends, axis=0)
     places = [tip for tip in fit.tips if tip is not None and view == 0]
     if len(corners):
         row, col = fit.solution.cameras[view].pixels_from_points(corners)

@@ -384,8 +384,9 @@ def _tips_in(setting: Setting, rough: LightPath, tips: Tips, view: int) -> Tips:
     """The tips of the first camera's picture in that of another."""
     if view == 0:
         return tips
-    ends = [0, *(leg + 1 for leg in state_of_path(rough).last_legs)]
-    places = np.column_stack(setting.camera.pixels_from_points(rough.vertices_mm[ends]))
+    state = state_of_path(rough)
+    ends = state.vertices_mm[list(state.ends)]
+    places = np.column_stack(setting.camera.pixels_from_points(ends))
     return tuple(None if tip is None else place for tip, place in zip(tips, places, strict=False))
 
 

@@ -299,10 +299,10 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
         if leg.dark:
             continue
         share = (np.arange(_PLACES) + 0.5) / _PLACES
-        start = int(state.leg_starts[k])
-        points = state.vertices_mm[start] + share[:, np.newaxis] * state.steps_mm[k]
+        start_ps = times[state.leg_starts[k]]
+        points = state.starts_mm[k] + share[:, np.newaxis] * state.steps_mm[k]
         row, col = camera.pixels_from_points(points)
-        arrival = times[start] + share * (times[k + 1] - times[start])
+        arrival = start_ps + share * (times[k + 1] - start_ps)
         arrival = arrival + camera.return_times_ps(
             points, return_group_index=medium.return_group_index
         )

@@ -154,7 +154,7 @@ def with_ends(
 
 def _end_plane(state: PathState, leg: int, camera: Camera) -> Floats:
     """(3, 2), the plane in which the end of a last leg moves: across it."""
-    return view_plane(camera, state.vertices_mm[leg + 1], state.vertices_mm[state.leg_starts[leg]])
+    return view_plane(camera, state.vertices_mm[leg + 1], state.starts_mm[leg])
 
 
 def freedom_at(
@@ -284,7 +284,7 @@ def _visible_end(
     The tip is None where the light reaches the edge, or is too dim to tell.
     """
     camera = setting.camera
-    start, stop = state.vertices_mm[[state.leg_starts[leg], leg + 1]]
+    start, stop = state.starts_mm[leg], state.vertices_mm[leg + 1]
     direction = (stop - start) / np.linalg.norm(stop - start)
     own = [o for o in sightings if o.view == 0]
     seen = [_footprints_of_pulses(o, state, setting, leg, std) for o in own]

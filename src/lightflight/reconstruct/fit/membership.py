@@ -43,19 +43,18 @@ _TIP_PX = 1.2
 
 
 def tip_of_leg(tips: Tips, leg: int, state: PathState) -> Floats | None:
-    """(row, col) where the light of one of the last legs stops in the picture; None: it does not.
+    """(row, col) where the light of a leg stops in the picture; None: it does not, or goes on.
 
     Parameters
     ----------
     tips : Tips
         Of the path.
     leg : int
-        One of `PathState.last_legs`.
+        Index of the leg.
     state : PathState
         The path.
     """
-    end = 1 + state.last_legs.index(leg)
-    return tips[end] if end < len(tips) else None
+    return dict(zip(state.last_legs, tips[1:], strict=False)).get(leg)
 
 
 def mode_columns(sightings: list[Sighting]) -> dict[int, slice]:
@@ -311,7 +310,7 @@ def clear_of_tips(
     clear = np.ones(len(print_.fraction), dtype=bool)
     if leg == 0 and tips[0] is not None:
         clear &= print_.fraction > fraction_at(tips[0], leg, state, setting) + margin
-    tip = tip_of_leg(tips, leg, state) if leg in state.last_legs else None
+    tip = tip_of_leg(tips, leg, state)
     if tip is not None:
         clear &= print_.fraction < fraction_at(tip, leg, state, setting) - margin
     return clear

@@ -222,11 +222,8 @@ def _opened(
     sightings: list[Sighting], state: PathState, leg: int, fraction: float, setting: Setting
 ) -> JointFit | NoFit:
     """Refit with a corner more, at a fraction of a leg, or why there is no such path."""
-    corner = state.vertices_mm[state.leg_starts[leg]] + fraction * state.steps_mm[leg]
-    longer = state.with_corner(leg, corner)
-    # Waypoints name vertices by number: those after the new corner count one more.
-    moved = tuple((i + (i > leg), p, s) for i, p, s in setting.waypoints)
-    return refitted(sightings, longer, replace(setting, waypoints=moved))
+    corner = state.starts_mm[leg] + fraction * state.steps_mm[leg]
+    return refitted(sightings, state.with_corner(leg, corner), setting_with_corner(setting, leg))
 
 
 def refitted(sightings: list[Sighting], state: PathState, setting: Setting) -> JointFit | NoFit:
@@ -273,20 +270,15 @@ def _thinned_once(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
     """The fit without legs that hardly any pulse speaks for, where the rest then fits as well."""
     state = fit.solution.state
     used = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=state.n_legs)
-    weak = [
-        int(k)
-        for k in np.argsort(used)
-        if used[k] <= _THINNED_UP_TO_PULSES
-        and {int(state.leg_starts[k]), k + 1} & set(state.corners_seen)
-    ]
     corners = set(state.corners_seen)
+    ends_of = [{int(start), k + 1} & corners for k, start in enumerate(state.leg_starts)]
+    weak = [int(k) for k in np.argsort(used) if used[k] <= _THINNED_UP_TO_PULSES and ends_of[k]]
     trials: list[tuple[int, ...]] = [(k,) for k in weak]
     if len(weak) > 1:
         # All of them: with one of two gone, the other may leave no path.
         trials.append(tuple(weak[:_MOST_THINNED]))
     for some in trials:
-        ends = [{int(state.leg_starts[k]), k + 1} & corners for k in some]
-        for vertices in product(*ends):
+        for vertices in product(*(ends_of[k] for k in some)):
             if len(set(vertices)) < len(some):
                 continue
             trial = refitted(sightings, state.without(vertices), setting)
@@ -302,6 +294,12 @@ def _fits_as_well(trial: JointFit, fit: JointFit) -> bool:
     return kept >= used - _THINNED_UP_TO_PULSES and trial.solution.chi2 / max(kept, 1) < 1.5 * max(
         1.0, fit.solution.chi2 / max(used, 1)
     )
+
+
+def setting_with_corner(setting: Setting, leg: int) -> Setting:
+    """The setting of a path with one more corner on a leg: later vertices count one more."""
+    moved = tuple((i + (i > leg), p, s) for i, p, s in setting.waypoints)
+    return replace(setting, waypoints=moved)
 
 
 def setting_without(setting: Setting, corners: Sequence[int]) -> Setting:

@@ -94,7 +94,7 @@ def places_of_path(
     for k, (leg, of) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         if leg.dark:
             continue
-        start, step = state.vertices_mm[state.leg_starts[k]], state.steps_mm[k]
+        start, step = state.starts_mm[k], state.steps_mm[k]
         # A path ends where the view does, its light runs on; where light ends in view it does not.
         before = _RUN_ON if k == 0 and runs_in else 0.0
         after = _RUN_ON if k in runs_out else 0.0
@@ -107,8 +107,8 @@ def places_of_path(
         strength = np.exp(of.spline(np.clip(along, *span_of_knots(of.spline.t))))
         light = np.sqrt(2.0 * np.pi) * picture.spot_std_px * strength * np.abs(np.gradient(along))
         way2 = np.sum((points - camera.center_mm) ** 2, axis=1)
-        before_ps = times[state.leg_starts[k]]
-        event = before_ps + share * (times[k + 1] - before_ps)
+        start_ps = times[state.leg_starts[k]]
+        event = start_ps + share * (times[k + 1] - start_ps)
         parts.append((points, np.full(len(share), k), event, light * way2))
     points, of_leg, event, light = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Places(

@@ -235,7 +235,8 @@ def corner_distances(
     if leg > 0 or cut_ends[0]:
         before = -print_.fraction * print_.px_per_leg
         by_before[:, 3 * start : 3 * start + 3] = slide(start)
-    if leg not in state.last_legs or any(cut_ends[1:][state.last_legs.index(leg) :][:1]):
+    stops = dict(zip(state.last_legs, cut_ends[1:], strict=False))
+    if stops.get(leg, leg not in state.last_legs):
         after = (1 - print_.fraction) * print_.px_per_leg
         by_after[:, 3 * leg + 3 : 3 * leg + 6] = slide(leg + 1)
     return Corners(before, after, by_before, by_after)

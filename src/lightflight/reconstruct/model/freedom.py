@@ -361,7 +361,7 @@ def freedom_of_path(
         if source.emission_time_ps is not None and source.position_mm is not None:
             found.add_prior(3 * m, source.emission_time_ps, source.emission_time_std_ps)
     # Corners are free in all directions: mirrors stand anywhere, in view or not.
-    ends = [leg + 1 for leg in state.last_legs]
+    ends = state.ends[1:]
     for vertex in (vertex for vertex in range(1, m) if vertex not in ends):
         for axis in range(3):
             found.add_column(vertex, np.eye(3)[axis], f"corner {vertex} {'xyz'[axis]}")

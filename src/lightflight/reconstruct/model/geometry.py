@@ -67,9 +67,15 @@ class PathState:
         return starts
 
     @cached_property
+    def starts_mm(self) -> Floats:
+        """(legs, 3), where each leg begins."""
+        starts: Floats = self.vertices_mm[self.leg_starts]
+        return starts
+
+    @cached_property
     def steps_mm(self) -> Floats:
         """(legs, 3), from the start of each leg to its end."""
-        steps: Floats = self.vertices_mm[1:] - self.vertices_mm[self.leg_starts]
+        steps: Floats = self.vertices_mm[1:] - self.starts_mm
         return steps
 
     @cached_property
@@ -86,6 +92,11 @@ class PathState:
         """Legs that nothing follows: the last one, and the end of every other arm."""
         starts = set(self.leg_starts.tolist())
         return tuple(k for k in range(self.n_legs) if k + 1 not in starts)
+
+    @property
+    def ends(self) -> tuple[int, ...]:
+        """Vertices at which the light of the path begins, and then where that of each arm stops."""
+        return (0, *(leg + 1 for leg in self.last_legs))
 
     @property
     def corners_seen(self) -> tuple[int, ...]:
@@ -135,6 +146,7 @@ class PathState:
     def travelled_mm(self) -> Floats:
         """(m,), way of the light from vertex 0 to each vertex."""
         lengths = np.linalg.norm(self.steps_mm, axis=1)
+        # One after the other, so that a chain's times are the same to the last bit.
         if not self.forks:
             return np.concatenate(([0.0], np.cumsum(lengths)))
         travelled: Floats = self.legs_before @ lengths

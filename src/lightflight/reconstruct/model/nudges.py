@@ -94,7 +94,7 @@ class Nudges:
             ways = np.column_stack((out, print_.distance_mm))
             columns += ways @ self.index.T / SPEED_OF_LIGHT_MM_PER_PS
         if self.lenses:
-            start, step = state.vertices_mm[state.leg_starts[print_.leg]], state.steps_mm
+            start, step = state.starts_mm[print_.leg], state.steps_mm
             feet = start + print_.fraction[:, np.newaxis] * step[print_.leg]
             # The image runs away under the pixel, which then sees an earlier point of the leg.
             slide = self.slides(feet, step[print_.leg])

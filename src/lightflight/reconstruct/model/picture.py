@@ -159,7 +159,7 @@ def leg_in_picture(state: PathState, leg: int, camera: Camera) -> LegInPicture:
     GeometryError
         Where the leg does not cross the picture.
     """
-    start, end = state.vertices_mm[state.leg_starts[leg]], state.vertices_mm[leg + 1]
+    start, end = state.starts_mm[leg], state.vertices_mm[leg + 1]
     # A leg may enter and leave the view anywhere: steps, not a formula, see every lens.
     fraction = np.linspace(0, 1, 801)[:, np.newaxis]
     points = (1 - fraction) * start + fraction * end

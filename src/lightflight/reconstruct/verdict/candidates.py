@@ -114,9 +114,7 @@ class Rows:
         drawn = rows_of_view(self.lines.view, view, len(by_line))
         leg, legs = self.times.leg[here], self.lines.leg[drawn]
         step = state.steps_mm[leg]
-        points = (
-            state.vertices_mm[state.leg_starts[leg]] + self.traced.fraction[here, np.newaxis] * step
-        )
+        points = state.starts_mm[leg] + self.traced.fraction[here, np.newaxis] * step
         seen = np.array(camera.pixels_from_points(points))
         ahead = np.array(camera.pixels_from_points(points + _AHEAD * step)) - seen
         away = np.array(other.pixels_from_points(points)) - seen
@@ -352,7 +350,7 @@ def _curved(rows: Rows) -> Candidate:
     f_time, f_line = rows.traced.fraction, rows.line_fractions()
     parts = []
     for leg in rows.state.seen:
-        start, end = rows.state.vertices_mm[[rows.state.leg_starts[leg], leg + 1]]
+        start, end = rows.state.starts_mm[leg], rows.state.vertices_mm[leg + 1]
         along = (end - start) / np.linalg.norm(end - start)
         away = rows.cameras[0].sight_directions(0.5 * (start + end))
         depth = away - (away @ along) * along
