@@ -32,7 +32,7 @@ def test_the_arm_is_named_where_it_leaves(seed, share):
 
 
 def test_light_that_is_no_arm_is_not_called_one():
-    """The straight arm without the light before it: the same lines, but nothing splits there."""
+    """Where none of the light turns off there is one leg, and nothing to name."""
     world = splitter_world(300, share=0.0)
     path = path_of(world, 300)
     assert path.n_legs == 1

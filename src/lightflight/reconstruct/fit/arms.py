@@ -18,7 +18,7 @@ from lightflight.errors import GeometryError
 from lightflight.flight import Source
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
-from lightflight.reconstruct.fit.revise import refitted
+from lightflight.reconstruct.fit.revise import refitted, setting_with_corner
 from lightflight.reconstruct.fit.start import state_from_legs
 from lightflight.reconstruct.fit.unclaimed import legs_among, unclaimed_by_path
 from lightflight.reconstruct.legs.find import ImageLeg
@@ -71,47 +71,56 @@ def _starts(
     state: PathState, arm: ImageLeg, setting: Setting
 ) -> Iterator[tuple[PathState, Setting]]:
     """Paths with an arm wherever its line meets the path, each with waypoints renumbered."""
+    vertices = set()
     for leg in state.seen:
-        start, step = state.vertices_mm[state.leg_starts[leg]], state.steps_mm[leg]
-        share = np.linspace(0.0, 1.0, _PLACES)
-        points = start + share[:, np.newaxis] * step
-        row, col = setting.camera.pixels_from_points(points)
-        places = undistorted_px(setting.camera, row, col)
-        along, across = along_across(places, arm.origin_px, arm.direction_px)
-        # Light comes to an arm's start before it runs along it.
-        away = np.where(along < arm.extent_px[0] + _REACH_PX, np.abs(across), np.inf)
-        if not np.nanmin(away, initial=np.inf) < _REACH_PX:
+        place = _meeting(state, leg, arm, setting)
+        if place is None:
             continue
-        at = int(np.nanargmin(away))
-        ends = np.hypot(*(places[[0, -1]] - places[at]).T) < _AT_VERTEX_PX
-        for vertex, near in ((int(state.leg_starts[leg]), ends[0]), (leg + 1, ends[1])):
-            inner = vertex > 0 and vertex - 1 not in state.last_legs
-            if near and inner:
-                yield from _with_arm(state, vertex, arm, setting)
-        if not ends.any():
-            longer = state.with_corner(leg, points[at])
-            moved = tuple((i + (i > leg), p, s) for i, p, s in setting.waypoints)
-            yield from _with_arm(longer, leg + 1, arm, replace(setting, waypoints=moved))
+        share, near = place
+        vertices |= near
+        if not near:
+            corner = state.starts_mm[leg] + share * state.steps_mm[leg]
+            longer = _with_arm(state.with_corner(leg, corner), leg + 1, arm, setting)
+            if longer is not None:
+                yield longer, setting_with_corner(setting, leg)
+    # Two legs may meet the arm at the vertex that they share; light splits at none of the ends.
+    for vertex in sorted(vertices - set(state.ends)):
+        longer = _with_arm(state, vertex, arm, setting)
+        if longer is not None:
+            yield longer, setting
 
 
-def _with_arm(
-    state: PathState, vertex: int, arm: ImageLeg, setting: Setting
-) -> Iterator[tuple[PathState, Setting]]:
-    """The path with an arm from one of its vertices; nothing where light cannot run so."""
+def _meeting(
+    state: PathState, leg: int, arm: ImageLeg, setting: Setting
+) -> tuple[float, set[int]] | None:
+    """Share of a leg where an arm's line meets it, and its ends near there; None: it does not."""
+    share = np.linspace(0.0, 1.0, _PLACES)
+    points = state.starts_mm[leg] + share[:, np.newaxis] * state.steps_mm[leg]
+    places = undistorted_px(setting.camera, *setting.camera.pixels_from_points(points))
+    along, across = along_across(places, arm.origin_px, arm.direction_px)
+    # Light comes to an arm's start before it runs along it.
+    away = np.where(along < arm.extent_px[0] + _REACH_PX, np.abs(across), np.inf)
+    if not np.nanmin(away, initial=np.inf) < _REACH_PX:
+        return None
+    at = int(np.nanargmin(away))
+    near = np.hypot(*(places[[0, -1]] - places[at]).T) < _AT_VERTEX_PX
+    both = np.array([state.leg_starts[leg], leg + 1])
+    return float(share[at]), set(both[near].tolist())
+
+
+def _with_arm(state: PathState, vertex: int, arm: ImageLeg, setting: Setting) -> PathState | None:
+    """The path with an arm from one of its vertices; None where light cannot run so."""
     place, time = state.vertices_mm[vertex], state.vertex_times_ps(setting.medium)[vertex]
     source = Source(tuple(place.tolist()), emission_time_ps=float(time))
     try:
         alone = state_from_legs((arm,), camera=setting.camera, source=source, medium=setting.medium)
     except GeometryError:
-        return
+        return None
     end = alone.vertices_mm[-1]
     if not np.isfinite(end).all():
-        return
-    yield (
-        replace(
-            state,
-            vertices_mm=np.vstack((state.vertices_mm, end)),
-            forks=(*state.forks, (state.n_legs, vertex)),
-        ),
-        setting,
+        return None
+    return replace(
+        state,
+        vertices_mm=np.vstack((state.vertices_mm, end)),
+        forks=(*state.forks, (state.n_legs, vertex)),
     )

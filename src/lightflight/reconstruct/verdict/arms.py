@@ -8,22 +8,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from lightflight.path.verdict import FindingName, Verdict
 from lightflight.reconstruct.fit.arms import fits_with_arm
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.verdict.detours import has_weak_leg
 from lightflight.reconstruct.verdict.hidden import pulses_of_legs
-from lightflight.reconstruct.verdict.lost import cost_of_pulses
+from lightflight.reconstruct.verdict.lost import cost_of_pulses, price_of
 
-_LEAST_GAIN = 40.0
-"""Chi-square that an arm must win beyond its parameters' worth, as a further leg must."""
 _PARAMETERS = 5
 """A place on the path and off it, and a direction."""
-_FEW_PULSES = 5
-"""No more pulses than this are too few to say that light runs along a line."""
 
 
 def verdict_with_arm(
@@ -49,9 +44,10 @@ def verdict_with_arm(
     """
     if not any(one.name == FindingName.UNEXPLAINED_LIGHT for one in verdict.findings):
         return verdict
-    said = _said_of_arm(_best_arm(fit, sightings, setting), setting)
-    if not said:
+    best = _best_arm(fit, sightings, setting)
+    if best is None:
         return verdict
+    said = _said_of_arm(best, setting)
     findings = tuple(
         replace(
             one,
@@ -70,20 +66,18 @@ def _best_arm(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Joi
     trials = [
         trial
         for trial in fits_with_arm(sightings, fit, setting)
-        if pulses_of_legs(trial).min() > _FEW_PULSES and trial.solution.converged
+        if trial.solution.converged and not has_weak_leg(trial)
     ]
     best = min(trials, key=lambda one: cost_of_pulses(one, sightings), default=None)
-    n = sum(len(one.usable_pulses) for one in sightings)
-    worth = _LEAST_GAIN + _PARAMETERS * float(np.log(max(n, 2)))
-    if best is None or cost_of_pulses(best, sightings) + worth > cost_of_pulses(fit, sightings):
+    if best is None:
         return None
-    return best
+    price = price_of(_PARAMETERS, sightings)
+    without, left = (cost_of_pulses(one, sightings) for one in (fit, best))
+    return best if left + price <= without else None
 
 
-def _said_of_arm(fit: JointFit | None, setting: Setting) -> str:
-    """Where and when an arm leaves; nothing where there is none."""
-    if fit is None:
-        return ""
+def _said_of_arm(fit: JointFit, setting: Setting) -> str:
+    """Where and when the last arm leaves, and how many pulses it holds."""
     state = fit.solution.state
     leg, vertex = state.forks[-1]
     time = state.vertex_times_ps(setting.medium)[vertex]

@@ -27,7 +27,7 @@ from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.verdict.hidden import pulses_of_legs
-from lightflight.reconstruct.verdict.lost import cost_of_pulses
+from lightflight.reconstruct.verdict.lost import cost_of_pulses, price_of
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 _AT_EDGE_PX = 4.0
@@ -38,8 +38,6 @@ _FEW_PULSES = 5
 _LEAST_DETOUR_MM = 10.0
 """A single mirror that fails by less, mm, may be one with something else off: an index, a pose or a
 clock that is wrong by a plausible size moves corners by up to 5 mm (docs/explanation/limits.md)."""
-_LEAST_GAIN = 40.0
-"""Chi-square that a detour must win beyond its parameters' worth, as a further leg must."""
 _LEAST_EXPLAINED = 0.95
 """Of the photons found a path with a detour holds at least this share: one that stands in for a
 wrong index leaves a third of them. Right ones held 0.98 to 1.00."""
@@ -98,7 +96,6 @@ def detour_instead(
     if not places:
         return None
     cost = _cost_without(fit, legs, sightings, setting)
-    n = sum(len(one.usable_pulses) for one in sightings)
     for n_gaps in range(1, min(len(places), _MOST_GAPS) + 1):
         trials = [
             trial
@@ -110,8 +107,8 @@ def detour_instead(
         if best is None:
             continue
         left = cost_of_pulses(best, sightings)
-        worth = _LEAST_GAIN + _PARAMETERS * n_gaps * float(np.log(max(n, 2)))
-        if left + worth < cost and _explains_all(best, sightings, cost):
+        price = price_of(_PARAMETERS * n_gaps, sightings)
+        if left + price < cost and _explains_all(best, sightings, cost):
             return best
     return None
 

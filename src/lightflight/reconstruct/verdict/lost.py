@@ -44,6 +44,8 @@ _NUMBERS = {
 _REGAINED = 0.05
 """A leg outside the picture has no pulses to regain, one of three in it has half of those that the
 others hold: of the pulses on the path."""
+_LEAST_GAIN = 40.0
+"""Chi-square beyond its parameters' worth that a longer path must win, as a further leg must."""
 _OF_CLOCK = (FindingName.CLOCK_OFFSET, FindingName.CLOCK_SCALE)
 
 
@@ -122,3 +124,13 @@ def cost_of_pulses(fit: JointFit, sightings: list[Sighting]) -> float:
     left = sum(len(o.usable_pulses) for o in sightings) - np.count_nonzero(used)
     shared = np.concatenate((solution.modes, solution.shared))
     return float(squared.sum() + OUTLIER**2 * left + solution.line_chi2 + shared @ shared)
+
+
+def price_of(n_parameters: int, sightings: list[Sighting]) -> float:
+    """Chi-square that a path with so many parameters more must win over one without.
+
+    A parameter is worth ln n of n pulses (Schwarz's criterion); beyond that a margin against what
+    the stated errors of the pulses leave out.
+    """
+    n = sum(len(one.usable_pulses) for one in sightings)
+    return _LEAST_GAIN + n_parameters * float(np.log(max(n, 2)))
