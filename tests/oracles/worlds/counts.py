@@ -47,6 +47,9 @@ def seen_series(world: World, repeat: int = 0, weights: Weights | None = None) -
     """(pixels, harmonics) of recorded delays, before the codes."""
     omega = angular(world)
     series = light_series(world, weights) * response_series(world, omega, repeat)
+    if world.efficiency_std:
+        efficiency = np.exp(world.efficiency_std * pixel_draws(world, 3).normal(size=len(series)))
+        series = series * efficiency[:, None]
     lit = np.flatnonzero(series[:, 0].real != 0.0)
     delay = pixel_delays_ps(world, series[:, 0].real)
     if delay.any():

@@ -117,9 +117,18 @@ def n_fine(world: World) -> int:
     return 1 << math.ceil(math.log2(10.0 * world.clock.period_ps / world.std_ps))
 
 
-def _overlap(at: np.ndarray, n: int, std: float, side: float) -> np.ndarray:
+def spot_of(world: World, beam: Stations) -> np.ndarray:
+    """(stations,), std of the spot where each is seen, px."""
+    _, col = world.view.image(beam.place)
+    half = world.view.shape[1] / 2
+    tilted = np.exp(world.spot_tilt_ln * np.nan_to_num((col - half + 0.5) / half))
+    depth = (beam.place - world.view.centre) @ world.view.axes[2]
+    return np.hypot(world.spot_std_px * tilted, world.defocus_px_per_mm * (depth - world.focus_mm))
+
+
+def _overlap(at: np.ndarray, n: int, std: np.ndarray, side: float) -> np.ndarray:
     """(stations, n), part of a spot at `at` that falls into active areas of that side."""
-    gap = np.arange(n)[None, :] - at[:, None]
+    gap, std = np.arange(n)[None, :] - at[:, None], std[:, None]
     far, near = (gap + side / 2) / (math.sqrt(2) * std), (gap - side / 2) / (math.sqrt(2) * std)
     return np.asarray(0.5 * (erf(far) - erf(near)))
 
@@ -131,18 +140,19 @@ def _spline(part: np.ndarray) -> np.ndarray:
     return np.stack([rest**3 / 6, inner, outer, part**3 / 6], axis=1)
 
 
-def spread(world: World, beam: Stations, spot_std_px: float) -> np.ndarray:
+def spread(world: World, beam: Stations, spot_std_px: float | np.ndarray) -> np.ndarray:
     """(pixels, harmonics) Fourier series of each pixel's arrival times, light as its zeroth."""
     rows, cols = world.view.shape
     row, col = world.view.image(beam.place)
+    spot_std_px = np.broadcast_to(spot_std_px, row.shape)
     reach = 8.0 * spot_std_px + 1.0
     near = (row > -reach) & (row < rows + reach) & (col > -reach) & (col < cols + reach)
     fine = n_fine(world)
     series = np.zeros((rows * cols, n_harmonics(world)), dtype=complex)
     if not near.any():
         return series
-    down = _overlap(row[near], rows, spot_std_px, world.active_side_px)
-    across = _overlap(col[near], cols, spot_std_px, world.active_side_px)
+    down = _overlap(row[near], rows, spot_std_px[near], world.active_side_px)
+    across = _overlap(col[near], cols, spot_std_px[near], world.active_side_px)
     caught = (beam.light[near, None] * down)[:, :, None] * across[:, None, :]
     caught = caught.reshape(len(caught), -1)
     station, pixel = np.nonzero(caught > 1e-11 * caught.max())
@@ -175,7 +185,7 @@ def light_series(world: World, weights: Weights | None = None) -> np.ndarray:
     """(pixels, harmonics): all light of the beam and what it meets, before clock and response."""
     omega = angular(world)
     beam = stations(world, weights=weights)
-    spot = spread(world, beam, world.spot_std_px)
+    spot = spread(world, beam, spot_of(world, beam))
     held = 1.0 - world.halo - world.late_halo - world.glare
     series = held * spot
     if world.glare:

@@ -102,6 +102,14 @@ class World:
     brightness_std: float = 0.0
     """Of the prior that the nodes were drawn from (correlated over 10 mm)."""
     spot_std_px: float = 0.35
+    spot_tilt_ln: float = 0.0
+    """Log of the spot at the picture's right edge over that in its middle."""
+    defocus_px_per_mm: float = 0.0
+    """How the spot's blur grows with the distance from the plane in focus (added in squares)."""
+    focus_mm: float = 535.0
+    """Distance of that plane from the pupil, along the axis."""
+    efficiency_std: float = 0.0
+    """Relative spread of the pixels' efficiencies."""
     active_side_px: float = 0.122
     std_ps: float = 70.0
     """Laser and detector together."""
