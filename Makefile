@@ -112,7 +112,7 @@ $(VENV)/.installed-dev: pyproject.toml | $(VENV)/.installed
 	@echo "installing what the tests need into $(VENV) ..." >&2
 	@$(PIP) install --quiet --upgrade "pip>=25.1"
 	@$(PIP) install --quiet --editable ".[readers,camera,view,batch,docs]" --group dev
-	@touch $@
+	@touch $@ $(VENV)/.installed-docs
 
 $(VENV)/.installed-docs: pyproject.toml | $(VENV)/.installed
 	@echo "installing what the docs need into $(VENV) ..." >&2

@@ -15,6 +15,8 @@ import numpy as np
 
 from lightflight.camera.model import Camera
 from lightflight.flight import Source
+from lightflight.path.light_path import LightPath
+from lightflight.reconstruct.chain import reconstruct
 from lightflight.recording.histograms import Histograms
 from lightflight.timing.clock.calibration import TimingCalibration
 from tests.oracles.brute_force import BruteClock, BruteScene, camera_over_plane, expected_counts
@@ -116,6 +118,14 @@ def lab_of(
         vertices,
         Camera.facing_plane((32, 32), center_mm=center),
         {"reversed_codes": True} if reverse else {},
+    )
+
+
+@cache
+def known_path(lab: Lab, method: str) -> LightPath:
+    """Of a lab's recording 1, all else told exactly: made once, for tests that only read it."""
+    return reconstruct(
+        lab.recording(1), camera=lab.camera, source=lab.known, timing=lab.timing, method=method
     )
 
 

@@ -30,6 +30,14 @@ def job(campaign_folder, tmp_path) -> Job:
     return jobs_from_campaign(campaign)[0]
 
 
+@pytest.fixture(scope="module")
+def whole(campaign_folder, tmp_path_factory) -> lf.LightPath:
+    """The path of the job's recording, neither in pieces nor in tiles."""
+    output = tmp_path_factory.mktemp("whole")
+    campaign = campaign_from_toml(campaign_folder / "campaign.toml", output=output)
+    return whole_path(jobs_from_campaign(campaign)[0])
+
+
 def whole_path(job: Job) -> lf.LightPath:
     assert work.begin(replace(job, piece_bytes=1e12, tile_bytes=1e12)) is None
     return lf.LightPath.load(job.target)
@@ -113,8 +121,7 @@ def test_pieces_add_up_to_the_whole(kind, codes, piece_bytes):
         assert getattr(found, name) == getattr(whole, name), name
 
 
-def test_the_path_does_not_depend_on_the_pieces(job):
-    whole = whole_path(job)
+def test_the_path_does_not_depend_on_the_pieces(job, whole):
     small = replace(job, piece_bytes=1500)
     shares = work.begin(small)
     assert isinstance(shares, Shares)
@@ -137,9 +144,8 @@ def test_a_piece_that_was_counted_is_not_counted_again(job, monkeypatch):
     assert Path(file).stat().st_mtime_ns == before
 
 
-def test_the_path_does_not_depend_on_the_tiles(job):
+def test_the_path_does_not_depend_on_the_tiles(job, whole):
     """One typical width per tile instead of one for the camera: nothing else may differ."""
-    whole = whole_path(job)
     small = replace(job, tile_bytes=5 * 16 * 128 * 4, piece_bytes=9000)
     shares = work.begin(small)
     assert shares == Shares(n_pieces=2, n_tiles=4)
@@ -158,8 +164,7 @@ def test_photons_are_sorted_in_pieces_that_fit_into_memory(job, monkeypatch):
     assert shares == Shares(n_pieces=-(-n_bytes // 5000), n_tiles=4)
 
 
-def test_a_window_of_codes_moves_no_time(job):
-    whole = whole_path(job)
+def test_a_window_of_codes_moves_no_time(job, whole):
     small = replace(job, codes=(20, 110), tile_bytes=5 * 16 * 90 * 4)
     shares = work.begin(small)
     assert isinstance(shares, Shares)

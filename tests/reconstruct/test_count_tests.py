@@ -341,6 +341,7 @@ def recording(seed, defect="", n_legs=3, photons=40_000.0, strength=1, pf32=Fals
     return record(world, seed), what_the_user_tells(world)
 
 
+@cache
 def verdict_of(*world, method="joint", **others):
     hist, told = recording(*world, **others)
     with warnings.catch_warnings():
@@ -363,7 +364,7 @@ def verdict_of(*world, method="joint", **others):
     ],
 )
 def test_light_beside_the_flight_is_named(defect, n_legs, strength, method, name):
-    verdict = verdict_of(0, defect, n_legs, strength=strength, method=method)
+    verdict = verdict_of(0, defect, n_legs=n_legs, strength=strength, method=method)
     # Diffuse light has a place in the fit: no contradiction where it explains all counts.
     fitted = {"check"} if name == "haze" else {"contradicted"}
     fitted |= {"check"} if name in ("shape", "halo", "glare") else set()
@@ -378,7 +379,7 @@ def test_a_calibrated_clock_is_trusted():
 
 
 def test_how_much_light_is_the_paths_is_said():
-    verdict = verdict_of(0, "glint")
+    verdict = verdict_of(0, "glint", n_legs=3, strength=1, method="joint")
     said = next(f.sentence for f in verdict.findings if f.name == "unexplained_light")
     # Ten pulses lie in the wings of the spot, where the path gives a thousandth of its light.
     assert "257 of 291 pulses" in said

@@ -11,7 +11,7 @@ from lightflight.simulate.presets import ideal
 
 # The verdict only says that its tests do not hold where light begins or stops in the picture.
 pytestmark = pytest.mark.usefixtures("unexamined")
-N_RUNS = 12
+N_RUNS = 6
 CAMERA = lf.Camera.facing_plane()
 
 
@@ -48,12 +48,12 @@ def steep_paths(angle_deg, method, seeds):
 @pytest.mark.parametrize("angle_deg", [-80.0, -60.0, 60.0, 80.0])
 @pytest.mark.parametrize("method", ["joint", "photon"])
 def test_steep_legs_that_end_in_the_picture(angle_deg, method):
-    """The rms pull of 12 angles passes 1.9 by chance in fewer than one case of 10,000."""
+    """The rms pull of 6 angles passes 2.2 by chance in fewer than one case of 10,000 (6e-5)."""
     pulls = [
         (path.legs[0].angle_deg - angle_deg) / path.legs[0].angle_std_deg
         for path in steep_paths(angle_deg, method, range(N_RUNS))
     ]
-    assert np.sqrt(np.mean(np.square(pulls))) < 1.9
+    assert np.sqrt(np.mean(np.square(pulls))) < 2.2
 
 
 @pytest.mark.parametrize("angle_deg", [-60.0, 60.0])
@@ -65,13 +65,14 @@ def test_where_light_stops_is_found(angle_deg):
         np.testing.assert_allclose(found, seen, atol=0.04)
 
 
-@pytest.mark.parametrize("angle_deg", [-80.0, -60.0])
-def test_pixels_at_the_tips_count(angle_deg):
-    """Errors at the bound, tips included: 24 ratios pass 1.5 by chance in 1 of 10,000."""
-    scene = scene_of(angle_deg)
-    bound = lf.bounds(scene, photons_per_pixel=4000.0).angle_std_deg[0]
-    found = [p.legs[0].angle_deg for p in steep_paths(angle_deg, "photon", range(24))]
-    assert np.sqrt(np.mean(np.square(np.array(found) - angle_deg))) < 1.5 * bound
+def test_pixels_at_the_tips_count():
+    """Errors at the bound, tips included: 32 ratios pass 1.5 by chance in 1 of 10,000 (7e-5)."""
+    ratios = []
+    for angle_deg in (-80.0, -60.0):
+        bound = lf.bounds(scene_of(angle_deg), photons_per_pixel=4000.0).angle_std_deg[0]
+        found = [path.legs[0].angle_deg for path in steep_paths(angle_deg, "photon", range(16))]
+        ratios.extend((np.array(found) - angle_deg) / bound)
+    assert np.sqrt(np.mean(np.square(ratios))) < 1.5
 
 
 def test_joint_asks_all_counts_where_light_stops_in_view():

@@ -25,13 +25,11 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:the recording contradicts"),
 ]
 
-RUNS = 64
-"""Recordings per pull. The spread of a pull is known to 1 / sqrt(2 x 64) = 8.8 %, its mean to
-12.5 %. Seeds are fixed, so chance has been at play once, when they were chosen: bounds are three
+RUNS = 40
+"""Recordings per pull. The spread of a pull is known to 1 / sqrt(2 x 40) = 11.2 %, its mean to
+15.8 %. Seeds are fixed, so chance has been at play once, when they were chosen: bounds are three
 such errors, which one in ten draws of the some 40 numbers here would break. Errors that are stated
-30 % too small, or too large, break them."""
-
-WIDEST, NARROWEST, MEAN = 1.27, 0.73, 0.38
+30 % too small break them at these seeds, too: `Pulls.check` asks for it each time."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +41,17 @@ class Pulls:
     times: np.ndarray
 
     def check(self):
+        n, worst = len(self.angles), 0.0
+        of_width, of_mean = 3.0 / np.sqrt(2 * n), 3.0 / np.sqrt(n)
         for name in ("angles", "vertices", "times"):
             values = getattr(self, name)
             if not values.size:
                 continue
             width = np.sqrt(np.mean(values**2, axis=0))
-            assert width.max() < WIDEST, (name, width)
-            assert width.min() > NARROWEST, (name, width)
-            assert np.abs(values.mean(axis=0)).max() < MEAN, (name, values.mean(axis=0))
+            assert np.abs(width - 1.0).max() < of_width, (name, width)
+            assert np.abs(values.mean(axis=0)).max() < of_mean, (name, values.mean(axis=0))
+            worst = max(worst, width.max())
+        assert worst / 0.7 > 1.0 + of_width, "errors stated 30 % too small would pass"
 
 
 def whitened(offset: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -166,7 +167,7 @@ class TestPullsOnTheTwin:
 class TestPullsOnTheOracle:
     """The same lab drawn by another hand: a shared sign or factor cannot cancel."""
 
-    def paths(self, lab: Lab, photons: float, source: lf.Source, timing_of=None, **options):
+    def paths(self, lab: Lab, photons: float, source: lf.Source, timing_of=None, runs=RUNS):
         rng = np.random.default_rng(5)
         return [
             lf.reconstruct(
@@ -174,14 +175,14 @@ class TestPullsOnTheOracle:
                 camera=lab.camera,
                 source=source,
                 timing=lab.timing if timing_of is None else timing_of(rng),
-                **options,
             )
-            for seed in range(RUNS)
+            for seed in range(runs)
         ]
 
     def test_bright_leg_reaches_the_bound(self):
+        """64 recordings: the error itself is held against the bound here, to 8.8 % of chance."""
         lab = one_leg()
-        paths = self.paths(lab, 40_000.0, lab.known)
+        paths = self.paths(lab, 40_000.0, lab.known, runs=64)
         pulls_of(paths, lab.vertices_mm, lab.truth.vertex_times_ps).check()
         error = np.sqrt(np.mean([(p.legs[0].angle_deg - 5.0) ** 2 for p in paths]))
         bound = bounds(
