@@ -17,6 +17,7 @@ from lightflight.display import Shown
 from lightflight.flight import Medium
 from lightflight.path.on_legs import covariance_on_legs, sliding_maps
 from lightflight.path.tables import RESIDUAL_DTYPE, Polyline
+from lightflight.path.tree import forks_of, starts_of, way_before
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -38,7 +39,7 @@ class Trace(Shown):
     arrival_ps : array of float, shape (n,)
         ps; when light scattered there reaches the camera. NaN without a camera.
     length_mm : array of float, shape (n,)
-        mm along the path from vertex 0.
+        mm along the path from vertex 0; where it forks, along the way that leads there.
     leg : array of int, shape (n,)
         0-based.
     covariance : array of float, shape (n, 4, 4)
@@ -96,7 +97,7 @@ def _covariance_at(
     if not has_errors(path):
         return np.full((len(leg), 4, 4), np.nan)
     whole = np.asarray(getattr(path, "covariance", None), dtype=float)
-    found = covariance_on_legs(whole, leg, fraction)
+    found = covariance_on_legs(whole, leg, fraction, starts=starts_of(path))
     if not unseen_legs_of(path):
         return found
     maps = sliding_maps(cast("LightPath", path), leg, points)
@@ -132,15 +133,16 @@ def trace_from_path(
     n_legs = max(len(vertices) - 1, 0)
     leg = np.repeat(np.arange(n_legs), per_leg)
     fraction = np.tile(np.linspace(0.0, 1.0, per_leg), n_legs)
-    points = vertices[leg] + fraction[:, np.newaxis] * (vertices[leg + 1] - vertices[leg])
-    event = times[leg] + fraction * (times[leg + 1] - times[leg])
-    lengths = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
-    start = np.concatenate(([0.0], np.cumsum(lengths)))
+    starts = starts_of(path)
+    first = starts[leg]
+    points = vertices[first] + fraction[:, np.newaxis] * (vertices[leg + 1] - vertices[first])
+    event = times[first] + fraction * (times[leg + 1] - times[first])
+    lengths = np.linalg.norm(vertices[1:] - vertices[starts], axis=1)
     return Trace(
         points_mm=points,
         event_time_ps=event,
         arrival_ps=arrival_from_points(points, event, camera=camera, medium=medium),
-        length_mm=start[leg] + fraction * lengths[leg],
+        length_mm=way_before(starts, lengths)[first] + fraction * lengths[leg],
         leg=leg,
         covariance=_covariance_at(path, leg, fraction, points),
         in_view=_in_view(points, camera) & ~np.isin(leg, unseen_legs_of(path)),
@@ -423,14 +425,14 @@ def places_from_path(path: Polyline) -> PulsePlaces:
     points = np.full((len(leg), 3), np.nan)
     length, event = np.full(len(leg), np.nan), np.full(len(leg), np.nan)
     if camera is not None and known.any():
-        on = leg[known]
+        on, starts = leg[known], starts_of(path)
+        first = starts[on]
         origins, rays, _ = camera.lines_of_sight(row[known].astype(float), col[known].astype(float))
-        f = nearest_on_leg(rays, origins, vertices[on], vertices[on + 1])
-        spans = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
-        start = np.concatenate(([0.0], np.cumsum(spans)))
-        points[known] = vertices[on] + f[:, np.newaxis] * (vertices[on + 1] - vertices[on])
-        length[known] = start[on] + f * spans[on]
-        event[known] = times[on] + f * (times[on + 1] - times[on])
+        f = nearest_on_leg(rays, origins, vertices[first], vertices[on + 1])
+        spans = np.linalg.norm(vertices[1:] - vertices[starts], axis=1)
+        points[known] = vertices[first] + f[:, np.newaxis] * (vertices[on + 1] - vertices[first])
+        length[known] = way_before(starts, spans)[first] + f * spans[on]
+        event[known] = times[first] + f * (times[on + 1] - times[first])
     return PulsePlaces(
         row=row,
         col=col,
