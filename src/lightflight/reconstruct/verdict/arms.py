@@ -1,14 +1,14 @@
 """Whether light that a path leaves is an arm of it: what goes on, or turns off, at a beam splitter.
 
-Asked where a path is contradicted for light that it does not explain. `reconstruct` tells one arm;
-that there is another, and where it leaves, is said with the light.
+Asked where a path is contradicted for light that it does not explain. The arms become part of the
+path; an estimator that tells one way of the light says with the light where another leaves it.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from lightflight.path.verdict import FindingName, Verdict
+from lightflight.path.verdict import FindingName, Level, Verdict
 from lightflight.reconstruct.fit.arms import fits_with_arm
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.setting import Setting
@@ -19,6 +19,62 @@ from lightflight.reconstruct.verdict.lost import cost_of_pulses, price_of
 
 _PARAMETERS = 5
 """A place on the path and off it, and a direction."""
+_MOST_ARMS = 3
+"""Arms that are looked for one after another: each is a search and a few fits."""
+_MOST_LEFT = 0.5
+"""Of the misfit an arm leaves at most this share: right ones left 0.1 to 0.45 of it, in halos what
+runs as straight as an arm 0.87 and more."""
+
+
+def leaves_light(verdict: Verdict) -> bool:
+    """Whether a path is contradicted by light that it leaves, which may be an arm's.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        On the path.
+
+    Returns
+    -------
+    bool
+    """
+    contradicted = verdict.level is Level.CONTRADICTED
+    return contradicted and any(
+        one.name == FindingName.UNEXPLAINED_LIGHT for one in verdict.findings
+    )
+
+
+def with_arms(
+    fit: JointFit, sightings: list[Sighting], setting: Setting, n_legs: int | None
+) -> JointFit | None:
+    """The path with the arms that explain far more of the light; None where there is none.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path without.
+    sightings : list of Sighting
+        The recordings as they were found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    n_legs : int or None
+        How many legs there are on all branches together, where that is told.
+
+    Returns
+    -------
+    JointFit or None
+        One that forks, with as many legs as were told.
+    """
+    longer: JointFit | None = None
+    for _ in range(_MOST_ARMS):
+        best = _best_arm(fit, sightings, setting)
+        if best is None:
+            break
+        longer = fit = best
+        if longer.solution.state.n_legs == n_legs:
+            break
+    right = longer is not None and longer.solution.state.has_legs(n_legs)
+    return longer if right else None
 
 
 def verdict_with_arm(
@@ -42,7 +98,7 @@ def verdict_with_arm(
     Verdict
         The same where no light is left, or that is no arm.
     """
-    if not any(one.name == FindingName.UNEXPLAINED_LIGHT for one in verdict.findings):
+    if not leaves_light(verdict):
         return verdict
     best = _best_arm(fit, sightings, setting)
     if best is None:
@@ -73,7 +129,9 @@ def _best_arm(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Joi
         return None
     price = price_of(_PARAMETERS, sightings)
     without, left = (cost_of_pulses(one, sightings) for one in (fit, best))
-    return best if left + price <= without else None
+    # Every pulse is worth one by chance: what is beyond is misfit.
+    n = sum(len(one.usable_pulses) for one in sightings)
+    return best if left + price <= without and left - n < _MOST_LEFT * (without - n) else None
 
 
 def _said_of_arm(fit: JointFit, setting: Setting) -> str:
