@@ -241,6 +241,36 @@ def outline_mm(path: Polyline) -> NDArray[np.float64]:
     return np.concatenate(rows)
 
 
+def corners_of(
+    path: Polyline,
+) -> tuple[tuple[int, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], ...]:
+    """Vertices at which light turns, each with the places before and after it, to be drawn.
+
+    Parameters
+    ----------
+    path : LightPath or truth
+        The path.
+
+    Returns
+    -------
+    tuple of (int, array of float, array of float, array of float)
+        Number of the vertex; (3,) where light comes from, the vertex, and where it goes, mm: at a
+        fork by the leg that turns most.
+    """
+    vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
+    starts, found = starts_of(path), []
+    for corner in range(1, len(vertices)):
+        after = np.flatnonzero(starts == corner)
+        if not len(after):
+            continue
+        before = vertices[starts[corner - 1]]
+        way = vertices[corner] - before
+        steps = vertices[after + 1] - vertices[corner]
+        straight = steps @ way / np.linalg.norm(steps, axis=1)
+        found.append((corner, before, vertices[corner], vertices[after[np.argmin(straight)] + 1]))
+    return tuple(found)
+
+
 def branches_of(path: LightPath) -> tuple[LightPath, ...]:
     """Each way of the light from vertex 0 to an end, as a chain of its own.
 
