@@ -6,14 +6,19 @@ path; an estimator that tells one way of the light says with the light where ano
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+
+import numpy as np
 
 from lightflight.path.verdict import FindingName, Level, Verdict
 from lightflight.reconstruct.fit.arms import fits_with_arm
 from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.outcome import NoFit
+from lightflight.reconstruct.fit.revise import refitted
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.verdict.detours import has_weak_leg
+from lightflight.reconstruct.verdict.detours import FEW_PULSES, has_weak_leg
 from lightflight.reconstruct.verdict.hidden import pulses_of_legs
 from lightflight.reconstruct.verdict.lost import cost_of_pulses, price_of
 
@@ -22,8 +27,8 @@ _PARAMETERS = 5
 _MOST_ARMS = 3
 """Arms that are looked for one after another: each is a search and a few fits."""
 _MOST_LEFT = 0.5
-"""Of the misfit an arm leaves at most this share: right ones left 0.1 to 0.45 of it, in halos what
-runs as straight as an arm 0.87 and more."""
+"""Of a path's misfit arms that tests contradict leave at most this share: right ones left 0.1 to
+0.6 of it (and stood the tests), in halos what runs as straight as an arm 0.87 and more."""
 
 
 def leaves_light(verdict: Verdict) -> bool:
@@ -77,6 +82,28 @@ def with_arms(
     return longer if right else None
 
 
+def take_up_most(forked: JointFit, fit: JointFit, sightings: list[Sighting]) -> bool:
+    """Whether arms leave little of a path's misfit, though tests contradict the path with them.
+
+    Parameters
+    ----------
+    forked : JointFit
+        The path with arms.
+    fit : JointFit
+        The path without.
+    sightings : list of Sighting
+        The recordings as they were found.
+
+    Returns
+    -------
+    bool
+    """
+    # Every pulse is worth one by chance: what is beyond is misfit.
+    n = sum(len(one.usable_pulses) for one in sightings)
+    left, without = (cost_of_pulses(one, sightings) - n for one in (forked, fit))
+    return left < _MOST_LEFT * without
+
+
 def verdict_with_arm(
     verdict: Verdict, fit: JointFit, sightings: list[Sighting], setting: Setting
 ) -> Verdict:
@@ -101,7 +128,7 @@ def verdict_with_arm(
     if not leaves_light(verdict):
         return verdict
     best = _best_arm(fit, sightings, setting)
-    if best is None:
+    if best is None or not take_up_most(best, fit, sightings):
         return verdict
     said = _said_of_arm(best, setting)
     findings = tuple(
@@ -121,7 +148,8 @@ def _best_arm(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Joi
     """The path with the arm that explains most, where that is far more than without."""
     trials = [
         trial
-        for trial in fits_with_arm(sightings, fit, setting)
+        for base in (fit, *_up_to_weak_leg(fit, sightings, setting))
+        for trial in fits_with_arm(sightings, base, setting)
         if trial.solution.converged and not has_weak_leg(trial)
     ]
     best = min(trials, key=lambda one: cost_of_pulses(one, sightings), default=None)
@@ -129,9 +157,21 @@ def _best_arm(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Joi
         return None
     price = price_of(_PARAMETERS, sightings)
     without, left = (cost_of_pulses(one, sightings) for one in (fit, best))
-    # Every pulse is worth one by chance: what is beyond is misfit.
-    n = sum(len(one.usable_pulses) for one in sightings)
-    return best if left + price <= without and left - n < _MOST_LEFT * (without - n) else None
+    return best if left + price <= without else None
+
+
+def _up_to_weak_leg(
+    fit: JointFit, sightings: list[Sighting], setting: Setting
+) -> Iterator[JointFit]:
+    """The path up to its first leg that is all but unseen, where a search has joined two arms so."""
+    state = fit.solution.state
+    weak = np.flatnonzero(pulses_of_legs(fit) <= FEW_PULSES)
+    if not len(weak) or weak[0] == 0 or state.forks or state.unseen or setting.waypoints:
+        return
+    shorter = replace(state, vertices_mm=state.vertices_mm[: weak[0] + 1])
+    trial = refitted(sightings, shorter, setting)
+    if not isinstance(trial, NoFit):
+        yield trial
 
 
 def _said_of_arm(fit: JointFit, setting: Setting) -> str:
