@@ -9,8 +9,8 @@
 Scenes are those of `tests/oracles/splitter.py`, each drawn by its own seed, source and emission
 time known, ideal codes of 55 ps. Printed: scenes with both arms found (three legs, one fork within
 5 mm of the splitter, both arms within 5 degrees) with the 95 % interval of Clopper and Pearson; of
-these the error over the bound, sqrt(e' C^-1 e / 7) of splitter (3 numbers) and the direction of both
-arms (2 each) with C of `lf.bounds` for the tree; the same over the stated covariance (pull), both
+these the error over the bound, sqrt(e' C^-1 e / 7) of splitter (3 numbers) and the direction of
+both arms (2 each) with C of `lf.bounds` for the tree; the same over the stated covariance (pull), both
 rms over scenes with the 95 % interval of a bootstrap; verdicts; CPU seconds of the middle one.
 `--others`: of so many recordings with a defect of `tests/oracles/worlds` at full strength (none of
 the held-out ones), one and three legs in turn, how many contradict their path, and how many are
@@ -165,16 +165,13 @@ def result_of(share: float, photons: float, method: str, seed: int) -> Row:
         return row
     true = world.vertices_mm
     off, stated = numbers_of(path.vertices_mm, path.covariance, places, true)
-    least = numbers_of(*_vertices_and_covariance(bound_of(share, photons, seed)), (1, 2, 3), true)[1]
+    bound = bound_of(share, photons, seed).path
+    _, least = numbers_of(bound.vertices_mm, bound.covariance, (1, 2, 3), true)
     return row | {
         "error2": float(off @ np.linalg.solve(least, off)) / len(off),
         "pull2": float(off @ np.linalg.solve(stated, off)) / len(off),
         "off_mm": float(np.linalg.norm(off[:3])),
     }
-
-
-def _vertices_and_covariance(bound: lf.Bounds) -> tuple[np.ndarray, np.ndarray]:
-    return bound.path.vertices_mm, bound.path.covariance
 
 
 def share_with_interval(hits: int, runs: int) -> str:
@@ -189,8 +186,10 @@ def line_of(own: list[Row]) -> str:
     right = [row for row in own if "error2" in row]
     cells = [f"{own[0]['share']:g}", f"{own[0]['photons']:g}", own[0]["method"]]
     cells.append(share_with_interval(len(right), len(own)))
-    for key in ("error2", "pull2"):
-        cells.append(interval(np.array([row[key] for row in right]), 1.0) if right else "")
+    cells += [
+        interval(np.array([row[key] for row in right]), 1.0) if right else ""
+        for key in ("error2", "pull2")
+    ]
     levels = [sum(row.get("level") == level for row in own)
               for level in ("trust", "check", "contradicted")]  # fmt: skip
     cpu = np.median([row.get("cpu_s", np.nan) for row in own])

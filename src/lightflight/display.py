@@ -471,7 +471,5 @@ def picture_from_vertices(vertices_mm: ArrayLike) -> str:
             lines.append(
                 f'<polyline points="{points}" fill="none" stroke="#c8440a" stroke-width="2"/>'
             )
-        lines.append(
-            f'<circle cx="{x[0]:.1f}" cy="{y[0]:.1f}" r="3.5" fill="currentColor"/>'
-        )
+        lines.append(f'<circle cx="{x[0]:.1f}" cy="{y[0]:.1f}" r="3.5" fill="currentColor"/>')
     return f'<svg width="260" height="{height:.0f}" role="img">{"".join(lines)}</svg>'

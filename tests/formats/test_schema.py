@@ -124,7 +124,7 @@ def test_a_path_with_a_stretch_that_nobody_saw_is_read():
 
 
 def test_only_paths_that_need_it_are_of_a_newer_schema(tmp_path):
-    """Versions that know no unseen legs, or no forks, read all others and would draw these wrongly."""
+    """Versions that know no unseen legs, or no forks, would draw these wrong."""
     made = (known_path(), known_path_with_a_gap(), known_path_that_forks())
     for schema, path in enumerate(made, start=1):
         path.save(tmp_path / "path.h5")

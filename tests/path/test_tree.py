@@ -209,7 +209,7 @@ class TestTraces:
         before = sum(path.legs[k].length_mm for k in (0, 1))
         assert trace.length_mm[first] == pytest.approx(before)
         straight = parted(trace, trace.points_mm)
-        assert np.isnan(straight).all(axis=1).nonzero()[0].tolist() == [first]
+        assert np.flatnonzero(np.isnan(straight).all(axis=1)).tolist() == [first]
         chain = trace_from_path(make_path(), per_leg=5)
         np.testing.assert_array_equal(parted(chain, chain.points_mm), chain.points_mm)
 

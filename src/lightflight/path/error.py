@@ -72,7 +72,9 @@ def path_error(
     check_kinds("path", "truth", "camera", path=path, truth=truth, camera=camera)
     up_to_exit = yes_or_no("whole", whole)
     true_branches, branches = _branches(truth), _branches(path)
-    squares = [[_squares(own, other, camera, up_to_exit) for own in branches] for other in true_branches]
+    squares = [
+        [_squares(own, other, camera, up_to_exit) for own in branches] for other in true_branches
+    ]
     if not any(len(row[0]) for row in squares):
         raise GeometryError("the camera sees no part of the true path: check the camera's pose")
     off = [squares[k][m] for k, m in _nearest_pairs(squares)]

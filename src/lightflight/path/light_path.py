@@ -483,7 +483,7 @@ class LightPath(Drawn, Tabled, Labelled):
         return position
 
     def _fractions(self, leg: NDArray[np.int64], times_ps: Floats) -> Floats:
-        """(n,), how far along these legs the pulse is at event times: 0 at the start, 1 at the end."""
+        """(n,), share of these legs behind the pulse at event times; not clipped."""
         t0, t1 = self.vertex_times_ps[starts_of(self)[leg]], self.vertex_times_ps[leg + 1]
         fraction: Floats = (times_ps - t0) / (t1 - t0)
         return fraction

@@ -169,8 +169,7 @@ def traces_of_branches(trace: Trace, path: Polyline) -> tuple[Trace, ...]:
         return (trace,)
     taken = [np.isin(trace.leg, way) for way in ways(starts_of(path))]
     return tuple(
-        Trace(**{one.name: getattr(trace, one.name)[own] for one in fields(Trace)})
-        for own in taken
+        Trace(**{one.name: getattr(trace, one.name)[own] for one in fields(Trace)}) for own in taken
     )
 
 

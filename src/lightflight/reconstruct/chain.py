@@ -178,9 +178,12 @@ def path_from_sightings(
         path, fit = estimator.fit(request)
     except (GeometryError, NothingFoundError):
         detour = _detour(None, request, estimator)
-        if detour is None:
+        if detour is not None:
+            return _warned(_judged(*detour, request, estimator))
+        forked = _forked(None, request, estimator)
+        if forked is None:
             raise
-        return _warned(_judged(*detour, request, estimator))
+        return _warned(forked)
     # Light that was out of the picture is asked for where nothing that is seen explains the rest:
     # before the verdict where a leg is all but unseen, else once that contradicts the path.
     weak = fit is not None and has_weak_leg(fit)
@@ -212,8 +215,11 @@ def _detour(
     return None if found is None else _told(found, request, estimator)
 
 
-def _forked(fit: JointFit, request: Request, estimator: Estimator) -> LightPath | None:
-    """The path with the arms of beam splitters, where that is right; a start says what legs are."""
+def _forked(fit: JointFit | None, request: Request, estimator: Estimator) -> LightPath | None:
+    """The path with the arms of beam splitters, where that is right; a start says what legs are.
+
+    `fit` is the path without, None where so many legs as were told make none.
+    """
     if not _may_fork(request, estimator):
         return None
     if request.n_legs is not None:
@@ -222,6 +228,8 @@ def _forked(fit: JointFit, request: Request, estimator: Estimator) -> LightPath 
             fit = fit_of_request(replace(request, n_legs=None))
         except (GeometryError, NothingFoundError):
             return None
+    if fit is None:
+        return None
     forked = with_arms(fit, request.sightings, request.setting, request.n_legs)
     told = None if forked is None else _told(forked, request, estimator)
     if told is None:

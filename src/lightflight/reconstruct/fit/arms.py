@@ -66,7 +66,7 @@ def fits_with_arm(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
     starts += [(state, setting) for state in _straight_on(fit.solution.state, setting)]
     found = []
     for state, moved in starts:
-        # An arm told to end on a window's very face has no line of sight: its fit is no number.
+        # One told to end on a window's very face has no line of sight: its fit is no number.
         with np.errstate(invalid="ignore"):
             trial = fit_or_reason(partial(refitted, sightings, state, moved))
         if not isinstance(trial, NoFit) and np.isfinite(trial.solution.covariance).all():

@@ -399,15 +399,13 @@ def _bounds(
     )
 
 
-def _event_time_rms(
-    branches: list[tuple[LightPath, NDArray[np.void]]], camera: Camera
-) -> float:
+def _event_time_rms(branches: list[tuple[LightPath, NDArray[np.void]]], camera: Camera) -> float:
     """Rms error of the event time on a pixel's ray: the point slides along the ray, not the leg."""
     variance = []
     for path, sampled in branches:
         # A hundred points are plenty for a mean.
-        for row in sampled[:: max(1, len(sampled) // 100)]:
-            variance.append(_event_time_variance(path, row, camera))
+        some = sampled[:: max(1, len(sampled) // 100)]
+        variance += [_event_time_variance(path, row, camera) for row in some]
     return float(np.sqrt(np.mean(variance)))
 
 

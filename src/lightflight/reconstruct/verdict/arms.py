@@ -163,7 +163,7 @@ def _best_arm(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Joi
 def _up_to_weak_leg(
     fit: JointFit, sightings: list[Sighting], setting: Setting
 ) -> Iterator[JointFit]:
-    """The path up to its first leg that is all but unseen, where a search has joined two arms so."""
+    """The path up to its first leg that is all but unseen, where a search so joined two arms."""
     state = fit.solution.state
     weak = np.flatnonzero(pulses_of_legs(fit) <= FEW_PULSES)
     if not len(weak) or weak[0] == 0 or state.forks or state.unseen or setting.waypoints:

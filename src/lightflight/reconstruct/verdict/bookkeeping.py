@@ -10,6 +10,7 @@ from scipy.special import bdtrc, chdtrc, ndtr
 
 from lightflight import flags
 from lightflight.path.light_path import LightPath
+from lightflight.path.tree import starts_of
 from lightflight.path.verdict import Finding, FindingName, Severity
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.result import path_from_fit
@@ -135,16 +136,17 @@ def noticed(
 def corners_without_a_turn(path: LightPath) -> list[int]:
     """Corners, numbers of their vertices, at which the path may as well go straight on.
 
-    A fork is none: one of its arms may go straight on. The change of direction is held against its own covariance. Such a corner lies where chance
-    makes the change largest, so as many places count as pulses lie on its two legs.
+    A fork is none: one of its arms may go straight on. The change of direction is held against its
+    own covariance. Such a corner lies where chance makes the change largest, so as many places
+    count as pulses lie on its two legs.
     """
-    corners = []
+    corners, starts = [], starts_of(path)
     passed_over = {*path.open_vertices, *path.ends, *(vertex for _, vertex in path.forks)}
     for k in range(1, path.n_legs):
         if k in passed_over:
             continue
         # One leg begins where one ends: that of the corner's own number.
-        three = [path.legs[k - 1].start_vertex, k, k + 1]
+        three = [starts[k - 1], k, k + 1]
         steps = np.diff(path.vertices_mm[three], axis=0)
         lengths = np.linalg.norm(steps, axis=1)
         units = steps / lengths[:, np.newaxis]

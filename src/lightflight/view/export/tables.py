@@ -65,7 +65,10 @@ def _vertex_table(light_path: LightPath) -> NDArray[np.generic]:
     numbers = ["vertex", *(["from_vertex"] if forked else [])]
     table = np.zeros(
         n,
-        dtype=[*((name, np.int32) for name in numbers), *((name, float) for name in names + errors)],
+        dtype=[
+            *((name, np.int32) for name in numbers),
+            *((name, float) for name in names + errors),
+        ],
     )
     table["vertex"] = np.arange(n)
     if forked:
@@ -152,8 +155,9 @@ def write_mat(light_path: LightPath, path: FilePath, *, samples: int = SAMPLES) 
     """Write a path with its tables as a MATLAB file (version 5), one struct `lightflight`.
 
     Fields: vertices_mm, vertex_times_ps, covariance, samples, pulses, truth (if known), camera,
-    forks (where the path has any: leg, and the vertex at which it begins), and the words method, prior, statements. MATLAB counts from 1; rows, columns and legs in the
-    tables count from 0, as in the file format.
+    forks (where the path has any: leg, and the vertex at which it begins), and the words method,
+    prior, statements. MATLAB counts from 1; rows, columns and legs in the tables count from 0, as
+    in the file format.
 
     Parameters
     ----------

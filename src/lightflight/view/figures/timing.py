@@ -324,9 +324,7 @@ def draw_time_std(
         return style.message(ax, "the path carries no errors")
     frame = _frames(trace, trace.arrival_ps, frame_ps)
     shade_out_of_view(ax, *watched(trace, path, frame))
-    ax.plot(
-        parted(trace, frame), parted(trace, trace.event_time_std_ps), color=style.EVENT, lw=1.6
-    )
+    ax.plot(parted(trace, frame), parted(trace, trace.event_time_std_ps), color=style.EVENT, lw=1.6)
     _label_frames(ax, frame, frame_ps)
     ax.set(ylim=(0, None), ylabel="1\u03c3 of $t$ (ps)")
     return ax

@@ -235,8 +235,7 @@ def _picture(path: LightPath, name: str, frame: tuple[Floats, float]) -> str:
     if path.truth is not None:
         dashed = 'stroke="var(--quiet)" stroke-width="1.2" stroke-dasharray="4 3"'
         vertices, starts = np.asarray(path.truth.vertices_mm, dtype=float), starts_of(path.truth)
-        for way in ways(starts):
-            parts.append(line(vertices[[0, *(leg + 1 for leg in way)]], dashed))
+        parts += [line(vertices[[0, *(leg + 1 for leg in way)]], dashed) for way in ways(starts)]
     for leg in path.legs:
         dots = "" if leg.seen else ' stroke-dasharray="1 4"'
         ends = np.array([leg.start_mm, leg.end_mm])
