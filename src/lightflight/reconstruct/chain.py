@@ -241,8 +241,12 @@ def _forked(fit: JointFit | None, request: Request, estimator: Estimator) -> Lig
 
 
 def _may_fork(request: Request, estimator: Estimator) -> bool:
-    """Whether arms become part of the path; else the verdict names them."""
-    return estimator.of_fit is not None and request.start is None
+    """Whether arms become part of the path; else the verdict names them.
+
+    Waypoints number the vertices of the path that their user knows: an arm would count them anew.
+    """
+    told = request.start is not None or bool(request.setting.waypoints)
+    return estimator.of_fit is not None and not told
 
 
 def _told(
