@@ -10,8 +10,8 @@ Scenes are those of `tests/oracles/splitter.py`, each drawn by its own seed, sou
 time known, ideal codes of 55 ps. Printed: scenes with both arms found (three legs, one fork within
 5 mm of the splitter, both arms within 5 degrees) with the 95 % interval of Clopper and Pearson; of
 these the error over the bound, sqrt(e' C^-1 e / 7) of splitter (3 numbers) and the direction of
-both arms (2 each) with C of `lf.bounds` for the tree; the same over the stated covariance (pull), both
-rms over scenes with the 95 % interval of a bootstrap; verdicts; CPU seconds of the middle one.
+both arms (2 each) with C of `lf.bounds` for the tree; the same over the stated covariance (pull),
+both rms over scenes with the 95 % interval of a bootstrap; verdicts; CPU seconds of the middle one.
 `--others`: of so many recordings with a defect of `tests/oracles/worlds` at full strength (none of
 the held-out ones), one and three legs in turn, how many contradict their path, and how many are
 told with an arm, which is always wrong.

@@ -57,7 +57,9 @@ def test_each_arm_is_the_light_of_a_scene_of_its_own():
 
 def test_light_is_shared():
     """By the pixel's own share of the light where all three legs are equally far and bright."""
-    even = lf.simulate(scene(brightness=None), photons_per_pixel=1000.0, seed=3).truth.expected_leg_counts
+    even = lf.simulate(
+        scene(brightness=None), photons_per_pixel=1000.0, seed=3
+    ).truth.expected_leg_counts
     split = lf.simulate(scene(), photons_per_pixel=1000.0, seed=3).truth.expected_leg_counts
     ratio = split.sum(axis=(1, 2)) / even.sum(axis=(1, 2))
     np.testing.assert_allclose(ratio / ratio[0], SHARES, rtol=1e-9)

@@ -6,6 +6,7 @@ import json
 import re
 import struct
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -57,7 +58,7 @@ def jumps(line: Any, legs: np.ndarray) -> list[float]:
     """Lengths, on the page, of strokes of a line that lie on no leg; `legs` (k, 2, 2)."""
     points = np.column_stack(line.get_data()).astype(float)
     found = []
-    for a, b in zip(points[:-1], points[1:], strict=True):
+    for a, b in pairwise(points):
         if np.isfinite([a, b]).all() and not any(
             on_segment(a, *leg) and on_segment(b, *leg) for leg in legs
         ):
@@ -75,7 +76,7 @@ def test_no_stroke_in_space_lies_off_the_legs(path: Any) -> None:
     view = Viewpoint()
     ax = draw_path_3d(path, view=view)
     legs = np.array([view.project(np.array([leg.start_mm, leg.end_mm])) for leg in path.legs])
-    drawn = [line for line in ax.get_lines() if line.get_label().startswith(("path", "truth"))]
+    drawn = [line for line in ax.get_lines() if str(line.get_label()).startswith(("path", "truth"))]
     assert len(drawn) == 2
     for line in drawn:
         assert max(jumps(line, legs), default=0.0) < 2.0

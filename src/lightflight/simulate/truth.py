@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +90,7 @@ class Truth(Shown):
 
     flat_arrival_ps: Floats | None = None
 
-    forks: tuple[tuple[int, int], ...] = ()
+    forks: tuple[tuple[int, int], ...] = field(default=(), kw_only=True)
 
     @property
     def emission_time_ps(self) -> float:

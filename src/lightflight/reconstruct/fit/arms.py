@@ -75,7 +75,7 @@ def fits_with_arm(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
 
 
 def _straight_on(state: PathState, setting: Setting) -> Iterator[PathState]:
-    """Paths with an arm that goes straight on where the path turns, if that stays in the picture."""
+    """Paths with an arm that goes straight on where the path turns, if that is in the picture."""
     for corner in state.corners_seen:
         step = state.steps_mm[corner - 1]
         way = step / np.linalg.norm(step)
