@@ -79,6 +79,29 @@ def known_path_with_a_gap() -> lf.LightPath:
     )
 
 
+def known_path_that_forks() -> lf.LightPath:
+    """Three legs, two of which leave a beam splitter: schema 3 of paths."""
+    path = known_path_with_a_gap()
+    vertices = np.array(
+        [(0.0, 0.0, 0.0), (200.0, 20.0, 10.0), (375.0, 37.5, 18.75), (200.0, 80.0, 0.0)]
+    )
+    chains = [[0, 1, 2], [0, 1, 3]]
+    times = np.zeros(4)
+    for chain in chains:
+        times[chain] = event_times_from_vertices(vertices[chain], emission_time_ps=2000.0)
+    truth = SimpleNamespace(
+        vertices_mm=vertices + 1.0, vertex_times_ps=times + 1.0, forks=((2, 1),)
+    )
+    return replace(
+        path,
+        vertices_mm=vertices,
+        vertex_times_ps=times,
+        truth=truth,
+        unseen_legs=(),
+        forks=((2, 1),),
+    )
+
+
 def known_calibration() -> lf.TimingCalibration:
     """A nominal clock with a gain and a delay of its own in every pixel."""
     recording = lf.Recording.from_frames(known_frames(), n_codes=32, **CLOCK)
@@ -120,6 +143,7 @@ def main() -> None:
     for name, version, result in (
         ("path", 1, known_path()),
         ("path", 2, known_path_with_a_gap()),
+        ("path", 3, known_path_that_forks()),
         ("calibration", 1, known_calibration()),
         ("calibration", 2, known_calibration_with_tail()),
     ):

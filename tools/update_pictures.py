@@ -74,6 +74,8 @@ def main() -> None:
             keep(Path(made), name)
         Page(DOCS / "how-to" / "light-out-of-the-picture.md").run()
         keep(Path("unseen.png"), "unseen-legs.png")
+        Page(DOCS / "how-to" / "follow-split-light.md").run()
+        keep(Path("split.png"), "split-light.png")
         for example, name in EXAMPLES.items():
             run_example(example, "-o", name)
             keep(Path(name), name)

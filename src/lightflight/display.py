@@ -441,12 +441,24 @@ def picture_from_image(image: ArrayLike, *, percent: float = 99.0) -> str:
     )
 
 
+def _breaks(told: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Numbers, among the rows that are told, of those that follow one that is not."""
+    after = np.flatnonzero(told[1:] & ~told[:-1]) + 1
+    breaks: NDArray[np.intp] = np.cumsum(told)[after] - 1
+    return breaks
+
+
 def picture_from_vertices(vertices_mm: ArrayLike) -> str:
-    """Front (x, y) and top (x, z) view of a path's vertices (m, 3), one scale, as SVG."""
-    vertices = np.asarray(vertices_mm, dtype=float)
-    vertices = vertices[np.isfinite(vertices).all(axis=1)]
+    """Front (x, y) and top (x, z) view of a path's vertices (m, 3), one scale, as SVG.
+
+    A row that is not finite parts the line: what follows begins anew.
+    """
+    rows = np.asarray(vertices_mm, dtype=float)
+    told = np.isfinite(rows).all(axis=1)
+    vertices = rows[told]
     if len(vertices) < 2:
         return ""
+    pieces = [piece for piece in np.split(np.arange(len(vertices)), _breaks(told)) if len(piece)]
     low, size = vertices.min(axis=0), np.ptp(vertices, axis=0)
     scale = 240.0 / max(size[0], 2 * (size[1] + size[2]), 1e-9)
     height = (size[1] + size[2]) * scale + 40.0
@@ -454,9 +466,10 @@ def picture_from_vertices(vertices_mm: ArrayLike) -> str:
     for axis, floor in ((1, 10.0 + size[1] * scale), (2, 30.0 + (size[1] + size[2]) * scale)):
         x = 10.0 + (vertices[:, 0] - low[0]) * scale
         y = floor - (vertices[:, axis] - low[axis]) * scale
-        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
-        lines.append(
-            f'<polyline points="{points}" fill="none" stroke="#c8440a" stroke-width="2"/>'
-            f'<circle cx="{x[0]:.1f}" cy="{y[0]:.1f}" r="3.5" fill="currentColor"/>'
-        )
+        for piece in pieces:
+            points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x[piece], y[piece], strict=True))
+            lines.append(
+                f'<polyline points="{points}" fill="none" stroke="#c8440a" stroke-width="2"/>'
+            )
+        lines.append(f'<circle cx="{x[0]:.1f}" cy="{y[0]:.1f}" r="3.5" fill="currentColor"/>')
     return f'<svg width="260" height="{height:.0f}" role="img">{"".join(lines)}</svg>'

@@ -61,6 +61,13 @@ def test_legs_that_nobody_saw_have_a_column_where_there_are_any(tmp_path):
     assert [line.rpartition(",")[2] for line in lines] == ["n_legs_unseen", "", "", "", "1"]
 
 
+def test_a_path_that_forks_has_columns_of_its_own_behind_all_others():
+    assert "n_branches" not in TABLE.columns
+    more = {"n_branches": 2, "forks": "leg3=vertex1"}
+    table = CampaignTable((*TABLE.rows, row(SHOTS[0], 2.5, n_legs=3) | more))
+    assert table.columns[-2:] == ("n_branches", "forks")
+
+
 def test_parquet_says_the_same_with_types(tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     write_table_parquet(TABLE, tmp_path / "t.parquet")

@@ -21,6 +21,7 @@ from tools.make_schema_files import (
     known_calibration_with_tail,
     known_frames,
     known_path,
+    known_path_that_forks,
     known_path_with_a_gap,
 )
 
@@ -122,19 +123,29 @@ def test_a_path_with_a_stretch_that_nobody_saw_is_read():
     assert repr(found.gaps) == repr(expected.gaps)
 
 
-def test_only_paths_with_such_a_stretch_need_the_newer_schema(tmp_path):
-    """Versions that know no unseen legs read all others, and would draw these as seen."""
-    for path, schema in ((known_path(), 1), (known_path_with_a_gap(), 2)):
+def test_only_paths_that_need_it_are_of_a_newer_schema(tmp_path):
+    """Versions that know no unseen legs, or no forks, would draw these wrong."""
+    made = (known_path(), known_path_with_a_gap(), known_path_that_forks())
+    for schema, path in enumerate(made, start=1):
         path.save(tmp_path / "path.h5")
         with unsealed(tmp_path / "path.h5") as file:
             assert file.attrs["schema_version"] == schema
 
 
+def test_a_path_that_forks_is_read():
+    expected = known_path_that_forks()
+    found = lf.LightPath.load(FOLDER / "path_schema_3.h5")
+    assert found.forks == found.truth.forks == expected.forks == ((2, 1),)
+    for name in ("vertices_mm", "vertex_times_ps", "covariance", "residuals"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
+    np.testing.assert_array_equal(found.truth.vertices_mm, expected.truth.vertices_mm)
+
+
 def test_a_path_of_a_schema_that_is_newer_still_is_refused(tmp_path):
     known_path_with_a_gap().save(tmp_path / "path.h5")
     with unsealed(tmp_path / "path.h5") as file:
-        file.attrs["schema_version"] = 3
-    with pytest.raises(FileFormatError, match="this one reads up to 2"):
+        file.attrs["schema_version"] = 4
+    with pytest.raises(FileFormatError, match="this one reads up to 3"):
         lf.LightPath.load(tmp_path / "path.h5")
 
 

@@ -31,10 +31,13 @@ DONE, FAILED = "done", "failed"
 
 _TEXTS = (
     "recording", "group", "status", "reason", "method", "prior", "flags", "warnings", "verdict",
-    "findings",
+    "findings", "forks",
 )  # fmt: skip
 _VERSIONS = ("lightflight", "python", *NUMERIC_PACKAGES)
-_WHOLE = ("n_legs", "n_pulses", "n_rejected", "dof", "n_explained", "n_found", "n_legs_unseen")
+_WHOLE = (
+    "n_legs", "n_pulses", "n_rejected", "dof", "n_explained", "n_found", "n_legs_unseen",
+    "n_branches",
+)  # fmt: skip
 _FIRST = (
     "recording", "group", "set_point_deg", "status", "reason", "method", "prior", "converged",
     "n_legs", "n_pulses", "n_rejected", "residual_rms_ps", "error_floor_ps", "chi2", "dof",
@@ -49,6 +52,9 @@ _VERDICT = ("verdict", "findings", "verdict_p_value", "n_explained", "n_found")
 """Behind all others: columns that are new to a table are put last."""
 _UNSEEN = "n_legs_unseen"
 """Last of all, and only where a path has such legs."""
+_BRANCHES, _FORKS = "n_branches", "forks"
+"""Behind even these, and only where a path forks: which leg begins at which vertex, both counted as
+in the names of the columns."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +164,8 @@ class CampaignTable(Drawn, Tabled):
             for name in (*_OF_VERTEX, *_OF_VERTEX_STD)
         ]
         unseen = (_UNSEEN,) if any(row.get(_UNSEEN) for row in self.rows) else ()
-        return (*_FIRST, *legs, *vertices, *_LAST, *_VERDICT, *unseen)
+        forked = (_BRANCHES, _FORKS) if any(row.get(_BRANCHES) for row in self.rows) else ()
+        return (*_FIRST, *legs, *vertices, *_LAST, *_VERDICT, *unseen, *forked)
 
     @property
     def n_failed(self) -> int:
@@ -268,6 +275,9 @@ def row_from_path(shot: Shot, path: LightPath) -> dict[str, object]:
     }
     if path.unseen_legs:
         row[_UNSEEN] = len(path.unseen_legs)
+    if path.forks:
+        row[_BRANCHES] = len(path.ends) - 1
+        row[_FORKS] = " ".join(f"leg{leg + 1}=vertex{vertex}" for leg, vertex in path.forks)
     for k, leg in enumerate(_legs_of(path)):
         row |= {f"leg{k + 1}_{name}": value for name, value in leg.items()}
     for k in range(path.n_legs + 1):

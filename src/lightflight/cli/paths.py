@@ -39,6 +39,7 @@ def path_facts(path: LightPath) -> list[Fact]:
         Fact("estimator", "method", path.method),
         Fact("prior", "prior", path.prior),
         Fact("legs", "n_legs", path.n_legs),
+        *_fork_facts(path),
         Fact("emission time", "emission_time_ps", path.emission_time_ps,
              f"{with_error(path.emission_time_ps, float(path.vertex_std[0, 3]))} ps"),
         Fact("pulses used", "n_pulses", good.n_pulses,
@@ -54,6 +55,15 @@ def path_facts(path: LightPath) -> list[Fact]:
     if not good.converged:
         facts.append(Fact("converged", "converged", False, "NO: do not trust the errors"))
     return [*facts, *truth_facts(path)]
+
+
+def _fork_facts(path: LightPath) -> list[Fact]:
+    """On how many branches the light goes, and where they leave; nothing of a chain."""
+    if not path.forks:
+        return []
+    where = ", ".join(f"leg {leg + 1} begins at vertex {vertex}" for leg, vertex in path.forks)
+    n_branches = len(path.ends) - 1
+    return [Fact("branches", "n_branches", n_branches, f"{n_branches}: {where}")]
 
 
 def truth_facts(path: LightPath) -> list[Fact]:
@@ -150,11 +160,13 @@ def print_path(path: LightPath) -> None:
             )
         ],
     )
+    # Of a chain each leg goes from the vertex of its number to the next.
+    forked = bool(path.forks)
     print_table(
         ("leg", "elevation (deg)", "paper's angle (deg)", "length (mm)"),
         [
             (
-                str(i + 1),
+                f"{i + 1}  {leg.start_vertex} to {leg.end_vertex}" if forked else str(i + 1),
                 with_error(leg.angle_deg, leg.angle_std_deg) if leg.seen else "unseen",
                 f"{leg.paper_angle_deg:.3f}" if leg.seen else "",
                 f"{leg.length_mm:.2f}" if leg.seen else "open",
@@ -171,12 +183,13 @@ def print_path(path: LightPath) -> None:
 
 def _vertex_name(path: LightPath, i: int) -> str:
     """Number of a vertex and what lies there."""
-    n_legs, source_known = path.n_legs, path.source.position_mm is not None
     if i in path.open_vertices:
         return f"{i}  mirror, open"
     if i == 0:
-        return "0  source" if source_known else "0  entry into view"
-    return f"{i}  exit from view" if i == n_legs else f"{i}  corner"
+        return "0  source" if path.source.position_mm is not None else "0  entry into view"
+    if i in {vertex for _, vertex in path.forks}:
+        return f"{i}  splitter"
+    return f"{i}  exit from view" if i in path.ends else f"{i}  corner"
 
 
 def json_from_verdict(path: LightPath) -> dict[str, Any]:
@@ -256,9 +269,14 @@ def json_from_path(path: LightPath) -> dict[str, Any]:
                     "direction": leg.direction,
                     "length_mm": leg.length_mm,
                     "seen": leg.seen,
+                    "number": leg.number,
+                    "parent": leg.parent,
+                    "start_vertex": leg.start_vertex,
+                    "end_vertex": leg.end_vertex,
                 }
                 for leg in path.legs
             ],
+            "forks": path.forks,
             "gaps": [asdict(gap) | {"farthest_mm": gap.farthest_mm} for gap in path.gaps],
             "statements": path.statements,
         }

@@ -1,6 +1,8 @@
 """Paths: where a pulse was and when, its file, its errors, and how it looks.
 
-- the record and its file: `light_path` (`LightPath`), `file`, `card`; its tables: `tables`
+- the record and its file: `light_path` (`LightPath`), `leg` (`Leg`), `file`, `card`; its tables:
+  `tables`
+- paths that fork: which leg follows which, branches: `tree`
 - stretches that no picture showed: `gaps` (`Gap`)
 - how far a path is from the truth: `error` (`path_error`)
 - points along it with both times: `trace`; `apparent_speed`

@@ -6,6 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from lightflight.display import Card, number, picture_from_vertices, with_error
+from lightflight.path.tree import outline_mm
 
 if TYPE_CHECKING:
     from lightflight.path.light_path import LightPath
@@ -49,5 +50,9 @@ def card_of_path(path: LightPath) -> Card:
         facts.append(("extra scatter", good.floor_in_words))
     if not good.converged:
         facts.append(("converged", "NO: do not trust the errors"))
-    picture = partial(picture_from_vertices, path.vertices_mm)
+    facts += [
+        ("branches" if k == 0 else "", f"leg {leg + 1} begins at vertex {vertex}")
+        for k, (leg, vertex) in enumerate(path.forks)
+    ]
+    picture = partial(picture_from_vertices, outline_mm(path))
     return Card("LightPath", facts, picture, "from the front, and from above")

@@ -11,11 +11,13 @@ from lightflight.arguments import check_kinds, yes_or_no
 from lightflight.errors import GeometryError
 from lightflight.path.light_path import extrapolated_position
 from lightflight.path.tables import Polyline
+from lightflight.path.tree import last_legs, starts_of, ways
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 _METRIC_TIMES = 1000
 """Equal event times at which positions are compared (design of the metrics)."""
@@ -42,7 +44,10 @@ def path_error(
     """Position and time error of a path against the truth.
 
     *Position*: rms `|X_hat(t) - X(t)|` at 1,000 equal event times of the true path; *time*: rms
-    t_hat - t on the rays of the visible pixels. Both in view of the camera.
+    t_hat - t on the rays of the visible pixels. Both in view of the camera. Where light forks,
+    positions are compared branch by branch: each true branch with the found one that comes nearest
+    to it, and each found one that is left over with the nearest true one, so that an arm that was
+    missed counts, and one that is not there too. Squares of all are averaged.
 
     Parameters
     ----------
@@ -65,27 +70,55 @@ def path_error(
         Where the camera does not see the true path at all.
     """
     check_kinds("path", "truth", "camera", path=path, truth=truth, camera=camera)
-    true_vertices, true_times = _polyline(truth)
-    vertices, times = _polyline(path)
-    event_times = np.linspace(true_times[0], true_times[-1], _METRIC_TIMES)
-    true_position = extrapolated_position(true_vertices, true_times, event_times)
-    visible = camera.sees(true_position)
-    if not visible.any():
+    up_to_exit = yes_or_no("whole", whole)
+    true_branches, branches = _branches(truth), _branches(path)
+    squares = [
+        [_squares(own, other, camera, up_to_exit) for own in branches] for other in true_branches
+    ]
+    if not any(len(row[0]) for row in squares):
         raise GeometryError("the camera sees no part of the true path: check the camera's pose")
-    compared = _up_to_exit(visible) if yes_or_no("whole", whole) else visible
-    found = extrapolated_position(vertices, times, event_times)
-    offset = np.linalg.norm(found - true_position, axis=1)[compared]
-    time_offset = _time_offsets(true_vertices, true_times, vertices, times, camera)
+    off = [squares[k][m] for k, m in _nearest_pairs(squares)]
+    time_offset = _time_offsets(_polyline(truth), _polyline(path), camera)
     return PathError(
-        float(np.sqrt(np.mean(offset**2))),
+        float(np.sqrt(np.mean(np.concatenate(off)))),
         float(np.sqrt(np.mean(time_offset**2))) if len(time_offset) else float("nan"),
     )
 
 
-def _polyline(path: Polyline) -> tuple[Floats, Floats]:
-    """Vertices (m, 3), mm, and their event times (m,), ps."""
+def _branches(path: Polyline) -> list[tuple[Floats, Floats]]:
+    """Vertices (k, 3), mm, and event times (k,), ps, of each way of the light to an end."""
+    vertices, times, starts = _polyline(path)
+    chains = [[0, *(leg + 1 for leg in way)] for way in ways(starts)]
+    return [(vertices[chain], times[chain]) for chain in chains]
+
+
+def _squares(
+    found: tuple[Floats, Floats], true: tuple[Floats, Floats], camera: Camera, up_to_exit: bool
+) -> Floats:
+    """(n,), mm^2: `|X_hat(t) - X(t)|^2` of one branch at the true event times that are compared."""
+    event_times = np.linspace(true[1][0], true[1][-1], _METRIC_TIMES)
+    true_position = extrapolated_position(*true, event_times)
+    visible = camera.sees(true_position)
+    compared = _up_to_exit(visible) if up_to_exit and visible.any() else visible
+    offset = np.linalg.norm(extrapolated_position(*found, event_times) - true_position, axis=1)
+    squares: Floats = offset[compared] ** 2
+    return squares
+
+
+def _nearest_pairs(squares: list[list[Floats]]) -> list[tuple[int, int]]:
+    """Pairs (true branch, found branch): each with its nearest, until none is left over."""
+    mean = np.array([[np.mean(own) if len(own) else np.nan for own in row] for row in squares])
+    # A true branch that nobody could see says nothing of any that was found.
+    seen = np.flatnonzero(np.isfinite(mean[:, 0]))
+    pairs = [(int(k), int(np.argmin(mean[k]))) for k in seen]
+    left = set(range(mean.shape[1])) - {m for _, m in pairs}
+    return pairs + [(int(seen[np.argmin(mean[seen, m])]), m) for m in sorted(left)]
+
+
+def _polyline(path: Polyline) -> tuple[Floats, Floats, Indices]:
+    """Vertices (m, 3), mm, their event times (m,), ps, and the vertex where each leg begins."""
     vertices = np.asarray(path.vertices_mm, dtype=float)
-    return vertices, np.asarray(path.vertex_times_ps, dtype=float)
+    return vertices, np.asarray(path.vertex_times_ps, dtype=float), starts_of(path)
 
 
 def _up_to_exit(visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -95,18 +128,19 @@ def _up_to_exit(visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _time_offsets(
-    true_vertices: Floats, true_times: Floats, vertices: Floats, times: Floats, camera: Camera
+    truth: tuple[Floats, Floats, Indices], path: tuple[Floats, Floats, Indices], camera: Camera
 ) -> Floats:
     """t_hat - t on the ray of every pixel whose field the true path crosses, leg by leg."""
     pixel_rad = 1.0 / np.sqrt(abs(camera.matrix[0, 0] * camera.matrix[1, 1]))
+    true_vertices, _, true_starts = truth
     offsets = []
-    for leg in range(len(true_times) - 1):
-        sights = _sights_along_leg(true_vertices[leg], true_vertices[leg + 1], camera)
+    for leg, start in enumerate(true_starts):
+        sights = _sights_along_leg(true_vertices[start], true_vertices[leg + 1], camera)
         if not len(sights[1]):
             continue
-        true_time, _ = _times_on_rays(sights, true_vertices, true_times, leg)
+        true_time, _ = _times_on_rays(sights, truth, leg)
         on_leg = np.isfinite(true_time)
-        found = [_times_on_rays(sights, vertices, times, k) for k in range(len(times) - 1)]
+        found = [_times_on_rays(sights, path, k) for k in range(len(path[2]))]
         candidates, misses = (np.stack(part) for part in zip(*found, strict=True))
         # The leg that the ray meets; where several do (crossings), the one that was there then.
         nearest = np.min(misses, axis=0, initial=np.inf)
@@ -135,7 +169,7 @@ def _sights_along_leg(start: Floats, end: Floats, camera: Camera) -> tuple[Float
 
 
 def _times_on_rays(
-    sights: tuple[Floats, Floats], vertices: Floats, times: Floats, leg: int
+    sights: tuple[Floats, Floats], path: tuple[Floats, Floats, Indices], leg: int
 ) -> tuple[Floats, Floats]:
     """Event time at the point of a leg's line nearest to each ray, and how far that is off.
 
@@ -143,14 +177,16 @@ def _times_on_rays(
     Corners lie outside the picture, so the line may be prolonged, but not beyond its neighbours.
     """
     origins, rays = sights
-    start, step = vertices[leg], vertices[leg + 1] - vertices[leg]
+    vertices, times, starts = path
+    first_vertex = starts[leg]
+    start, step = vertices[first_vertex], vertices[leg + 1] - vertices[first_vertex]
     # Nearest approach of the line start + f step to the line origin + g ray.
     across = step - np.sum(rays * step, axis=1)[:, np.newaxis] * rays
     offset = origins - start
     towards = offset - np.sum(rays * offset, axis=1)[:, np.newaxis] * rays
     fraction = np.sum(across * towards, axis=1) / np.maximum(np.sum(across**2, axis=1), 1e-300)
-    time = times[leg] + fraction * (times[leg + 1] - times[leg])
-    first, last = leg == 0, leg == len(times) - 2
+    time = times[first_vertex] + fraction * (times[leg + 1] - times[first_vertex])
+    first, last = leg == 0, leg in last_legs(starts)
     outside = ((fraction < -0.02) & (not first)) | ((fraction > 1.02) & (not last))
     sight = start + fraction[:, np.newaxis] * step - origins
     miss = np.arctan2(np.linalg.norm(np.cross(rays, sight), axis=1), np.sum(rays * sight, axis=1))

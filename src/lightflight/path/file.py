@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from lightflight.camera.model import Camera
 from lightflight.errors import FileFormatError, LimitError
 from lightflight.files.filecheck import damage_as_format_error
-from lightflight.files.store import NEWEST_SCHEMA, SCHEMA_VERSION, load_record, save_record
+from lightflight.files.store import SCHEMA_VERSION, load_record, save_record
 from lightflight.flight import Medium, Source
 from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
+from lightflight.path.tree import Forks, checked_forks, forks_of, leg_starts
 from lightflight.path.verdict import NOT_EXAMINED, Verdict
 from lightflight.provenance import provenance_record
 
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 PATH_KIND = "path"
 """Kind of record in our HDF5 files."""
+_SCHEMA_OF_UNSEEN, _SCHEMA_OF_FORKS = 2, 3
+"""Of a path with legs that nobody saw, and of one that forks or whose truth does."""
 _INDICES = ("path_group_index", "return_group_index")
 _KINDS: dict[str, tuple[type, ...]] = {
     "dof": (int,), "n_pulses": (int,), "n_rejected": (int,), "converged": (bool,),
@@ -62,6 +65,7 @@ def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
     if path.truth is not None:
         arrays["truth_vertices_mm"] = np.asarray(path.truth.vertices_mm, dtype=float)
         arrays["truth_vertex_times_ps"] = np.asarray(path.truth.vertex_times_ps, dtype=float)
+    true_forks = () if path.truth is None else forks_of(path.truth)
     attributes: dict[str, Any] = {
         "method": path.method,
         "prior": path.prior,
@@ -85,8 +89,13 @@ def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
         attributes["prices"] = list(path.prices)
     if path.unseen_legs:
         attributes["unseen_legs"] = list(path.unseen_legs)
-    # A version that knows no unseen legs would draw them as light that was seen.
-    schema = NEWEST_SCHEMA[PATH_KIND] if path.unseen_legs else SCHEMA_VERSION
+    for name, forks in (("forks", path.forks), ("truth_forks", true_forks)):
+        if forks:
+            attributes[name] = [list(fork) for fork in forks]
+    # A version that knows no unseen legs would draw them as light that was seen; one that knows no
+    # forks, an arm from the wrong vertex.
+    schema = _SCHEMA_OF_UNSEEN if path.unseen_legs else SCHEMA_VERSION
+    schema = _SCHEMA_OF_FORKS if path.forks or true_forks else schema
     save_record(file, kind=PATH_KIND, arrays=arrays, attributes=attributes, schema=schema)
 
 
@@ -99,11 +108,16 @@ class TruePath:
         World, mm.
     vertex_times_ps : array of float, shape (m,)
         Event times, ps.
+    forks : tuple of (int, int)
+        Legs that begin at another vertex than the end of the leg before, each (leg, vertex).
     """
 
-    def __init__(self, vertices_mm: ArrayLike, vertex_times_ps: ArrayLike) -> None:
+    def __init__(
+        self, vertices_mm: ArrayLike, vertex_times_ps: ArrayLike, forks: Forks = ()
+    ) -> None:
         self.vertices_mm = np.asarray(vertices_mm, dtype=float)
         self.vertex_times_ps = np.asarray(vertex_times_ps, dtype=float)
+        self.forks = forks
 
     def check(self) -> None:
         """Raise ValueError where no pulse was: it would be drawn."""
@@ -116,7 +130,10 @@ class TruePath:
             raise LimitError(f"its truth reaches beyond {_FARTHEST:g}")
         fits = 2 <= m <= _MOST_TRUE_VERTICES and vertices.shape == (m, 3)
         # NaN is no bound of anything.
-        fits = fits and bool((np.abs(vertices) <= _FARTHEST).all() and (np.diff(times) >= 0).all())
+        self.forks = checked_forks(self.forks, max(m - 1, 0))
+        starts = leg_starts(max(m - 1, 0), self.forks)
+        fits = fits and bool((np.abs(vertices) <= _FARTHEST).all())
+        fits = fits and bool((times[1:] >= times[starts]).all())
         if not (fits and (np.abs(times) <= _FARTHEST).all()):
             raise ValueError(f"its truth {vertices.shape} is no path")
 
@@ -176,7 +193,11 @@ def _fields_from_record(
     }
     truth = None
     if "truth_vertices_mm" in arrays:
-        truth = TruePath(arrays["truth_vertices_mm"], arrays["truth_vertex_times_ps"])
+        truth = TruePath(
+            arrays["truth_vertices_mm"],
+            arrays["truth_vertex_times_ps"],
+            _forks_from_record(attributes, "truth_forks"),
+        )
         truth.check()
     source = dict(attributes["source"])
     # JSON knows no tuples.
@@ -202,7 +223,22 @@ def _fields_from_record(
         "verdict": _verdict_from_record(attributes),
         "explained": _explained_from_record(attributes),
         "unseen_legs": tuple(attributes.get("unseen_legs", ())),
+        "forks": _forks_from_record(attributes, "forks"),
     }
+
+
+def _forks_from_record(attributes: Mapping[str, Any], name: str) -> Forks:
+    """Forks as a file holds them, lists of two numbers; the path itself checks which."""
+    told = attributes.get(name, [])
+    pairs = isinstance(told, list) and all(
+        isinstance(pair, list) and len(pair) == 2 and all(type(k) is int for k in pair)
+        for pair in told
+    )
+    if not pairs:
+        raise ValueError(f"{name} cannot be {told!r:.60}")
+    if len(told) > _MOST_TRUE_VERTICES:
+        raise LimitError(f"it holds {len(told)} {name}, more than {_MOST_TRUE_VERTICES}")
+    return tuple((leg, vertex) for leg, vertex in told)
 
 
 def _residuals_from_record(arrays: Mapping[str, NDArray[np.generic]]) -> NDArray[np.void]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lightflight.display import with_error
 from lightflight.path.on_legs import sliding_maps
+from lightflight.path.tree import Forks, starts_of
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ class Gap:
         return f"Gap(after leg {self.after_leg + 1}: {self.in_words})"
 
 
-def checked_unseen(legs: object, n_legs: int) -> tuple[int, ...]:
+def checked_unseen(legs: object, n_legs: int, forks: Forks = ()) -> tuple[int, ...]:
     """Numbers of unseen legs, ascending.
 
     Parameters
@@ -81,6 +82,8 @@ def checked_unseen(legs: object, n_legs: int) -> tuple[int, ...]:
         As given.
     n_legs : int
         Of the path.
+    forks : tuple of (int, int), optional
+        Legs that begin at another vertex than the end of the leg before.
 
     Returns
     -------
@@ -89,7 +92,7 @@ def checked_unseen(legs: object, n_legs: int) -> tuple[int, ...]:
     Raises
     ------
     ValueError
-        Unless each lies between two legs that are seen.
+        Unless each lies between two legs that are seen, and no fork at either of its ends.
     """
     try:
         numbers = tuple(sorted(int(k) for k in legs))  # type: ignore[attr-defined]
@@ -100,6 +103,10 @@ def checked_unseen(legs: object, n_legs: int) -> tuple[int, ...]:
         raise ValueError(
             f"unseen_legs must lie each between two legs of the {n_legs} that are seen, got {legs}"
         )
+    # Where a mirror may stand anywhere on a line, nothing says where light would leave it.
+    forked = {number for pair in forks for number in pair}
+    if any(forked & {k, k + 1} for k in numbers):
+        raise ValueError(f"a leg that nobody saw cannot begin or end at a fork, got {legs}")
     return numbers
 
 
@@ -129,9 +136,10 @@ def _gap(path: LightPath, leg: int) -> Gap:
     places, moments = [], []
     by_vertices = np.zeros(4 * len(times))
     for own, fraction, sign in ((leg - 1, last, -1.0), (leg + 1, again, 1.0)):
-        start, end = path.vertices_mm[own : own + 2]
+        start, end = _ends(path, own)
         places.append(start + fraction * (end - start))
-        moments.append(float(times[own] + fraction * (times[own + 1] - times[own])))
+        begun = times[starts_of(path)[own]]
+        moments.append(float(begun + fraction * (times[own + 1] - begun)))
         by_vertices += sign * _moment_by_vertices(path, own, fraction)
     delay = moments[1] - moments[0]
     variance = float(by_vertices @ path.covariance @ by_vertices)
@@ -146,23 +154,28 @@ def _gap(path: LightPath, leg: int) -> Gap:
     )
 
 
+def _ends(path: LightPath, leg: int) -> tuple[Floats, Floats]:
+    """Where a leg begins and ends, world, mm."""
+    return path.vertices_mm[starts_of(path)[leg]], path.vertices_mm[leg + 1]
+
+
 def _moment_by_vertices(path: LightPath, leg: int, fraction: float) -> Floats:
     """d(event time where the leg crosses the edge) / d(x, y, z, t of all vertices); (4m,).
 
     The crossing stays in its plane of sight: a vertex that slides along the leg moves no light.
     """
-    start, end = path.vertices_mm[leg : leg + 2]
+    start, end = _ends(path, leg)
     point = start + fraction * (end - start)
     row = sliding_maps(path, np.array([leg]), point[np.newaxis])[0, 3]
     by = np.zeros((len(path.vertex_times_ps), 4))
-    by[leg], by[leg + 1] = (1.0 - fraction) * row, fraction * row
+    by[starts_of(path)[leg]], by[leg + 1] = (1.0 - fraction) * row, fraction * row
     return by.ravel()
 
 
 def _fraction_seen(path: LightPath, leg: int, *, last: bool) -> float:
     """Where the picture's edge cuts a leg: its last point in view, or its first."""
     fraction = np.linspace(0.0, 1.0, _PLACES)
-    start, end = path.vertices_mm[leg : leg + 2]
+    start, end = _ends(path, leg)
     seen = np.flatnonzero(path.camera.sees(start + fraction[:, np.newaxis] * (end - start)))
     if not len(seen):
         return 1.0 if last else 0.0

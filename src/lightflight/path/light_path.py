@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.arguments import shown, whole_number
 from lightflight.display import Card, Drawn, Labelled, Tabled, at_most, count, with_error
 from lightflight.errors import LimitError
 from lightflight.flight import (
@@ -22,8 +23,18 @@ from lightflight.flight import (
     elevation_from_direction,
 )
 from lightflight.path.gaps import Gap, checked_unseen, gaps_of_path
+from lightflight.path.leg import Leg as Leg, paper_angle_from_leg as paper_angle_from_leg
 from lightflight.path.on_legs import covariance_on_legs, sliding_maps
 from lightflight.path.tables import RESIDUAL_DTYPE, SAMPLE_DTYPE, Explained, Goodness
+from lightflight.path.tree import (
+    branches_of,
+    checked_forks,
+    last_legs,
+    leg_starts,
+    legs_alight,
+    starts_of,
+    ways,
+)
 from lightflight.path.verdict import NOT_EXAMINED, Verdict
 
 if TYPE_CHECKING:
@@ -49,102 +60,13 @@ _MOST_OF_VERDICT, _MOST_VERTICES = 6, 7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Leg:
-    """One straight piece of a path.
-
-    Attributes
-    ----------
-    start_mm : array of float, shape (3,)
-        World, mm.
-    end_mm : array of float, shape (3,)
-        World, mm.
-    start_time_ps : float
-        Event time at the start, ps.
-    end_time_ps : float
-        Event time at the end, ps.
-    angle_deg : float
-        Elevation towards the camera: asin(d.n), n the backward optical axis; deg. NaN, as the next
-        two, where the leg was not seen.
-    angle_std_deg : float
-        One-sigma error of `angle_deg`, deg.
-    paper_angle_deg : float
-        The paper's alpha, measured in the plane through camera and leg; deg.
-    seen : bool
-        False: it ran outside of every picture, and both its ends may lie elsewhere.
-    """
-
-    start_mm: Floats
-    end_mm: Floats
-    start_time_ps: float
-    end_time_ps: float
-    angle_deg: float
-    angle_std_deg: float
-    paper_angle_deg: float
-    seen: bool = field(default=True, kw_only=True)
-
-    def __repr__(self) -> str:
-        if not self.seen:
-            return f"Leg(not seen, {self.start_time_ps:.1f} to {self.end_time_ps:.1f} ps)"
-        elevation = with_error(self.angle_deg, self.angle_std_deg)
-        times = f"{self.start_time_ps:.1f} to {self.end_time_ps:.1f} ps"
-        return f"Leg({self.length_mm:.1f} mm, elevation {elevation}\u00b0, {times})"
-
-    @property
-    def direction(self) -> Floats:
-        """(3,), unit, world, in the direction of flight; NaN where that was not seen."""
-        step = self.end_mm - self.start_mm
-        unit: Floats = step / np.linalg.norm(step)
-        return unit if self.seen else np.full(3, np.nan)
-
-    @property
-    def length_mm(self) -> float:
-        """Length of the leg, mm; of one that was not seen, between mirrors as drawn."""
-        return float(np.linalg.norm(self.end_mm - self.start_mm))
-
-
-def paper_angle_from_leg(
-    start_mm: ArrayLike, end_mm: ArrayLike, *, camera_center_mm: ArrayLike, normal: ArrayLike
-) -> float:
-    """The paper's alpha of a leg: its angle out of the reference plane, in the viewing plane.
-
-    The reference plane is normal to `normal` and holds the start of the leg; the viewing plane
-    holds camera and leg (Zheng et al. 2020, Fig. 3).
-
-    Parameters
-    ----------
-    start_mm, end_mm : array of float, shape (3,)
-        Ends of the leg, world, mm.
-    camera_center_mm : array of float, shape (3,)
-        World, mm.
-    normal : array of float, shape (3,)
-        Unit vector towards the camera, world.
-
-    Returns
-    -------
-    float
-        rad; NaN for a leg that points at the camera, where there is no viewing plane.
-    """
-    start = np.asarray(start_mm, dtype=float)
-    step = np.asarray(end_mm, dtype=float) - start
-    n = np.asarray(normal, dtype=float)
-    plane_normal = np.cross(np.asarray(camera_center_mm, dtype=float) - start, step)
-    trace = np.cross(plane_normal, n)
-    size = np.linalg.norm(trace)
-    if size < 1e-12 * max(1.0, float(np.linalg.norm(plane_normal))):
-        return float("nan")
-    trace = trace / size
-    upright = n - (n @ plane_normal) * plane_normal / (plane_normal @ plane_normal)
-    upright /= np.linalg.norm(upright)
-    along = float(step @ trace)
-    return float(np.arctan2(step @ upright, abs(along)))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
 class LightPath(Drawn, Tabled, Labelled):
     """The path of a pulse in space and time: straight legs between vertices.
 
     Vertex 0 is the source (unknown source: entry into view), the last vertex the exit from view,
-    those between are the corners, in or outside the picture.
+    those between are the corners, in or outside the picture. At a beam splitter a path forks: every
+    leg k still ends at vertex k + 1, `forks` says which begin elsewhere than where the leg before
+    ends, and each of `branches` has an exit of its own (`ends`).
 
     Attributes
     ----------
@@ -187,6 +109,9 @@ class LightPath(Drawn, Tabled, Labelled):
     unseen_legs : tuple of int
         Legs, by number, that ran outside of every picture: the way between is not known, its delay
         is (`gaps`). Both their ends are mirrors that may stand elsewhere.
+    forks : tuple of (int, int)
+        Legs that begin at another vertex than the end of the leg before, each (leg, vertex): at a
+        beam splitter two legs leave. () of a chain.
     """
 
     vertices_mm: Floats
@@ -209,6 +134,7 @@ class LightPath(Drawn, Tabled, Labelled):
     verdict: Verdict = field(default=NOT_EXAMINED, kw_only=True)
     explained: Explained | None = field(default=None, kw_only=True)
     unseen_legs: tuple[int, ...] = field(default=(), kw_only=True)
+    forks: tuple[tuple[int, int], ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices_mm, dtype=float)
@@ -229,13 +155,19 @@ class LightPath(Drawn, Tabled, Labelled):
             raise ValueError(f"vertices_mm must be finite: vertex {bad} is {vertices[bad]}")
         if np.abs(vertices).max() > FARTHEST_MM:
             raise LimitError(f"vertices_mm must lie within {FARTHEST_MM:g} mm, got {vertices}")
-        if not (np.abs(np.diff(vertices, axis=0)).max(axis=1) > SHORTEST_MM).all():
+        forks = checked_forks(self.forks, m - 1)
+        starts = leg_starts(m - 1, forks)
+        if not (np.abs(vertices[1:] - vertices[starts]).max(axis=1) > SHORTEST_MM).all():
             raise ValueError(f"vertices_mm must differ from one to the next, got {vertices}")
         if np.abs(times).max() > FARTHEST_PS:
             raise LimitError(f"vertex_times_ps must lie within {FARTHEST_PS:g} ps, got {times}")
-        if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
-            raise ValueError(f"vertex_times_ps must be finite and ascend, got {times}")
-        object.__setattr__(self, "unseen_legs", checked_unseen(self.unseen_legs, m - 1))
+        if not (np.isfinite(times).all() and (times[1:] > times[starts]).all()):
+            raise ValueError(
+                f"vertex_times_ps must be finite and ascend{' along each leg' * bool(forks)}, got "
+                f"{times}"
+            )
+        object.__setattr__(self, "forks", forks)
+        object.__setattr__(self, "unseen_legs", checked_unseen(self.unseen_legs, m - 1, forks))
         for array in (vertices, times, covariance):
             array.setflags(write=False)
         object.__setattr__(self, "vertices_mm", vertices)
@@ -255,10 +187,12 @@ class LightPath(Drawn, Tabled, Labelled):
         explains = [] if self.explained is None else [f"explains {self.explained}"]
         length = sum(leg.length_mm for leg in self.legs)
         unseen = f", {len(self.unseen_legs)} of them unseen" if self.unseen_legs else ""
-        whole = f"{self.method}: {count(self.n_legs, 'leg')}{unseen}, {length:.1f} mm"
+        forked = f" on {len(self.ends) - 1} branches" if self.forks else ""
+        whole = f"{self.method}: {count(self.n_legs, 'leg')}{unseen}{forked}, {length:.1f} mm"
+        of_fork = {leg + 1: f", from {vertex}" for leg, vertex in self.forks}
         vertices = [
             f"{k}  ({', '.join(map(with_error, place, std[:3]))}) mm"
-            f" at {with_error(time, std[3])} ps"
+            f" at {with_error(time, std[3])} ps{of_fork.get(k, '')}"
             for k, (place, time, std) in enumerate(
                 zip(self.vertices_mm, self.vertex_times_ps, self.vertex_std, strict=True)
             )
@@ -284,12 +218,35 @@ class LightPath(Drawn, Tabled, Labelled):
 
     @property
     def legs(self) -> tuple[Leg, ...]:
-        """The legs, in the order of flight."""
+        """The legs, each after the one whose light it carries on."""
         return tuple(self._leg(i) for i in range(self.n_legs))
+
+    @property
+    def ends(self) -> tuple[int, ...]:
+        """Vertices at which the path begins, and then where each of its branches stops."""
+        return (0, *(leg + 1 for leg in last_legs(starts_of(self))))
+
+    @property
+    def branches(self) -> tuple[LightPath, ...]:
+        """Each way of the light from vertex 0 to one of `ends`, a chain of its own.
+
+        With its own vertices, their errors and pulses; verdict, goodness and truth are those of
+        the whole path. A chain is its own one branch.
+        """
+        return branches_of(self)
+
+    def _branch(self, branch: int) -> LightPath:
+        """One of the branches, by its number."""
+        branches = self.branches
+        number = whole_number("branch", branch)
+        if not 0 <= number < len(branches):
+            raise ValueError(f"branch must be from 0 to {len(branches) - 1}, got {shown(branch)}")
+        return branches[number]
 
     def _leg(self, i: int) -> Leg:
         """One leg, with the error of its angle from the covariance of its two ends."""
-        start, end = self.vertices_mm[i], self.vertices_mm[i + 1]
+        first = int(starts_of(self)[i])
+        start, end = self.vertices_mm[first], self.vertices_mm[i + 1]
         normal = self.camera.backward_axis
         step = end - start
         length = float(np.linalg.norm(step))
@@ -299,7 +256,7 @@ class LightPath(Drawn, Tabled, Labelled):
         # Along the axis the angle is at its maximum and its first derivative has no limit.
         across = max(np.sqrt(max(0.0, 1.0 - along**2)), 1e-9)
         gradient = (normal - along * d) / (length * across)
-        block = np.r_[4 * i : 4 * i + 3, 4 * i + 4 : 4 * i + 7]
+        block = np.r_[4 * first : 4 * first + 3, 4 * i + 4 : 4 * i + 7]
         weights = np.concatenate((-gradient, gradient))
         variance = weights @ self.covariance[np.ix_(block, block)] @ weights
         paper = paper_angle_from_leg(
@@ -310,12 +267,17 @@ class LightPath(Drawn, Tabled, Labelled):
         return Leg(
             start_mm=start,
             end_mm=end,
-            start_time_ps=float(self.vertex_times_ps[i]),
+            start_time_ps=float(self.vertex_times_ps[first]),
             end_time_ps=float(self.vertex_times_ps[i + 1]),
             angle_deg=known * float(np.rad2deg(elevation_from_direction(d, normal))),
             angle_std_deg=known * float(np.rad2deg(np.sqrt(np.maximum(variance, 0.0)))),
             paper_angle_deg=known * float(np.rad2deg(paper)),
             seen=seen,
+            number=i,
+            # The leg that ends where this one begins.
+            parent=first - 1 if first else None,
+            start_vertex=first,
+            end_vertex=i + 1,
         )
 
     @property
@@ -328,97 +290,154 @@ class LightPath(Drawn, Tabled, Labelled):
         """Where the light was lost from sight, in the order of flight: what is known of the way."""
         return gaps_of_path(self)
 
-    def is_seen_at(self, event_times_ps: ArrayLike) -> NDArray[np.bool_]:
+    def is_seen_at(
+        self, event_times_ps: ArrayLike, *, branch: int | None = None
+    ) -> NDArray[np.bool_]:
         """Whether the pulse is on a leg that a picture showed, at each event time.
 
         Parameters
         ----------
         event_times_ps : array of float, shape (n,)
             ps.
+        branch : int, optional
+            As in `position_at`.
 
         Returns
         -------
         array of bool, shape (n,)
         """
-        return ~np.isin(self.leg_at(event_times_ps), self.unseen_legs)
+        return ~np.isin(self.leg_at(event_times_ps, branch=branch), self.unseen_legs)
 
-    def leg_at(self, event_times_ps: ArrayLike) -> NDArray[np.int64]:
+    def leg_at(self, event_times_ps: ArrayLike, *, branch: int | None = None) -> NDArray[np.int64]:
         """Index of the leg on which the pulse is at each event time.
 
         Parameters
         ----------
         event_times_ps : array of float, shape (n,)
             ps.
+        branch : int, optional
+            As in `position_at`.
 
         Returns
         -------
         array of int, shape (n,)
             0-based, clipped to the ends.
+
+        Raises
+        ------
+        ValueError
+            As `position_at`.
         """
         times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
+        if branch is not None:
+            alone = self._branch(branch)
+            return np.array(ways(starts_of(self))[branch])[alone.leg_at(times)]
+        if self.forks:
+            return legs_alight(starts_of(self), self.vertex_times_ps, times)
         index = np.searchsorted(self.vertex_times_ps, times, side="right") - 1
         return np.clip(index, 0, self.n_legs - 1)
 
-    def position_at(self, event_times_ps: ArrayLike) -> Floats:
+    def position_at(self, event_times_ps: ArrayLike, *, branch: int | None = None) -> Floats:
         """Position of the pulse at event times.
 
         Parameters
         ----------
         event_times_ps : array of float, shape (n,)
             ps.
+        branch : int, optional
+            Which of `branches`; None: where light is on one leg alone at all these times, as it
+            is everywhere on a chain and before a path's first fork.
 
         Returns
         -------
         array of float, shape (n, 3)
             World, mm; NaN off the path's two ends, and on legs that nobody saw.
+
+        Raises
+        ------
+        ValueError
+            Where light is on several legs at once and no branch is named.
         """
         times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
-        position = extrapolated_position(self.vertices_mm, self.vertex_times_ps, times)
-        span = self.vertex_times_ps[-1] - self.vertex_times_ps[0]
+        if branch is not None:
+            return self._branch(branch).position_at(times)
+        leg = self.leg_at(times)
+        position = self._position_on(leg, times)
+        last = self.vertex_times_ps.max()
+        span = last - self.vertex_times_ps[0]
         # Both ends are on the path, whatever rounding says.
-        slack = 1e-12 * max(abs(self.vertex_times_ps[-1]), span, 1.0)
-        outside = (times < self.vertex_times_ps[0] - slack) | (
-            times > self.vertex_times_ps[-1] + slack
-        )
-        position[outside | ~self.is_seen_at(times)] = np.nan
+        slack = 1e-12 * max(abs(last), span, 1.0)
+        outside = (times < self.vertex_times_ps[0] - slack) | (times > last + slack)
+        position[outside | np.isin(leg, self.unseen_legs)] = np.nan
         return position
 
-    def position_covariance_at(self, event_times_ps: ArrayLike) -> Floats:
+    def _position_on(self, leg: NDArray[np.int64], times_ps: Floats) -> Floats:
+        """(n, 3), mm: on these legs at event times, each leg prolonged beyond its ends."""
+        start = starts_of(self)[leg]
+        fraction = self._fractions(leg, times_ps)[:, np.newaxis]
+        position: Floats = (1 - fraction) * self.vertices_mm[start] + fraction * self.vertices_mm[
+            leg + 1
+        ]
+        return position
+
+    def _fractions(self, leg: NDArray[np.int64], times_ps: Floats) -> Floats:
+        """(n,), share of these legs behind the pulse at event times; not clipped."""
+        t0, t1 = self.vertex_times_ps[starts_of(self)[leg]], self.vertex_times_ps[leg + 1]
+        fraction: Floats = (times_ps - t0) / (t1 - t0)
+        return fraction
+
+    def position_covariance_at(
+        self, event_times_ps: ArrayLike, *, branch: int | None = None
+    ) -> Floats:
         """Covariance of `position_at` at fixed event times.
 
         Parameters
         ----------
         event_times_ps : array of float, shape (n,)
             ps.
+        branch : int, optional
+            As in `position_at`.
 
         Returns
         -------
         array of float, shape (n, 3, 3)
             mm^2, world axes: J C J^T with J by the two vertices of the leg; NaN where no leg was
             seen.
+
+        Raises
+        ------
+        ValueError
+            As `position_at`.
         """
         times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
-        out = np.empty((len(times), 3, 3))
-        for k, (time, leg) in enumerate(zip(times, self.leg_at(times), strict=True)):
+        if branch is not None:
+            return self._branch(branch).position_covariance_at(times)
+        return self._covariance_on(self.leg_at(times), times)
+
+    def _covariance_on(self, legs: NDArray[np.int64], times_ps: Floats) -> Floats:
+        """(n, 3, 3), mm^2: of the position on these legs at fixed event times; NaN where unseen."""
+        out = np.empty((len(times_ps), 3, 3))
+        for k, (time, leg) in enumerate(zip(times_ps, legs, strict=True)):
             jacobian, block = self._position_jacobian(time, int(leg))
             out[k] = jacobian @ self.covariance[np.ix_(block, block)] @ jacobian.T
-        out[~self.is_seen_at(times)] = np.nan
+        out[np.isin(legs, self.unseen_legs)] = np.nan
         return out
 
     def _position_jacobian(self, time_ps: float, leg: int) -> tuple[Floats, NDArray[np.int64]]:
         """d(position at a fixed event time) / d(x, y, z, t of the leg's two vertices)."""
-        t0, t1 = self.vertex_times_ps[leg : leg + 2]
-        step = self.vertices_mm[leg + 1] - self.vertices_mm[leg]
+        start = int(starts_of(self)[leg])
+        t0, t1 = self.vertex_times_ps[[start, leg + 1]]
+        step = self.vertices_mm[leg + 1] - self.vertices_mm[start]
         fraction = (time_ps - t0) / (t1 - t0)
         jacobian = np.zeros((3, 8))
         jacobian[:, 0:3] = (1 - fraction) * np.eye(3)
         jacobian[:, 4:7] = fraction * np.eye(3)
         jacobian[:, 3] = -(1 - fraction) * step / (t1 - t0)
         jacobian[:, 7] = -fraction * step / (t1 - t0)
-        return jacobian, np.arange(4 * leg, 4 * leg + 8)
+        return jacobian, np.r_[4 * start : 4 * start + 4, 4 * leg + 4 : 4 * leg + 8]
 
     def sample(self, n: int = 1000) -> NDArray[np.void]:
-        """Points at equal event times from first to last vertex.
+        """Points at equal event times from first to last vertex; where a path forks, leg by leg.
 
         Parameters
         ----------
@@ -430,7 +449,8 @@ class LightPath(Drawn, Tabled, Labelled):
         array, shape (n,)
             dtype `SAMPLE_DTYPE`. `x_std_mm` ... are errors of the position at that event time;
             `event_time_std_ps` is the error of the time at which the pulse passes that fraction
-            of its leg. On legs that nobody saw all but leg and event time are NaN.
+            of its leg. On legs that nobody saw all but leg and event time are NaN. Of a path that
+            forks each leg comes once, at the same step in time: event times start again at a fork.
 
         Raises
         ------
@@ -439,10 +459,9 @@ class LightPath(Drawn, Tabled, Labelled):
         """
         if n < 2:
             raise ValueError(f"n must be at least 2, got {n}")
-        times = np.linspace(self.vertex_times_ps[0], self.vertex_times_ps[-1], n)
-        position = extrapolated_position(self.vertices_mm, self.vertex_times_ps, times)
+        leg, times = self._equal_times(n)
+        position = self._position_on(leg, times)
         out = np.zeros(n, SAMPLE_DTYPE)
-        leg = self.leg_at(times)
         out["leg"], out["event_time_ps"] = leg, times
         out["x_mm"], out["y_mm"], out["z_mm"] = position.T
         back = self.camera.return_times_ps(
@@ -451,23 +470,36 @@ class LightPath(Drawn, Tabled, Labelled):
         out["arrival_time_ps"] = times + back
         # Where a position is exact (a leg's start moves in time as along the leg), rounding leaves
         # variances a hair below zero.
-        variance = np.diagonal(self.position_covariance_at(times), axis1=1, axis2=2)
+        variance = np.diagonal(self._covariance_on(leg, times), axis1=1, axis2=2)
         out["x_std_mm"], out["y_std_mm"], out["z_std_mm"] = np.sqrt(np.maximum(variance, 0.0)).T
         out["event_time_std_ps"] = np.sqrt(
             np.maximum(self._time_variance(times, leg, position), 0.0)
         )
         out["in_view"] = self.camera.sees(position)
-        unseen = ~self.is_seen_at(times)
+        unseen = np.isin(leg, self.unseen_legs)
         out["in_view"][unseen] = False
         for name in (n for n in SAMPLE_DTYPE.names or () if out[n].dtype.kind == "f"):
             if name != "event_time_ps":
                 out[name][unseen] = np.nan
         return out
 
+    def _equal_times(self, n: int) -> tuple[NDArray[np.int64], Floats]:
+        """(n,) legs and event times, ps, at equal steps: over the legs one after the other."""
+        if not self.forks:
+            times = np.linspace(self.vertex_times_ps[0], self.vertex_times_ps[-1], n)
+            return self.leg_at(times), times
+        begun = self.vertex_times_ps[starts_of(self)]
+        lasting = self.vertex_times_ps[1:] - begun
+        before = np.concatenate(([0.0], np.cumsum(lasting)))
+        flown = np.linspace(0.0, before[-1], n)
+        leg = np.clip(np.searchsorted(before, flown, side="right") - 1, 0, self.n_legs - 1)
+        return leg, begun[leg] + (flown - before[leg])
+
     def _time_variance(self, times: Floats, leg: NDArray[np.int64], points: Floats) -> Floats:
         """(n,), ps^2: of the event time at these fractions of a leg, or planes of sight."""
-        t0, t1 = self.vertex_times_ps[leg], self.vertex_times_ps[leg + 1]
-        found = covariance_on_legs(self.covariance, leg, (times - t0) / (t1 - t0))
+        found = covariance_on_legs(
+            self.covariance, leg, self._fractions(leg, times), starts=starts_of(self)
+        )
         row = sliding_maps(self, leg, points)[:, 3]
         variance: Floats = np.einsum("ni,nij,nj->n", row, found, row)
         return variance

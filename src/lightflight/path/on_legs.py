@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.path.tree import starts_of
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-def covariance_on_legs(covariance: Floats, leg: NDArray[np.int64], fraction: Floats) -> Floats:
+def covariance_on_legs(
+    covariance: Floats, leg: NDArray[np.int64], fraction: Floats, *, starts: NDArray[np.int64]
+) -> Floats:
     """Both ends of a leg propagated to points at a fixed fraction of it.
 
     Parameters
@@ -31,6 +34,8 @@ def covariance_on_legs(covariance: Floats, leg: NDArray[np.int64], fraction: Flo
         Leg of each point.
     fraction : array of float, shape (n,)
         0 at its start, 1 at its end.
+    starts : array of int, shape (n_legs,)
+        The vertex at which each leg begins.
 
     Returns
     -------
@@ -40,8 +45,9 @@ def covariance_on_legs(covariance: Floats, leg: NDArray[np.int64], fraction: Flo
     m = len(covariance) // 4
     blocks = covariance.reshape(m, 4, m, 4).transpose(0, 2, 1, 3)
     f = fraction[:, np.newaxis, np.newaxis]
-    start, end = blocks[leg, leg], blocks[leg + 1, leg + 1]
-    cross = blocks[leg, leg + 1]
+    first = starts[leg]
+    start, end = blocks[first, first], blocks[leg + 1, leg + 1]
+    cross = blocks[first, leg + 1]
     both: Floats = (1 - f) ** 2 * start + f**2 * end
     return np.asarray(both + f * (1 - f) * (cross + np.swapaxes(cross, 1, 2)))
 
@@ -68,7 +74,8 @@ def sliding_maps(path: LightPath, leg: NDArray[np.int64], points_mm: Floats) -> 
     here = np.flatnonzero(np.isin(leg, sorted(beside)))
     if not len(here):
         return maps
-    step = np.diff(path.vertices_mm, axis=0)[leg[here]]
+    own = leg[here]
+    step = path.vertices_mm[own + 1] - path.vertices_mm[starts_of(path)[own]]
     along = step / np.linalg.norm(step, axis=1)[:, np.newaxis]
     rays = path.camera.sight_directions(points_mm[here])
     # What the picture shows of the flight's direction: the plane of sight is square to it.

@@ -19,6 +19,7 @@ from lightflight.display import Shown
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, arrival_time_from_event
 from lightflight.path.tables import Polyline
+from lightflight.path.tree import starts_of
 from lightflight.units import std_from_fwhm
 
 Floats = NDArray[np.float64]
@@ -138,6 +139,8 @@ def observe(
     """What a camera would record of the pulse that flies along a path.
 
     ``t_a = t + n_r |A - X| / c`` for every small step X of the path; its light thins as 1/r^2.
+    Where a path forks, each arm is drawn as if it held all the light: a path knows of times, not of
+    how much goes where.
 
     Parameters
     ----------
@@ -172,8 +175,10 @@ def observe(
     vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
     times = np.asarray(path.vertex_times_ps, dtype=float)
     pieces = [
-        _steps_of_leg(vertices[k : k + 2], times[k : k + 2], k, camera, medium, steps_per_pixel)
-        for k in range(len(vertices) - 1)
+        _steps_of_leg(
+            vertices[[start, k + 1]], times[[start, k + 1]], k, camera, medium, steps_per_pixel
+        )
+        for k, start in enumerate(starts_of(path))
     ]
     table = np.concatenate(pieces, axis=1) if pieces else np.zeros((6, 0))
     if table.shape[1] == 0:

@@ -7,7 +7,7 @@ only: figures, page and movie draw from the same numbers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -17,6 +17,7 @@ from lightflight.display import Shown
 from lightflight.flight import Medium
 from lightflight.path.on_legs import covariance_on_legs, sliding_maps
 from lightflight.path.tables import RESIDUAL_DTYPE, Polyline
+from lightflight.path.tree import forks_of, starts_of, way_before, ways
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -38,7 +39,7 @@ class Trace(Shown):
     arrival_ps : array of float, shape (n,)
         ps; when light scattered there reaches the camera. NaN without a camera.
     length_mm : array of float, shape (n,)
-        mm along the path from vertex 0.
+        mm along the path from vertex 0; where it forks, along the way that leads there.
     leg : array of int, shape (n,)
         0-based.
     covariance : array of float, shape (n, 4, 4)
@@ -96,7 +97,7 @@ def _covariance_at(
     if not has_errors(path):
         return np.full((len(leg), 4, 4), np.nan)
     whole = np.asarray(getattr(path, "covariance", None), dtype=float)
-    found = covariance_on_legs(whole, leg, fraction)
+    found = covariance_on_legs(whole, leg, fraction, starts=starts_of(path))
     if not unseen_legs_of(path):
         return found
     maps = sliding_maps(cast("LightPath", path), leg, points)
@@ -132,19 +133,66 @@ def trace_from_path(
     n_legs = max(len(vertices) - 1, 0)
     leg = np.repeat(np.arange(n_legs), per_leg)
     fraction = np.tile(np.linspace(0.0, 1.0, per_leg), n_legs)
-    points = vertices[leg] + fraction[:, np.newaxis] * (vertices[leg + 1] - vertices[leg])
-    event = times[leg] + fraction * (times[leg + 1] - times[leg])
-    lengths = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
-    start = np.concatenate(([0.0], np.cumsum(lengths)))
+    starts = starts_of(path)
+    first = starts[leg]
+    points = vertices[first] + fraction[:, np.newaxis] * (vertices[leg + 1] - vertices[first])
+    event = times[first] + fraction * (times[leg + 1] - times[first])
+    lengths = np.linalg.norm(vertices[1:] - vertices[starts], axis=1)
     return Trace(
         points_mm=points,
         event_time_ps=event,
         arrival_ps=arrival_from_points(points, event, camera=camera, medium=medium),
-        length_mm=start[leg] + fraction * lengths[leg],
+        length_mm=way_before(starts, lengths)[first] + fraction * lengths[leg],
         leg=leg,
         covariance=_covariance_at(path, leg, fraction, points),
         in_view=_in_view(points, camera) & ~np.isin(leg, unseen_legs_of(path)),
     )
+
+
+def traces_of_branches(trace: Trace, path: Polyline) -> tuple[Trace, ...]:
+    """The trace of each way of the light to an end, on which both times ascend.
+
+    Parameters
+    ----------
+    trace : Trace
+        Of the whole path.
+    path : LightPath or truth
+        Whose trace it is.
+
+    Returns
+    -------
+    tuple of Trace
+        In the order of the path's branches, legs numbered as in the whole; the trace itself where
+        nothing forks.
+    """
+    if not forks_of(path):
+        return (trace,)
+    taken = [np.isin(trace.leg, way) for way in ways(starts_of(path))]
+    return tuple(
+        Trace(**{one.name: getattr(trace, one.name)[own] for one in fields(Trace)}) for own in taken
+    )
+
+
+def parted(trace: Trace, values: Floats) -> Floats:
+    """Values along a trace, to be drawn as one line: NaN before each leg that forks off.
+
+    Parameters
+    ----------
+    trace : Trace
+        n points.
+    values : array of float, shape (n, ...)
+        Of each point.
+
+    Returns
+    -------
+    array of float, shape (n + forks, ...)
+    """
+    next_leg = np.flatnonzero(np.diff(trace.leg)) + 1
+    # A leg begins at the very vertex where the leg before ends, unless it forks off.
+    apart = (trace.points_mm[next_leg] != trace.points_mm[next_leg - 1]).any(axis=1)
+    # Rounding may part what is one place; a picometre is no fork.
+    apart &= ~np.isclose(trace.points_mm[next_leg], trace.points_mm[next_leg - 1]).all(axis=1)
+    return np.insert(np.asarray(values, dtype=float), next_leg[apart], np.nan, axis=0)
 
 
 def unseen_legs_of(path: Polyline) -> tuple[int, ...]:
@@ -423,14 +471,14 @@ def places_from_path(path: Polyline) -> PulsePlaces:
     points = np.full((len(leg), 3), np.nan)
     length, event = np.full(len(leg), np.nan), np.full(len(leg), np.nan)
     if camera is not None and known.any():
-        on = leg[known]
+        on, starts = leg[known], starts_of(path)
+        first = starts[on]
         origins, rays, _ = camera.lines_of_sight(row[known].astype(float), col[known].astype(float))
-        f = nearest_on_leg(rays, origins, vertices[on], vertices[on + 1])
-        spans = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
-        start = np.concatenate(([0.0], np.cumsum(spans)))
-        points[known] = vertices[on] + f[:, np.newaxis] * (vertices[on + 1] - vertices[on])
-        length[known] = start[on] + f * spans[on]
-        event[known] = times[on] + f * (times[on + 1] - times[on])
+        f = nearest_on_leg(rays, origins, vertices[first], vertices[on + 1])
+        spans = np.linalg.norm(vertices[1:] - vertices[starts], axis=1)
+        points[known] = vertices[first] + f[:, np.newaxis] * (vertices[on + 1] - vertices[first])
+        length[known] = way_before(starts, spans)[first] + f * spans[on]
+        event[known] = times[first] + f * (times[on + 1] - times[first])
     return PulsePlaces(
         row=row,
         col=col,
@@ -450,7 +498,7 @@ def true_event_time_along(trace: Trace, truth: Polyline, *, camera: Camera | Non
     """True event time on the camera's ray through every point of a trace.
 
     Leg k of the trace is held against leg k of the truth (counted from the last leg where the
-    truth has more of them).
+    truth has more of them); where the truth forks, against the leg that is nearest at its times.
 
     Parameters
     ----------
@@ -472,9 +520,32 @@ def true_event_time_along(trace: Trace, truth: Polyline, *, camera: Camera | Non
         return np.full(len(trace.leg), np.nan)
     rays = camera.sight_directions(trace.points_mm)
     n_legs = len(vertices) - 1
-    leg = trace.leg + max(0, n_legs - int(trace.leg.max()) - 1)
+    starts = starts_of(truth)
+    if forks_of(truth):
+        leg = _nearest_legs(trace, truth)
+    else:
+        leg = trace.leg + max(0, n_legs - int(trace.leg.max()) - 1)
     known = leg < n_legs
     leg = np.minimum(leg, n_legs - 1)
-    fraction = nearest_on_leg(rays, trace.points_mm, vertices[leg], vertices[leg + 1])
-    when = times[leg] + fraction * (times[leg + 1] - times[leg])
+    first = starts[leg]
+    fraction = nearest_on_leg(rays, trace.points_mm, vertices[first], vertices[leg + 1])
+    when = times[first] + fraction * (times[leg + 1] - times[first])
     return np.asarray(np.where(known, when, np.nan))
+
+
+def _nearest_legs(trace: Trace, truth: Polyline) -> NDArray[np.int64]:
+    """(n,), for each leg of a trace the leg of the truth that is nearest to it at its times."""
+    vertices = np.asarray(truth.vertices_mm, dtype=float)
+    times = np.asarray(truth.vertex_times_ps, dtype=float)
+    starts = starts_of(truth)
+    t0, t1 = times[starts], times[1:]
+    f = (trace.event_time_ps[:, np.newaxis] - t0) / (t1 - t0)
+    places = vertices[starts] + f[:, :, np.newaxis] * (vertices[1:] - vertices[starts])
+    off = np.linalg.norm(places - trace.points_mm[:, np.newaxis], axis=2)
+    # Beyond its own ends a leg is only a line.
+    off[(f < -0.5) | (f > 1.5)] = np.inf
+    nearest = np.zeros(len(trace.leg), dtype=np.int64)
+    for leg in np.unique(trace.leg):
+        own = trace.leg == leg
+        nearest[own] = int(np.argmin(np.median(off[own], axis=0)))
+    return nearest

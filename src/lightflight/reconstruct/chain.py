@@ -25,8 +25,10 @@ from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.sightings import sighting_from_histograms
+from lightflight.reconstruct.verdict.arms import leaves_light, take_up_most, with_arms
 from lightflight.reconstruct.verdict.detours import detour_instead, has_weak_leg
 from lightflight.reconstruct.verdict.examine import examined
+from lightflight.reconstruct.ways.joint import fit_of_request
 from lightflight.reconstruct.ways.request import Request
 
 if TYPE_CHECKING:
@@ -74,7 +76,8 @@ def reconstruct(
         An estimator's name (`reconstruct.estimators.ESTIMATORS`): "paper" (literal baseline),
         "joint" (default), "photon" ...
     n_legs : int, optional
-        Number of straight legs where the user knows it; legs that nobody saw may be counted or not.
+        Number of straight legs where the user knows it; legs that nobody saw may be counted or not,
+        those of all branches are counted together.
     waypoints : sequence of (int, array_like, float), optional
         (vertex index, position_mm, std_mm) of corners measured otherwise.
     exclude_mask : array_like, shape (rows, cols), optional
@@ -175,17 +178,22 @@ def path_from_sightings(
         path, fit = estimator.fit(request)
     except (GeometryError, NothingFoundError):
         detour = _detour(None, request, estimator)
-        if detour is None:
+        if detour is not None:
+            return _warned(_judged(*detour, request, estimator))
+        forked = _forked(None, request, estimator)
+        if forked is None:
             raise
-        return _warned(_judged(*detour, request))
+        return _warned(forked)
     # Light that was out of the picture is asked for where nothing that is seen explains the rest:
     # before the verdict where a leg is all but unseen, else once that contradicts the path.
     weak = fit is not None and has_weak_leg(fit)
     detour = _detour(fit, request, estimator) if weak else None
-    found = _judged(*(detour or (path, fit)), request)
+    found = _judged(*(detour or (path, fit)), request, estimator)
     if fit is not None and not weak and found.verdict.level is Level.CONTRADICTED:
         detour = _detour(fit, request, estimator)
-        found = found if detour is None else _judged(*detour, request)
+        found = found if detour is None else _judged(*detour, request, estimator)
+    if fit is not None and detour is None and leaves_light(found.verdict):
+        found = _forked(fit, request, estimator) or found
     return _warned(found)
 
 
@@ -204,16 +212,58 @@ def _detour(
         return None
     setting = request.setting
     found = detour_instead(fit, request.sightings, setting, request.n_legs)
-    if found is None:
+    return None if found is None else _told(found, request, estimator)
+
+
+def _forked(fit: JointFit | None, request: Request, estimator: Estimator) -> LightPath | None:
+    """The path with the arms of beam splitters, where that is right; a start says what legs are.
+
+    `fit` is the path without, None where so many legs as were told make none.
+    """
+    if not _may_fork(request, estimator):
         return None
-    found = with_diffuse(found, setting, nominal=request.timing is None)
+    if request.n_legs is not None:
+        # So many legs in one chain are none: what the recording shows by itself may have arms.
+        try:
+            fit = fit_of_request(replace(request, n_legs=None))
+        except (GeometryError, NothingFoundError):
+            return None
+    if fit is None:
+        return None
+    forked = with_arms(fit, request.sightings, request.setting, request.n_legs)
+    told = None if forked is None else _told(forked, request, estimator)
+    if told is None:
+        return None
+    # What the tests let stand is right; what they do not may have arms and something else wrong.
+    path = _judged(*told, request, estimator)
+    stands = path.verdict.level is not Level.CONTRADICTED
+    return path if stands or take_up_most(told[1], fit, request.sightings) else None
+
+
+def _may_fork(request: Request, estimator: Estimator) -> bool:
+    """Whether arms become part of the path; else the verdict names them.
+
+    Waypoints number the vertices of the path that their user knows: an arm would count them anew.
+    """
+    told = request.start is not None or bool(request.setting.waypoints)
+    return estimator.of_fit is not None and not told
+
+
+def _told(
+    found: JointFit, request: Request, estimator: Estimator
+) -> tuple[LightPath, JointFit] | None:
+    """The estimator's path from a fit of pulses; None where the counts lead nowhere."""
+    assert estimator.of_fit is not None
+    found = with_diffuse(found, request.setting, nominal=request.timing is None)
     try:
         return estimator.of_fit(found, request), found
     except (GeometryError, NothingFoundError):
         return None
 
 
-def _judged(path: LightPath, fit: JointFit | None, request: Request) -> LightPath:
+def _judged(
+    path: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
+) -> LightPath:
     """The path in its lap of the clock, with what it explains and its verdict."""
     # A start given by the user says the lap too: the path stays where it was put.
     path = path if request.start is not None else on_first_lap(path, request.sightings[0])
@@ -225,4 +275,5 @@ def _judged(path: LightPath, fit: JointFit | None, request: Request) -> LightPat
         request.setting,
         nominal_clock=request.timing is None,
         n_legs=request.n_legs,
+        name_arms=not _may_fork(request, estimator),
     )

@@ -102,7 +102,7 @@ def laser_pulse(
         response_fwhm_std_ps=response_fwhm_std_ps,
         transit_std_ps=_transit_std_ps(path, hist, clock, arrivals),
     )
-    middle = 0.5 * (path.vertices_mm[1:] + path.vertices_mm[:-1])
+    middle = np.array([0.5 * (leg.end_mm + leg.start_mm) for leg in path.legs])
     # Only the component of the leg towards the camera stretches what a frame shows.
     towards = -path.camera.sight_directions(middle)
     direction = np.array([leg.direction for leg in path.legs])

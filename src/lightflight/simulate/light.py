@@ -8,7 +8,6 @@ times come from the same segments by summation (`expected_light`).
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError
+from lightflight.path.tree import leg_starts
 from lightflight.simulate.optics import Catch
 from lightflight.simulate.scattering import (
     cos4_from_directions,
@@ -157,8 +157,7 @@ def _edges_of_leg(scene: Scene, start: Floats, end: Floats) -> Floats:
 
 def _strength_at(scene: Scene, leg: int, points: Floats, length_mm: Floats) -> Floats:
     """Light per mm sent into the lens from points on one leg; relative."""
-    vertices = np.asarray(scene.vertices_mm)
-    step = vertices[leg + 1] - vertices[leg]
+    step = scene.leg_steps_mm[leg]
     distance = np.linalg.norm(scene.camera.center_mm - points, axis=1)
     towards = -scene.camera.sight_directions(points)
     strength = scene.strength(length_mm, leg)
@@ -176,7 +175,7 @@ def _strength_at(scene: Scene, leg: int, points: Floats, length_mm: Floats) -> F
     if scene.scattering == "rayleigh":
         field = None
         if scene.polarization is not None:
-            field = polarizations_from_vertices(vertices, scene.polarization)[leg]
+            field = polarizations_from_vertices(scene.vertices_mm, scene.polarization)[leg]
         strength = strength * rayleigh_from_directions(
             step / np.linalg.norm(step), towards, polarization=field
         )
@@ -209,9 +208,10 @@ def segments_from_scene(scene: Scene) -> Segments:
         In the order of the path; none where the camera sees nothing.
     """
     vertices, starts = np.asarray(scene.vertices_mm), scene.leg_starts_mm
+    begun = vertices[leg_starts(scene.n_legs, scene.forks)]
     parts: list[tuple[Floats, ...]] = []
     for leg in range(scene.n_legs):
-        start, end = vertices[leg], vertices[leg + 1]
+        start, end = begun[leg], vertices[leg + 1]
         edges = _edges_of_leg(scene, start, end)
         direction = (end - start) / np.linalg.norm(end - start)
         at_edges = start + edges[:, np.newaxis] * direction
@@ -247,9 +247,11 @@ def _beam_std_px(scene: Scene) -> float:
     """Width of the beam in the picture where it is widest, pixel (one sigma)."""
     if scene.beam_diameter_mm == 0.0:
         return 0.0
-    vertices = np.asarray(scene.vertices_mm)
+    begun = np.asarray(scene.vertices_mm)[leg_starts(scene.n_legs, scene.forks)]
     fraction = np.linspace(0.0, 1.0, 65)[:, np.newaxis]
-    points = np.concatenate([a + fraction * (b - a) for a, b in itertools.pairwise(vertices)])
+    points = np.concatenate(
+        [start + fraction * step for start, step in zip(begun, scene.leg_steps_mm, strict=True)]
+    )
     points = points[scene.camera.sees(points)]
     if not len(points):
         return 0.0
@@ -302,7 +304,7 @@ def leg_frames(scene: Scene) -> tuple[Floats, Floats]:
     first, second : array of float, shape (legs, 3)
         See `beam_frame`.
     """
-    steps = np.diff(np.asarray(scene.vertices_mm), axis=0)
+    steps = scene.leg_steps_mm
     frames = [beam_frame(step / np.linalg.norm(step)) for step in steps]
     return np.array([a for a, _ in frames]), np.array([b for _, b in frames])
 
@@ -324,10 +326,11 @@ def points_on_path(scene: Scene, leg: Ints, length_mm: Floats) -> Floats:
     array of float, shape (n, 3)
         World, mm.
     """
-    vertices, starts = np.asarray(scene.vertices_mm), scene.leg_starts_mm
-    steps = np.diff(vertices, axis=0)
+    vertices, steps = np.asarray(scene.vertices_mm), scene.leg_steps_mm
+    begun = vertices[leg_starts(scene.n_legs, scene.forks)]
     directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
-    points: Floats = vertices[leg] + (length_mm - starts[leg])[:, np.newaxis] * directions[leg]
+    along = (length_mm - scene.leg_starts_mm[leg])[:, np.newaxis]
+    points: Floats = begun[leg] + along * directions[leg]
     return points
 
 

@@ -460,6 +460,7 @@ def _truth(
         response_mean_ps=detector.response_mean_ps,
         detector=detector,
         flat_arrival_ps=flat,
+        forks=scene.forks,
     )
 
 

@@ -5,7 +5,6 @@ Takes vertices of a path, a camera, a source and a detector; `light.py` draws ph
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -18,6 +17,13 @@ from lightflight.camera.refraction import refuse_other_medium
 from lightflight.display import Card, Shown, number, size_facts
 from lightflight.flight import Medium, Source, event_times_from_vertices
 from lightflight.path.light_path import FARTHEST_MM
+from lightflight.path.tree import (
+    Forks,
+    checked_forks,
+    leg_starts,
+    way_before,
+    ways,
+)
 from lightflight.simulate.detector import Detector
 from lightflight.simulate.scattering import Scattering, polarizations_from_vertices
 
@@ -29,7 +35,7 @@ _PARTS = ("camera", "source", "medium", "detector")
 Brightness = Callable[[Floats], ArrayLike] | Sequence[ArrayLike] | ArrayLike | None
 
 
-def _checked_vertices(vertices_mm: ArrayLike) -> Floats:
+def _checked_vertices(vertices_mm: ArrayLike, forks: object) -> tuple[Floats, Forks]:
     must = f"be positions in mm, finite and within {FARTHEST_MM:g} mm"
     far = FARTHEST_MM
     vertices = finite_numbers("vertices_mm", vertices_mm, must, low=-far, high=far)
@@ -38,13 +44,15 @@ def _checked_vertices(vertices_mm: ArrayLike) -> Floats:
             f"vertices_mm must have shape (m, 3) with m >= 2, got {vertices.shape}: "
             "give source, mirrors and end of the path"
         )
-    lengths = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
+    told = checked_forks(forks, len(vertices) - 1)
+    starts = leg_starts(len(vertices) - 1, told)
+    lengths = np.linalg.norm(vertices[1:] - vertices[starts], axis=1)
     if (lengths < 1e-9).any():
         leg = int(np.argmin(lengths))
-        raise ValueError(f"vertices {leg} and {leg + 1} are the same point: remove one")
+        raise ValueError(f"vertices {starts[leg]} and {leg + 1} are the same point: remove one")
     # A frozen record must not change under the light that is drawn from it.
     vertices.setflags(write=False)
-    return vertices
+    return vertices, told
 
 
 _MOST_VERTICES = 6
@@ -95,6 +103,9 @@ class Scene(Shown):
     vignetting : float
         Share of light that the lens's mount holds back in the farthest corner of the picture; it
         grows with the fourth power of the distance from the optical axis. 0: none.
+    forks : tuple of (int, int)
+        Legs that begin at another vertex than the end of the leg before, each (leg, vertex): at a
+        beam splitter two legs leave. `brightness` says, leg by leg, how much light goes where.
     """
 
     vertices_mm: ArrayLike
@@ -127,6 +138,8 @@ class Scene(Shown):
 
     vignetting: float = field(default=0.0, kw_only=True)
 
+    forks: tuple[tuple[int, int], ...] = field(default=(), kw_only=True)
+
     def _card(self) -> Card:
         places = [
             f"({', '.join(number(x, 5) for x in v)}) mm" for v in np.asarray(self.vertices_mm)
@@ -148,8 +161,9 @@ class Scene(Shown):
         )
 
     def __post_init__(self) -> None:
-        vertices = _checked_vertices(self.vertices_mm)
+        vertices, forks = _checked_vertices(self.vertices_mm, self.forks)
         object.__setattr__(self, "vertices_mm", vertices)
+        object.__setattr__(self, "forks", forks)
         check_kinds(*_PARTS, **{name: getattr(self, name) for name in _PARTS})
         refuse_other_medium(self.camera, self.medium)
         must = "be finite and >= 0: it is an expected count"
@@ -166,8 +180,13 @@ class Scene(Shown):
         finite_number("vignetting", self.vignetting, must, low=0.0, high=1.0)
         one_of("scattering", self.scattering, ("uniform", "rayleigh"))
         if self.polarization is not None:
+            if forks:
+                raise ValueError(
+                    "polarization cannot be told of a path that forks: what a splitter does to the "
+                    "field is not modelled; leave it out"
+                )
             polarizations_from_vertices(vertices, self.polarization)
-        object.__setattr__(self, "_strength", _strength_from(self.brightness, self.leg_starts_mm))
+        object.__setattr__(self, "_strength", _strength_from(self.brightness, self.n_legs))
 
     _strength: Callable[[Floats, int], Floats] = field(
         default=None,  # type: ignore[assignment]
@@ -187,9 +206,16 @@ class Scene(Shown):
 
     @property
     def leg_starts_mm(self) -> Floats:
-        """(m,), path length from the first vertex to each vertex, mm."""
-        steps = np.diff(np.asarray(self.vertices_mm), axis=0)
-        return np.array([0.0, *itertools.accumulate(np.linalg.norm(steps, axis=1))])
+        """(n_legs,), path length from the first vertex to where each leg begins, mm."""
+        starts = leg_starts(self.n_legs, self.forks)
+        return way_before(starts, np.linalg.norm(self.leg_steps_mm, axis=1))[starts]
+
+    @property
+    def leg_steps_mm(self) -> Floats:
+        """(n_legs, 3), from where each leg begins to its end, mm."""
+        vertices = np.asarray(self.vertices_mm)
+        steps: Floats = vertices[1:] - vertices[leg_starts(self.n_legs, self.forks)]
+        return steps
 
     @property
     def emission_time_ps(self) -> float:
@@ -206,11 +232,15 @@ class Scene(Shown):
     @property
     def vertex_times_ps(self) -> Floats:
         """(m,), true event time at each vertex, ps."""
-        return event_times_from_vertices(
-            np.asarray(self.vertices_mm),
-            emission_time_ps=self.emission_time_ps,
-            path_group_index=self.medium.path_group_index,
-        )
+        told = {
+            "emission_time_ps": self.emission_time_ps,
+            "path_group_index": self.medium.path_group_index,
+        }
+        vertices, times = np.asarray(self.vertices_mm), np.empty(self.n_legs + 1)
+        for way in ways(leg_starts(self.n_legs, self.forks)):
+            on_way = [0, *(leg + 1 for leg in way)]
+            times[on_way] = event_times_from_vertices(vertices[on_way], **told)
+        return times
 
     def strength(self, length_mm: Floats, leg: int) -> Floats:
         """Relative scattering strength per mm at path lengths on one leg.
@@ -238,9 +268,8 @@ class Scene(Shown):
         return strength
 
 
-def _strength_from(brightness: Brightness, starts_mm: Floats) -> Callable[[Floats, int], Floats]:
+def _strength_from(brightness: Brightness, n_legs: int) -> Callable[[Floats, int], Floats]:
     """One function of (path length, leg) from the forms `brightness` may take."""
-    n_legs = len(starts_mm) - 1
     if brightness is None:
         return lambda length, _leg: np.ones_like(length)
     if callable(brightness):

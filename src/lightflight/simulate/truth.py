@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,8 @@ class Truth(Shown):
         The detector; its clock's true edges: `detector.true_code_intervals_ps(shape)`.
     flat_arrival_ps : array of float or None
         () or (rows, cols), when the flat pulse reached the pixels, ps; None for other kinds.
+    forks : tuple of (int, int)
+        Legs that begin at another vertex than the end of the leg before, each (leg, vertex).
     """
 
     kind: str
@@ -87,6 +89,8 @@ class Truth(Shown):
     detector: Detector
 
     flat_arrival_ps: Floats | None = None
+
+    forks: tuple[tuple[int, int], ...] = field(default=(), kw_only=True)
 
     @property
     def emission_time_ps(self) -> float:

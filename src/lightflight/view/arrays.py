@@ -79,6 +79,9 @@ def _path_dataset(xr: ModuleType, path: LightPath, samples: int) -> Any:
     axes = ["x", "y", "z"]
     variables["vertices_mm"] = (("vertex", "axis"), path.vertices_mm, {"units": "mm"})
     variables["vertex_times_ps"] = ("vertex", path.vertex_times_ps, {"units": "ps"})
+    if path.forks:
+        came_from = [-1, *(leg.start_vertex for leg in path.legs)]
+        variables["from_vertex"] = ("vertex", np.array(came_from), {"comment": "-1: the first"})
     variables["vertex_std_mm"] = (("vertex", "axis"), path.vertex_std[:, :3], {"units": "mm"})
     variables["vertex_time_std_ps"] = ("vertex", path.vertex_std[:, 3], {"units": "ps"})
     for name in path.residuals.dtype.names or ():

@@ -19,7 +19,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.path.trace import Trace, places_from_path, trace_from_path
+from lightflight.path.trace import (
+    Trace,
+    places_from_path,
+    trace_from_path,
+    traces_of_branches,
+)
 from lightflight.view.types import Floats
 
 if TYPE_CHECKING:
@@ -69,25 +74,36 @@ def layers_from_path(path: LightPath, *, step_ps: float = _STEP_PS) -> list[Laye
         "affine": np.diag([1.0, -1.0, -1.0, 1.0, 1.0]),
         "metadata": {"method": getattr(path, "method", ""), "prior": getattr(path, "prior", "")},
     }
-    event = trace.event_time_ps - trace.event_time_ps[0]
-    arrival = trace.arrival_ps - trace.arrival_ps[0]
-    layers = [_tracks(trace, event, step_ps, {**common, "name": "pulse, event time"})]
-    if np.isfinite(arrival).all():
-        layers.append(_tracks(trace, arrival, step_ps, {**common, "name": "its picture, arrival"}))
+    branches = traces_of_branches(trace, path)
+    event = [own.event_time_ps - trace.event_time_ps[0] for own in branches]
+    arrival = [own.arrival_ps - trace.arrival_ps[0] for own in branches]
+    layers = [_tracks(branches, event, step_ps, {**common, "name": "pulse, event time"})]
+    if np.isfinite(trace.arrival_ps).all():
+        more = {**common, "name": "its picture, arrival"}
+        layers.append(_tracks(branches, arrival, step_ps, more))
     layers.append(_vertex_points(path, step_ps, common))
     pulses = _pulse_points(path, float(trace.event_time_ps[0]), step_ps, common)
     return layers if pulses is None else [*layers, pulses]
 
 
-def _tracks(trace: Trace, times_ps: Floats, step_ps: float, attributes: dict[str, object]) -> Layer:
-    """One point per step of the slider: (n, 5), id, time (steps), z, y, x."""
-    steps = np.arange(int(np.floor(times_ps[-1] / step_ps)) + 1)
-    place = [np.interp(steps * step_ps, times_ps, trace.points_mm[:, k]) for k in (2, 1, 0)]
-    rows = np.column_stack((np.zeros(len(steps)), steps, *place))
-    leg = trace.leg[np.minimum(np.searchsorted(times_ps, steps * step_ps), len(times_ps) - 1)]
+def _tracks(
+    branches: Sequence[Trace],
+    times_ps: Sequence[Floats],
+    step_ps: float,
+    attributes: dict[str, object],
+) -> Layer:
+    """One point per branch and step of the slider: (n, 5), id, time (steps), z, y, x."""
+    rows, legs, longest = [], [], 0
+    for number, (trace, times) in enumerate(zip(branches, times_ps, strict=True)):
+        steps = np.arange(int(np.floor(times[-1] / step_ps)) + 1)
+        place = [np.interp(steps * step_ps, times, trace.points_mm[:, k]) for k in (2, 1, 0)]
+        rows.append(np.column_stack((np.full(len(steps), float(number)), steps, *place)))
+        at = np.minimum(np.searchsorted(times, steps * step_ps), len(times) - 1)
+        legs.append(trace.leg[at])
+        longest = max(longest, len(steps))
     # `tail_length` is in steps: the whole flight stays drawn behind the pulse.
-    more = {"features": {"leg": leg}, "tail_length": len(steps), "tail_width": 3}
-    return rows, {**attributes, **more}, "tracks"
+    more = {"features": {"leg": np.concatenate(legs)}, "tail_length": longest, "tail_width": 3}
+    return np.concatenate(rows), {**attributes, **more}, "tracks"
 
 
 def _vertex_points(path: LightPath, step_ps: float, common: dict[str, object]) -> Layer:

@@ -115,6 +115,8 @@ def dataframe_of(record: Any) -> DataFrame:
 
 def _corners(path: Any) -> dict[str, object]:
     columns: dict[str, object] = {"vertex": range(path.n_legs + 1)}
+    if path.forks:
+        columns["from_vertex"] = [-1, *(leg.start_vertex for leg in path.legs)]
     values = (*path.vertices_mm.T, path.vertex_times_ps)
     names = ("x", "mm"), ("y", "mm"), ("z", "mm"), ("event_time", "ps")
     for (axis, unit), value, std in zip(names, values, path.vertex_std.T, strict=True):

@@ -47,11 +47,13 @@ def _joined(solids: list[Solid]) -> Solid:
 
 
 def tube_along(vertices_mm: ArrayLike, radius_mm: float, *, sides: int = 12) -> Solid:
-    """A round tube along every leg of a polyline (m, 3)."""
+    """A round tube along every leg of a polyline (m, 3); a row of NaN parts it."""
     vertices = np.asarray(vertices_mm, dtype=float)
     turn = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
     solids = []
     for start, end in pairwise(vertices):
+        if not np.isfinite([start, end]).all():
+            continue
         across = frame_across(end - start)
         circle = radius_mm * (np.cos(turn)[:, None] * across[0] + np.sin(turn)[:, None] * across[1])
         solids.append(_rings(np.stack((start + circle, end + circle))))

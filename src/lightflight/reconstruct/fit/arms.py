@@ -2,7 +2,8 @@
 
 Takes a path and the pulses that it does not explain. A leg among those whose line in the picture
 meets the path's may be an arm: it starts where they meet, when the light is there, like a path of
-its own from a source that is known.
+its own from a source that is known. Where a path turns, light may also go straight on: its pulses
+lie on the prolonged leg, and a fit may have taken them for that leg's own.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from lightflight.reconstruct.fit.revise import refitted, setting_with_corner
 from lightflight.reconstruct.fit.start import state_from_legs
 from lightflight.reconstruct.fit.unclaimed import legs_among, unclaimed_by_path
 from lightflight.reconstruct.legs.find import ImageLeg
+from lightflight.reconstruct.model.freedom import view_end
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.image_plane import along_across, undistorted_px
 from lightflight.reconstruct.model.setting import Setting
@@ -56,15 +58,33 @@ def fits_with_arm(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
         One of each place at which a leg among the other light may leave the path.
     """
     left = unclaimed_by_path(sightings[0], fit, setting)
+    starts = [
+        start
+        for leg in legs_among(sightings[0], left, setting)
+        for start in _starts(fit.solution.state, leg, setting)
+    ]
+    starts += [(state, setting) for state in _straight_on(fit.solution.state, setting)]
     found = []
-    for leg in legs_among(sightings[0], left, setting):
-        for state, moved in _starts(fit.solution.state, leg, setting):
-            # An arm told to end on a window's very face has no line of sight: its fit is no number.
-            with np.errstate(invalid="ignore"):
-                trial = fit_or_reason(partial(refitted, sightings, state, moved))
-            if not isinstance(trial, NoFit) and np.isfinite(trial.solution.covariance).all():
-                found.append(trial)
+    for state, moved in starts:
+        # One told to end on a window's very face has no line of sight: its fit is no number.
+        with np.errstate(invalid="ignore"):
+            trial = fit_or_reason(partial(refitted, sightings, state, moved))
+        if not isinstance(trial, NoFit) and np.isfinite(trial.solution.covariance).all():
+            found.append(trial)
     return found
+
+
+def _straight_on(state: PathState, setting: Setting) -> Iterator[PathState]:
+    """Paths with an arm that goes straight on where the path turns, if that is in the picture."""
+    for corner in state.corners_seen:
+        step = state.steps_mm[corner - 1]
+        way = step / np.linalg.norm(step)
+        place = state.vertices_mm[corner]
+        if not setting.camera.sees(place[np.newaxis])[0]:
+            continue
+        edge = view_end(setting.camera, place, way)
+        if edge is not None:
+            yield _with_end(state, corner, edge.position_mm)
 
 
 def _starts(
@@ -119,8 +139,13 @@ def _with_arm(state: PathState, vertex: int, arm: ImageLeg, setting: Setting) ->
     end = alone.vertices_mm[-1]
     if not np.isfinite(end).all():
         return None
+    return _with_end(state, vertex, end)
+
+
+def _with_end(state: PathState, vertex: int, end_mm: Floats) -> PathState:
+    """The path with one leg more, from one of its vertices to a place (3,), mm."""
     return replace(
         state,
-        vertices_mm=np.vstack((state.vertices_mm, end)),
+        vertices_mm=np.vstack((state.vertices_mm, end_mm)),
         forks=(*state.forks, (state.n_legs, vertex)),
     )

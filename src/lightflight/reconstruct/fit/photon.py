@@ -228,5 +228,6 @@ def _updated_residuals(rough: LightPath, ended: Climb) -> NDArray[np.void]:
     table["model_ps"] = model
     table["residual_ps"] = table["arrival_ps"] - model
     times = ended.state.vertex_times_ps(seen.medium)
-    table["event_time_ps"] = times[legs] + print_.fraction * np.diff(times)[legs]
+    begun = times[ended.state.leg_starts]
+    table["event_time_ps"] = begun[legs] + print_.fraction * (times[1:] - begun)[legs]
     return table

@@ -206,6 +206,7 @@ def path_from_fit(
         statements=statements,
         truth=truth,
         unseen_legs=solution.state.unseen,
+        forks=solution.state.forks,
     )
 
 

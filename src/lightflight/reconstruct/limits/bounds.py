@@ -24,6 +24,7 @@ from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
 from lightflight.path.tables import Goodness
+from lightflight.path.tree import outline_mm
 from lightflight.reconstruct.fit.result import prior_in_words
 from lightflight.reconstruct.fit.statements import statements_from_covariance
 from lightflight.reconstruct.limits.conditions import (
@@ -76,7 +77,7 @@ class Bounds(Shown):
     path : LightPath
         The path with the bound as its covariance: `path.sample`, `path.legs`, `vertex_std` ...
     position_rms_mm : float
-        rms error of the position in view, at equal event times, mm.
+        rms error of the position in view, at equal event times, mm; over all branches.
     event_time_rms_ps : float
         rms error of the event time on the path in view, ps.
     angle_std_deg : array of float, shape (legs,)
@@ -115,7 +116,7 @@ class Bounds(Shown):
             ("elevation of the legs", ", ".join(f"{number(a, 2)}°" for a in self.angle_std_deg)),
             *(("", sentence) for sentence in self.statements),
         ]
-        picture = partial(picture_from_vertices, self.path.vertices_mm)
+        picture = partial(picture_from_vertices, outline_mm(self.path))
         return Card("Bounds", facts, picture, "from the front, and from above")
 
     @property
@@ -197,7 +198,8 @@ def bounds(
     )
     times = getattr(subject, "vertex_times_ps", None)
     start = 0.0 if times is None else float(np.asarray(times)[0])
-    whole = PathState(np.array(subject.vertices_mm, dtype=float), start)
+    forks = tuple(getattr(subject, "forks", ()))
+    whole = PathState(np.array(subject.vertices_mm, dtype=float), start, forks=forks)
     # Beyond the view nothing is recorded: what lies there is a gauge, not an error.
     state, freedom, cut_ends = _state_in_view(whole, camera, medium, source, told)
     setting = Setting(camera, source, medium)
@@ -219,25 +221,21 @@ def _state_in_view(
     medium: Medium,
     source: Source,
     waypoints: tuple[tuple[int, ArrayLike, float], ...],
-) -> tuple[PathState, Freedom, tuple[bool, bool]]:
+) -> tuple[PathState, Freedom, tuple[bool, ...]]:
     """The path cut where it enters (unknown source) and leaves the view, and its freedom.
 
-    Besides, whether its light begins and stops within the view: such an end is free along its
-    leg too.
+    Besides, whether its light begins within the view, and whether each branch stops there: such an
+    end is free along its leg too.
     """
     vertices, start_time = whole.vertices_mm.copy(), whole.start_time_ps
-    last = _middle_in_view(vertices[-2], vertices[-1], camera, whole.n_legs)
-    step = vertices[-1] - vertices[-2]
-    end = view_end(camera, last, step / np.linalg.norm(step))
-    if end is not None:
-        # A path that ends in view is not prolonged to the edge.
-        beyond = (end.position_mm - vertices[-1]) @ step
-        vertices[-1] = end.position_mm if beyond < 0 else vertices[-1]
+    ends = [(int(whole.leg_starts[leg]), leg + 1) for leg in whole.last_legs]
+    for before, tip in ends:
+        vertices[tip] = _end_in_view(vertices[before], vertices[tip], camera, tip)
     start_basis = None
     begins = ends_in_view(camera, vertices[0])
     if source.position_mm is not None:
         begins = bool(camera.sees(vertices[0]))
-    cut_ends = begins, ends_in_view(camera, vertices[-1])
+    cut_ends = (begins, *(ends_in_view(camera, vertices[tip]) for _, tip in ends))
     if source.position_mm is None:
         first = _middle_in_view(vertices[0], vertices[1], camera, 1)
         step = vertices[1] - vertices[0]
@@ -248,15 +246,28 @@ def _state_in_view(
             start_time = float(cut.vertex_times_ps(medium)[-1])
             vertices[0] = entry.position_mm
         start_basis = _moves_of_end(camera, vertices[0], vertices[1], in_view=cut_ends[0])
-    state = PathState(vertices, start_time)
+    state = PathState(vertices, start_time, forks=whole.forks)
     freedom = freedom_of_path(
         state,
         source=source,
         waypoints=waypoints,
         start_basis=start_basis,
-        end_bases=(_moves_of_end(camera, vertices[-1], vertices[-2], in_view=cut_ends[1]),),
+        end_bases=tuple(
+            _moves_of_end(camera, vertices[tip], vertices[before], in_view=cut)
+            for (before, tip), cut in zip(ends, cut_ends[1:], strict=True)
+        ),
     )
     return state, freedom, cut_ends
+
+
+def _end_in_view(start: Floats, end: Floats, camera: Camera, leg: int) -> Floats:
+    """Where a leg leaves the view, or its end where that is in view: it is not prolonged; (3,)."""
+    last = _middle_in_view(start, end, camera, leg)
+    step = end - start
+    at_edge = view_end(camera, last, step / np.linalg.norm(step))
+    if at_edge is None or not (at_edge.position_mm - end) @ step < 0:
+        return end
+    return at_edge.position_mm
 
 
 def _middle_in_view(start: Floats, end: Floats, camera: Camera, leg: int) -> Floats:
@@ -298,7 +309,7 @@ def _information(
     state: PathState,
     whole: PathState,
     freedom: Freedom,
-    cut_ends: tuple[bool, bool],
+    cut_ends: tuple[bool, ...],
     conditions: Conditions,
     setting: Setting,
 ) -> _Information:
@@ -366,16 +377,18 @@ def _bounds(
         method="bound",
         goodness=Goodness(float("nan"), 0, len(signal), 0, float("nan"), 0.0, True),
         prior=prior_in_words(source),
+        forks=state.forks,
     )
-    sampled = path.sample(1000)
-    seen = sampled["in_view"]
-    position = sum(sampled[name][seen] ** 2 for name in ("x_std_mm", "y_std_mm", "z_std_mm"))
+    branches = [(branch, branch.sample(1000)) for branch in path.branches]
+    in_view = [(branch, sampled[sampled["in_view"]]) for branch, sampled in branches]
+    seen = np.concatenate([sampled for _, sampled in in_view])
+    position = sum(seen[name] ** 2 for name in ("x_std_mm", "y_std_mm", "z_std_mm"))
     std = np.sqrt(np.diag(free))
     own = free / np.maximum(std[:, np.newaxis] * std, 1e-300)
     return Bounds(
         path=path,
         position_rms_mm=float(np.sqrt(np.mean(position))),
-        event_time_rms_ps=_event_time_rms(path, sampled[seen], camera),
+        event_time_rms_ps=_event_time_rms(in_view, camera),
         angle_std_deg=np.array([leg.angle_std_deg for leg in path.legs]),
         photons=float(signal.sum()),
         photons_per_pixel=photons_per_pixel,
@@ -386,23 +399,29 @@ def _bounds(
     )
 
 
-def _event_time_rms(path: LightPath, sampled: NDArray[np.void], camera: Camera) -> float:
+def _event_time_rms(branches: list[tuple[LightPath, NDArray[np.void]]], camera: Camera) -> float:
     """Rms error of the event time on a pixel's ray: the point slides along the ray, not the leg."""
     variance = []
-    # A hundred points are plenty for a mean.
-    for row in sampled[:: max(1, len(sampled) // 100)]:
-        leg = int(row["leg"])
-        t0, t1 = path.vertex_times_ps[leg : leg + 2]
-        start, step = path.vertices_mm[leg], path.vertices_mm[leg + 1] - path.vertices_mm[leg]
-        f = (row["event_time_ps"] - t0) / (t1 - t0)
-        point = start + f * step
-        ray = camera.sight_directions(point)
-        across = step - (step @ ray) * ray
-        slide = across / (across @ across)
-        jacobian = np.zeros(8)
-        jacobian[0:3] = -(1 - f) * slide * (t1 - t0)
-        jacobian[4:7] = -f * slide * (t1 - t0)
-        jacobian[3], jacobian[7] = 1 - f, f
-        block = np.arange(4 * leg, 4 * leg + 8)
-        variance.append(jacobian @ path.covariance[np.ix_(block, block)] @ jacobian)
+    for path, sampled in branches:
+        # A hundred points are plenty for a mean.
+        some = sampled[:: max(1, len(sampled) // 100)]
+        variance += [_event_time_variance(path, row, camera) for row in some]
     return float(np.sqrt(np.mean(variance)))
+
+
+def _event_time_variance(path: LightPath, row: np.void, camera: Camera) -> float:
+    """Variance of the event time on the ray of one point of a chain's sample, ps^2."""
+    leg = int(row["leg"])
+    t0, t1 = path.vertex_times_ps[leg : leg + 2]
+    start, step = path.vertices_mm[leg], path.vertices_mm[leg + 1] - path.vertices_mm[leg]
+    f = (row["event_time_ps"] - t0) / (t1 - t0)
+    point = start + f * step
+    ray = camera.sight_directions(point)
+    across = step - (step @ ray) * ray
+    slide = across / (across @ across)
+    jacobian = np.zeros(8)
+    jacobian[0:3] = -(1 - f) * slide * (t1 - t0)
+    jacobian[4:7] = -f * slide * (t1 - t0)
+    jacobian[3], jacobian[7] = 1 - f, f
+    block = np.arange(4 * leg, 4 * leg + 8)
+    return float(jacobian @ path.covariance[np.ix_(block, block)] @ jacobian)

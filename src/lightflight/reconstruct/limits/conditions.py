@@ -161,7 +161,7 @@ def _response_of(subject: object, source: Source) -> Response | None:
 def light_and_pixels(
     state: PathState,
     whole: PathState,
-    cut_ends: tuple[bool, bool],
+    cut_ends: tuple[bool, ...],
     conditions: Conditions,
     camera: Camera,
     medium: Medium,
@@ -172,8 +172,8 @@ def light_and_pixels(
     ----------
     state, whole : PathState
         The path cut to the view, and all of it.
-    cut_ends : (bool, bool)
-        Whether its light begins and stops within the view.
+    cut_ends : tuple of bool
+        Whether its light begins within the view, and whether each branch stops there.
     conditions : Conditions
         How it is recorded.
     camera : Camera
@@ -218,14 +218,13 @@ def _light(
     near: NDArray[np.bool_],
     state: PathState,
     whole: PathState,
-    cut_ends: tuple[bool, bool],
+    cut_ends: tuple[bool, ...],
     conditions: Conditions,
     camera: Camera,
     medium: Medium,
 ) -> Light:
     knots, coefficients, brightest = [], [], 0.0
-    steps = np.linalg.norm(np.diff(whole.vertices_mm, axis=0), axis=1)
-    starts = np.concatenate(([0.0], np.cumsum(steps)))
+    starts = whole.travelled_mm[whole.leg_starts]
     for k, leg in enumerate(lines):
         along, across = leg.along_across(points)
         low, high = leg.span_px
@@ -278,11 +277,11 @@ def _log_strength(
         rows=np.asarray(row, dtype=float),
         cols=np.asarray(col, dtype=float),
     )
-    length = float(np.linalg.norm(state.vertices_mm[k + 1] - state.vertices_mm[k]))
+    length = float(np.linalg.norm(state.steps_mm[k]))
     value: Floats = np.log(length / print_.px_per_leg) - 2 * np.log(print_.distance_mm)
     if conditions.strength is not None:
         # Strength is told from the leg's true start, which may lie before the entry into view.
-        skipped = float(np.linalg.norm(state.vertices_mm[k] - whole.vertices_mm[k]))
+        skipped = float(np.linalg.norm(state.starts_mm[k] - whole.starts_mm[k]))
         along = starts[k] + skipped + np.clip(print_.fraction, 0, 1) * length
         with np.errstate(divide="ignore"):
             strength = np.log(np.asarray(conditions.strength(along, k), dtype=float))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -29,6 +28,7 @@ from lightflight.display import Card, Drawn, Tabled, number
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, arrival_time_from_viewing_angle
 from lightflight.path.light_path import LightPath
+from lightflight.path.tree import leg_starts
 from lightflight.reconstruct.limits.bounds import Bounds, bounds
 from lightflight.reconstruct.limits.conditions import spot_std_of
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
@@ -300,7 +300,8 @@ def angle_deg_per_ps(path: LightPath | Any, camera: Camera, medium: Medium | Non
     vertices = np.asarray(path.vertices_mm, dtype=float)
     step_deg = 1e-3
     found = np.full(len(vertices) - 1, np.nan)
-    for k, (start, end) in enumerate(pairwise(vertices)):
+    starts = leg_starts(len(found), tuple(getattr(path, "forks", ())))
+    for k, (start, end) in enumerate(zip(vertices[starts], vertices[1:], strict=True)):
         offset = camera.center_mm - start
         direction = (end - start) / np.linalg.norm(end - start)
         towards = offset - (offset @ direction) * direction
@@ -371,8 +372,9 @@ def _wanted(
 
 def _middle_of(subject: Any) -> Floats:
     vertices = np.asarray(subject.vertices_mm, dtype=float)
-    lengths = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
-    middles = 0.5 * (vertices[1:] + vertices[:-1])
+    begun = vertices[leg_starts(len(vertices) - 1, tuple(getattr(subject, "forks", ())))]
+    lengths = np.linalg.norm(vertices[1:] - begun, axis=1)
+    middles = 0.5 * (vertices[1:] + begun)
     middle: Floats = (lengths @ middles) / lengths.sum()
     return middle
 

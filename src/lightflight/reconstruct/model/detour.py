@@ -94,12 +94,13 @@ def detours_of(state: PathState, camera: Camera) -> tuple[Detour, ...]:
 
 def _detour(state: PathState, leg: int, camera: Camera) -> Detour:
     vertices = state.vertices_mm
-    last, again = _seen_end(vertices[leg - 1 : leg + 1], camera), vertices[leg + 1 : leg + 3]
+    before = np.array([state.starts_mm[leg - 1], vertices[leg]])
+    last, again = _seen_end(before, camera), vertices[leg + 1 : leg + 3]
     first = _seen_end(again[::-1], camera)
     ways = (vertices[leg] - last, vertices[leg + 1] - vertices[leg], first - vertices[leg + 1])
     units = [
         step / max(float(np.linalg.norm(step)), 1e-12)
-        for step in (vertices[leg] - vertices[leg - 1], again[1] - again[0])
+        for step in (before[1] - before[0], again[1] - again[0])
     ]
     # A mirror drawn within the picture takes its way off again.
     signed = [float(ways[0] @ units[0]), float(np.linalg.norm(ways[1])), float(ways[2] @ units[1])]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.flight import Medium
+from lightflight.path.tree import forks_of, last_legs, leg_starts
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
@@ -61,10 +62,7 @@ class PathState:
     @cached_property
     def leg_starts(self) -> Indices:
         """(legs,), the vertex at which each leg begins; leg k ends at vertex k + 1."""
-        starts = np.arange(self.n_legs)
-        for leg, vertex in self.forks:
-            starts[leg] = vertex
-        return starts
+        return leg_starts(self.n_legs, self.forks)
 
     @cached_property
     def starts_mm(self) -> Floats:
@@ -90,8 +88,7 @@ class PathState:
     @cached_property
     def last_legs(self) -> tuple[int, ...]:
         """Legs that nothing follows: the last one, and the end of every other arm."""
-        starts = set(self.leg_starts.tolist())
-        return tuple(k for k in range(self.n_legs) if k + 1 not in starts)
+        return last_legs(self.leg_starts)
 
     @property
     def ends(self) -> tuple[int, ...]:
@@ -166,7 +163,7 @@ def state_of_path(path: LightPath) -> PathState:
     start_time = float(path.vertex_times_ps[0])
     # A truth to start from knows of no picture.
     unseen = tuple(getattr(path, "unseen_legs", ()))
-    return PathState(np.array(path.vertices_mm, dtype=float), start_time, unseen)
+    return PathState(np.array(path.vertices_mm, dtype=float), start_time, unseen, forks_of(path))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from scipy.special import bdtrc, chdtrc, ndtr
 
 from lightflight import flags
 from lightflight.path.light_path import LightPath
+from lightflight.path.tree import starts_of
 from lightflight.path.verdict import Finding, FindingName, Severity
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.result import path_from_fit
@@ -64,7 +65,8 @@ def evidence_of_own_errors(
 
     def numbers(one: LightPath) -> Floats:
         angles = [(leg.angle_deg, leg.angle_std_deg) for leg in one.legs]
-        corners = np.dstack((one.vertices_mm, one.vertex_std[:, :3]))[1:-1].reshape(-1, 2)
+        both = np.dstack((one.vertices_mm, one.vertex_std[:, :3]))
+        corners = np.delete(both, one.ends, axis=0).reshape(-1, 2)
         return np.concatenate((np.array(angles), corners))
 
     (own, std), (best, best_std) = numbers(path).T, numbers(other).T
@@ -134,14 +136,18 @@ def noticed(
 def corners_without_a_turn(path: LightPath) -> list[int]:
     """Corners, numbers of their vertices, at which the path may as well go straight on.
 
-    The change of direction is held against its own covariance. Such a corner lies where chance
-    makes the change largest, so as many places count as pulses lie on its two legs.
+    A fork is none: one of its arms may go straight on. The change of direction is held against its
+    own covariance. Such a corner lies where chance makes the change largest, so as many places
+    count as pulses lie on its two legs.
     """
-    corners = []
+    corners, starts = [], starts_of(path)
+    passed_over = {*path.open_vertices, *path.ends, *(vertex for _, vertex in path.forks)}
     for k in range(1, path.n_legs):
-        if k in path.open_vertices:
+        if k in passed_over:
             continue
-        steps = np.diff(path.vertices_mm[k - 1 : k + 2], axis=0)
+        # One leg begins where one ends: that of the corner's own number.
+        three = [starts[k - 1], k, k + 1]
+        steps = np.diff(path.vertices_mm[three], axis=0)
         lengths = np.linalg.norm(steps, axis=1)
         units = steps / lengths[:, np.newaxis]
         if units[0] @ units[1] < 0.0:  # it turns back, whichever way it leans
@@ -153,8 +159,9 @@ def corners_without_a_turn(path: LightPath) -> list[int]:
         # d(change of direction) / d(x, y, z, t of the three vertices).
         jacobian = np.zeros((3, 12))
         jacobian[:, 0:3], jacobian[:, 4:7], jacobian[:, 8:11] = before, -before - after, after
-        block = slice(4 * (k - 1), 4 * (k + 2))
-        variance, axes = np.linalg.eigh(jacobian @ path.covariance[block, block] @ jacobian.T)
+        rows = np.ravel([np.arange(4 * vertex, 4 * vertex + 4) for vertex in three])
+        block = np.ix_(rows, rows)
+        variance, axes = np.linalg.eigh(jacobian @ path.covariance[block] @ jacobian.T)
         # Along the leg itself directions do not change; that axis has no variance.
         across = (axes.T @ (units[1] - units[0]))[1:]
         chi2 = float(np.sum(across**2 / np.maximum(variance[1:], 1e-24)))

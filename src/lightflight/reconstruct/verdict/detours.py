@@ -33,7 +33,7 @@ from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 _AT_EDGE_PX = 4.0
 """A leg that is seen up to this near to the edge may run on beyond it, px: so many dim pixels and
 those near a corner are not counted to a leg."""
-_FEW_PULSES = 5
+FEW_PULSES = 5
 """A leg that no more pulses than this speak for may stand for a way that nobody saw."""
 _LEAST_DETOUR_MM = 10.0
 """A single mirror that fails by less, mm, may be one with something else off: an index, a pose or a
@@ -64,7 +64,7 @@ def has_weak_leg(fit: JointFit) -> bool:
     -------
     bool
     """
-    return bool((pulses_of_legs(fit) <= _FEW_PULSES).any())
+    return bool((pulses_of_legs(fit) <= FEW_PULSES).any())
 
 
 def detour_instead(

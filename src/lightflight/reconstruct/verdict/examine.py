@@ -55,10 +55,12 @@ def examined(
     *,
     nominal_clock: bool,
     n_legs: int | None,
+    name_arms: bool,
 ) -> LightPath:
     """The path with its verdict.
 
-    `fit` is the joint fit of the same recordings; None: it is made here, from the path.
+    `fit` is the joint fit of the same recordings; None: it is made here, from the path. With
+    `name_arms` it says of light that is left where an arm of it leaves the path.
     """
     own = fit is not None
     fit = _fit_about(path, sightings, setting) if fit is None else fit
@@ -82,7 +84,7 @@ def examined(
         )
         if n_legs is None:
             verdict = verdict_with_doubtful_corners(verdict, fit, sightings, setting)
-        if verdict.level is Level.CONTRADICTED:
+        if name_arms:
             verdict = verdict_with_arm(verdict, fit, sightings, setting)
     if verdict.level is Level.CONTRADICTED:
         verdict = replace(verdict, findings=(*_mistakes(sightings[0], setting), *verdict.findings))

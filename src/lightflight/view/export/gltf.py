@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from lightflight._version import __version__
 from lightflight.files.whole_file import atomic_path
 from lightflight.path.trace import has_errors, trace_from_path
+from lightflight.path.tree import corners_of, outline_mm, starts_of, ways
 from lightflight.view.export.tables import checked_suffix, description_of
 from lightflight.view.solids import (
     error_tube,
@@ -73,7 +74,7 @@ def glb_bytes(light_path: LightPath, *, ps_per_s: float = 500.0) -> bytes:
     model = _Model()
     size = max(float(np.ptp(vertices, axis=0).max()), 1.0)
     thin = 0.0022 * size
-    model.mesh("path", *tube_along(vertices, thin), (0.82, 0.28, 0.04, 1.0))
+    model.mesh("path", *tube_along(outline_mm(light_path), thin), (0.82, 0.28, 0.04, 1.0))
     # Errors of 0.1 mm in a scene of 0.4 m cannot be seen at their own size.
     if has_errors(light_path):
         trace = trace_from_path(light_path, per_leg=17)
@@ -83,19 +84,24 @@ def glb_bytes(light_path: LightPath, *, ps_per_s: float = 500.0) -> bytes:
             model.mesh(f"errors, 1 sigma x {factor:g}", *solid, (0.82, 0.28, 0.04, 0.25))
     truth = getattr(light_path, "truth", None)
     if truth is not None:
-        exact = np.asarray(truth.vertices_mm, dtype=float)
+        exact = outline_mm(truth)
         model.mesh("truth", *tube_along(exact, 0.5 * thin), (0.1, 0.13, 0.19, 1.0))
-    for k in range(1, len(vertices) - 1):
-        square = mirror_square(vertices[k - 1], vertices[k], vertices[k + 1], 0.06 * size)
+    for k, before, corner, after in corners_of(light_path):
+        square = mirror_square(before, corner, after, 0.06 * size)
         model.mesh(f"mirror {k}", *square, (0.72, 0.78, 0.85, 1.0))
     camera = getattr(light_path, "camera", None)
     if camera is not None:
         model.lines("field of view", field_lines(camera, vertices.mean(axis=0)), (0.09, 0.25, 0.54))
     model.mesh("source", *sphere(vertices[0], 3.0 * thin), (0.1, 0.13, 0.19, 1.0))
-    pulse = model.mesh("pulse", *sphere(np.zeros(3), 4.0 * thin), (1.0, 0.45, 0.1, 1.0))
     times = np.asarray(light_path.vertex_times_ps, dtype=float)
-    # Linear between the vertices: straight legs at an even speed need no more keys.
-    model.fly(pulse, vertices, (times - times[0]) / ps_per_s)
+    flights = ways(starts_of(light_path))
+    for k, way in enumerate(flights, start=1):
+        # Where the path forks, a pulse flies on each of its branches.
+        name = "pulse" if len(flights) == 1 else f"pulse of branch {k}"
+        pulse = model.mesh(name, *sphere(np.zeros(3), 4.0 * thin), (1.0, 0.45, 0.1, 1.0))
+        corners = [0, *(leg + 1 for leg in way)]
+        # Linear between the vertices: straight legs at an even speed need no more keys.
+        model.fly(pulse, vertices[corners], (times[corners] - times[0]) / ps_per_s)
     return model.packed(description_of(light_path))
 
 

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from lightflight.files import tables
 from lightflight.files.json_values import json_value
 from lightflight.files.whole_file import atomic_path
+from lightflight.path.tables import Polyline
+from lightflight.path.tree import forks_of
 from lightflight.view.types import FilePath
 
 if TYPE_CHECKING:
@@ -59,9 +61,19 @@ def table_from_path(
 def _vertex_table(light_path: LightPath) -> NDArray[np.generic]:
     names = ("x_mm", "y_mm", "z_mm", "event_time_ps")
     errors = ("x_std_mm", "y_std_mm", "z_std_mm", "event_time_std_ps")
-    n = len(light_path.vertex_times_ps)
-    table = np.zeros(n, dtype=[("vertex", np.int32), *((name, float) for name in names + errors)])
+    n, forked = len(light_path.vertex_times_ps), bool(light_path.forks)
+    numbers = ["vertex", *(["from_vertex"] if forked else [])]
+    table = np.zeros(
+        n,
+        dtype=[
+            *((name, np.int32) for name in numbers),
+            *((name, float) for name in names + errors),
+        ],
+    )
     table["vertex"] = np.arange(n)
+    if forked:
+        # Nothing comes before the first.
+        table["from_vertex"] = [-1, *(leg.start_vertex for leg in light_path.legs)]
     values = np.column_stack((light_path.vertices_mm, light_path.vertex_times_ps))
     for k in range(4):
         table[names[k]] = values[:, k]
@@ -143,8 +155,9 @@ def write_mat(light_path: LightPath, path: FilePath, *, samples: int = SAMPLES) 
     """Write a path with its tables as a MATLAB file (version 5), one struct `lightflight`.
 
     Fields: vertices_mm, vertex_times_ps, covariance, samples, pulses, truth (if known), camera,
-    and the words method, prior, statements. MATLAB counts from 1; rows, columns and legs in the
-    tables count from 0, as in the file format.
+    forks (where the path has any: leg, and the vertex at which it begins), and the words method,
+    prior, statements. MATLAB counts from 1; rows, columns and legs in the tables count from 0, as
+    in the file format.
 
     Parameters
     ----------
@@ -162,6 +175,7 @@ def write_mat(light_path: LightPath, path: FilePath, *, samples: int = SAMPLES) 
         "vertices_mm": np.asarray(light_path.vertices_mm, dtype=float),
         "vertex_times_ps": np.asarray(light_path.vertex_times_ps, dtype=float),
         "covariance": np.asarray(light_path.covariance, dtype=float),
+        **_forks_of(light_path),
         "samples": _struct(table_from_path(light_path, "samples", samples=samples)),
         "pulses": _struct(table_from_path(light_path, "pulses")),
         "camera": {name: np.asarray(a) for name, a in light_path.camera.to_arrays().items()},
@@ -173,9 +187,16 @@ def write_mat(light_path: LightPath, path: FilePath, *, samples: int = SAMPLES) 
         fields["truth"] = {
             "vertices_mm": np.asarray(light_path.truth.vertices_mm, dtype=float),
             "vertex_times_ps": np.asarray(light_path.truth.vertex_times_ps, dtype=float),
+            **_forks_of(light_path.truth),
         }
     with atomic_path(target) as fresh:
         savemat(str(fresh), {"lightflight": fields}, oned_as="column", long_field_names=True)
+
+
+def _forks_of(path: Polyline) -> dict[str, object]:
+    """Field `forks` (k, 2), leg and vertex at which it begins, counted from 0; none of a chain."""
+    forks = forks_of(path)
+    return {"forks": np.array(forks)} if forks else {}
 
 
 def _struct(table: NDArray[Any]) -> dict[str, NDArray[np.generic]]:

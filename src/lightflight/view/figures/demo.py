@@ -141,9 +141,8 @@ def _pulls_beside(figure: Figure, path: LightPath, residuals: Axes) -> None:
 
 
 def _write_headline(figure: Figure, path: LightPath, headline: str | None) -> None:
-    vertices = np.asarray(path.vertices_mm, dtype=float)
-    length = float(np.linalg.norm(np.diff(vertices, axis=0), axis=1).sum())
-    duration = float(path.vertex_times_ps[-1] - path.vertex_times_ps[0])
+    length = float(sum(leg.length_mm for leg in path.legs))
+    duration = float(np.max(path.vertex_times_ps) - path.vertex_times_ps[0])
     if headline is None:
         headline = heading(path)
     # The badge first: its width is the renderer's, so the headline is tied to its right edge.

@@ -18,7 +18,14 @@ from matplotlib.patches import Patch
 from numpy.typing import ArrayLike
 
 from lightflight.path.tables import Polyline
-from lightflight.path.trace import Trace, position_at, trace_from_path, unseen_legs_of
+from lightflight.path.trace import (
+    Trace,
+    parted,
+    position_at,
+    trace_from_path,
+    unseen_legs_of,
+)
+from lightflight.path.tree import corners_of, forks_of, last_legs, outline_mm, starts_of
 from lightflight.view import style
 from lightflight.view.projection import draw_box, label, line, polygon, ribbon_from_rings
 from lightflight.view.solids import error_rings, field_of_view, magnification_of, mirror_outline
@@ -166,10 +173,10 @@ def _draw_scene(
     _draw_tubes(ax, view, trace, factor)
     for k, (name, other) in enumerate(others.items()):
         marks = style.line_of_other(k) | {"lw": 1.2, "zorder": 7, "label": f"{name} estimate"}
-        line(ax, view, other.vertices_mm, **marks)
+        line(ax, view, outline_mm(other), **marks)
     _draw_line(ax, view, trace, unseen_legs_of(path))
     if truth is not None:
-        line(ax, view, truth.vertices_mm, **style.TRUTH_LINE, zorder=9, label="truth")
+        line(ax, view, outline_mm(truth), **style.TRUTH_LINE, zorder=9, label="truth")
     _draw_ends(ax, view, path)
 
 
@@ -200,7 +207,7 @@ def _draw_shadows(ax: Axes, view: Viewpoint, trace: Trace, box: Floats) -> None:
     for axis in (1, 2):
         points = trace.points_mm.copy()
         points[:, axis] = box[0 if view.towards_viewer[axis] > 0 else 1, axis]
-        line(ax, view, points, zorder=1, **_SHADOW)
+        line(ax, view, parted(trace, points), zorder=1, **_SHADOW)
 
 
 def _draw_field(
@@ -258,9 +265,8 @@ def field_walls(camera: Camera, box: Floats) -> list[Floats]:
 
 
 def _draw_mirrors(ax: Axes, view: Projector, path: LightPath, *, size_mm: float) -> None:
-    vertices = np.asarray(path.vertices_mm, dtype=float)
-    for i in range(1, len(vertices) - 1):
-        square = mirror_outline(vertices[i - 1], vertices[i], vertices[i + 1], size_mm=size_mm)
+    for _, before, corner, after in corners_of(path):
+        square = mirror_outline(before, corner, after, size_mm=size_mm)
         polygon(ax, view, square, facecolor="#c9d3df", edgecolor=style.INK, linewidth=0.7, zorder=5)
 
 
@@ -280,15 +286,16 @@ def _draw_line(ax: Axes, view: Projector, trace: Trace, unseen: tuple[int, ...])
     """The path itself; thin where the camera does not see it, dotted where nobody did."""
     open_ = np.isin(trace.leg, unseen)[:, np.newaxis]
     told = np.where(open_, np.nan, trace.points_mm)
-    line(ax, view, told, color=style.EVENT, lw=0.8, zorder=8)
+    line(ax, view, parted(trace, told), color=style.EVENT, lw=0.8, zorder=8)
     if open_.any():
         guessed = np.where(open_, trace.points_mm, np.nan)
-        line(ax, view, guessed, color=style.EVENT, lw=0.8, ls=(0, (1, 3)), zorder=8,
+        line(ax, view, parted(trace, guessed), color=style.EVENT, lw=0.8, ls=(0, (1, 3)), zorder=8,
              label="one way of many (dotted: unseen)")  # fmt: skip
     seen = trace.points_mm.copy()
     # NaN parts the line where the pulse is out of view.
     seen[~trace.in_view] = np.nan
-    line(ax, view, seen, color=style.EVENT, lw=2.2, zorder=8, label="path (thick: seen)")
+    line(ax, view, parted(trace, seen), color=style.EVENT, lw=2.2, zorder=8,
+         label="path (thick: seen)")  # fmt: skip
 
 
 def _draw_time_marks(ax: Axes, view: Viewpoint, path: LightPath, step_ps: float | None) -> None:
@@ -298,8 +305,14 @@ def _draw_time_marks(ax: Axes, view: Viewpoint, path: LightPath, step_ps: float 
     step = style.nice_step(float(np.ptp(times)), 4) if step_ps is None else step_ps
     # None at vertex 0: the source is labelled there.
     marks = np.arange(step, np.ptp(times), step)
-    points = position_at(path, times[0] + marks)
-    for mark, point in zip(marks, points, strict=True):
+    # Each way of the light has its own; where two run together they are the same.
+    chains = getattr(path, "branches", (path,))
+    spots = {
+        (float(mark), *point.round(6)): point
+        for chain in chains
+        for mark, point in zip(marks, position_at(chain, times[0] + marks), strict=True)
+    }
+    for (mark, *_), point in spots.items():
         if not np.isfinite(point).all():
             continue
         x, y = view.project(point)
@@ -315,22 +328,25 @@ def _draw_ends(ax: Axes, view: Projector, path: LightPath) -> None:
     x, y = view.project(vertices).T
     ax.plot(x[0], y[0], "o", ms=5.5, color=style.INK, zorder=11)
     label(ax, view, vertices[0], "source" if known else "entry", offset_pt=(0, -9), zorder=12)
-    ax.annotate(
-        "",
-        (x[-1], y[-1]),
-        xytext=(x[-2], y[-2]),
-        arrowprops={"arrowstyle": "-|>,head_width=0.22,head_length=0.45", "color": style.EVENT,
-                    "lw": 0.0, "shrinkA": 0, "shrinkB": -5},
-        zorder=11,
-    )  # fmt: skip
-    label(ax, view, vertices[-1], "exit", offset_pt=(2, 8), zorder=12)
+    starts = starts_of(path)
+    for leg in last_legs(starts):
+        ax.annotate(
+            "",
+            (x[leg + 1], y[leg + 1]),
+            xytext=(x[starts[leg]], y[starts[leg]]),
+            arrowprops={"arrowstyle": "-|>,head_width=0.22,head_length=0.45",
+                        "color": style.EVENT, "lw": 0.0, "shrinkA": 0, "shrinkB": -5},
+            zorder=11,
+        )  # fmt: skip
+        label(ax, view, vertices[leg + 1], "exit", offset_pt=(2, 8), zorder=12)
     open_ = getattr(path, "open_vertices", ())
-    for i in range(1, len(vertices) - 1):
-        after = view.project(vertices[i]) - view.project(vertices[i + 1])
+    splitters = {vertex for _, vertex in forks_of(path)}
+    for i, _, corner, end in corners_of(path):
+        after = view.project(corner) - view.project(end)
         # On the side of the mirror that the outgoing leg leaves free.
         side = 1.0 if after[0] >= 0 else -1.0
         # Where a mirror stands that ends a way nobody saw is open.
-        name = f"M{i}" + ("?" if i in open_ else "")
+        name = f"{'S' if i in splitters else 'M'}{i}" + ("?" if i in open_ else "")
         label(ax, view, vertices[i], name, offset_pt=(11 * side, 0), zorder=12)
 
 

@@ -7,7 +7,6 @@ Takes a LightPath, gives Axes. The horizontal axis of the first two is the camer
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,10 +16,13 @@ from lightflight.path.tables import Polyline
 from lightflight.path.trace import (
     PulsePlaces,
     Trace,
+    parted,
     places_from_path,
     trace_from_path,
+    traces_of_branches,
     true_event_time_along,
 )
+from lightflight.path.tree import starts_of, way_before
 from lightflight.view import style
 from lightflight.view.types import Floats, Marks
 
@@ -50,7 +52,7 @@ def _frames(trace: Trace, arrival_ps: Floats, frame_ps: float) -> Floats:
 
 
 def _label_frames(ax: Axes, frame: Floats, frame_ps: float) -> None:
-    ax.set_xlim(min(frame[0], 0.0), frame[-1])
+    ax.set_xlim(min(frame[0], 0.0), np.max(frame))
     ax.set_xlabel(f"camera frame (one frame: {frame_ps:g} ps of arrival time)")
 
 
@@ -108,17 +110,19 @@ def draw_times(
     t_zero, a_zero = trace.event_time_ps[0], trace.arrival_ps[0]
     event, arrival = trace.event_time_ps - t_zero, trace.arrival_ps - a_zero
     if in_view_only_marks:
-        shade_out_of_view(ax, frame, trace.in_view)
-    ax.fill_between(frame, event, arrival, color=style.ARRIVAL, alpha=0.10, lw=0, zorder=2)
-    ax.plot(frame, arrival, color=style.ARRIVAL, lw=1.1, zorder=3, label="arrival time $t_a$")
-    ax.plot(frame, event, color=style.EVENT, lw=1.8, zorder=4, label="event time $t$")
+        shade_out_of_view(ax, *watched(trace, path, frame))
+    x, told, seen = (parted(trace, values) for values in (frame, event, arrival))
+    ax.fill_between(x, told, seen, color=style.ARRIVAL, alpha=0.10, lw=0, zorder=2)
+    ax.plot(x, seen, color=style.ARRIVAL, lw=1.1, zorder=3, label="arrival time $t_a$")
+    ax.plot(x, told, color=style.EVENT, lw=1.8, zorder=4, label="event time $t$")
     _draw_measured(ax, path, trace, frame_ps)
     truth = getattr(path, "truth", None) if truth is None else truth
     if truth is not None:
         exact = trace_from_path(truth, camera=path.camera, medium=path.medium)
         true_frame = (exact.arrival_ps - a_zero) / frame_ps
         when = exact.event_time_ps - t_zero
-        ax.plot(true_frame, when, **style.TRUTH_LINE, zorder=6, label="truth")
+        x, when = parted(exact, true_frame), parted(exact, when)
+        ax.plot(x, when, **style.TRUTH_LINE, zorder=6, label="truth")
     if in_view_only_marks and not trace.in_view.all():
         look: dict[str, Any] = {"facecolor": style.WASH, "edgecolor": style.HAIR, "lw": 0.6}
         ax.fill_between([], [], **look, label="pulse outside the picture")
@@ -126,6 +130,34 @@ def draw_times(
     ax.set(ylim=(0, None), ylabel="time since vertex 0 (ps)")
     ax.legend(loc="upper left", bbox_to_anchor=(0.01, 1.0))
     return ax
+
+
+def watched(trace: Trace, path: Polyline, x: Floats) -> tuple[Floats, Marks]:
+    """Ascending abscissae of a path's points, and whether the camera sees any light there.
+
+    Parameters
+    ----------
+    trace : Trace
+        Of the path.
+    path : Polyline
+        Whose trace it is.
+    x : array of float, shape (n,)
+        Abscissa of each point: ascending along each branch.
+
+    Returns
+    -------
+    array of float, array of bool
+        Those of the points themselves where nothing forks.
+    """
+    branches = traces_of_branches(trace, path)
+    if len(branches) == 1:
+        return x, trace.in_view
+    every = np.unique(x[np.isfinite(x)])
+    seen = np.zeros(len(every), dtype=bool)
+    for branch in branches:
+        own = x[np.isin(trace.leg, branch.leg)]
+        seen |= np.interp(every, own, branch.in_view.astype(float), left=0.0, right=0.0) > 0.5
+    return every, seen
 
 
 def shade_out_of_view(ax: Axes, x: Floats, in_view: Marks) -> None:
@@ -212,17 +244,19 @@ def draw_time_errors(
     if truth is None or len(trace.leg) == 0:
         return style.message(ax, "the truth is not known: no errors to show")
     frame = _frames(trace, trace.arrival_ps, frame_ps)
-    shade_out_of_view(ax, frame, trace.in_view)
+    shade_out_of_view(ax, *watched(trace, path, frame))
     error = trace.event_time_ps - true_event_time_along(trace, truth, camera=path.camera)
     ax.axhline(0.0, **style.TRUTH_LINE, zorder=2)
     sigma = trace.event_time_std_ps
     if points:
         _draw_pulse_errors(ax, path, trace, truth, frame_ps)
-    ax.fill_between(frame, error - sigma, error + sigma, color=style.EVENT, alpha=0.22, lw=0)
+    x, low, high = (parted(trace, v) for v in (frame, error - sigma, error + sigma))
+    ax.fill_between(x, low, high, color=style.EVENT, alpha=0.22, lw=0)
     # A polyline without a name is drawn too.
     method = getattr(path, "method", "") or "path"
     own = _gaps(error, trace.in_view)
-    ax.plot(frame, own, color=style.EVENT, lw=1.6, zorder=5, label=f"{method}, $\\pm1\\sigma$")
+    ax.plot(x, parted(trace, own), color=style.EVENT, lw=1.6, zorder=5,
+            label=f"{method}, $\\pm1\\sigma$")  # fmt: skip
     # Other estimates do not stretch the scale: beside the paper's estimator the path would be a
     # line.
     limit = _error_limit(path, own, sigma, points=points)
@@ -231,8 +265,8 @@ def draw_time_errors(
         o_error = o_trace.event_time_ps - true_event_time_along(o_trace, truth, camera=path.camera)
         o_error = _gaps(o_error, o_trace.in_view)
         ax.plot(
-            _frames(trace, o_trace.arrival_ps, frame_ps),
-            o_error,
+            parted(o_trace, _frames(trace, o_trace.arrival_ps, frame_ps)),
+            parted(o_trace, o_error),
             **style.line_of_other(k),
             lw=1.1,
             zorder=3,
@@ -289,8 +323,8 @@ def draw_time_std(
     if not np.isfinite(trace.event_time_std_ps).any():
         return style.message(ax, "the path carries no errors")
     frame = _frames(trace, trace.arrival_ps, frame_ps)
-    shade_out_of_view(ax, frame, trace.in_view)
-    ax.plot(frame, trace.event_time_std_ps, color=style.EVENT, lw=1.6)
+    shade_out_of_view(ax, *watched(trace, path, frame))
+    ax.plot(parted(trace, frame), parted(trace, trace.event_time_std_ps), color=style.EVENT, lw=1.6)
     _label_frames(ax, frame, frame_ps)
     ax.set(ylim=(0, None), ylabel="1\u03c3 of $t$ (ps)")
     return ax
@@ -385,8 +419,7 @@ def draw_residuals_along(
     )
     _label_far_pulses(ax, places, left_out, limit)
     ax.set_ylim(-limit, limit)
-    vertices = np.asarray(path.vertices_mm, dtype=float)
-    ax.set_xlim(0, float(np.linalg.norm(np.diff(vertices, axis=0), axis=1).sum()))
+    ax.set_xlim(0, max(end for _, end in _spans_mm(path)))
     ax.set_xlabel("length of path (mm)")
     ax.set_ylabel("$t_a$ \u2212 model (ps)")
     if left_out.any() or faint.any():
@@ -449,17 +482,26 @@ def _residual_limit(places: PulsePlaces, shown: Marks) -> float:
 
 
 def _draw_leg_bands(ax: Axes, path: LightPath) -> None:
-    vertices = np.asarray(path.vertices_mm, dtype=float)
-    ends = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1))))
-    for leg, (start, end) in enumerate(pairwise(ends)):
+    spans, starts = _spans_mm(path), starts_of(path)
+    for leg, (start, end) in enumerate(spans):
         if leg % 2 == 0:
             ax.axvspan(start, end, color=style.WASH, lw=0, zorder=0)
+        # Legs that leave one fork run side by side: their words stand below each other.
+        line = np.count_nonzero(starts[:leg] == starts[leg])
         # Of more than eight legs the words would overlap.
-        if len(ends) <= 9:
+        if len(spans) <= 8:
             ax.text(
-                (start + end) / 2, 0.985, f"leg {leg + 1}", transform=ax.get_xaxis_transform(),
-                ha="center", va="top", fontsize=6.5, color=style.QUIET,
+                (start + end) / 2, 0.985 - 0.08 * line, f"leg {leg + 1}",
+                transform=ax.get_xaxis_transform(), ha="center", va="top", fontsize=6.5,
+                color=style.QUIET,
             )  # fmt: skip
+
+
+def _spans_mm(path: Polyline) -> list[tuple[float, float]]:
+    """Way of the light to the start of each leg and to its end, mm."""
+    vertices, starts = np.asarray(path.vertices_mm, dtype=float), starts_of(path)
+    way = way_before(starts, np.linalg.norm(vertices[1:] - vertices[starts], axis=1))
+    return [(float(way[start]), float(way[leg + 1])) for leg, start in enumerate(starts)]
 
 
 @style.styled

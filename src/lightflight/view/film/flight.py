@@ -24,13 +24,15 @@ from lightflight.path.second_view import DEFAULT_PULSE_FWHM_PS, Observation, obs
 from lightflight.path.trace import (
     Trace,
     event_time_from_arrival_on,
+    parted,
     position_at,
     trace_from_path,
+    traces_of_branches,
 )
 from lightflight.units import std_from_fwhm
 from lightflight.view import style
 from lightflight.view.figures.path import draw_path_3d
-from lightflight.view.figures.timing import leg_mark, shade_out_of_view
+from lightflight.view.figures.timing import leg_mark, shade_out_of_view, watched
 from lightflight.view.film.encode import Frame, Progress, check_length, check_movie, write_frames
 from lightflight.view.film.stage import Stage
 from lightflight.view.page.tables import heading
@@ -83,8 +85,8 @@ def readings(trace: Trace, settings: MovieSettings) -> Floats:
     """(n,), what both clocks show in each frame, ps since the light of vertex 0."""
     if len(trace.leg) == 0:
         return np.zeros(1)
-    event = float(trace.event_time_ps[-1] - trace.event_time_ps[0])
-    arrival = float(trace.arrival_ps[-1] - trace.arrival_ps[0])
+    event = float(trace.event_time_ps.max() - trace.event_time_ps[0])
+    arrival = float(trace.arrival_ps.max() - trace.arrival_ps[0])
     # Without a camera there is no arrival time.
     last = np.nanmax([event, arrival]) + _LEAD_PS
     step = settings.pace_ps_per_s / settings.frames_per_second
@@ -186,6 +188,9 @@ class _FlightStage(Stage):
         self.view = view
         self.turned = view
         self.trace = trace_from_path(path, camera=self.camera)
+        # Where a path forks, a pulse flies on each of its branches.
+        self.chains = getattr(path, "branches", (path,))
+        self.traces = traces_of_branches(self.trace, path)
         self.observed = _observed(path, self.camera)
         source = getattr(path, "source", None)
         self.fwhm_ps = float(getattr(source, "pulse_fwhm_ps", None) or DEFAULT_PULSE_FWHM_PS)
@@ -250,13 +255,14 @@ class _FlightStage(Stage):
         if len(trace.leg) == 0:
             self.clock.set_axis_off()
             return
-        event = trace.event_time_ps - trace.event_time_ps[0]
-        self.clock.plot(event, trace.length_mm, color=style.EVENT, lw=1.6, label="pulse")
+        event = parted(trace, trace.event_time_ps - trace.event_time_ps[0])
+        length = parted(trace, trace.length_mm)
+        self.clock.plot(event, length, color=style.EVENT, lw=1.6, label="pulse")
         if np.isfinite(trace.arrival_ps).all():
             arrival = trace.arrival_ps - trace.arrival_ps[0]
-            shade_out_of_view(self.clock, arrival, trace.in_view)
+            shade_out_of_view(self.clock, *watched(trace, self.path, arrival))
             self.clock.plot(
-                arrival, trace.length_mm, color=style.ARRIVAL, lw=1.2, label="its picture"
+                parted(trace, arrival), length, color=style.ARRIVAL, lw=1.2, label="its picture"
             )
         every = readings(trace, self.settings)
         self.clock.set(xlim=(every[0], every[-1]), ylim=(0, None))
@@ -334,32 +340,42 @@ class _FlightStage(Stage):
             return
         view: Projector = self.turned
         start = float(trace.event_time_ps[0])
-        segments, colors = pulse_body(
-            self.path, start + reading, fwhm_ps=self.fwhm_ps, view=view, color=style.EVENT
-        )
-        self.body.set_segments(segments)
-        self.body.set_color(list(map(tuple, colors)))
-        self._put(self.dot, view, start + reading)
-        seen = event_time_from_arrival_on(trace, trace.arrival_ps[0] + reading)
-        self._put(self.seen, view, float(seen))
-        span = trace.event_time_ps - start
-        self.clock_event.set_data([reading], [np.interp(reading, span, trace.length_mm)])
-        arrived = trace.arrival_ps - trace.arrival_ps[0]
-        inside = np.isfinite(seen)
-        height = np.interp(reading, arrived, trace.length_mm) if inside else np.nan
-        self.clock_arrival.set_data([reading], [height])
+        bodies = [
+            pulse_body(chain, start + reading, fwhm_ps=self.fwhm_ps, view=view, color=style.EVENT)
+            for chain in self.chains
+        ]
+        self.body.set_segments([piece for segments, _ in bodies for piece in segments])
+        self.body.set_color([tuple(color) for _, colors in bodies for color in colors])
+        self._put(self.dot, view, [start + reading] * len(self.chains))
+        seen = [
+            float(event_time_from_arrival_on(own, trace.arrival_ps[0] + reading))
+            for own in self.traces
+        ]
+        self._put(self.seen, view, seen)
+        at = [reading] * len(self.traces)
+        flown = [np.interp(reading, own.event_time_ps - start, own.length_mm)
+                 for own in self.traces]  # fmt: skip
+        self.clock_event.set_data(at, flown)
+        shown = [
+            np.interp(reading, own.arrival_ps - trace.arrival_ps[0], own.length_mm)
+            if np.isfinite(when)
+            else np.nan
+            for own, when in zip(self.traces, seen, strict=True)
+        ]
+        self.clock_arrival.set_data(at, shown)
         if self.light is not None and self.observed is not None:
             moment = float(trace.arrival_ps[0]) + reading
             # The root of the light, as an eye would see it: faint legs stay in the picture.
             self.light.set_data(np.sqrt(self.observed.frames(moment)[0]))
 
-    def _put(self, mark: Line2D, view: Projector, event_time_ps: float) -> None:
-        place = position_at(self.path, [event_time_ps])[0] if np.isfinite(event_time_ps) else None
-        if place is None or not np.isfinite(place).all():
-            mark.set_data([], [])
-            return
-        x, y = view.project(place)
-        mark.set_data([x], [y])
+    def _put(self, mark: Line2D, view: Projector, event_times_ps: list[float]) -> None:
+        """A mark on each branch where its pulse is at its event time; none off its ends."""
+        places = np.array(
+            [position_at(chain, [when])[0]
+             for chain, when in zip(self.chains, event_times_ps, strict=True) if np.isfinite(when)]
+        ).reshape(-1, 3)  # fmt: skip
+        places = places[np.isfinite(places).all(axis=1)]
+        mark.set_data(*(view.project(places).T if len(places) else ([], [])))
 
 
 def pulse_body(

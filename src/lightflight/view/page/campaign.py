@@ -20,6 +20,7 @@ from lightflight.display import number, with_error
 from lightflight.files.whole_file import write_text
 from lightflight.path.light_path import LightPath
 from lightflight.path.trace import trace_from_path
+from lightflight.path.tree import starts_of, ways
 from lightflight.path.verdict import Level
 from lightflight.view.page.build import framed_page
 from lightflight.view.page.parts import SHARED, write_parts
@@ -199,7 +200,7 @@ def _facts(path: LightPath) -> list[tuple[str, str]]:
     names = ", ".join(finding.name for finding in path.verdict.findings)
     facts = [("findings", names)] if names else []
     facts += [
-        ("legs", str(path.n_legs) + (f", {len(path.unseen_legs)} unseen" * bool(path.gaps))),
+        ("legs", _legs_in_words(path)),
         ("elevation", f"{angles}\u00b0" + (" \u2026" if path.n_legs > 3 else "")),
         ("\u03c7\u00b2/dof", number(goodness.reduced_chi2, 3)),
         ("pulses", str(goodness.n_pulses))
@@ -209,6 +210,12 @@ def _facts(path: LightPath) -> list[tuple[str, str]]:
     if not goodness.converged:
         facts.append(("warning", "the fit did not converge"))
     return facts
+
+
+def _legs_in_words(path: LightPath) -> str:
+    """How many there are, how many of them nobody saw, and on how many branches."""
+    unseen = f", {len(path.unseen_legs)} unseen" if path.gaps else ""
+    return f"{path.n_legs}{unseen}" + (f", {len(path.ends) - 1} branches" if path.forks else "")
 
 
 def _picture(path: LightPath, name: str, frame: tuple[Floats, float]) -> str:
@@ -226,12 +233,9 @@ def _picture(path: LightPath, name: str, frame: tuple[Floats, float]) -> str:
 
     parts = []
     if path.truth is not None:
-        parts.append(
-            line(
-                path.truth.vertices_mm,
-                'stroke="var(--quiet)" stroke-width="1.2" stroke-dasharray="4 3"',
-            )
-        )
+        dashed = 'stroke="var(--quiet)" stroke-width="1.2" stroke-dasharray="4 3"'
+        vertices, starts = np.asarray(path.truth.vertices_mm, dtype=float), starts_of(path.truth)
+        parts += [line(vertices[[0, *(leg + 1 for leg in way)]], dashed) for way in ways(starts)]
     for leg in path.legs:
         dots = "" if leg.seen else ' stroke-dasharray="1 4"'
         ends = np.array([leg.start_mm, leg.end_mm])

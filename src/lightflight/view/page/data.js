@@ -31,7 +31,6 @@ const path = payload.path;
 const vertices = path.vertices_mm;
 const nLegs = Math.max(vertices.length - 1, 0);
 const startTime = nLegs ? path.vertex_times_ps[0] : 0;
-const legTimes = path.vertex_times_ps.map((t) => t - startTime);
 let camera = payload.camera;
 const trace = unpackTable(payload.trace);
 const pulses = unpackTable(payload.pulses);
@@ -40,72 +39,100 @@ let hasArrival = Boolean(camera) && nLegs > 0 && path.first_arrival_ps !== null;
 const isFiniteNumber = (x) => typeof x === "number" && Number.isFinite(x);
 const lerp = (a, b, f) => a + (b - a) * f;
 
-function legAt(t) {
+// The ways of the light to an end, one where nothing forks. Leg k ends at vertex k + 1; `corners`
+// and their times go along the way, `points` are its rows of the trace.
+const ways = path.ways.map((legs) => {
+  const corners = [0, ...legs.map((k) => k + 1)];
+  const own = new Set(legs);
+  return { legs, corners, times: corners.map((k) => path.vertex_times_ps[k] - startTime),
+    points: [...trace.leg.keys()].filter((i) => own.has(trace.leg[i])), lengths: [0] };
+});
+for (const one of ways) {
+  for (let i = 0; i < one.legs.length; i += 1) {
+    const [a, b] = [vertices[one.corners[i]], vertices[one.corners[i + 1]]];
+    one.lengths.push(one.lengths[i] + Math.hypot(...b.map((x, k) => x - a[k])));
+  }
+}
+const noWay = { legs: [], corners: [0], times: [0], points: [], lengths: [0] };
+let way = ways[0] || noWay;
+const timeOfLeg = (k) => path.vertex_times_ps[path.leg_starts[k]] - startTime;
+const endOfWay = (on) => on.times[on.times.length - 1];
+const onWay = (column, on = way) => on.points.map((i) => column[i]);
+
+// Which piece of a way the pulse is on: its first, second ...
+function pieceAt(t, on = way) {
   let k = 0;
-  while (k < nLegs - 1 && t >= legTimes[k + 1]) k += 1;
+  while (k < on.legs.length - 1 && t >= on.times[k + 1]) k += 1;
   return k;
 }
 
-function positionAt(t) {
-  if (!nLegs) return [NaN, NaN, NaN];
-  const k = legAt(t);
-  const span = legTimes[k + 1] - legTimes[k];
-  const f = span > 0 ? (t - legTimes[k]) / span : 0;
-  return [0, 1, 2].map((i) => lerp(vertices[k][i], vertices[k + 1][i], f));
+const legAt = (t, on = way) => on.legs[pieceAt(t, on)];
+
+// Share of that piece behind the pulse.
+function shareAt(t, k, on) {
+  const span = on.times[k + 1] - on.times[k];
+  return span > 0 ? (t - on.times[k]) / span : 0;
+}
+
+function positionAt(t, on = way) {
+  if (!on.legs.length) return [NaN, NaN, NaN];
+  const k = pieceAt(t, on);
+  const f = shareAt(t, k, on);
+  const [a, b] = [vertices[on.corners[k]], vertices[on.corners[k + 1]]];
+  return [0, 1, 2].map((i) => lerp(a[i], b[i], f));
 }
 
 // Through a window light bends: its time back is told along the path, and read off there.
-function wayBack(point, t) {
-  if (trace && trace.back_ps && t !== undefined) return alongTrace(trace.back_ps, t);
+function wayBack(point, t, on = way) {
+  if (trace && trace.back_ps && t !== undefined) return alongTrace(trace.back_ps, t, on);
   const d = Math.hypot(...point.map((x, i) => camera.center_mm[i] - x));
   return path.return_index * d / C;
 }
 
 // Arrival time of the light of event time t, both since vertex 0.
-function arrivalFromEvent(t) {
-  return hasArrival ? t + startTime + wayBack(positionAt(t), t) - path.first_arrival_ps : NaN;
+function arrivalFromEvent(t, on = way) {
+  return hasArrival ? t + startTime + wayBack(positionAt(t, on), t, on) - path.first_arrival_ps : NaN;
 }
 
-const eventEnd = nLegs ? legTimes[nLegs] : 0;
+let eventEnd = endOfWay(way);
 let arrivalEnd = hasArrival ? arrivalFromEvent(eventEnd) : 0;
 
 // Inverse of arrivalFromEvent: t_a grows with t along any path, so bisection cannot fail.
-function eventFromArrival(ta) {
+function eventFromArrival(ta, on = way) {
   let low = 0;
-  let high = eventEnd;
+  let high = endOfWay(on);
   if (!(ta > 0)) return 0;
-  if (ta >= arrivalEnd) return eventEnd;
+  if (ta >= arrivalFromEvent(high, on)) return high;
   for (let i = 0; i < 64 && high - low > 1e-10; i += 1) {
     const middle = (low + high) / 2;
-    if (arrivalFromEvent(middle) < ta) low = middle; else high = middle;
+    if (arrivalFromEvent(middle, on) < ta) low = middle; else high = middle;
   }
   return (low + high) / 2;
 }
 
-// A column of the trace at event time t, linear between its points.
-function alongTrace(column, t) {
+// The trace's two points about event time t on a way, and the share of the way between them.
+function betweenPoints(t, on = way) {
   const times = trace.event_ps;
   let low = 0;
-  let high = times.length - 1;
+  let high = on.points.length - 1;
   while (high - low > 1) {
     const middle = (low + high) >> 1;
-    if (times[middle] <= t) low = middle; else high = middle;
+    if (times[on.points[middle]] <= t) low = middle; else high = middle;
   }
-  const span = times[high] - times[low];
-  return lerp(column[low], column[high], span > 0 ? (t - times[low]) / span : 0);
+  const [a, b] = [on.points[low], on.points[high]];
+  const span = times[b] - times[a];
+  return [a, b, span > 0 ? (t - times[a]) / span : 0];
 }
 
-function legLength(k) {
-  return Math.hypot(...[0, 1, 2].map((i) => vertices[k + 1][i] - vertices[k][i]));
+// A column of the trace at event time t, linear between its points.
+function alongTrace(column, t, on = way) {
+  const [a, b, f] = betweenPoints(t, on);
+  return lerp(column[a], column[b], f);
 }
 
-const legStarts = [0];
-for (let k = 0; k < nLegs; k += 1) legStarts.push(legStarts[k] + legLength(k));
-
-function lengthAt(t) {
-  const k = legAt(t);
-  const span = legTimes[k + 1] - legTimes[k];
-  return legStarts[k] + (span > 0 ? (t - legTimes[k]) / span : 0) * (legStarts[k + 1] - legStarts[k]);
+function lengthAt(t, on = way) {
+  const k = pieceAt(t, on);
+  return lerp(on.lengths[k], on.lengths[k + 1], shareAt(t, k, on));
 }
 
 // Speed in units of c: of the pulse, or of what the camera sees of it.
@@ -114,7 +141,8 @@ function speedAt(t, clock) {
   if (clock === "event" || !hasArrival) return 1 / path.path_index;
   if (trace.back_ps) return alongTrace(trace.apparent_speed, t);
   const k = legAt(t);
-  const d = [0, 1, 2].map((i) => (vertices[k + 1][i] - vertices[k][i]) / legLength(k));
+  const step = vertices[k + 1].map((x, i) => x - vertices[path.leg_starts[k]][i]);
+  const d = step.map((x) => x / Math.hypot(...step));
   const x = positionAt(t);
   const u = x.map((v, i) => camera.center_mm[i] - v);
   const approach = (d[0] * u[0] + d[1] * u[1] + d[2] * u[2]) / Math.hypot(...u);
@@ -123,23 +151,21 @@ function speedAt(t, clock) {
 
 // Standard deviations of x, y, z (mm) and event time (ps) at event time t; NaN where there are none.
 function stdAt(t) {
-  const n = trace.event_ps.length;
-  if (!n) return [NaN, NaN, NaN, NaN];
-  let i = 0;
-  while (i < n - 2 && trace.event_ps[i + 1] <= t) i += 1;
-  const span = trace.event_ps[i + 1] - trace.event_ps[i];
-  const f = span > 0 ? Math.min(1, Math.max(0, (t - trace.event_ps[i]) / span)) : 0;
-  return [0, 1, 2, 3].map((k) => lerp(trace.std[4 * i + k], trace.std[4 * (i + 1) + k], f));
+  if (!way.points.length) return [NaN, NaN, NaN, NaN];
+  const [a, b, share] = betweenPoints(t);
+  const f = Math.min(1, Math.max(0, share));
+  return [0, 1, 2, 3].map((k) => lerp(trace.std[4 * a + k], trace.std[4 * b + k], f));
 }
 
-// Points from event time t0 to t1, corners included.
-function piece(t0, t1) {
+// Points from event time t0 to t1, corners included; none where the way ended before.
+function piece(t0, t1, on = way) {
   const from = Math.max(0, t0);
-  const to = Math.min(eventEnd, t1);
+  const to = Math.min(endOfWay(on), t1);
+  if (to < from) return [];
   const times = [];
   for (let i = 0; i <= 8; i += 1) times.push(lerp(from, to, i / 8));
-  for (const t of legTimes) if (t > from && t < to) times.push(t);
-  return times.sort((a, b) => a - b).map(positionAt);
+  for (const t of on.times) if (t > from && t < to) times.push(t);
+  return times.sort((a, b) => a - b).map((t) => positionAt(t, on));
 }
 
 function flagNames(word) {

@@ -14,8 +14,16 @@ function current() {
   const body = clock === "event" ? piece(t - half, t + half)
     : piece(eventFromArrival(ta - half), eventFromArrival(ta + half));
   const other = clock === "event" ? eventFromArrival(Math.min(elapsed, arrivalEnd)) : Math.min(elapsed, eventEnd);
+  // On the other branches of a path that forks a pulse flies too, until it leaves.
+  const others = ways.filter((one) => one !== way).flatMap((one) => {
+    const own = clock === "event" ? t : eventFromArrival(ta, one);
+    if (own >= endOfWay(one)) return [];
+    const [from, to] = clock === "event" ? [t - half, t + half]
+      : [eventFromArrival(ta - half, one), eventFromArrival(ta + half, one)];
+    return [{ body: piece(from, to, one), place: positionAt(own, one) }];
+  });
   return { clock, elapsed, t, ta, body, place: positionAt(t), leg: nLegs ? legAt(t) : -1, std: stdAt(t),
-    ghost: hasArrival ? positionAt(other) : [null, null, null], pixel: pixelOnPath(t), speed: speedAt(t, clock) };
+    others, ghost: hasArrival ? positionAt(other) : [null, null, null], pixel: pixelOnPath(t), speed: speedAt(t, clock) };
 }
 
 const errorText = (std, unit = "") => (std > 0 ? `±\u202f${withError(std, std).split(" ± ")[1]}${unit ? `\u202f${unit}` : ""}` : "");
@@ -101,23 +109,54 @@ function drawStrip() {
   g.clearRect(0, 0, canvas.width, canvas.height);
   const thumb = 12 * scale;
   const at = (v) => thumb / 2 + v / (endOf(state.clock) || 1) * (canvas.width - thumb);
-  const times = state.clock === "event" ? trace.event_ps : trace.arrival_ps;
+  const times = onWay(state.clock === "event" ? trace.event_ps : trace.arrival_ps);
+  const seen = onWay(trace.in_view);
   g.fillStyle = color("hair");
   g.fillRect(0, 0, canvas.width, canvas.height);
   g.fillStyle = color("accent");
   g.globalAlpha = 0.45;
   for (let i = 0; i < times.length; i += 1) {
-    if (!trace.in_view[i]) continue;
+    if (!seen[i]) continue;
     const first = i;
-    while (i + 1 < times.length && trace.in_view[i + 1]) i += 1;
+    while (i + 1 < times.length && seen[i + 1]) i += 1;
     g.fillRect(at(times[first]), 0, at(times[i]) - at(times[first]), canvas.height);
   }
   g.globalAlpha = 1;
   g.fillStyle = color("ink");
-  for (let k = 1; k < nLegs; k += 1) {
-    const v = state.clock === "event" ? legTimes[k] : arrivalFromEvent(legTimes[k]);
+  for (const t of way.times.slice(1, -1)) {
+    const v = state.clock === "event" ? t : arrivalFromEvent(t);
     g.fillRect(at(v) - scale / 2, 0, Math.max(1, scale), canvas.height);
   }
+}
+
+// Which branch of a path that forks the readings follow.
+function setWay(number) {
+  if (!ways[number]) return;
+  const now = current();
+  way = ways[number];
+  eventEnd = endOfWay(way);
+  arrivalEnd = hasArrival ? arrivalFromEvent(eventEnd) : 0;
+  for (const button of document.querySelectorAll("[data-way]")) {
+    button.setAttribute("aria-pressed", String(Number(button.dataset.way) === number));
+  }
+  slider.max = String(endOf(state.clock));
+  state.elapsed = Math.min(endOf(state.clock), state.clock === "event" ? now.t : now.ta);
+  redrawAll();
+}
+
+// One button for each branch; none where nothing forks.
+function addWayButtons() {
+  const group = byId("ways");
+  group.hidden = ways.length < 2;
+  if (group.hidden) return;
+  ways.forEach((one, number) => {
+    const button = element("button", `Branch ${number + 1}`, group);
+    button.type = "button";
+    button.dataset.way = String(number);
+    button.setAttribute("aria-pressed", String(number === 0));
+    button.title = `legs ${one.legs.map((k) => k + 1).join(", ")}`;
+    button.addEventListener("click", () => setWay(number));
+  });
 }
 
 // The pulse stays where it is; another camera looks at it.
@@ -253,7 +292,9 @@ function onKey(event) {
     byId(`clock-${state.clock}`).focus();
     event.preventDefault();
   } else if (/^[1-9]$/.test(key) && Number(key) <= nLegs) {
-    const t = legTimes[Number(key) - 1];
+    const t = timeOfLeg(Number(key) - 1);
+    const leads = ways.findIndex((one) => one.legs.includes(Number(key) - 1));
+    if (!way.legs.includes(Number(key) - 1)) setWay(leads);
     setTime(state.clock === "event" ? t : arrivalFromEvent(t));
   } else if (actions[key] && actions[key]() !== false) {
     event.preventDefault();
@@ -283,6 +324,7 @@ function start() {
   pictureHelp();
   byId("eyes").hidden = eyes.length < 2;
   for (const button of document.querySelectorAll("[data-eye]")) button.addEventListener("click", () => setEye(Number(button.dataset.eye)));
+  addWayButtons();
   preparePicture();
   preparePictureEvents();
   prepareSpaceEvents();
@@ -313,6 +355,6 @@ function hideEmptyCards() {
 }
 
 // For tests and the curious: what is shown, and how to move it.
-window.lightflight = { state, eyes, current, setEye, setTime, setClock, setPlaying, setTheme, lightAt, pixelIndex, payload, plots,
+window.lightflight = { state, eyes, ways, current, setEye, setWay, setTime, setClock, setPlaying, setTheme, lightAt, pixelIndex, payload, plots,
   marks: () => pulseMarks, words: () => spaceWords, places: () => hoverPlaces, photons: () => photonSum };
 start();

@@ -5,11 +5,12 @@ let residualsAs = "along";
 
 function drawClocks(node) {
   if (!hasArrival) { say(node, "No camera: there is only one clock."); return; }
-  const ta = trace.arrival_ps;
+  const ta = onWay(trace.arrival_ps);
+  const t = onWay(trace.event_ps);
   const series = [
     { kind: "line", x: ta, y: ta, name: "arrival time", color: color("arrival"), width: 2, say: (i) => `arrival time ${show(ta[i], 1, "ps")}` },
-    { kind: "line", x: ta, y: trace.event_ps, name: "event time", color: color("event"), width: 3,
-      say: (i) => `event time ${withError(trace.event_ps[i], trace.std[4 * i + 3], "ps")}` }];
+    { kind: "line", x: ta, y: t, name: "event time", color: color("event"), width: 3,
+      say: (i) => `event time ${withError(t[i], trace.std[4 * way.points[i] + 3], "ps")}` }];
   if (payload.truth) {
     const t0 = payload.truth.vertex_times_ps[0];
     const points = truthClocks();
@@ -22,12 +23,14 @@ function drawClocks(node) {
 
 // Event time since the truth's first vertex, and arrival time since the path's.
 function truthClocks() {
-  const { vertices_mm: v, vertex_times_ps: times } = payload.truth;
+  const { vertices_mm: v, vertex_times_ps: times, leg_starts: starts } = payload.truth;
   const out = [];
   for (let k = 0; k + 1 < v.length; k += 1) {
+    // What is no number parts the line: a leg that forks off begins anew.
+    if (starts[k] !== k) out.push([NaN, NaN]);
     for (let i = 0; i <= 24; i += 1) {
-      const p = [0, 1, 2].map((q) => lerp(v[k][q], v[k + 1][q], i / 24));
-      const t = lerp(times[k], times[k + 1], i / 24);
+      const p = [0, 1, 2].map((q) => lerp(v[starts[k]][q], v[k + 1][q], i / 24));
+      const t = lerp(times[starts[k]], times[k + 1], i / 24);
       out.push([t - times[0], t + wayBack(p, t - startTime) - path.first_arrival_ps]);
     }
   }
@@ -36,11 +39,12 @@ function truthClocks() {
 
 function drawSpeed(node) {
   if (!hasArrival) { say(node, "No camera: no apparent speed."); return; }
-  const x = trace.length_mm;
+  const x = onWay(trace.length_mm);
+  const speed = onWay(trace.apparent_speed);
   const real = 1 / path.path_index;
   plotIn(node, { x: "length of path (mm)", y: "speed (c)", zero: true, keepZoom: true, series: [
-    { kind: "line", x, y: trace.apparent_speed, name: "as the camera sees it", color: color("arrival"), width: 2.5,
-      say: (i) => `seen at ${show(trace.apparent_speed[i], 3, "c")}, ${show(x[i], 0, "mm")} along` },
+    { kind: "line", x, y: speed, name: "as the camera sees it", color: color("arrival"), width: 2.5,
+      say: (i) => `seen at ${show(speed[i], 3, "c")}, ${show(x[i], 0, "mm")} along` },
     { kind: "line", x: [x[0], x[x.length - 1]], y: [real, real], name: "of the light", color: color("event"), width: 2 }] });
   addCursor(node, () => lengthAt(current().t));
 }
@@ -89,7 +93,7 @@ function drawManyResiduals(node, at) {
   const sizes = used.map((i) => Math.abs(pulses.residual_ps[i])).sort((a, b) => a - b);
   const limit = 1.3 * (sizes[Math.floor(0.98 * (sizes.length - 1))] || 1);
   const [nx, ny] = [150, 60];
-  const x = [0, legStarts[nLegs] / nx, nx];
+  const x = [0, Math.max(...ways.map((one) => one.lengths[one.legs.length])) / nx, nx];
   const y = [-limit, 2 * limit / ny, ny];
   const z = new Float64Array(nx * ny);
   for (const i of used) {

@@ -27,6 +27,7 @@ from lightflight.path.trace import (
     places_from_path,
     trace_from_path,
 )
+from lightflight.path.tree import starts_of, ways
 from lightflight.path.verdict import NOT_EXAMINED
 from lightflight.view.page.histograms import histogram_blob
 from lightflight.view.page.packing import camera_part, packed
@@ -135,6 +136,8 @@ def _path_part(path: LightPath, trace: Trace) -> Json:
         "vertices_mm": json_value(vertices),
         "vertex_times_ps": json_value(times),
         "vertex_std": json_value(std),
+        "leg_starts": starts_of(path).tolist(),
+        "ways": [list(way) for way in ways(starts_of(path))],
         "legs": [
             _fields(leg, "length_mm", "angle_deg", "angle_std_deg", "paper_angle_deg")
             | {"seen": leg.seen}
@@ -217,6 +220,7 @@ def _truth_part(path: LightPath, truth: Polyline | None) -> Json | None:
     part = {
         "vertices_mm": json_value(np.asarray(truth.vertices_mm, dtype=float)),
         "vertex_times_ps": json_value(np.asarray(truth.vertex_times_ps, dtype=float)),
+        "leg_starts": starts_of(truth).tolist(),
         "position_rms_mm": None,
         "time_rms_ps": None,
     }

@@ -141,17 +141,10 @@ function drawPictureLines(now) {
 
 // Where the path's point of event time t is in the picture; interpolated in the trace.
 function pixelOnPath(t) {
-  const n = trace.event_ps.length;
-  if (!camera || !n) return null;
-  let low = 0;
-  let high = n - 1;
-  while (high - low > 1) {
-    const middle = (low + high) >> 1;
-    if (trace.event_ps[middle] <= t) low = middle; else high = middle;
-  }
-  const span = trace.event_ps[high] - trace.event_ps[low];
-  const f = span > 0 ? Math.min(1, Math.max(0, (t - trace.event_ps[low]) / span)) : 0;
-  const pixel = [0, 1].map((k) => lerp(trace.pixel[2 * low + k], trace.pixel[2 * high + k], f));
+  if (!camera || !way.points.length) return null;
+  const [a, b, share] = betweenPoints(t);
+  const f = Math.min(1, Math.max(0, share));
+  const pixel = [0, 1].map((k) => lerp(trace.pixel[2 * a + k], trace.pixel[2 * b + k], f));
   const seen = pixel[0] >= -0.5 && pixel[0] <= rows - 0.5 && pixel[1] >= -0.5 && pixel[1] <= cols - 0.5;
   return seen ? pixel : null;
 }

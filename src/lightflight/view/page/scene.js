@@ -63,30 +63,33 @@ function piecesOfLegs(most) {
   return out;
 }
 
-// The square a flat mirror at corner k would fill.
+// The square a flat mirror at corner k would fill; where light forks, by the leg that turns most.
 function mirrorCorners(k, size) {
-  const along = (i) => unit(minus(vertices[i + 1], vertices[i]));
-  const normal = unit(minus(along(k), along(k - 1)));
+  const along = (i) => unit(minus(vertices[i + 1], vertices[path.leg_starts[i]]));
+  const turns = path.leg_starts.flatMap((start, i) => (start === k ? [minus(along(i), along(k - 1))] : []));
+  const normal = unit(turns.reduce((a, b) => (Math.hypot(...b) > Math.hypot(...a) ? b : a)));
   const side = unit(cross(Math.abs(normal[1]) > 0.95 ? [0, 0, 1] : [0, 1, 0], normal));
   const up = cross(normal, side);
   return [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([a, b]) => plus(vertices[k], times(plus(times(side, a), times(up, b)), size / 2)));
 }
 
-const mirrors = Array.from({ length: Math.max(0, nLegs - 1) }, (_, k) => mirrorCorners(k + 1, 0.06 * sizeOf(boxes.path)))
+const exits = new Set(path.ways.map((legs) => legs[legs.length - 1] + 1));
+const mirrors = vertices.flatMap((_, k) => (k > 0 && !exits.has(k) ? [mirrorCorners(k, 0.06 * sizeOf(boxes.path))] : []))
   .filter((corners) => corners.every(isPlace));
 
 // Mirrors that end a way nobody saw: where they stand is open.
 const open = new Set((path.legs || []).flatMap((leg, k) => (leg.seen === false ? [k, k + 1] : [])));
+const splits = (k) => path.leg_starts.filter((start) => start === k).length > 1;
 const vertexNames = vertices.map((_, k) => (k === 0 ? (path.source_known ? "source" : "entry")
-  : k === nLegs ? "exit" : nLegs <= 12 ? `M${k}${open.has(k) ? "?" : ""}` : ""));
+  : exits.has(k) ? "exit" : nLegs <= 12 ? `${splits(k) ? "S" : "M"}${k}${open.has(k) ? "?" : ""}` : ""));
 
 // Everything that stays while time runs, as shapes: { points, closed, fill, stroke, width, alpha, dash }.
 function stillShapes(ink) {
   const out = fieldShapes(ink);
   for (const corners of mirrors) out.push({ points: corners, closed: true, fill: ink.mirror, stroke: ink.quiet, width: 0.8, alpha: 0.92 });
   if (payload.truth) {
-    const v = payload.truth.vertices_mm;
-    for (let k = 0; k + 1 < v.length; k += 1) out.push({ points: [v[k], v[k + 1]], stroke: ink.truth, width: 2, dash: [7, 5], over: true });
+    const { vertices_mm: v, leg_starts: starts } = payload.truth;
+    for (let k = 0; k + 1 < v.length; k += 1) out.push({ points: [v[starts[k]], v[k + 1]], stroke: ink.truth, width: 2, dash: [7, 5], over: true });
   }
   tubeFactor = findTubeFactor();
   for (const [a, b] of piecesOfLegs(8)) {

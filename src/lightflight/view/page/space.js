@@ -227,6 +227,7 @@ function drawPulse(now) {
   pulseMarks = { "to the camera": sight, pulse: now.body, "pulse centre": [now.place], "other clock": [now.ghost] };
   if (sight.length) drawShape(g, { points: sight, stroke: spaceInk.arrival, width: 1.8, dash: [2, 5] }, look, project);
   drawShape(g, { points: now.body, stroke: spaceInk.accent, width: 11, cap: "round" }, look, project);
+  for (const other of now.others) drawShape(g, { points: other.body, stroke: spaceInk.accent, width: 11, cap: "round" }, look, project);
   const circle = (p, radius, fill, stroke) => {
     if (!isPlace(p)) return;
     const [x, y, depth] = project(p);
@@ -239,6 +240,7 @@ function drawPulse(now) {
     g.stroke();
   };
   circle(now.ghost, 7, null, spaceInk.quiet);
+  for (const other of now.others) circle(other.place, 6, spaceInk.accent, spaceInk.card);
   circle(now.place, 6, spaceInk.accent, spaceInk.card);
 }
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from lightflight.display import count, number, with_error
 from lightflight.path.trace import unseen_legs_of
+from lightflight.path.tree import starts_of, ways
 from lightflight.view.page.origin import origin_html
 from lightflight.view.types import Json
 
@@ -26,11 +27,12 @@ _SIGNS = {"trust": "\u2713", "check": "?", "contradicted": "\u2715"}
 def heading(path: LightPath) -> str:
     """A title for a path that was given none."""
     n_legs = max(len(np.atleast_1d(path.vertex_times_ps)) - 1, 0)
-    unseen = len(unseen_legs_of(path))
+    unseen, branches = len(unseen_legs_of(path)), len(ways(starts_of(path)))
     if not unseen:
-        return f"{count(n_legs, 'leg').capitalize()} of light in space and time"
-    ways = f"{count(unseen, 'way')} that nobody saw"
-    return f"{count(n_legs - unseen, 'leg').capitalize()} of light and {ways}"
+        forked = f" on {branches} branches" if branches > 1 else ""
+        return f"{count(n_legs, 'leg').capitalize()} of light{forked} in space and time"
+    hidden = f"{count(unseen, 'way')} that nobody saw"
+    return f"{count(n_legs - unseen, 'leg').capitalize()} of light and {hidden}"
 
 
 def lead(payload: Json) -> str:
@@ -40,7 +42,7 @@ def lead(payload: Json) -> str:
     times = path["vertex_times_ps"]
     lengths = [leg["length_mm"] for leg in path["legs"]]
     if lengths and None not in lengths and None not in times:
-        parts.append(f"{sum(lengths):.0f} mm in {(times[-1] - times[0]) / 1000:.2f} ns")
+        parts.append(f"{sum(lengths):.0f} mm in {(max(times) - times[0]) / 1000:.2f} ns")
     if words["method"]:
         parts.append(f"{words['method']} estimate")
     if words["prior"]:
@@ -132,6 +134,13 @@ def tables_html(payload: Json) -> str:
         "elevation \u03b1 (\u00b0)",
         "\u03b1 of the paper (\u00b0)",
     )
+    if len(path["ways"]) > 1:
+        # In a chain each leg begins where the leg before ends.
+        header = (*header, "from vertex", "to vertex")
+        rows = [
+            (*row, str(start), str(k + 1))
+            for k, (row, start) in enumerate(zip(rows, path["leg_starts"], strict=True))
+        ]
     parts.append(_table("Legs", header, rows))
     if payload["truth"]:
         truth = payload["truth"]
@@ -150,9 +159,12 @@ def _vertex_table(path: Json) -> str:
     n = len(path["vertices_mm"])
     first = "source" if path["source_known"] else "entry"
     open_ends = {k + end for k, leg in enumerate(path["legs"]) if not leg["seen"] for end in (0, 1)}
+    exits = {way[-1] + 1 for way in path["ways"]}
+    forks = {start for start in path["leg_starts"] if path["leg_starts"].count(start) > 1}
     rows = []
     for k in range(n):
-        name = first if k == 0 else "exit" if k == n - 1 else f"corner {k}"
+        name = first if k == 0 else "exit" if k in exits else f"corner {k}"
+        name = f"splitter {k}" if k in forks else name
         name = f"mirror {k}, open" if k in open_ends else name
         values = (*path["vertices_mm"][k], path["vertex_times_ps"][k])
         errors = path["vertex_std"][k]
