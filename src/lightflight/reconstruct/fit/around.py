@@ -35,8 +35,9 @@ _STEEP = 0.5
 pulse is no Gaussian but what the brightness and the pixel's shape make it."""
 _MOST_LOST = 0.5
 """Share of the path's pixels without which the rest is no picture of the path."""
-_MOST_LEGS = 3
-"""Legs of which a pixel may see light; more of them never meet within a spot."""
+_USUAL_LEGS = 3
+"""Room for the legs of which a pixel sees light: more than these seldom meet within a spot. Where
+they do (passes of a cavity) there is room for as many as any pixel sees."""
 _QUIET_PS = 6000.0
 """So long before the light there is none; ps."""
 _BESIDE_PX = 5.0
@@ -146,7 +147,8 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
             beyond |= on_line & (along < first + reach)
         if whole.view > 0 and k in state.last_legs:
             beyond |= on_line & (along > last - reach)
-    nearest = np.argsort(away, axis=1)[:, :_MOST_LEGS]
+    most = int(np.isfinite(away).sum(axis=1).max(initial=0))
+    nearest = np.argsort(away, axis=1)[:, : max(_USUAL_LEGS, most)]
     lit = np.isfinite(np.take_along_axis(away, nearest, axis=1))
     lit &= np.isfinite(np.take_along_axis(arrival, nearest, axis=1))
     transit = np.take_along_axis(slope, nearest, axis=1) * picture.spot_std_px
