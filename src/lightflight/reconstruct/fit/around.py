@@ -13,7 +13,7 @@ from lightflight import flags
 from lightflight.errors import NothingFoundError
 from lightflight.reconstruct.fit.counts import merged
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.model.cells import cells_about, lag_edges
+from lightflight.reconstruct.model.cells import CORE_STDS, cells_about, lag_edges
 from lightflight.reconstruct.model.counted import Pixels, dark_pixels
 from lightflight.reconstruct.model.geometry import footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
@@ -166,6 +166,39 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         np.where(lit, np.hypot(own, transit), np.nan)[kept],
         np.take_along_axis(away, nearest, axis=1)[kept],
     )
+
+
+def lags_about_legs(seen: Seen, std_ps: float, period_ps: float | None) -> Floats:
+    """Edges of cells for pixels that legs light, ps after the light of the nearest one.
+
+    Parameters
+    ----------
+    seen : Seen
+        Those pixels.
+    std_ps : float
+        Typical standard deviation of a pulse, ps.
+    period_ps : float or None
+        Of the laser, ps.
+
+    Returns
+    -------
+    array of float, shape (m + 1,) or (n, m + 1)
+        The same in all pixels, finely divided about the nearest leg alone; where pixels see more
+        legs than usual, in each of them about every one: most of its light is of others.
+    """
+    fine = lag_edges(std_ps, FINE_STDS * std_ps, FINE_GROWTH, period_ps)
+    if seen.leg.shape[1] <= _USUAL_LEGS:
+        return fine
+    core = fine[np.abs(fine) <= CORE_STDS * std_ps * (1.0 + 1e-9)]
+    late = np.nan_to_num(seen.arrival_ps[:, 1:] - seen.arrival_ps[:, :1])
+    further = (late[:, :, np.newaxis] + core).reshape(len(late), -1)
+    # One period about all of them, wherever among them the nearest is.
+    middle = 0.5 * (late.min(axis=1, initial=0.0) + late.max(axis=1, initial=0.0))[:, np.newaxis]
+    low, high = middle + fine[0], middle + fine[-1]
+    both = np.concatenate((np.tile(fine, (len(late), 1)), further, low, high), axis=1)
+    # Edges that fall on one end of a code make no cell (`cells_about`).
+    lags: Floats = np.sort(np.clip(both, low, high), axis=1)
+    return lags
 
 
 def _check_enough(n_left: int, n_lit: int) -> None:
