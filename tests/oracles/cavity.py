@@ -135,7 +135,7 @@ def _chances(at: np.ndarray, reach: int, scene: RefractedScene) -> np.ndarray:
 def _area(
     at: np.ndarray, scene: RefractedScene, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which active area of one axis catches each photon if any does, and the chance of any; (n,)."""
+    """Which active area of one axis catches each photon, if any, and the chance of any; (n,)."""
     chances = _chances(at, 3, scene)
     total = chances.sum(axis=1)
     drawn = rng.random(len(at))[:, None] * total[:, None]

@@ -110,7 +110,8 @@ def cells_about(
     reference_ps : array of float, shape (n,)
         Arrival time at which each pixel's lags are zero, ps on the clock.
     lags_ps : array of float, shape (m + 1,) or (n, m + 1)
-        Of all pixels or of each; ascending, not longer than a laser period, ps; cells end at the next edges of codes.
+        Of all pixels or of each; ascending, not longer than a laser period, ps; cells end at the
+        next edges of codes.
     nominal : bool
         Whether the widths of the codes were never measured.
 

@@ -520,7 +520,12 @@ def _with_more_pulses(single: Fits, job: _Job, max_pulses: int, model: Model) ->
         )
         for at, found in splitting.split_pulses(search, single.values[some][:, _ORDER], max_pulses):
             rows = part.start + at
-            last.update(zip(rows.tolist(), zip(found.theta, found.covariance), strict=True))
+            last.update(
+                (row, (theta, covariance))
+                for row, theta, covariance in zip(
+                    rows.tolist(), found.theta, found.covariance, strict=True
+                )
+            )
             _write_table(found, table, rows)
 
     job.run(split, pixels, BATCH_CODES)
