@@ -146,7 +146,7 @@ def main() -> None:
     )
     parser.add_argument("--runs", type=int, default=30)
     parser.add_argument("--first", type=int, default=1, help="first seed")
-    parser.add_argument("--photons", type=float, nargs="+", default=[40_000.0])
+    parser.add_argument("--photons", type=float, nargs="+", default=[4_000.0])
     parser.add_argument("--walks", type=float, nargs="+", default=[9.0], help="mm per pass")
     parser.add_argument("--scale", type=float, default=0.0, help="error of the clock's scale")
     parser.add_argument("--methods", nargs="+", default=["joint"])

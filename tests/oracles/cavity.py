@@ -99,7 +99,7 @@ def _caught_photons(
     nearest = float(np.linalg.norm(foot - camera.center))
     brightest = float(scene.light_per_mm(leg, np.zeros(1))[0])
     # Per axis at most one area catches a photon, with at most this chance.
-    most = _chances(np.zeros(1), 3, scene)[0].sum() ** 2
+    most = _chances(np.zeros(1), 2, scene)[0].sum() ** 2
     left = int(rng.poisson(scale * brightest * length / nearest**2 * most))
     while left > 0:
         n = min(left, 1_000_000)
@@ -136,11 +136,11 @@ def _area(
     at: np.ndarray, scene: RefractedScene, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which active area of one axis catches each photon, if any, and the chance of any; (n,)."""
-    chances = _chances(at, 3, scene)
+    chances = _chances(at, 2, scene)
     total = chances.sum(axis=1)
     drawn = rng.random(len(at))[:, None] * total[:, None]
     number = (np.cumsum(chances, axis=1) < drawn).sum(axis=1)
-    return np.rint(at).astype(np.int64) + np.minimum(number, 6) - 3, total
+    return np.rint(at).astype(np.int64) + np.minimum(number, 4) - 2, total
 
 
 def cavity(
