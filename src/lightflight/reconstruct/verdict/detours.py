@@ -51,7 +51,8 @@ _PARAMETERS = 3
 _MOST_GAPS = 2
 """Detours that are tried together ..."""
 _MANY_PLACES = 5
-"""... unless light may have been lost from sight at more places than this."""
+"""... unless light may have been lost from sight at more places than this: of those so many are
+tried, one at a time, where the legs about them fit worst."""
 _CHANCE_STDS = 5.0
 """Chi-square falls below its due by no more than this many of its standard deviations."""
 
@@ -101,9 +102,10 @@ def detour_instead(
     places = _open_places(legs, setting)
     if not places:
         return None
-    cost = _cost_without(fit, legs, sightings, setting)
     # Of many places two together are a square as many: twenty passes would take an hour.
     most_gaps = _MOST_GAPS if len(places) <= _MANY_PLACES else 1
+    places = _worst_of(places, fit)
+    cost = _cost_without(fit, legs, sightings, setting)
     for n_gaps in range(1, min(len(places), most_gaps) + 1):
         trials = [
             trial
@@ -126,6 +128,19 @@ def _leaves_room(fit: JointFit, sightings: list[Sighting]) -> bool:
     n = sum(len(one.usable_pulses) for one in sightings)
     least = n - _CHANCE_STDS * float(np.sqrt(2.0 * n)) + price_of(_PARAMETERS, sightings)
     return cost_of_pulses(fit, list(fit.sightings)) > least
+
+
+def _worst_of(places: tuple[int, ...], fit: JointFit | None) -> tuple[int, ...]:
+    """The places about which a path fits worst, where they are many; in the order of flight."""
+    if fit is None or len(places) <= _MANY_PLACES or fit.solution.state.n_legs <= max(places) + 1:
+        return places
+    times, solution = fit.times, fit.solution
+    squared = times.weight * solution.residual_ps**2 / (times.photon_var + times.pixel_var)
+    # A misfit of one pulse more than another's chance: legs have many pulses or few.
+    of_legs = np.bincount(times.leg, squared - times.weight, minlength=solution.state.n_legs)
+    about = [float(of_legs[k] + of_legs[k + 1]) for k in places]
+    worst = np.argsort(about, kind="stable")[::-1][:_MANY_PLACES]
+    return tuple(sorted(places[k] for k in worst))
 
 
 def _cost_without(
