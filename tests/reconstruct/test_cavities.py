@@ -11,6 +11,8 @@ from lightflight.reconstruct.model.cells import lag_edges
 from tests.oracles.cavity import Cavity, cavity
 from tests.oracles.refracted_border import camera_told
 
+FINE = lag_edges(64.0, 0.8 * 64.0, 1.3, 50_000.0)
+
 
 def path_of(world: Cavity, seed: int) -> lf.LightPath:
     """Reconstructed with source and clock told, and not how many legs there are."""
@@ -36,7 +38,7 @@ def test_passes_are_found_and_their_times_lie_within_the_errors(passes, walk_mm,
     world = cavity(seed, passes=passes, walk_mm=walk_mm)
     path = path_of(world, seed)
     assert path.n_legs == passes
-    assert path.verdict.level is not lf.Level.CONTRADICTED
+    assert path.verdict.level != "contradicted"
     off = (path.vertex_times_ps - world.scene.vertex_times_ps)[1:-1]
     own = 4 * np.arange(1, passes) + 3
     covariance = path.covariance[np.ix_(own, own)]
@@ -61,7 +63,7 @@ def test_cells_are_fine_about_every_leg_of_a_crowded_pixel():
     and all lags lie in one period."""
     nan = float("nan")
     times = [[9_000.0, 2_000.0, 4_500.0, 16_000.0, 40_000.0], [7_000.0, nan, nan, nan, nan]]
-    lags = lags_about_legs(seen_with(times), 64.0, 50_000.0)
+    lags = lags_about_legs(seen_with(times), FINE, 64.0)
     assert np.ptp(lags, axis=1) == pytest.approx([50_000.0, 50_000.0])
     for own, edges in zip(times, lags, strict=True):
         for late in np.array(own)[np.isfinite(own)] - own[0]:
@@ -72,5 +74,4 @@ def test_cells_are_fine_about_every_leg_of_a_crowded_pixel():
 
 def test_cells_of_a_pixel_that_few_legs_light_are_those_of_the_nearest():
     seen = seen_with([[9_000.0, 2_000.0, 4_500.0]])
-    lags = lags_about_legs(seen, 64.0, 50_000.0)
-    np.testing.assert_array_equal(lags, lag_edges(64.0, 0.8 * 64.0, 1.3, 50_000.0))
+    np.testing.assert_array_equal(lags_about_legs(seen, FINE, 64.0), FINE)

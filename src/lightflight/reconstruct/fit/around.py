@@ -168,17 +168,17 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
     )
 
 
-def lags_about_legs(seen: Seen, std_ps: float, period_ps: float | None) -> Floats:
+def lags_about_legs(seen: Seen, fine: Floats, std_ps: float) -> Floats:
     """Edges of cells for pixels that legs light, ps after the light of the nearest one.
 
     Parameters
     ----------
     seen : Seen
         Those pixels.
+    fine : array of float, shape (m + 1,)
+        Edges about one leg (`model.cells.lag_edges`).
     std_ps : float
         Typical standard deviation of a pulse, ps.
-    period_ps : float or None
-        Of the laser, ps.
 
     Returns
     -------
@@ -186,7 +186,6 @@ def lags_about_legs(seen: Seen, std_ps: float, period_ps: float | None) -> Float
         The same in all pixels, finely divided about the nearest leg alone; where pixels see more
         legs than usual, in each of them about every one: most of its light is of others.
     """
-    fine = lag_edges(std_ps, FINE_STDS * std_ps, FINE_GROWTH, period_ps)
     if seen.leg.shape[1] <= _USUAL_LEGS:
         return fine
     core = fine[np.abs(fine) <= CORE_STDS * std_ps * (1.0 + 1e-9)]

@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.around import (
+    FINE_GROWTH,
+    FINE_STDS,
     Seen,
     alike,
     dark_group,
@@ -49,7 +51,7 @@ from lightflight.reconstruct.fit.strengths import (
     strengths_of,
 )
 from lightflight.reconstruct.model import light
-from lightflight.reconstruct.model.cells import Cells, cells_about
+from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
 from lightflight.reconstruct.model.counted import Pulses, shape_of
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.second_path import Places, SecondPath
@@ -328,7 +330,8 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
 def _cells(whole: Sighting, seen: Seen, lit: Indices, std_ps: float, nominal: bool) -> Cells:
     """Counts of the pixels `lit` about the times of their legs."""
     own = seen.of(lit)
-    lags = lags_about_legs(own, std_ps, whole.histograms.laser_period_ps)
+    fine = lag_edges(std_ps, FINE_STDS * std_ps, FINE_GROWTH, whole.histograms.laser_period_ps)
+    lags = lags_about_legs(own, fine, std_ps)
     return cells_about(whole, own.rows, own.cols, own.arrival_ps[:, 0], lags, nominal=nominal)
 
 
