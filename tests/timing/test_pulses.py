@@ -197,6 +197,26 @@ def test_scaled_intensities_give_the_same_times_and_errors_at_every_scale(rng):
     assert not (results[0].flags & fl.EXCLUDING).any()
 
 
+def test_as_many_pulses_are_found_as_a_cavity_sends_into_a_pixel(rng):
+    """Fourteen pulses 450 ps and more apart, 8 % weaker each; 40 pixels.
+
+    A pull of 560 beyond 5 by chance: 3e-4. Their rms errs by 3 %, and 15 % are allowed.
+    """
+    delays = 3_000.0 + np.cumsum(np.tile([450.0, 2_050.0], 7))
+    photons = 3_000.0 * 0.92 ** np.arange(14)
+    hist = pulse_cube(rng, 40, list(zip(delays, photons, strict=True)), 0.02)
+    pulses = fit_pulses(hist, max_pulses=100)
+    assert (np.bincount(pulses.col) == 14).all()
+    pull = (pulses.delay_ps.reshape(40, 14) - delays) / np.sqrt(
+        pulses.covariance[:, 0, 0].reshape(40, 14)
+    )
+    assert np.abs(pull).max() < 5.0
+    assert np.sqrt(np.mean(pull**2)) == pytest.approx(1.0, abs=0.15)
+    np.testing.assert_array_equal(
+        pulses.pulse_index.reshape(40, 14), np.tile(np.arange(14), (40, 1))
+    )
+
+
 def test_two_pulses_are_ordered_and_the_strongest_is_drawn(rng):
     hist = pulse_cube(rng, 50, [(4000.0, 300.0), (4430.0, 3000.0)], 0.2)
     pulses = fit_pulses(hist)

@@ -4,6 +4,7 @@
   `tables`
 - paths that fork: which leg follows which, branches: `tree`
 - stretches that no picture showed: `gaps` (`Gap`)
+- light to and fro between two mirrors: `cavity` (`RoundTrip`)
 - how far a path is from the truth: `error` (`path_error`)
 - points along it with both times: `trace`; `apparent_speed`
 - what another camera would see of it: `second_view` (`observe`, `camera_towards`)
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING
 from lightflight._lazy import lazy_names
 
 if TYPE_CHECKING:
+    from lightflight.path.cavity import RoundTrip as RoundTrip
     from lightflight.path.error import path_error as path_error
     from lightflight.path.gaps import Gap as Gap
     from lightflight.path.light_path import (
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
+        "lightflight.path.cavity": ("RoundTrip",),
         "lightflight.path.error": ("path_error",),
         "lightflight.path.gaps": ("Gap",),
         "lightflight.path.light_path": (

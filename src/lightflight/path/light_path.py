@@ -22,6 +22,7 @@ from lightflight.flight import (
     Source,
     elevation_from_direction,
 )
+from lightflight.path.cavity import RoundTrip, round_trip_of_path
 from lightflight.path.gaps import Gap, checked_unseen, gaps_of_path
 from lightflight.path.leg import Leg as Leg, paper_angle_from_leg as paper_angle_from_leg
 from lightflight.path.on_legs import covariance_on_legs, sliding_maps
@@ -289,6 +290,11 @@ class LightPath(Drawn, Tabled, Labelled):
     def gaps(self) -> tuple[Gap, ...]:
         """Where the light was lost from sight, in the order of flight: what is known of the way."""
         return gaps_of_path(self)
+
+    @property
+    def round_trip(self) -> RoundTrip | None:
+        """Time and mirrors of light that goes to and fro between two; None where it does not."""
+        return round_trip_of_path(self)
 
     def is_seen_at(
         self, event_times_ps: ArrayLike, *, branch: int | None = None

@@ -23,6 +23,7 @@ from lightflight.reconstruct.model.setting import Setting, earliest_arrival_ps
 from lightflight.reconstruct.model.sighting import Sighting, blind_pixels
 from lightflight.timing.clock.calibration import ASSUMED_GAIN_STD, TimingCalibration
 from lightflight.timing.pulses.arrivals import find_arrivals
+from lightflight.timing.pulses.pulses import MOST_PULSES
 from lightflight.timing.pulses.same_camera import check_same_camera
 
 if TYPE_CHECKING:
@@ -114,7 +115,12 @@ def sighting_from_histograms(
         exclude_mask=exclude_mask,
     )
     # The paper fits one Gaussian per pixel and discards what is too wide for one.
-    arrivals = find(method="least_squares", max_pulses=1) if least_squares else find()
+    # A pixel that light crosses again and again shows a pulse each time: the counts say how many.
+    arrivals = (
+        find(method="least_squares", max_pulses=1)
+        if least_squares
+        else find(max_pulses=MOST_PULSES)
+    )
     _check_period(hist, arrivals)
     seen = Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals, clock), view)
     if not least_squares:
@@ -129,7 +135,7 @@ def _with_late_light(seen: Sighting, find: Callable[..., Arrivals], *, nominal: 
         return seen
     shape, core_std_ps = tail
     try:
-        arrivals = find(response=shape)
+        arrivals = find(response=shape, max_pulses=MOST_PULSES)
     except NothingFoundError:
         # In fog each pixel has its own share of late light, and pulses have no shape in common.
         return seen

@@ -13,7 +13,7 @@ from lightflight import flags
 from lightflight.errors import NothingFoundError
 from lightflight.reconstruct.fit.counts import merged
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.model.cells import cells_about, lag_edges
+from lightflight.reconstruct.model.cells import CORE_STDS, cells_about, lag_edges
 from lightflight.reconstruct.model.counted import Pixels, dark_pixels
 from lightflight.reconstruct.model.geometry import footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
@@ -35,8 +35,9 @@ _STEEP = 0.5
 pulse is no Gaussian but what the brightness and the pixel's shape make it."""
 _MOST_LOST = 0.5
 """Share of the path's pixels without which the rest is no picture of the path."""
-_MOST_LEGS = 3
-"""Legs of which a pixel may see light; more of them never meet within a spot."""
+_USUAL_LEGS = 3
+"""Room for the legs of which a pixel sees light: more than these seldom meet within a spot. Where
+they do (passes of a cavity) there is room for as many as any pixel sees."""
 _QUIET_PS = 6000.0
 """So long before the light there is none; ps."""
 _BESIDE_PX = 5.0
@@ -146,7 +147,8 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
             beyond |= on_line & (along < first + reach)
         if whole.view > 0 and k in state.last_legs:
             beyond |= on_line & (along > last - reach)
-    nearest = np.argsort(away, axis=1)[:, :_MOST_LEGS]
+    most = int(np.isfinite(away).sum(axis=1).max(initial=0))
+    nearest = np.argsort(away, axis=1)[:, : max(_USUAL_LEGS, most)]
     lit = np.isfinite(np.take_along_axis(away, nearest, axis=1))
     lit &= np.isfinite(np.take_along_axis(arrival, nearest, axis=1))
     transit = np.take_along_axis(slope, nearest, axis=1) * picture.spot_std_px
@@ -164,6 +166,38 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         np.where(lit, np.hypot(own, transit), np.nan)[kept],
         np.take_along_axis(away, nearest, axis=1)[kept],
     )
+
+
+def lags_about_legs(seen: Seen, fine: Floats, std_ps: float) -> Floats:
+    """Edges of cells for pixels that legs light, ps after the light of the nearest one.
+
+    Parameters
+    ----------
+    seen : Seen
+        Those pixels.
+    fine : array of float, shape (m + 1,)
+        Edges about one leg (`model.cells.lag_edges`).
+    std_ps : float
+        Typical standard deviation of a pulse, ps.
+
+    Returns
+    -------
+    array of float, shape (m + 1,) or (n, m + 1)
+        The same in all pixels, finely divided about the nearest leg alone; where pixels see more
+        legs than usual, in each of them about every one: most of its light is of others.
+    """
+    if seen.leg.shape[1] <= _USUAL_LEGS:
+        return fine
+    core = fine[np.abs(fine) <= CORE_STDS * std_ps * (1.0 + 1e-9)]
+    late = np.nan_to_num(seen.arrival_ps[:, 1:] - seen.arrival_ps[:, :1])
+    further = (late[:, :, np.newaxis] + core).reshape(len(late), -1)
+    # One period about all of them, wherever among them the nearest is.
+    middle = 0.5 * (late.min(axis=1, initial=0.0) + late.max(axis=1, initial=0.0))[:, np.newaxis]
+    low, high = middle + fine[0], middle + fine[-1]
+    both = np.concatenate((np.tile(fine, (len(late), 1)), further, low, high), axis=1)
+    # Edges that fall on one end of a code make no cell (`cells_about`).
+    lags: Floats = np.sort(np.clip(both, low, high), axis=1)
+    return lags
 
 
 def _check_enough(n_left: int, n_lit: int) -> None:

@@ -28,6 +28,7 @@ from lightflight.reconstruct.fit.around import (
     Seen,
     alike,
     dark_group,
+    lags_about_legs,
     pixels_about_path,
 )
 from lightflight.reconstruct.fit.joint import (
@@ -327,10 +328,11 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
 
 
 def _cells(whole: Sighting, seen: Seen, lit: Indices, std_ps: float, nominal: bool) -> Cells:
-    """Counts of the pixels `lit` about the time of their nearest leg."""
+    """Counts of the pixels `lit` about the times of their legs."""
+    own = seen.of(lit)
     fine = lag_edges(std_ps, FINE_STDS * std_ps, FINE_GROWTH, whole.histograms.laser_period_ps)
-    rows, cols, reference = seen.rows[lit], seen.cols[lit], seen.arrival_ps[lit, 0]
-    return cells_about(whole, rows, cols, reference, fine, nominal=nominal)
+    lags = lags_about_legs(own, fine, std_ps)
+    return cells_about(whole, own.rows, own.cols, own.arrival_ps[:, 0], lags, nominal=nominal)
 
 
 def _measured(known: Known, beside: Beside, beam: light.Beam, part: float) -> _Measured:

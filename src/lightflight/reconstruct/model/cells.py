@@ -17,7 +17,7 @@ from lightflight.timing.pulses.pile_up import open_share_of
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_CORE_STDS = 4.0
+CORE_STDS = 4.0
 """Half width of the finely divided part, in standard deviations of a pulse."""
 _AT_ONCE = 1 << 16
 """Codes of all pixels that are worked on at once."""
@@ -63,7 +63,7 @@ class Cells:
 
 def lag_edges(std_ps: float, step_ps: float, growth: float, period_ps: float | None) -> Floats:
     """Edges of cells, ps after a pulse: `step_ps` apart about it, then wider by `growth` each."""
-    half = _CORE_STDS * std_ps
+    half = CORE_STDS * std_ps
     farthest = _FARTHEST_PS if period_ps is None else 0.5 * period_ps
     n = max(1, int(np.ceil(half / step_ps)))
     later = [half]
@@ -109,8 +109,9 @@ def cells_about(
         Pixels.
     reference_ps : array of float, shape (n,)
         Arrival time at which each pixel's lags are zero, ps on the clock.
-    lags_ps : array of float, shape (m + 1,)
-        Ascending, not longer than a laser period, ps; cells end at the next edges of codes.
+    lags_ps : array of float, shape (m + 1,) or (n, m + 1)
+        Of all pixels or of each; ascending, not longer than a laser period, ps; cells end at the
+        next edges of codes.
     nominal : bool
         Whether the widths of the codes were never measured.
 
@@ -123,9 +124,12 @@ def cells_about(
     step = max(1, _AT_ONCE // sighting.histograms.n_codes)
     blocks = [slice(first, first + step) for first in range(0, len(rows), step)]
     parts = [
-        _cells_of(sighting, rows[block], cols[block], reference_ps[block], lags_ps)
+        _cells_of(
+            sighting, rows[block], cols[block], reference_ps[block],
+            lags_ps if lags_ps.ndim == 1 else lags_ps[block],
+        )
         for block in blocks
-    ]
+    ]  # fmt: skip
     edges, counts, size, share = (np.concatenate(part) for part in zip(*parts, strict=True))
     live = size > 0
     error = width_errors(sighting, rows, cols, nominal=nominal)[:, np.newaxis]

@@ -18,6 +18,7 @@ from lightflight.reconstruct.fit.around import (
     alike,
     dark_group,
     dispersion_of,
+    lags_about_legs,
     pixels_about_path,
 )
 from lightflight.reconstruct.fit.joint import JointFit, pulse_std_in_view
@@ -141,7 +142,8 @@ def _held(
     if len(near) < 2:
         return []
     reference = seen.arrival_ps[near, 0]
-    about = cells_about(whole, seen.rows[near], seen.cols[near], reference, fine, nominal=nominal)
+    cut = lags_about_legs(seen.of(near), fine, std_ps)
+    about = cells_about(whole, seen.rows[near], seen.cols[near], reference, cut, nominal=nominal)
     response = whole.timing.response
     pulses = Pulses(
         seen.arrival_ps[near] - reference[:, np.newaxis],

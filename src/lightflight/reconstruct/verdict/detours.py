@@ -49,7 +49,12 @@ _MOST_OF_PERIOD = 0.5
 _PARAMETERS = 3
 """A second mirror's place, with each detour."""
 _MOST_GAPS = 2
-"""Detours that are tried together."""
+"""Detours that are tried together ..."""
+_MANY_PLACES = 5
+"""... unless light may have been lost from sight at more places than this: of those so many are
+tried, one at a time, where the legs about them fit worst."""
+_CHANCE_STDS = 5.0
+"""Chi-square falls below its due by no more than this many of its standard deviations."""
 
 
 def has_weak_leg(fit: JointFit) -> bool:
@@ -88,6 +93,8 @@ def detour_instead(
     JointFit or None
         With the fewest detours that do.
     """
+    if fit is not None and not _leaves_room(fit, sightings):
+        return None
     try:
         legs = search_legs(sightings[0].arrivals, sightings[0], setting, None)
     except NothingFoundError:
@@ -95,8 +102,11 @@ def detour_instead(
     places = _open_places(legs, setting)
     if not places:
         return None
+    # Of many places two together are a square as many: twenty passes would take an hour.
+    most_gaps = _MOST_GAPS if len(places) <= _MANY_PLACES else 1
+    places = _worst_of(places, fit)
     cost = _cost_without(fit, legs, sightings, setting)
-    for n_gaps in range(1, min(len(places), _MOST_GAPS) + 1):
+    for n_gaps in range(1, min(len(places), most_gaps) + 1):
         trials = [
             trial
             for gaps in combinations(places, n_gaps)
@@ -111,6 +121,26 @@ def detour_instead(
         if left + price < cost and _explains_all(best, sightings, cost):
             return best
     return None
+
+
+def _leaves_room(fit: JointFit, sightings: list[Sighting]) -> bool:
+    """Whether a path leaves more misfit than a detour costs, if that took up all but chance."""
+    n = sum(len(one.usable_pulses) for one in sightings)
+    least = n - _CHANCE_STDS * float(np.sqrt(2.0 * n)) + price_of(_PARAMETERS, sightings)
+    return cost_of_pulses(fit, list(fit.sightings)) > least
+
+
+def _worst_of(places: tuple[int, ...], fit: JointFit | None) -> tuple[int, ...]:
+    """The places about which a path fits worst, where they are many; in the order of flight."""
+    if fit is None or len(places) <= _MANY_PLACES or fit.solution.state.n_legs <= max(places) + 1:
+        return places
+    times, solution = fit.times, fit.solution
+    squared = times.weight * solution.residual_ps**2 / (times.photon_var + times.pixel_var)
+    # A misfit of one pulse more than another's chance: legs have many pulses or few.
+    of_legs = np.bincount(times.leg, squared - times.weight, minlength=solution.state.n_legs)
+    about = [float(of_legs[k] + of_legs[k + 1]) for k in places]
+    worst = np.argsort(about, kind="stable")[::-1][:_MANY_PLACES]
+    return tuple(sorted(places[k] for k in worst))
 
 
 def _cost_without(

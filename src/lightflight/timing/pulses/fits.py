@@ -508,9 +508,8 @@ def pixels_to_split(fits: Fits) -> NDArray[np.int64]:
 def _with_more_pulses(single: Fits, job: _Job, max_pulses: int, model: Model) -> Fits:
     """Fits with the pixels of `pixels_to_split` fitted by as many pulses as they need."""
     pixels = pixels_to_split(single)
-    size = 2 * max_pulses + 2
-    thetas = np.full((len(pixels), size), np.nan)
-    covariances = np.full((len(pixels), size, size), np.nan)
+    # One entry per pixel, as long as its pulses are many: room for the most costs their square.
+    last: dict[int, tuple[Floats, Floats]] = {}
     table = single.table[pixels].T
 
     def split(part: slice, counts: NDArray[np.generic], lower: Floats, upper: Floats) -> None:
@@ -520,27 +519,33 @@ def _with_more_pulses(single: Fits, job: _Job, max_pulses: int, model: Model) ->
             bins, model, single.typical_std, LOG_FALSE_SECOND, job.double_code[some]
         )
         for at, found in splitting.split_pulses(search, single.values[some][:, _ORDER], max_pulses):
-            rows, now = part.start + at, found.theta.shape[1]
-            thetas[rows, :now], covariances[rows, :now, :now] = found.theta, found.covariance
+            rows = part.start + at
+            last.update(
+                (row, (theta, covariance))
+                for row, theta, covariance in zip(
+                    rows.tolist(), found.theta, found.covariance, strict=True
+                )
+            )
             _write_table(found, table, rows)
 
     job.run(split, pixels, BATCH_CODES)
     several = table[kernel.N_PULSES] > 1
     if not several.any():
         return single
-    pixels, thetas, covariances = pixels[several], thetas[several], covariances[several]
+    fitted = [last[row] for row in np.flatnonzero(several).tolist()]
+    pixels = pixels[several]
     whole = single.table.copy(order="K")
     whole[pixels] = table[:, several].T
     kept = ~np.isin(single.pixel, pixels)
     parts = [(single.pixel[kept], single.values[kept], single.covariance[kept])]
-    parts += _several_rows(pixels, thetas, covariances, whole[pixels, kernel.N_PULSES], job)
+    parts += _several_rows(pixels, fitted, job)
     pixel, values, covariance = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     order = np.argsort(pixel, kind="stable")
     return _rows(pixel[order], values[order], covariance[order], whole)
 
 
 def _several_rows(
-    pixels: NDArray[np.int64], thetas: Floats, covariances: Floats, n_pulses: Floats, job: _Job
+    pixels: NDArray[np.int64], fitted: list[tuple[Floats, Floats]], job: _Job
 ) -> list[tuple[NDArray[np.int64], Floats, Floats]]:
     """Rows of pixels with several pulses, each in the order of its sweep."""
     start = np.full(len(pixels), -math.inf)
@@ -550,15 +555,15 @@ def _several_rows(
             lower, _ = job.intervals(tile)
             start[first : first + 1024] = np.nanmin(lower, axis=1)
     parts = []
-    for i, pixel in enumerate(pixels):
-        j = int(n_pulses[i])
-        centre = thetas[i, :j].copy()
+    for i, (pixel, (theta, covariance)) in enumerate(zip(pixels, fitted, strict=True)):
+        j = len(theta) // 2 - 1
+        centre = theta[:j].copy()
         if math.isfinite(job.clock.period):
             centre = start[i] + np.mod(centre - start[i], job.clock.period)
         order = np.argsort(centre, kind="stable")
         columns = np.stack([order, np.full(j, 2 * j), j + order, np.full(j, 2 * j + 1)], axis=1)
-        values = thetas[i][columns]
+        values = theta[columns]
         values[:, 0] = centre[order]
-        covariance = covariances[i][columns[:, :, None], columns[:, None, :]]
-        parts.append((np.full(j, pixel), values, covariance))
+        own = covariance[columns[:, :, None], columns[:, None, :]]
+        parts.append((np.full(j, pixel), values, own))
     return parts

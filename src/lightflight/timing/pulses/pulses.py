@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 _FEW_PULSES = 0.1
 """Share of usable pulses below which a missing sync is looked for."""
-_MOST_PULSES = 100
-"""Of a pixel: each costs memory before it is looked for."""
+MOST_PULSES = 100
+"""Of a pixel: in a laser period of 50 ns so many of 150 ps overlap, and no more can be told."""
 
 METHODS = ("likelihood", "least_squares")
 
@@ -202,8 +202,8 @@ def _check_options(
     one_of("method", method, METHODS)
     if whole_number("max_pulses", max_pulses) < 1:
         raise ValueError(f"max_pulses must be at least 1, got {max_pulses}")
-    if max_pulses > _MOST_PULSES:
-        raise ValueError(f"max_pulses must be at most {_MOST_PULSES}, got {max_pulses}")
+    if max_pulses > MOST_PULSES:
+        raise ValueError(f"max_pulses must be at most {MOST_PULSES}, got {max_pulses}")
     if whole_number("threads", threads) < 1:
         raise ValueError(f"threads must be at least 1, got {threads}")
     if response is not None and method == "least_squares":
