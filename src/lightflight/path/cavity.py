@@ -97,10 +97,10 @@ def round_trip_of_path(path: LightPath) -> RoundTrip | None:
     if not _turns_back(path.vertices_mm):
         return None
     m, trips = len(path.vertices_mm), np.arange(n_corners - 2)
-    each = np.zeros((len(trips), m, 4))
-    each[trips, trips + 3, 3] = 1.0
-    each[trips, trips + 1, 3] = -1.0
-    each = each.reshape(len(trips), 4 * m)
+    later = np.zeros((len(trips), m, 4))
+    later[trips, trips + 3, 3] = 1.0
+    later[trips, trips + 1, 3] = -1.0
+    each = later.reshape(len(trips), 4 * m)
     times = each @ np.column_stack((path.vertices_mm, path.vertex_times_ps)).ravel()
     mean = each.mean(axis=0)
     axis, distance = _axis_and_distance(path.vertices_mm)
@@ -152,4 +152,4 @@ def _distance_by_vertices(vertices_mm: Floats) -> Floats:
 
 def _std(by_vertices: Floats, covariance: Floats) -> float:
     """Error of a number that follows the vertices (4m,) so; rounding may make none less than 0."""
-    return float(np.sqrt(max(by_vertices @ covariance @ by_vertices, 0.0)))
+    return float(np.sqrt(max(float(by_vertices @ covariance @ by_vertices), 0.0)))
