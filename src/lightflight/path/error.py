@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lightflight.arguments import check_kinds, yes_or_no
 from lightflight.errors import GeometryError
-from lightflight.path.light_path import extrapolated_position
+from lightflight.path.on_legs import extrapolated_position
 from lightflight.path.tables import Polyline
 
 if TYPE_CHECKING:

@@ -21,7 +21,15 @@ from lightflight.flight import (
     Source,
     elevation_from_direction,
 )
+from lightflight.path.bends import Bend, BentCourse, checked_bend_covariance, checked_bends
 from lightflight.path.gaps import Gap, checked_unseen, gaps_of_path
+from lightflight.path.on_bends import (
+    angle_variance,
+    course_of_leg,
+    position_jacobian,
+    positions_on,
+    whole_covariance,
+)
 from lightflight.path.on_legs import covariance_on_legs, sliding_maps
 from lightflight.path.tables import RESIDUAL_DTYPE, SAMPLE_DTYPE, Explained, Goodness
 from lightflight.path.verdict import NOT_EXAMINED, Verdict
@@ -71,6 +79,8 @@ class Leg:
         The paper's alpha, measured in the plane through camera and leg; deg.
     seen : bool
         False: it ran outside of every picture, and both its ends may lie elsewhere.
+    course : BentCourse or None
+        The curve of a bent leg; its angles are those at its start. None: it is straight.
     """
 
     start_mm: Floats
@@ -81,25 +91,56 @@ class Leg:
     angle_std_deg: float
     paper_angle_deg: float
     seen: bool = field(default=True, kw_only=True)
+    course: BentCourse | None = field(default=None, kw_only=True, repr=False)
 
     def __repr__(self) -> str:
         if not self.seen:
             return f"Leg(not seen, {self.start_time_ps:.1f} to {self.end_time_ps:.1f} ps)"
         elevation = with_error(self.angle_deg, self.angle_std_deg)
         times = f"{self.start_time_ps:.1f} to {self.end_time_ps:.1f} ps"
-        return f"Leg({self.length_mm:.1f} mm, elevation {elevation}\u00b0, {times})"
+        bent = ", bent" if self.course is not None else ""
+        return f"Leg({self.length_mm:.1f} mm{bent}, elevation {elevation}\u00b0, {times})"
 
     @property
     def direction(self) -> Floats:
-        """(3,), unit, world, in the direction of flight; NaN where that was not seen."""
+        """(3,), unit, world, in the direction of flight, of a bent leg at its start.
+
+        NaN where that was not seen.
+        """
         step = self.end_mm - self.start_mm
+        if self.course is not None:
+            step = self.course.tangents_mm(np.zeros(1))[0]
         unit: Floats = step / np.linalg.norm(step)
         return unit if self.seen else np.full(3, np.nan)
 
     @property
     def length_mm(self) -> float:
-        """Length of the leg, mm; of one that was not seen, between mirrors as drawn."""
+        """Way of the light, mm; of a leg that was not seen, between mirrors as drawn."""
+        if self.course is not None:
+            return float(self.course.ways_mm(np.ones(1))[0])
         return float(np.linalg.norm(self.end_mm - self.start_mm))
+
+    def direction_at(self, event_times_ps: ArrayLike) -> Floats:
+        """Direction of flight at event times.
+
+        Parameters
+        ----------
+        event_times_ps : array of float, shape (n,)
+            ps.
+
+        Returns
+        -------
+        array of float, shape (n, 3)
+            Unit, world; NaN off the leg, and where that was not seen.
+        """
+        times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
+        found = np.tile(self.direction, (len(times), 1))
+        if self.course is not None:
+            share = (times - self.start_time_ps) / (self.end_time_ps - self.start_time_ps)
+            tangents = self.course.tangents_mm(self.course.fractions_at(share * self.length_mm))
+            found = tangents / np.linalg.norm(tangents, axis=1)[:, np.newaxis]
+        found[(times < self.start_time_ps) | (times > self.end_time_ps)] = np.nan
+        return found
 
 
 def paper_angle_from_leg(
@@ -187,6 +228,11 @@ class LightPath(Drawn, Tabled, Labelled):
     unseen_legs : tuple of int
         Legs, by number, that ran outside of every picture: the way between is not known, its delay
         is (`gaps`). Both their ends are mirrors that may stand elsewhere.
+    bends : tuple of Bend
+        Legs that are smooth curves, with their coefficients; all others are straight.
+    bend_covariance : array of float, shape (4m + b, b)
+        Of the b coefficients of all bends (mm), in their order, with x, y, z, t of every vertex and
+        then with each other.
     """
 
     vertices_mm: Floats
@@ -209,6 +255,8 @@ class LightPath(Drawn, Tabled, Labelled):
     verdict: Verdict = field(default=NOT_EXAMINED, kw_only=True)
     explained: Explained | None = field(default=None, kw_only=True)
     unseen_legs: tuple[int, ...] = field(default=(), kw_only=True)
+    bends: tuple[Bend, ...] = field(default=(), kw_only=True)
+    bend_covariance: Floats | None = field(default=None, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices_mm, dtype=float)
@@ -236,6 +284,9 @@ class LightPath(Drawn, Tabled, Labelled):
         if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
             raise ValueError(f"vertex_times_ps must be finite and ascend, got {times}")
         object.__setattr__(self, "unseen_legs", checked_unseen(self.unseen_legs, m - 1))
+        object.__setattr__(self, "bends", checked_bends(self.bends, m - 1, self.unseen_legs))
+        of_bends = checked_bend_covariance(self.bend_covariance, self.bends, 4 * m)
+        object.__setattr__(self, "bend_covariance", of_bends)
         for array in (vertices, times, covariance):
             array.setflags(write=False)
         object.__setattr__(self, "vertices_mm", vertices)
@@ -291,7 +342,8 @@ class LightPath(Drawn, Tabled, Labelled):
         """One leg, with the error of its angle from the covariance of its two ends."""
         start, end = self.vertices_mm[i], self.vertices_mm[i + 1]
         normal = self.camera.backward_axis
-        step = end - start
+        course = course_of_leg(self, i)
+        step = end - start if course is None else course.tangents_mm(np.zeros(1))[0]
         length = float(np.linalg.norm(step))
         d = step / length
         along = float(d @ normal)
@@ -301,9 +353,12 @@ class LightPath(Drawn, Tabled, Labelled):
         gradient = (normal - along * d) / (length * across)
         block = np.r_[4 * i : 4 * i + 3, 4 * i + 4 : 4 * i + 7]
         weights = np.concatenate((-gradient, gradient))
-        variance = weights @ self.covariance[np.ix_(block, block)] @ weights
+        if course is None:
+            variance = weights @ self.covariance[np.ix_(block, block)] @ weights
+        else:
+            variance = angle_variance(self, course, block, weights, gradient)
         paper = paper_angle_from_leg(
-            start, end, camera_center_mm=self.camera.center_mm, normal=normal
+            start, start + step, camera_center_mm=self.camera.center_mm, normal=normal
         )
         seen = i not in self.unseen_legs
         known = 1.0 if seen else np.nan
@@ -316,6 +371,7 @@ class LightPath(Drawn, Tabled, Labelled):
             angle_std_deg=known * float(np.rad2deg(np.sqrt(np.maximum(variance, 0.0)))),
             paper_angle_deg=known * float(np.rad2deg(paper)),
             seen=seen,
+            course=course,
         )
 
     @property
@@ -373,7 +429,7 @@ class LightPath(Drawn, Tabled, Labelled):
             World, mm; NaN off the path's two ends, and on legs that nobody saw.
         """
         times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
-        position = extrapolated_position(self.vertices_mm, self.vertex_times_ps, times)
+        position = positions_on(self, times)
         span = self.vertex_times_ps[-1] - self.vertex_times_ps[0]
         # Both ends are on the path, whatever rounding says.
         slack = 1e-12 * max(abs(self.vertex_times_ps[-1]), span, 1.0)
@@ -382,6 +438,26 @@ class LightPath(Drawn, Tabled, Labelled):
         )
         position[outside | ~self.is_seen_at(times)] = np.nan
         return position
+
+    def direction_at(self, event_times_ps: ArrayLike) -> Floats:
+        """Direction of flight at event times.
+
+        Parameters
+        ----------
+        event_times_ps : array of float, shape (n,)
+            ps.
+
+        Returns
+        -------
+        array of float, shape (n, 3)
+            Unit, world; NaN off the path's two ends, and on legs that nobody saw.
+        """
+        times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
+        found, of_leg = np.full((len(times), 3), np.nan), self.leg_at(times)
+        for k in np.unique(of_leg):
+            here = of_leg == k
+            found[here] = self.legs[int(k)].direction_at(times[here])
+        return found
 
     def position_covariance_at(self, event_times_ps: ArrayLike) -> Floats:
         """Covariance of `position_at` at fixed event times.
@@ -398,16 +474,19 @@ class LightPath(Drawn, Tabled, Labelled):
             seen.
         """
         times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
-        out = np.empty((len(times), 3, 3))
+        out, covariance = np.empty((len(times), 3, 3)), whole_covariance(self)
         for k, (time, leg) in enumerate(zip(times, self.leg_at(times), strict=True)):
             jacobian, block = self._position_jacobian(time, int(leg))
-            out[k] = jacobian @ self.covariance[np.ix_(block, block)] @ jacobian.T
+            out[k] = jacobian @ covariance[np.ix_(block, block)] @ jacobian.T
         out[~self.is_seen_at(times)] = np.nan
         return out
 
     def _position_jacobian(self, time_ps: float, leg: int) -> tuple[Floats, NDArray[np.int64]]:
-        """d(position at a fixed event time) / d(x, y, z, t of the leg's two vertices)."""
+        """d(position at a fixed event time) / d(x, y, z, t of the leg's two vertices, and bend)."""
         t0, t1 = self.vertex_times_ps[leg : leg + 2]
+        course = course_of_leg(self, leg)
+        if course is not None:
+            return position_jacobian(self, course, time_ps)
         step = self.vertices_mm[leg + 1] - self.vertices_mm[leg]
         fraction = (time_ps - t0) / (t1 - t0)
         jacobian = np.zeros((3, 8))
@@ -440,7 +519,7 @@ class LightPath(Drawn, Tabled, Labelled):
         if n < 2:
             raise ValueError(f"n must be at least 2, got {n}")
         times = np.linspace(self.vertex_times_ps[0], self.vertex_times_ps[-1], n)
-        position = extrapolated_position(self.vertices_mm, self.vertex_times_ps, times)
+        position = positions_on(self, times)
         out = np.zeros(n, SAMPLE_DTYPE)
         leg = self.leg_at(times)
         out["leg"], out["event_time_ps"] = leg, times
@@ -513,29 +592,3 @@ class LightPath(Drawn, Tabled, Labelled):
         from lightflight.path.file import load_path
 
         return load_path(path, make=cls, try_newer=try_newer)
-
-
-def extrapolated_position(vertices_mm: Floats, vertex_times_ps: Floats, times_ps: Floats) -> Floats:
-    """Position on a polyline at event times, first and last leg prolonged.
-
-    Parameters
-    ----------
-    vertices_mm : array of float, shape (m, 3)
-        World, mm.
-    vertex_times_ps : array of float, shape (m,)
-        Ascending, ps.
-    times_ps : array of float, shape (n,)
-        Event times, ps.
-
-    Returns
-    -------
-    array of float, shape (n, 3)
-        World, mm.
-    """
-    leg = np.clip(
-        np.searchsorted(vertex_times_ps, times_ps, side="right") - 1, 0, len(vertex_times_ps) - 2
-    )
-    t0, t1 = vertex_times_ps[leg], vertex_times_ps[leg + 1]
-    fraction = ((times_ps - t0) / (t1 - t0))[:, np.newaxis]
-    position: Floats = (1 - fraction) * vertices_mm[leg] + fraction * vertices_mm[leg + 1]
-    return position

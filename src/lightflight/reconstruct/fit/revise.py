@@ -49,7 +49,8 @@ _LEAST_TURN_DEG = 2.5
 
 def turn_deg(state: PathState, corner: int) -> float:
     """Angle by which the flight turns at a corner, deg."""
-    before, after = state.steps_mm[corner - 1], state.steps_mm[corner]
+    before = state.tangents_mm(corner - 1, np.ones(1))[0]
+    after = state.tangents_mm(corner, np.zeros(1))[0]
     # atan2 of both keeps small angles exact, where acos would not.
     cross = np.linalg.norm(np.cross(before, after))
     return float(np.rad2deg(np.arctan2(cross, before @ after)))
@@ -222,7 +223,7 @@ def _opened(
     sightings: list[Sighting], state: PathState, leg: int, fraction: float, setting: Setting
 ) -> JointFit | NoFit:
     """Refit with a corner more, at a fraction of a leg, or why there is no such path."""
-    corner = state.starts_mm[leg] + fraction * state.steps_mm[leg]
+    corner = state.points_mm(leg, np.array([fraction]))[0]
     return refitted(sightings, state.with_corner(leg, corner), setting_with_corner(setting, leg))
 
 

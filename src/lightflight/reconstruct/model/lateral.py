@@ -9,8 +9,9 @@ leg the counts follow the spot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,13 +66,20 @@ class LineData:
         Photons of this leg in the pixel; may be negative by chance.
     empty_variance : array of float, shape (n,)
         Variance of `photons` where there is no light.
+    n_offsets : int, optional
+        Places at which the line may lie aside from where it is expected: two of a straight leg, as
+        many more as the picture of a bent one has numbers.
     """
 
     along_px: Floats
     across_px: Floats
     photons: Floats
     empty_variance: Floats
+    n_offsets: int = 2
 
+
+_OF_PIXELS = ("along_px", "across_px", "photons", "empty_variance")
+"""What `LineData` holds pixel by pixel."""
 
 _NO_LIGHT = -60.0
 """Log of the photons of a leg that nobody sees: below the least that a double tells from none."""
@@ -83,11 +91,11 @@ class LineFit:
 
     Attributes
     ----------
-    offset_px : array of float, shape (2,)
-        Distance of the true line from the assumed one at the two anchors, px.
-    offset_covariance : array of float, shape (2, 2)
+    offset_px : array of float, shape (a,)
+        Distance of the true line from the assumed one at the anchors, two of a straight leg; px.
+    offset_covariance : array of float, shape (a, a)
         px^2.
-    anchors_along_px : array of float, shape (2,)
+    anchors_along_px : array of float, shape (a,)
         Where along the line the anchors are, px.
     spot_std_px : float
         Standard deviation of the spot (optics and active area), px.
@@ -158,7 +166,8 @@ class _Problem:
     """Data of all legs in one stack; parameters: spline of each leg, two offsets each, log spot.
 
     Each pixel is touched by seven of them alone: four of the cubic spline, its leg's two offsets,
-    and the spot.
+    and the spot. Bent legs have more offsets, and where there is one w is the most that any has;
+    columns that a leg does not fill name the spot, with a share of zero.
 
     Attributes
     ----------
@@ -173,12 +182,12 @@ class _Problem:
     knots : list of array of float
         Knots of each leg's log-strength, px along it.
     anchors : list of array of float
-        (2,) each, where along the leg its two offsets are taken, px.
-    columns : array of int, shape (n, 7)
+        Where along each leg its offsets are taken, px.
+    columns : array of int, shape (n, 5 + w)
         The parameters that touch each pixel.
     basis : array of float, shape (n, 4)
         Values of the splines.
-    lever : array of float, shape (n, 2)
+    lever : array of float, shape (n, w)
         Share of the leg's offsets.
     precision : array of float, shape (p, p)
         Of the priors.
@@ -274,26 +283,22 @@ def _problem(data: list[LineData], spacing_px: list[float]) -> _Problem:
         lit = lit if len(lit) > 1 else d.along_px
         low, high = float(lit.min()) - 0.5, float(lit.max()) + 0.5
         knot = knots_over(low, high, spacing)
-        # A fifth in from both ends: there the two offsets are nearly independent.
-        anchor = np.array([low + 0.2 * (high - low), high - 0.2 * (high - low)])
-        share = (d.along_px - anchor[0]) / (anchor[1] - anchor[0])
+        anchor = _anchors_between(low, high, d.n_offsets)
         n, n_spline = len(d.photons), len(knot) - 4
         splines = BSpline.design_matrix(np.clip(d.along_px, low, high), knot, 3)
-        offsets = np.tile(n_spline + np.arange(2), (n, 1))
+        offsets = np.tile(n_spline + np.arange(d.n_offsets), (n, 1))
         columns.append(starts[-1] + np.hstack((splines.indices.reshape(n, 4), offsets)))
         bases.append(splines.data.reshape(n, 4))
-        levers.append(np.column_stack((1 - share, share)))
-        stiff.append(_leg_precision(n_spline))
+        levers.append(_levers(d.along_px, anchor))
+        stiff.append(_leg_precision(n_spline, d.n_offsets))
         knots.append(knot)
         anchors.append(anchor)
         first = pixels[-1].stop if pixels else 0
         pixels.append(slice(first, first + n))
-        starts.append(starts[-1] + n_spline + 2)
-    touched = np.vstack(columns)
+        starts.append(starts[-1] + n_spline + d.n_offsets)
+    touched = _filled(columns, starts[-1])
     return _Problem(
-        data=LineData(
-            *(np.concatenate([getattr(d, name.name) for d in data]) for name in fields(LineData))
-        ),
+        data=LineData(*(np.concatenate([getattr(d, name) for d in data]) for name in _OF_PIXELS)),
         pixels=pixels,
         starts=starts,
         spacing_px=spacing_px,
@@ -301,27 +306,59 @@ def _problem(data: list[LineData], spacing_px: list[float]) -> _Problem:
         anchors=anchors,
         columns=np.column_stack((touched, np.full(len(touched), starts[-1]))),
         basis=np.vstack(bases),
-        lever=np.vstack(levers),
+        lever=_filled(levers, 0.0),
         precision=block_diag(*stiff, np.full((1, 1), SPOT_PRIOR[1] ** -2.0)),
         expected=np.zeros(starts[-1] + 1),
     )
 
 
-def _leg_precision(n_spline: int) -> Floats:
-    """Precision (n + 2, n + 2) of the priors on one leg's strength and offsets.
+def _filled(parts: list[NDArray[Any]], value: float) -> NDArray[Any]:
+    """Tables one below the other, narrow ones filled up to the right with a value."""
+    width = max(part.shape[1] for part in parts)
+    return np.vstack(
+        [
+            np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=value)
+            for part in parts
+        ]
+    )
+
+
+def _anchors_between(low: float, high: float, n: int) -> Floats:
+    """Where along a leg its n offsets are taken, px."""
+    if n == 2:
+        # A fifth in from both ends: there the two offsets are nearly independent.
+        return np.array([low + 0.2 * (high - low), high - 0.2 * (high - low)])
+    # Chebyshev's places: a polynomial through them does not run away between.
+    inside = 0.5 - 0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n)
+    return low + inside * (high - low)
+
+
+def _levers(along_px: Floats, anchors: Floats) -> Floats:
+    """(n, a), share of each anchor's offset in the line at places (n,): Lagrange's polynomials."""
+    if len(anchors) == 2:
+        share = (along_px - anchors[0]) / (anchors[1] - anchors[0])
+        return np.column_stack((1 - share, share))
+    powers = np.vander((anchors - anchors[0]) / (anchors[-1] - anchors[0]))
+    places = np.vander((along_px - anchors[0]) / (anchors[-1] - anchors[0]), len(anchors))
+    shares: Floats = np.linalg.solve(powers.T, places.T).T
+    return shares
+
+
+def _leg_precision(n_spline: int, n_offsets: int) -> Floats:
+    """Precision (n + a, n + a) of the priors on one leg's strength and offsets.
 
     A dark stretch leaves its strength undefined: it is held weakly to its neighbours.
     """
     bend = 0.05 * np.diff(np.eye(n_spline), 2, axis=0)
     level = np.eye(n_spline) / _STRENGTH_PRIOR_LN**2
-    return block_diag(bend.T @ bend + level, np.eye(2) / _OFFSET_PRIOR_PX**2)
+    return block_diag(bend.T @ bend + level, np.eye(n_offsets) / _OFFSET_PRIOR_PX**2)
 
 
 def _expected(problem: _Problem, guess: Floats) -> Floats:
     """What the priors expect: lines where they are, a usual spot, the light that is guessed."""
     pull = guess / _STRENGTH_PRIOR_LN**2
-    for stop in problem.starts[1:]:
-        pull[stop - 2 : stop] = 0.0
+    for stop, anchors in zip(problem.starts[1:], problem.anchors, strict=True):
+        pull[stop - len(anchors) : stop] = 0.0
     pull[-1] = SPOT_PRIOR[0] * problem.precision[-1, -1]
     # Level and smoothness are two priors on one strength: this is where they agree.
     expected: Floats = np.linalg.solve(problem.precision, pull).astype(np.float64, copy=False)
@@ -341,23 +378,26 @@ def _first_guess(problem: _Problem) -> Floats:
         np.maximum.at(brightest, bins, np.maximum(photons, 0.3))
         target = np.log(brightest[bins])
         on_line = np.abs(across) < 1.0
-        basis = _of_leg(problem, k, problem.basis)[on_line, :-3]
+        n_offsets = len(problem.anchors[k])
+        basis = _of_leg(problem, k, problem.basis)[on_line, : -1 - n_offsets]
         ridge = 1e-3 * np.eye(basis.shape[1])
-        offsets = problem.starts[k + 1] - 2
+        offsets = problem.starts[k + 1] - n_offsets
         parameters[problem.starts[k] : offsets] = np.linalg.solve(
             basis.T @ basis + ridge, basis.T @ target[on_line]
         )
         # Centre of mass of the light: near enough for Fisher scoring to finish.
         weight = np.maximum(photons, 0.0) * ((along > low) & (along < high))
         if weight.sum() > 0:
-            lever = problem.lever[here]
-            normal = lever.T @ (weight[:, np.newaxis] * lever) + 1e-6 * np.eye(2)
-            parameters[offsets : offsets + 2] = np.linalg.solve(normal, lever.T @ (weight * across))
+            lever = problem.lever[here, :n_offsets]
+            normal = lever.T @ (weight[:, np.newaxis] * lever) + 1e-6 * np.eye(n_offsets)
+            parameters[offsets : problem.starts[k + 1]] = np.linalg.solve(
+                normal, lever.T @ (weight * across)
+            )
     return parameters
 
 
 def _of_leg(problem: _Problem, k: int, values: Floats) -> Floats:
-    """Values (n, up to 7) by pixel, spread over leg k's parameters and the spot: (n_k, p_k + 1)."""
+    """Values (n, up to 5 + w) by pixel, over leg k's parameters and the spot: (n_k, p_k + 1)."""
     here = problem.pixels[k]
     start, stop = problem.starts[k], problem.starts[k + 1]
     columns = np.minimum(problem.columns[here, : values.shape[1]], stop) - start
@@ -367,10 +407,10 @@ def _of_leg(problem: _Problem, k: int, values: Floats) -> Floats:
 
 
 def _model(problem: _Problem, parameters: Floats) -> tuple[Floats, Floats]:
-    """Expected photons (n,), and (n, 7): d ln(expected) / d(the parameters that touch each)."""
+    """Expected photons (n,), and (n, 5 + w): d ln(expected) / d(the parameters that touch each)."""
     own = parameters[problem.columns]
     spot = np.exp(parameters[-1])
-    u = (problem.data.across_px - np.sum(problem.lever * own[:, 4:6], axis=1)) / spot
+    u = (problem.data.across_px - np.sum(problem.lever * own[:, 4:-1], axis=1)) / spot
     log_mean = np.sum(problem.basis * own[:, :4], axis=1) - 0.5 * u**2
     gradient = np.column_stack((problem.basis, (u / spot)[:, np.newaxis] * problem.lever, u**2))
     return np.exp(np.clip(log_mean, -60, 40)), gradient
@@ -441,12 +481,13 @@ def _results(problem: _Problem, parameters: Floats, weights: Floats) -> list[Lin
         telling = (weights[here] > 0) & (variance[here] > 0.5)
         dof = max(1, int(telling.sum()) - (stop - start + 1))
         excess = float(np.sum((residual[here] ** 2 / variance[here])[telling])) / dof
-        offsets = slice(stop - 2, stop)
+        n_offsets = len(problem.anchors[k])
+        offsets = slice(stop - n_offsets, stop)
         own = np.r_[start:stop, len(parameters) - 1]
         places, chi2 = _bends(
             _Kinkable(
                 problem.data.along_px[here],
-                gradient[here, 4:6].sum(axis=1),
+                gradient[here, 4 : 4 + n_offsets].sum(axis=1),
                 _of_leg(problem, k, gradient),
                 mean[here],
                 residual[here],
@@ -463,8 +504,8 @@ def _results(problem: _Problem, parameters: Floats, weights: Floats) -> list[Lin
                 offset_covariance=widened[offsets, offsets],
                 anchors_along_px=problem.anchors[k],
                 spot_std_px=float(np.exp(parameters[-1])),
-                spline=BSpline(problem.knots[k], parameters[start : stop - 2], 3),
-                spline_covariance=widened[start : stop - 2, start : stop - 2],
+                spline=BSpline(problem.knots[k], parameters[start : offsets.start], 3),
+                spline_covariance=widened[start : offsets.start, start : offsets.start],
                 knot_spacing_px=problem.spacing_px[k],
                 excess_variance=excess,
                 log_scatter=_log_scatter(residual[here], mean[here], variance[here], weights[here]),

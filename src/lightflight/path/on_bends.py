@@ -1,0 +1,175 @@
+"""Places, directions and errors on the bent legs of a path, by event time.
+
+A leg's event times run evenly with the way of the light: at a share of the time between its two
+vertices it has flown that share of the curve's length.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.path.bends import BentCourse
+from lightflight.path.on_legs import extrapolated_position
+
+if TYPE_CHECKING:
+    from lightflight.path.light_path import LightPath
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+PIECES = 64
+"""Straight pieces that a bent leg is drawn in: a sagitta of 20 mm to 5 um."""
+
+
+def course_of_leg(path: LightPath, leg: int) -> BentCourse | None:
+    """The curve of a leg of a path; None: it is straight."""
+    for bend in path.bends:
+        if bend.leg == leg:
+            return BentCourse(path.vertices_mm[leg], path.vertices_mm[leg + 1], bend)
+    return None
+
+
+def positions_on(path: LightPath, times_ps: Floats) -> Floats:
+    """Places of the pulse at event times (n,), first and last leg prolonged; (n, 3), mm."""
+    positions = extrapolated_position(path.vertices_mm, path.vertex_times_ps, times_ps)
+    leg = path.leg_at(times_ps) if path.bends else np.zeros(0, dtype=np.int64)
+    for bend in path.bends:
+        here = leg == bend.leg
+        course = course_of_leg(path, bend.leg)
+        assert course is not None
+        positions[here] = course.points_mm(_fractions(path, course, times_ps[here]))
+    return positions
+
+
+def drawn(path: LightPath) -> tuple[Floats, Floats, Indices]:
+    """The path as a chain of straight pieces, bent legs in many.
+
+    Parameters
+    ----------
+    path : LightPath
+        The path.
+
+    Returns
+    -------
+    places_mm : array of float, shape (k, 3)
+        World, mm; the vertices themselves where no leg is bent.
+    event_times_ps : array of float, shape (k,)
+        ps.
+    leg : array of int, shape (k - 1,)
+        The leg that each piece belongs to.
+    """
+    times, legs = [path.vertex_times_ps[:1]], []
+    bent = {bend.leg for bend in path.bends}
+    for leg in range(path.n_legs):
+        n = PIECES if leg in bent else 1
+        start, end = path.vertex_times_ps[leg : leg + 2]
+        times.append(np.append(start + (end - start) * np.arange(1, n) / n, end))
+        legs.append(np.full(n, leg))
+    event = np.concatenate(times)
+    return positions_on(path, event), event, np.concatenate(legs)
+
+
+def whole_covariance(path: LightPath) -> Floats:
+    """Covariance of x, y, z, t of every vertex, then of all coefficients of bends."""
+    of_bends = path.bend_covariance
+    if not path.bends or of_bends is None:
+        return path.covariance
+    n = len(path.covariance)
+    above = np.hstack((path.covariance, of_bends[:n]))
+    return np.vstack((above, np.hstack((of_bends[:n].T, of_bends[n:]))))
+
+
+def columns_of_bend(path: LightPath, leg: int) -> Indices:
+    """Where the coefficients of a leg's bend stand in `whole_covariance`."""
+    first = len(path.covariance)
+    for bend in path.bends:
+        if bend.leg == leg:
+            return np.arange(first, first + bend.size)
+        first += bend.size
+    return np.zeros(0, dtype=np.int64)
+
+
+def position_jacobian(
+    path: LightPath, course: BentCourse, time_ps: float
+) -> tuple[Floats, Indices]:
+    """How a place on a bent leg at a fixed event time follows the path.
+
+    Parameters
+    ----------
+    path : LightPath
+        The path.
+    course : BentCourse
+        The curve of the leg.
+    time_ps : float
+        Event time, ps.
+
+    Returns
+    -------
+    jacobian : array of float, shape (3, 8 + 2 J)
+        By x, y, z, t of the leg's two vertices, then by the coefficients of its bend.
+    places : array of int, shape (8 + 2 J,)
+        Where those stand in `whole_covariance`.
+
+    Notes
+    -----
+    At fixed time the way s(f) = tau L is the same share of the length: what lengthens the curve
+    slides the place along it by (tau dL - ds + L dtau) / |X'|.
+    """
+    leg = course.leg
+    t0, t1 = path.vertex_times_ps[leg : leg + 2]
+    share = (time_ps - t0) / (t1 - t0)
+    fraction = _fractions(path, course, np.array([time_ps]))
+    _, by_step, by_bend = course.ways_and_slopes(np.append(fraction, 1.0))
+    length = float(course.ways_mm(np.ones(1))[0])
+    tangent = course.tangents_mm(fraction)[0]
+    along = tangent / float(tangent @ tangent) ** 0.5
+    still = np.zeros((3, 8 + course.bend.size))
+    still[:, :3], still[:, 4:7] = (1 - fraction[0]) * np.eye(3), fraction[0] * np.eye(3)
+    for axis in range(3):
+        still[axis, 8:] = course.by_bend(fraction, np.eye(3)[[axis]])[0]
+    slides = np.zeros(8 + course.bend.size)
+    slides[4:7] = share * by_step[1] - by_step[0]
+    slides[:3] = -slides[4:7]
+    slides[8:] = share * by_bend[1] - by_bend[0]
+    slides[3] = -(1 - share) * length / (t1 - t0)
+    slides[7] = -share * length / (t1 - t0)
+    places = np.concatenate((np.arange(4 * leg, 4 * leg + 8), columns_of_bend(path, leg)))
+    return still + np.outer(along, slides), places
+
+
+def angle_variance(
+    path: LightPath, course: BentCourse, ends: Indices, by_ends: Floats, by_tangent: Floats
+) -> float:
+    """Variance of a bent leg's elevation at its start, rad^2.
+
+    Parameters
+    ----------
+    path : LightPath
+        The path.
+    course : BentCourse
+        The curve of the leg.
+    ends : array of int, shape (6,)
+        Where x, y, z of its two vertices stand in `whole_covariance`.
+    by_ends : array of float, shape (6,)
+        How the angle follows them, rad per mm.
+    by_tangent : array of float, shape (3,)
+        How it follows the tangent at the start, rad per mm.
+
+    Returns
+    -------
+    float
+    """
+    by_bend = course.slopes_by_bend(np.zeros(1), by_tangent[np.newaxis])[0]
+    places = np.concatenate((ends, columns_of_bend(path, course.leg)))
+    weights = np.concatenate((by_ends, by_bend))
+    return float(weights @ whole_covariance(path)[np.ix_(places, places)] @ weights)
+
+
+def _fractions(path: LightPath, course: BentCourse, times_ps: Floats) -> Floats:
+    """Fractions (n,) of a bent leg at event times (n,)."""
+    t0, t1 = path.vertex_times_ps[course.leg : course.leg + 2]
+    share = (times_ps - t0) / (t1 - t0)
+    return course.fractions_at(share * float(course.ways_mm(np.ones(1))[0]))
