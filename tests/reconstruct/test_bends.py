@@ -114,9 +114,8 @@ class TestTheModel:
             at = state.moved(step)
             print_ = footprints(at, medium=MEDIUM, rows=row, cols=col, **where)
             offset = line_offsets(at, anchors=anchors, focal_px=focal, **where)[0]
-            bends = at.bends[0].coefficients_mm.ravel()
             vertices = np.column_stack((at.vertices_mm, at.vertex_times_ps(MEDIUM))).ravel()
-            return print_.arrival_ps, offset, np.append(vertices, bends)
+            return print_.arrival_ps, offset, vertices
 
         jacobians = (
             arrival_jacobian(state, medium=MEDIUM, rows=row, cols=col, **where)[1],

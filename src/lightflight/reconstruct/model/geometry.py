@@ -580,7 +580,7 @@ def travelled_jacobian(state: PathState) -> Floats:
 
 
 def vertex_time_jacobian(state: PathState, medium: Medium) -> Floats:
-    """d(x, y, z, t of every vertex, then bends) / d(state); (4m + coefficients, size)."""
+    """d(x, y, z, t of every vertex) / d(state); (4m, size)."""
     m = len(state.vertices_mm)
     per_path = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
     out = np.zeros((m, 4, state.size))
@@ -588,5 +588,4 @@ def vertex_time_jacobian(state: PathState, medium: Medium) -> Floats:
         out[k, :3, 3 * k : 3 * k + 3] = np.eye(3)
     out[:, 3] = per_path * travelled_jacobian(state)
     out[:, 3, 3 * m] = 1.0
-    of_bends = np.eye(state.size)[3 * m + 1 :]
-    return np.vstack((out.reshape(4 * m, state.size), of_bends))
+    return out.reshape(4 * m, state.size)

@@ -264,7 +264,7 @@ def undistorted_as_moved(points: Floats, told: Camera, seen: Camera) -> Floats:
 
 
 def vertex_time_columns(errors: SharedErrors, state: PathState) -> Floats:
-    """d(x, y, z, t of every vertex, then bends) / d(shared errors): a slower pulse is later.
+    """d(x, y, z, t of every vertex) / d(shared errors); (4m, k): a slower pulse is later.
 
     Parameters
     ----------
@@ -275,21 +275,20 @@ def vertex_time_columns(errors: SharedErrors, state: PathState) -> Floats:
 
     Returns
     -------
-    array of float, shape (4m + b, k)
+    array of float, shape (4m, k)
         Zero but for the times, and for the indices' columns.
     """
     travelled = state.travelled_mm
     columns = np.zeros((len(travelled), 4, len(errors)))
     own = np.flatnonzero(errors.view == MEDIUM)
     columns[:, 3, own] = np.outer(travelled, errors.sigma[own, 0]) / SPEED_OF_LIGHT_MM_PER_PS
-    of_bends = np.zeros((sum(bend.size for bend in state.bends), len(errors)))
-    return np.vstack((columns.reshape(4 * len(travelled), len(errors)), of_bends))
+    return columns.reshape(4 * len(travelled), len(errors))
 
 
 def vertices_by_parameters(
     state: PathState, medium: Medium, basis: Floats, errors: SharedErrors, *, first: int
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Which parameters move vertices, their times or bends (k,), and how; (4m + coefficients, k).
+    """Which parameters move vertices, their times and bends (k,), and how, (4m + b, k).
 
     Those are the freedom, first of all parameters, and errors of the medium.
 
@@ -311,13 +310,17 @@ def vertices_by_parameters(
     rows : array of int, shape (k,)
         Places among the parameters.
     jacobian : array of float, shape (4m + b, k)
-        mm and ps.
+        x, y, z, t of every vertex, then the b coefficients of bends; mm and ps.
     """
     to_vertices = vertex_time_jacobian(state, medium) @ basis
     by_shared = vertex_time_columns(errors, state)
     own = np.flatnonzero(by_shared.any(axis=0))
     if len(own):
         to_vertices = np.column_stack((to_vertices, by_shared[:, own]))
+    if state.bends:
+        of_bends = np.zeros((state.size - state.vertices_mm.size - 1, to_vertices.shape[1]))
+        of_bends[:, : basis.shape[1]] = basis[state.vertices_mm.size + 1 :]
+        to_vertices = np.vstack((to_vertices, of_bends))
     return np.concatenate((np.arange(basis.shape[1]), first + own)), to_vertices
 
 
