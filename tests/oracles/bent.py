@@ -91,9 +91,7 @@ def bow_freedoms(scene: BentScene) -> Sequence[Freedom]:
     ]
 
 
-def bent_scene(
-    *, legs: int, sagitta_mm: float, way: str, photons: float = 40_000.0
-) -> BentScene:
+def bent_scene(*, legs: int, sagitta_mm: float, way: str, photons: float = 40_000.0) -> BentScene:
     """One leg across the field, or the paper's three, whose first is bent.
 
     Parameters

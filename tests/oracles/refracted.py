@@ -352,6 +352,7 @@ class Curve:
 
 def curve_of_leg(scene: RefractedScene, leg: int, n_exact: int = 201) -> Curve | None:
     """A leg's curve through exactly solved points; None where no light meets the picture."""
+
     def points(shares: np.ndarray) -> np.ndarray:
         return scene.points_on(leg, shares)
 

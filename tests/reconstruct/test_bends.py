@@ -61,7 +61,9 @@ class TestTheCurve:
         np.testing.assert_allclose(found, fraction, atol=1e-12)
 
     def test_straight_is_its_exact_limit(self):
-        course = BentCourse(np.zeros(3), np.array([3.0, 4.0, 12.0]), Bend(0, AXES, np.zeros((2, 4))))
+        course = BentCourse(
+            np.zeros(3), np.array([3.0, 4.0, 12.0]), Bend(0, AXES, np.zeros((2, 4)))
+        )
         np.testing.assert_allclose(course.ways_mm(np.array([-0.5, 0.25, 2.0])), [-6.5, 3.25, 26.0])
 
     def test_a_part_is_the_same_curve(self):

@@ -14,7 +14,7 @@ from lightflight.camera.refraction import scene_medium
 from lightflight.errors import GeometryError, NothingFoundError, SuspectDataWarning
 from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
-from lightflight.path.verdict import NOT_EXAMINED, Level, warning_of
+from lightflight.path.verdict import NOT_EXAMINED, Level, Verdict, warning_of
 from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, checked_media
 from lightflight.reconstruct.estimators import Estimator, estimator_named
 from lightflight.reconstruct.fit.diffuse import with_diffuse
@@ -25,6 +25,7 @@ from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.sightings import sighting_from_histograms
+from lightflight.reconstruct.verdict.bent import asks_for_bends, bent_instead
 from lightflight.reconstruct.verdict.detours import detour_instead, has_weak_leg
 from lightflight.reconstruct.verdict.examine import examined
 from lightflight.reconstruct.ways.request import Request
@@ -183,6 +184,11 @@ def path_from_sightings(
     weak = fit is not None and has_weak_leg(fit)
     detour = _detour(fit, request, estimator) if weak else None
     found = _judged(*(detour or (path, fit)), request)
+    bent = _bent(fit, found.verdict, request, estimator)
+    if bent is not None:
+        judged = _judged(*bent, request)
+        if judged.verdict.level is not Level.CONTRADICTED:
+            return _warned(judged)
     if fit is not None and not weak and found.verdict.level is Level.CONTRADICTED:
         detour = _detour(fit, request, estimator)
         found = found if detour is None else _judged(*detour, request)
@@ -204,6 +210,25 @@ def _detour(
         return None
     setting = request.setting
     found = detour_instead(fit, request.sightings, setting, request.n_legs)
+    if found is None:
+        return None
+    found = with_diffuse(found, setting, nominal=request.timing is None)
+    try:
+        return estimator.of_fit(found, request), found
+    except (GeometryError, NothingFoundError):
+        return None
+
+
+def _bent(
+    fit: JointFit | None, verdict: Verdict, request: Request, estimator: Estimator
+) -> tuple[LightPath, JointFit] | None:
+    """A path with bent legs, where that is right; a start says what legs are."""
+    if fit is None or estimator.of_fit is None or request.start is not None:
+        return None
+    if not asks_for_bends(verdict):
+        return None
+    setting = request.setting
+    found = bent_instead(fit, request.sightings, setting, request.n_legs)
     if found is None:
         return None
     found = with_diffuse(found, setting, nominal=request.timing is None)
