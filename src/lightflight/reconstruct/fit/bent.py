@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _MOST_TURN_DEG = 60.0
-"""Corners that turn by less may stand for a curve, deg: of one that turns by a right angle in view a
-search makes two legs or more, whose corners turn by half of that."""
+"""Corners that turn by less may stand for a curve, deg: of one that turns by a right angle in view
+a search makes two legs or more, whose corners turn by half of that."""
 _PLACES = 65
 """Of a chain of legs that its curve is laid through."""
 

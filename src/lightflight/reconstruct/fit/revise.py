@@ -203,7 +203,7 @@ def with_n_legs(
     """
     while fit.solution.state.n_legs < n_legs:
         state = fit.solution.state
-        bends = [_sharpest_bend(sightings, fit, k, setting) for k in range(state.n_legs)]
+        bends = [sharpest_bend(sightings, fit, k, setting) for k in range(state.n_legs)]
         trials = (
             _opened(sightings, state, int(k), bends[int(k)][1], setting)
             for k in np.argsort([-chi2 for chi2, _ in bends])
@@ -340,7 +340,7 @@ def _total_cost(solution: Solution, fit: JointFit) -> float:
 def _split_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> JointFit | None:
     """The fit with one leg cut where times and light bend most, where that explains far more."""
     state = fit.solution.state
-    bends = [_sharpest_bend(sightings, fit, k, setting) for k in range(state.n_legs)]
+    bends = [sharpest_bend(sightings, fit, k, setting) for k in range(state.n_legs)]
     order = np.argsort([-chi2 for chi2, _ in bends])
     before = fit.solution.chi2 + sum(f.bend_chi2 for p in fit.pictures for f in p.fits)
     for k in order:
@@ -363,10 +363,13 @@ def _split_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> J
     return None
 
 
-def _sharpest_bend(
+def sharpest_bend(
     sightings: list[Sighting], fit: JointFit, leg: int, setting: Setting
 ) -> tuple[float, float]:
-    """(chi-square, fraction of the leg) of the most significant kink in times and lines."""
+    """(chi-square, fraction of the leg) of the most significant kink in times and lines.
+
+    A score test: what cannot be seen by a kink, no further corner or shape explains.
+    """
     times, solution = fit.times, fit.solution
     # The first camera's picture tells; the others follow the path.
     mine = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == 0)

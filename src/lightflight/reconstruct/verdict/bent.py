@@ -17,7 +17,7 @@ from lightflight.reconstruct.fit.bent import (
 )
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
-from lightflight.reconstruct.fit.revise import refitted, setting_without
+from lightflight.reconstruct.fit.revise import refitted, setting_without, sharpest_bend
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
@@ -33,8 +33,9 @@ _MOST_ORDERS = 5
 """Shapes of a bend that are tried."""
 _FIRST_ORDERS = (1, 2)
 """Shapes that a bend begins with."""
-_NUMBERS = 2
-"""Of each shape: one in the picture, one in depth."""
+_KINK_CHI2 = 20.0
+"""A leg whose times and image have no kink worth this in chi-square is not tried with a further
+shape: two numbers are worth no less (ln n each, and what tells two causes apart)."""
 _OF_A_CORNER = 3
 """Numbers of a corner, its place."""
 
@@ -81,7 +82,7 @@ def bent_instead(
     best = _best_begun(fit, sightings, setting, n_legs)
     if best is None:
         return None
-    best = _grown(best, sightings)
+    best = _pruned(_grown(best, sightings), sightings)
     bent, own = best
     cost, without = cost_with_kinks(bent, sightings), cost_with_kinks(fit, list(fit.sightings))
     margin = price_of(0, sightings)
@@ -109,24 +110,30 @@ def _best_begun(
     fit: JointFit, sightings: list[Sighting], setting: Setting, n_legs: int | None
 ) -> _Trial | None:
     """The best path with one bent leg more than it has, few shapes each."""
-    trials = [
-        (trial, there)
-        for state, there in _begun(fit.solution.state, setting)
-        if state.has_legs(n_legs)
-        and not isinstance(trial := _fitted(sightings, state, there), NoFit)
-    ]
-    return min(trials, key=lambda one: priced(one[0], sightings), default=None)
+    begun = _begun(fit.solution.state, setting)
+    begun += [(longer, setting) for longer in _bent_more(fit, sightings, setting)]
+    return _cheapest([one for one in begun if one[0].has_legs(n_legs)], sightings)
 
 
 def _begun(state: PathState, setting: Setting) -> list[tuple[PathState, Setting]]:
-    """Paths with a bent leg for each leg, and for each run of legs that turn by little."""
+    """Paths with a bent leg for each run of legs that turn by little."""
     told = {index for index, _, _ in setting.waypoints}
     camera, begun = setting.camera, []
     for corners in runs_of_corners(state, sorted(told)):
         there = setting_without(setting, corners)
         begun += [(bent_for_run(state, corners, n, camera), there) for n in _FIRST_ORDERS]
-    begun += [(with_bend(state, leg, 1, camera), setting) for leg in state.seen]
     return begun
+
+
+def _bent_more(fit: JointFit, sightings: list[Sighting], setting: Setting) -> list[PathState]:
+    """Paths with a shape more on each leg whose times or image have a kink."""
+    state, found = fit.solution.state, []
+    for leg in state.seen:
+        orders = sum(bend.orders for bend in state.bends if bend.leg == leg)
+        kinked = sharpest_bend(sightings, fit, leg, setting)[0] > _KINK_CHI2
+        if kinked and orders < _MOST_ORDERS:
+            found.append(with_bend(state, leg, orders + 1, setting.camera))
+    return found
 
 
 def _fitted(sightings: list[Sighting], state: PathState, setting: Setting) -> JointFit | NoFit:
@@ -138,29 +145,36 @@ def _grown(best: _Trial, sightings: list[Sighting]) -> _Trial:
     while True:
         fit, setting = best
         state = fit.solution.state
-        had = {bend.leg: bend.orders for bend in state.bends}
-        trials = [
-            (trial, setting)
-            for leg in state.seen
-            if had.get(leg, 0) < _MOST_ORDERS
-            and not isinstance(
-                trial := _fitted(
-                    sightings, with_bend(state, leg, had.get(leg, 0) + 1, setting.camera), setting
-                ),
-                NoFit,
-            )
-        ]
         # A run of legs beside a bent one may be a part of its curve, or one of its own.
-        trials += [
-            (trial, there)
-            for longer, there in _begun(state, setting)
-            if len(longer.vertices_mm) < len(state.vertices_mm)
-            and not isinstance(trial := _fitted(sightings, longer, there), NoFit)
-        ]
-        better = min(trials, key=lambda one: priced(one[0], sightings), default=None)
+        longer = [(one, setting) for one in _bent_more(fit, sightings, setting)]
+        longer += _begun(state, setting)
+        better = _cheapest(longer, sightings)
         if better is None or priced(better[0], sightings) > priced(fit, sightings) - WITHIN:
             return best
         best = better
+
+
+def _pruned(best: _Trial, sightings: list[Sighting]) -> _Trial:
+    """The path without the last shapes of its bends that are not worth their price."""
+    while True:
+        fit, setting = best
+        state, camera = fit.solution.state, setting.camera
+        shorter = [
+            (with_bend(state, bend.leg, bend.orders - 1, camera), setting)
+            for bend in state.bends
+            if bend.orders > 1
+        ]
+        better = _cheapest(shorter, sightings)
+        if better is None or priced(better[0], sightings) > priced(fit, sightings):
+            return best
+        best = better
+
+
+def _cheapest(begun: list[tuple[PathState, Setting]], sightings: list[Sighting]) -> _Trial | None:
+    """The fit from one of some paths that costs least; None where none can be fitted."""
+    trials = [(_fitted(sightings, state, setting), setting) for state, setting in begun]
+    fits = [(fit, setting) for fit, setting in trials if not isinstance(fit, NoFit)]
+    return min(fits, key=lambda one: priced(one[0], sightings), default=None)
 
 
 def _told_apart(
