@@ -6,6 +6,7 @@ at both ends. Without coefficients it is that line.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -310,6 +311,65 @@ def checked_bends(bends: object, n_legs: int, unseen: tuple[int, ...]) -> tuple[
             f"got legs {legs!r:.60}"
         )
     return tuple(_checked(one) for one in sorted(bends, key=lambda one: one.leg))
+
+
+def arrays_of_bends(bends: tuple[Bend, ...]) -> dict[str, NDArray[np.generic]]:
+    """Bends as plain arrays, for files.
+
+    Parameters
+    ----------
+    bends : tuple of Bend
+        In the order of their legs.
+
+    Returns
+    -------
+    dict of str to array
+        `bends_leg` (k,), `bends_axes` (k, 2, 3), `bends_orders` (k,), and `bends_coefficients_mm`,
+        all coefficients of one bend after those of another.
+    """
+    return {
+        "bends_leg": np.array([bend.leg for bend in bends], dtype=np.int64),
+        "bends_axes": np.array([bend.axes for bend in bends]),
+        "bends_orders": np.array([bend.orders for bend in bends], dtype=np.int64),
+        "bends_coefficients_mm": np.concatenate([b.coefficients_mm.ravel() for b in bends]),
+    }
+
+
+def bends_from_arrays(arrays: Mapping[str, NDArray[np.generic]]) -> tuple[Bend, ...]:
+    """Bends of the arrays of a file, by `arrays_of_bends`; () where it holds none.
+
+    Parameters
+    ----------
+    arrays : mapping of str to array
+        Of the file.
+
+    Returns
+    -------
+    tuple of Bend
+        As they were written; whether they are bends of the path, `checked_bends` says.
+
+    Raises
+    ------
+    ValueError
+        Where the arrays do not belong together.
+    KeyError
+        Where one lacks.
+    """
+    if "bends_leg" not in arrays:
+        return ()
+    legs, orders = (np.asarray(arrays[f"bends_{name}"]) for name in ("leg", "orders"))
+    axes = np.asarray(arrays["bends_axes"], dtype=float)
+    flat = np.asarray(arrays["bends_coefficients_mm"], dtype=float)
+    n = len(legs) if legs.ndim == 1 else -1
+    whole = legs.dtype.kind == "i" and orders.dtype.kind == "i"
+    known = whole and orders.shape == (n,) and bool(((orders > 0) & (orders <= MOST_ORDERS)).all())
+    if not known or axes.shape != (n, 2, 3) or flat.shape != (2 * int(orders.sum()),):
+        raise ValueError("its bends are damaged: their arrays do not belong together")
+    parts = np.split(flat, np.cumsum(2 * orders)[:-1])
+    return tuple(
+        Bend(int(leg), own, part.reshape(2, -1))
+        for leg, own, part in zip(legs, axes, parts, strict=True)
+    )
 
 
 def checked_bend_covariance(covariance: object, bends: tuple[Bend, ...], n: int) -> Floats:

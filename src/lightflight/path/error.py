@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from lightflight.arguments import check_kinds, yes_or_no
 from lightflight.errors import GeometryError
+from lightflight.path.on_bends import drawn
 from lightflight.path.on_legs import extrapolated_position
 from lightflight.path.tables import Polyline
 
@@ -83,9 +84,9 @@ def path_error(
 
 
 def _polyline(path: Polyline) -> tuple[Floats, Floats]:
-    """Vertices (m, 3), mm, and their event times (m,), ps."""
-    vertices = np.asarray(path.vertices_mm, dtype=float)
-    return vertices, np.asarray(path.vertex_times_ps, dtype=float)
+    """Vertices (m, 3), mm, and their event times (m,), ps; bent legs in many straight pieces."""
+    vertices, times, _ = drawn(path)
+    return vertices, times
 
 
 def _up_to_exit(visible: NDArray[np.bool_]) -> NDArray[np.bool_]:

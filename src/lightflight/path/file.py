@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from lightflight.camera.model import Camera
 from lightflight.errors import FileFormatError, LimitError
 from lightflight.files.filecheck import damage_as_format_error
-from lightflight.files.store import NEWEST_SCHEMA, SCHEMA_VERSION, load_record, save_record
+from lightflight.files.store import SCHEMA_VERSION, load_record, save_record
 from lightflight.flight import Medium, Source
+from lightflight.path.bends import arrays_of_bends, bends_from_arrays
 from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
 from lightflight.path.verdict import NOT_EXAMINED, Verdict
 from lightflight.provenance import provenance_record
@@ -28,6 +29,8 @@ _INDICES = ("path_group_index", "return_group_index")
 _KINDS: dict[str, tuple[type, ...]] = {
     "dof": (int,), "n_pulses": (int,), "n_rejected": (int,), "converged": (bool,),
 }  # fmt: skip
+_SCHEMA_OF_UNSEEN, _SCHEMA_OF_BENDS = 2, 3
+"""Of files that hold such legs: versions that know no such schema refuse them."""
 _MOST = 2**62
 _LONGEST_TEXT, _MOST_SENTENCES = 10_000, 1_000
 _MOST_TRUE_VERTICES, _FARTHEST = 10_000, 1e16
@@ -85,8 +88,13 @@ def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
         attributes["prices"] = list(path.prices)
     if path.unseen_legs:
         attributes["unseen_legs"] = list(path.unseen_legs)
-    # A version that knows no unseen legs would draw them as light that was seen.
-    schema = NEWEST_SCHEMA[PATH_KIND] if path.unseen_legs else SCHEMA_VERSION
+    # A version that knows no unseen legs would draw them as light that was seen, and one that knows
+    # no bent legs would draw them straight.
+    schema = _SCHEMA_OF_UNSEEN if path.unseen_legs else SCHEMA_VERSION
+    if path.bends:
+        arrays |= arrays_of_bends(path.bends)
+        arrays["bends_covariance"] = np.asarray(path.bend_covariance)
+        schema = _SCHEMA_OF_BENDS
     save_record(file, kind=PATH_KIND, arrays=arrays, attributes=attributes, schema=schema)
 
 
@@ -202,6 +210,8 @@ def _fields_from_record(
         "verdict": _verdict_from_record(attributes),
         "explained": _explained_from_record(attributes),
         "unseen_legs": tuple(attributes.get("unseen_legs", ())),
+        "bends": bends_from_arrays(arrays),
+        "bend_covariance": arrays.get("bends_covariance"),
     }
 
 

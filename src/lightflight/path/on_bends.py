@@ -6,7 +6,7 @@ vertices it has flown that share of the curve's length.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from lightflight.path.on_legs import extrapolated_position
 
 if TYPE_CHECKING:
     from lightflight.path.light_path import LightPath
+    from lightflight.path.tables import Polyline
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -26,31 +27,35 @@ PIECES = 64
 
 def course_of_leg(path: LightPath, leg: int) -> BentCourse | None:
     """The curve of a leg of a path; None: it is straight."""
-    for bend in path.bends:
-        if bend.leg == leg:
-            return BentCourse(path.vertices_mm[leg], path.vertices_mm[leg + 1], bend)
-    return None
+    return next((course for course in courses_of(path) if course.leg == leg), None)
+
+
+def courses_of(path: Polyline) -> tuple[BentCourse, ...]:
+    """The curves of all bent legs of a path; () of a truth."""
+    vertices = np.asarray(path.vertices_mm, dtype=float)
+    return tuple(
+        BentCourse(vertices[bend.leg], vertices[bend.leg + 1], bend)
+        for bend in getattr(path, "bends", ())
+    )
 
 
 def positions_on(path: LightPath, times_ps: Floats) -> Floats:
     """Places of the pulse at event times (n,), first and last leg prolonged; (n, 3), mm."""
     positions = extrapolated_position(path.vertices_mm, path.vertex_times_ps, times_ps)
     leg = path.leg_at(times_ps) if path.bends else np.zeros(0, dtype=np.int64)
-    for bend in path.bends:
-        here = leg == bend.leg
-        course = course_of_leg(path, bend.leg)
-        assert course is not None
+    for course in courses_of(path):
+        here = leg == course.leg
         positions[here] = course.points_mm(_fractions(path, course, times_ps[here]))
     return positions
 
 
-def drawn(path: LightPath) -> tuple[Floats, Floats, Indices]:
+def drawn(path: Polyline) -> tuple[Floats, Floats, Indices]:
     """The path as a chain of straight pieces, bent legs in many.
 
     Parameters
     ----------
-    path : LightPath
-        The path.
+    path : LightPath or truth
+        The path; a truth has no bent legs.
 
     Returns
     -------
@@ -61,15 +66,19 @@ def drawn(path: LightPath) -> tuple[Floats, Floats, Indices]:
     leg : array of int, shape (k - 1,)
         The leg that each piece belongs to.
     """
-    times, legs = [path.vertex_times_ps[:1]], []
-    bent = {bend.leg for bend in path.bends}
-    for leg in range(path.n_legs):
+    vertex_times = np.asarray(path.vertex_times_ps, dtype=float)
+    bent = {bend.leg for bend in getattr(path, "bends", ())}
+    if not bent:
+        vertices = np.asarray(path.vertices_mm, dtype=float)
+        return vertices, vertex_times, np.arange(len(vertex_times) - 1)
+    times, legs = [vertex_times[:1]], []
+    for leg in range(len(vertex_times) - 1):
         n = PIECES if leg in bent else 1
-        start, end = path.vertex_times_ps[leg : leg + 2]
+        start, end = vertex_times[leg : leg + 2]
         times.append(np.append(start + (end - start) * np.arange(1, n) / n, end))
         legs.append(np.full(n, leg))
     event = np.concatenate(times)
-    return positions_on(path, event), event, np.concatenate(legs)
+    return positions_on(cast("LightPath", path), event), event, np.concatenate(legs)
 
 
 def whole_covariance(path: LightPath) -> Floats:
@@ -92,10 +101,8 @@ def columns_of_bend(path: LightPath, leg: int) -> Indices:
     return np.zeros(0, dtype=np.int64)
 
 
-def position_jacobian(
-    path: LightPath, course: BentCourse, time_ps: float
-) -> tuple[Floats, Indices]:
-    """How a place on a bent leg at a fixed event time follows the path.
+def point_jacobian(path: LightPath, course: BentCourse, share: Floats) -> tuple[Floats, Indices]:
+    """How places on a bent leg, each at a share of the leg's time, follow the path.
 
     Parameters
     ----------
@@ -103,41 +110,64 @@ def position_jacobian(
         The path.
     course : BentCourse
         The curve of the leg.
-    time_ps : float
-        Event time, ps.
+    share : array of float, shape (n,)
+        Of the time between the leg's two vertices.
 
     Returns
     -------
-    jacobian : array of float, shape (3, 8 + 2 J)
-        By x, y, z, t of the leg's two vertices, then by the coefficients of its bend.
+    jacobian : array of float, shape (n, 4, 8 + 2 J)
+        x, y, z (mm) and t (ps) by x, y, z, t of the leg's two vertices, then by the coefficients of
+        its bend.
     places : array of int, shape (8 + 2 J,)
         Where those stand in `whole_covariance`.
 
     Notes
     -----
-    At fixed time the way s(f) = tau L is the same share of the length: what lengthens the curve
-    slides the place along it by (tau dL - ds + L dtau) / |X'|.
+    The way s(f) = tau L is the same share of the length: what lengthens the curve slides the place
+    along it by (tau dL - ds) / |X'| (method.md, Bent legs).
     """
-    leg = course.leg
-    t0, t1 = path.vertex_times_ps[leg : leg + 2]
-    share = (time_ps - t0) / (t1 - t0)
-    fraction = _fractions(path, course, np.array([time_ps]))
-    _, by_step, by_bend = course.ways_and_slopes(np.append(fraction, 1.0))
+    leg, n = course.leg, len(share)
     length = float(course.ways_mm(np.ones(1))[0])
-    tangent = course.tangents_mm(fraction)[0]
-    along = tangent / float(tangent @ tangent) ** 0.5
-    still = np.zeros((3, 8 + course.bend.size))
-    still[:, :3], still[:, 4:7] = (1 - fraction[0]) * np.eye(3), fraction[0] * np.eye(3)
+    fraction = course.fractions_at(share * length)
+    _, by_step, by_bend = course.ways_and_slopes(np.append(fraction, 1.0))
+    tangents = course.tangents_mm(fraction)
+    along = tangents / np.linalg.norm(tangents, axis=1)[:, np.newaxis]
+    found = np.zeros((n, 4, 8 + course.bend.size))
     for axis in range(3):
-        still[axis, 8:] = course.by_bend(fraction, np.eye(3)[[axis]])[0]
-    slides = np.zeros(8 + course.bend.size)
-    slides[4:7] = share * by_step[1] - by_step[0]
-    slides[:3] = -slides[4:7]
-    slides[8:] = share * by_bend[1] - by_bend[0]
-    slides[3] = -(1 - share) * length / (t1 - t0)
-    slides[7] = -share * length / (t1 - t0)
+        found[:, axis, axis], found[:, axis, 4 + axis] = 1 - fraction, fraction
+        found[:, axis, 8:] = course.by_bend(fraction, np.tile(np.eye(3)[axis], (n, 1)))
+    slides = np.zeros((n, 8 + course.bend.size))
+    slides[:, 4:7] = np.outer(share, by_step[-1]) - by_step[:-1]
+    slides[:, :3] = -slides[:, 4:7]
+    slides[:, 8:] = np.outer(share, by_bend[-1]) - by_bend[:-1]
+    found[:, :3] += along[:, :, np.newaxis] * slides[:, np.newaxis]
+    found[:, 3, 3], found[:, 3, 7] = 1 - share, share
     places = np.concatenate((np.arange(4 * leg, 4 * leg + 8), columns_of_bend(path, leg)))
-    return still + np.outer(along, slides), places
+    return found, places
+
+
+def position_jacobian(
+    path: LightPath, course: BentCourse, time_ps: float
+) -> tuple[Floats, Indices]:
+    """How a place on a bent leg at a fixed event time follows the path; (3, 8 + 2 J).
+
+    As `point_jacobian`, less the velocity times what its time does.
+    """
+    t0, t1 = path.vertex_times_ps[course.leg : course.leg + 2]
+    share = np.array([(time_ps - t0) / (t1 - t0)])
+    found, places = point_jacobian(path, course, share)
+    length = float(course.ways_mm(np.ones(1))[0])
+    tangent = course.tangents_mm(course.fractions_at(share * length))[0]
+    velocity = tangent / np.linalg.norm(tangent) * length / (t1 - t0)
+    return found[0, :3] - np.outer(velocity, found[0, 3]), places
+
+
+def covariance_on_bent_leg(path: LightPath, course: BentCourse, share: Floats) -> Floats:
+    """(n, 4, 4), of x, y, z (mm) and t (ps) at shares (n,) of a bent leg's time."""
+    jacobian, places = point_jacobian(path, course, share)
+    own = whole_covariance(path)[np.ix_(places, places)]
+    found: Floats = jacobian @ own @ np.swapaxes(jacobian, 1, 2)
+    return found
 
 
 def angle_variance(

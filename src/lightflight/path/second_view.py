@@ -18,6 +18,7 @@ from lightflight.camera.model import Camera
 from lightflight.display import Shown
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, arrival_time_from_event
+from lightflight.path.on_bends import drawn
 from lightflight.path.tables import Polyline
 from lightflight.units import std_from_fwhm
 
@@ -169,11 +170,10 @@ def observe(
         )
     medium = getattr(path, "medium", None) if medium is None else medium
     medium = Medium() if medium is None else medium
-    vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
-    times = np.asarray(path.vertex_times_ps, dtype=float)
+    vertices, times, of_leg = drawn(path)
     pieces = [
-        _steps_of_leg(vertices[k : k + 2], times[k : k + 2], k, camera, medium, steps_per_pixel)
-        for k in range(len(vertices) - 1)
+        _steps_of_leg(vertices[k : k + 2], times[k : k + 2], leg, camera, medium, steps_per_pixel)
+        for k, leg in enumerate(of_leg)
     ]
     table = np.concatenate(pieces, axis=1) if pieces else np.zeros((6, 0))
     if table.shape[1] == 0:
@@ -218,7 +218,7 @@ def camera_towards(
     """
     own = getattr(path, "camera", None)
     rows, cols = shape or (own.shape if own is not None else (32, 32))
-    vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
+    vertices = drawn(path)[0].reshape(-1, 3)
     vertices = vertices[np.isfinite(vertices).all(axis=1)]
     if len(vertices) == 0:
         raise GeometryError("the path has no vertices: there is nothing to look at")

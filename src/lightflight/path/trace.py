@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight.display import Shown
 from lightflight.flight import Medium
+from lightflight.path.on_bends import courses_of, covariance_on_bent_leg, positions_on
 from lightflight.path.on_legs import covariance_on_legs, sliding_maps
 from lightflight.path.tables import RESIDUAL_DTYPE, Polyline
 
@@ -135,6 +136,14 @@ def trace_from_path(
     points = vertices[leg] + fraction[:, np.newaxis] * (vertices[leg + 1] - vertices[leg])
     event = times[leg] + fraction * (times[leg + 1] - times[leg])
     lengths = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
+    covariance = _covariance_at(path, leg, fraction, points)
+    for course in courses_of(path):
+        # `fraction` is of the leg's time, and so of its length.
+        here, told = leg == course.leg, cast("LightPath", path)
+        points[here] = positions_on(told, event[here])
+        lengths[course.leg] = course.ways_mm(np.ones(1))[0]
+        if has_errors(path):
+            covariance[here] = covariance_on_bent_leg(told, course, fraction[here])
     start = np.concatenate(([0.0], np.cumsum(lengths)))
     return Trace(
         points_mm=points,
@@ -142,7 +151,7 @@ def trace_from_path(
         arrival_ps=arrival_from_points(points, event, camera=camera, medium=medium),
         length_mm=start[leg] + fraction * lengths[leg],
         leg=leg,
-        covariance=_covariance_at(path, leg, fraction, points),
+        covariance=covariance,
         in_view=_in_view(points, camera) & ~np.isin(leg, unseen_legs_of(path)),
     )
 
@@ -216,6 +225,7 @@ def across_axes(trace: Trace) -> tuple[Floats, Floats]:
     n = len(trace.points_mm)
     variances, axes = np.full((n, 2), np.nan), np.zeros((n, 2, 3))
     for leg in np.unique(trace.leg):
+        # One frame for the whole leg, a bent one too: outlines of its errors do not twist.
         of_leg = trace.leg == leg
         points = trace.points_mm[of_leg]
         frame = frame_across(points[-1] - points[0])
@@ -427,10 +437,19 @@ def places_from_path(path: Polyline) -> PulsePlaces:
         origins, rays, _ = camera.lines_of_sight(row[known].astype(float), col[known].astype(float))
         f = nearest_on_leg(rays, origins, vertices[on], vertices[on + 1])
         spans = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
+        for course in courses_of(path):
+            spans[course.leg] = course.ways_mm(np.ones(1))[0]
         start = np.concatenate(([0.0], np.cumsum(spans)))
         points[known] = vertices[on] + f[:, np.newaxis] * (vertices[on + 1] - vertices[on])
         length[known] = start[on] + f * spans[on]
         event[known] = times[on] + f * (times[on + 1] - times[on])
+        for course in courses_of(path):
+            # The fit says when light of each pulse was on the curve.
+            here = leg == course.leg
+            event[here] = table["event_time_ps"][here]
+            points[here] = positions_on(cast("LightPath", path), event[here])
+            share = (event[here] - times[course.leg]) / np.diff(times)[course.leg]
+            length[here] = start[course.leg] + share * spans[course.leg]
     return PulsePlaces(
         row=row,
         col=col,

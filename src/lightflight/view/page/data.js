@@ -49,6 +49,7 @@ function legAt(t) {
 function positionAt(t) {
   if (!nLegs) return [NaN, NaN, NaN];
   const k = legAt(t);
+  if (path.legs[k] && path.legs[k].bent) return placeOnTrace(t);
   const span = legTimes[k + 1] - legTimes[k];
   const f = span > 0 ? (t - legTimes[k]) / span : 0;
   return [0, 1, 2].map((i) => lerp(vertices[k][i], vertices[k + 1][i], f));
@@ -95,7 +96,13 @@ function alongTrace(column, t) {
   return lerp(column[low], column[high], span > 0 ? (t - times[low]) / span : 0);
 }
 
+// On a bent leg: between the points of the trace, whose rows are x, y, z.
+function placeOnTrace(t) {
+  return [0, 1, 2].map((i) => alongTrace(trace.points_mm.filter((_, n) => n % 3 === i), t));
+}
+
 function legLength(k) {
+  if (path.legs[k] && path.legs[k].bent) return path.legs[k].length_mm;
   return Math.hypot(...[0, 1, 2].map((i) => vertices[k + 1][i] - vertices[k][i]));
 }
 
