@@ -29,8 +29,8 @@ _FRACTION_STEPS = 30
 
 
 @lru_cache(maxsize=64)
-def _polynomials(orders: int) -> tuple[Floats, Floats, Floats]:
-    """Coefficients (powers, orders) of the shapes, and of their first derivatives, in g = 2 f - 1.
+def _polynomials(orders: int) -> tuple[Floats, Floats]:
+    """Coefficients (powers, orders) of the shapes, and of their derivatives by f, in g = 2 f - 1.
 
     The shapes are (1 - g^2) P_(j-1)(g): 4 f (1 - f) times Legendre's polynomials.
     """
@@ -39,9 +39,8 @@ def _polynomials(orders: int) -> tuple[Floats, Floats, Floats]:
     for j in range(orders):
         powers = np.polynomial.polynomial.polymul(dome, legendre.leg2poly([0.0] * j + [1.0]))
         shapes[: len(powers), j] = powers
-    first = 2.0 * np.polynomial.polynomial.polyder(shapes)
-    second = 2.0 * np.polynomial.polynomial.polyder(first)
-    return shapes, first, second
+    slopes: Floats = 2.0 * np.asarray(np.polynomial.polynomial.polyder(shapes), dtype=float)
+    return shapes, slopes
 
 
 def _at(powers: Floats, fraction: Floats) -> Floats:
@@ -65,7 +64,7 @@ def shapes_at(fraction: Floats, orders: int) -> Floats:
         Zero at both ends; the first is 4 f (1 - f), whose coefficient is the sagitta.
     """
     inside = np.clip(fraction, 0.0, 1.0)
-    shapes, first, _ = _polynomials(orders)
+    shapes, first = _polynomials(orders)
     beyond = (fraction - inside)[:, np.newaxis]
     return np.asarray(_at(shapes, inside) + beyond * _at(first, inside))
 
@@ -224,7 +223,8 @@ class BentCourse:
 
         def summed(values: Floats) -> Floats:
             """(n, k), the integral of values (all places, k)."""
-            total: Floats = np.einsum("ij,ijk->ik", share, values.reshape(*share.shape, -1))
+            by_place = values.reshape(*share.shape, values.shape[1])
+            total: Floats = np.einsum("ij,ijk->ik", share, by_place)
             return total
 
         return summed(speed[:, np.newaxis])[:, 0], summed(unit), summed(by_bend)

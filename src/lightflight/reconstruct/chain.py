@@ -22,7 +22,7 @@ from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.result import explained, on_first_lap
 from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.shared import freed
+from lightflight.reconstruct.model.shared import freed, freed_names
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.reconstruct.verdict.bent import asks_for_bends, bent_instead
@@ -85,7 +85,7 @@ def reconstruct(
     free : iterable of str, optional
         What to fit within its plausible size although it was told as exact, or nearly so: "source",
         "emission_time", "pose", "focal_length", "distortion", "index", "window" (its distance),
-        "clock_offset", "clock_scale", "clock_drift".
+        "clock_offset", "clock_scale", "clock_drift", "bend" (legs may be curves).
 
     Raises
     ------
@@ -117,7 +117,8 @@ def reconstruct(
     )
     checked_media(setting, method)
     told = clocks[0]
-    setting, clocks = freed(setting, clocks, repeats, free)
+    wanted = freed_names(free)
+    setting, clocks = freed(setting, clocks, repeats, wanted)
     sightings = [
         sighting_from_histograms(
             h,
@@ -131,8 +132,9 @@ def reconstruct(
         for k, (h, clock) in enumerate(zip(repeats, clocks, strict=True))
     ]
     return path_from_sightings(
-        sightings, setting, timing=told, method=method, n_legs=n_legs, start=start
-    )
+        sightings, setting, timing=told, method=method, n_legs=n_legs, start=start,
+        may_bend="bend" in wanted,
+    )  # fmt: skip
 
 
 def path_from_sightings(
@@ -143,6 +145,7 @@ def path_from_sightings(
     method: str = "joint",
     n_legs: int | None = None,
     start: LightPath | ArrayLike | None = None,
+    may_bend: bool = False,
 ) -> LightPath:
     """Path from recordings whose pulses are found; parameters and errors as in `reconstruct`.
 
@@ -160,6 +163,8 @@ def path_from_sightings(
         How many legs there are, where the user knows it; None: as many as the data show.
     start : LightPath or array_like, optional
         A path or its vertices in mm to start from, instead of the search for legs.
+    may_bend : bool, optional
+        Whether legs may be curves, and all else is as it was told.
 
     Returns
     -------
@@ -170,7 +175,7 @@ def path_from_sightings(
     -----
     As `reconstruct`, whose errors it raises; for pulses that were found elsewhere.
     """
-    request = Request(sightings, setting, timing, n_legs, start)
+    request = Request(sightings, setting, timing, n_legs, start, may_bend)
     estimator = estimator_named(method)
     try:
         path, fit = estimator.fit(request)
@@ -225,10 +230,10 @@ def _bent(
     """A path with bent legs, where that is right; a start says what legs are."""
     if fit is None or estimator.of_fit is None or request.start is not None:
         return None
-    if not asks_for_bends(verdict):
+    if not request.may_bend and not asks_for_bends(verdict):
         return None
     setting = request.setting
-    found = bent_instead(fit, request.sightings, setting, request.n_legs)
+    found = bent_instead(fit, request.sightings, setting, request.n_legs, may_bend=request.may_bend)
     if found is None:
         return None
     found = with_diffuse(found, setting, nominal=request.timing is None)

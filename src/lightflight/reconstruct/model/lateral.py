@@ -298,7 +298,7 @@ def _problem(data: list[LineData], spacing_px: list[float]) -> _Problem:
         starts.append(starts[-1] + n_spline + d.n_offsets)
     touched = _filled(columns, starts[-1])
     return _Problem(
-        data=LineData(*(np.concatenate([getattr(d, name) for d in data]) for name in _OF_PIXELS)),
+        data=LineData(**{n: np.concatenate([getattr(d, n) for d in data]) for n in _OF_PIXELS}),
         pixels=pixels,
         starts=starts,
         spacing_px=spacing_px,

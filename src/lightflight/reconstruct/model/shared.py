@@ -379,6 +379,34 @@ def local_with_shared(
     )  # fmt: skip
 
 
+def freed_names(free: Iterable[str]) -> list[str]:
+    """Names of `free=`, checked.
+
+    Parameters
+    ----------
+    free : iterable of str
+        As given; one may stand alone.
+
+    Returns
+    -------
+    list of str
+        Of `FREE_NAMES`.
+
+    Raises
+    ------
+    ValueError
+        For another name.
+    """
+    try:
+        names = [free] if isinstance(free, str) else list(free)
+    except TypeError:
+        names = [shown(free)]
+    for name in names:
+        if not isinstance(name, str) or name not in FREE_NAMES:
+            raise ValueError(f"free: {shown(name)} is none of {', '.join(FREE_NAMES)}")
+    return names
+
+
 def freed(
     setting: Setting,
     clocks: Sequence[CodeClock | None],
@@ -410,14 +438,7 @@ def freed(
     ValueError
         For another name.
     """
-    try:
-        names = [free] if isinstance(free, str) else list(free)
-    except TypeError:
-        names = [shown(free)]
-    for name in names:
-        if not isinstance(name, str) or name not in FREE_NAMES:
-            raise ValueError(f"free: {shown(name)} is none of {', '.join(FREE_NAMES)}")
-    wanted = set(names)
+    wanted = set(freed_names(free))
     source, medium = setting.source, setting.medium
     if "source" in wanted:
         std = np.maximum(source.position_std_xyz_mm, PLAUSIBLE["source"].size)

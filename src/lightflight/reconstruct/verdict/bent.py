@@ -59,7 +59,12 @@ def asks_for_bends(verdict: Verdict) -> bool:
 
 
 def bent_instead(
-    fit: JointFit, sightings: list[Sighting], setting: Setting, n_legs: int | None
+    fit: JointFit,
+    sightings: list[Sighting],
+    setting: Setting,
+    n_legs: int | None,
+    *,
+    may_bend: bool = False,
 ) -> JointFit | None:
     """A path with bent legs that explains the recording far better; None where there is none.
 
@@ -73,6 +78,8 @@ def bent_instead(
         Camera, source, medium and waypoints.
     n_legs : int or None
         How many legs there are, where that is told.
+    may_bend : bool, optional
+        Whether it is told that legs may be curves: then nothing else that was told is in doubt.
 
     Returns
     -------
@@ -90,7 +97,7 @@ def bent_instead(
         return None
     if not explains_all(bent, sightings, without) or bent.solution.state.unseen:
         return None
-    return bent if _told_apart(bent, cost, fit, sightings, own) else None
+    return bent if may_bend or _told_apart(bent, cost, sightings, own) else None
 
 
 def cost_with_kinks(fit: JointFit, sightings: list[Sighting]) -> float:
@@ -177,9 +184,7 @@ def _cheapest(begun: list[tuple[PathState, Setting]], sightings: list[Sighting])
     return min(fits, key=lambda one: priced(one[0], sightings), default=None)
 
 
-def _told_apart(
-    bent: JointFit, cost: float, fit: JointFit, sightings: list[Sighting], setting: Setting
-) -> bool:
+def _told_apart(bent: JointFit, cost: float, sightings: list[Sighting], setting: Setting) -> bool:
     """Whether no straight path explains as much with something told wrong.
 
     Speed and a bend in depth are one direction of the data: of one leg alone, a wrong index cannot
