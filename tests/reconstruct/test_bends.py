@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
+import lightflight as lf
 from lightflight.flight import Medium
 from lightflight.path.bends import Bend, BentCourse, shapes_at
+from lightflight.path.tables import Goodness
+from lightflight.path.verdict import Level
 from lightflight.reconstruct.model.freedom import state_vector
 from lightflight.reconstruct.model.geometry import (
     PathState,
@@ -18,8 +23,16 @@ from lightflight.reconstruct.model.geometry import (
 )
 from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
 from lightflight.reconstruct.model.offsets import line_offsets
-from tests.oracles.bent import bent_scene, curved_arrival_ps
-from tests.oracles.refracted_border import camera_told
+from tests.oracles.bent import (
+    BentScene,
+    axes_of_leg,
+    bent_scene,
+    bow_freedoms,
+    curved_arrival_ps,
+)
+from tests.oracles.refracted import in_picture, positions_at
+from tests.oracles.refracted_border import camera_told, histograms, what_the_user_tells
+from tests.oracles.refracted_bound import bound
 
 AXES = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 MEDIUM = Medium(1.3, 1.00027)
@@ -154,3 +167,89 @@ class TestTheModel:
         assert state.with_corner(1, np.array([200.0, 40.0, 20.0])).bends[0].leg == 0
         assert state.with_corner(0, np.array([200.0, 10.0, 20.0])).bends == ()
         assert state.without([1]).bends == ()
+
+
+def squared_pulls(path: lf.LightPath, scene: BentScene) -> tuple[float, int]:
+    """Sum of squared pulls of the place in the middle of the bent leg's view, and their number."""
+    ends = scene.vertex_times_ps
+    times = np.linspace(ends[0], ends[1], 200)[:-1]
+    true = positions_at(scene, times)
+    told = path.position_at(times)
+    seen = np.flatnonzero(in_picture(scene, true) & np.isfinite(told[:, 0]))
+    k = seen[len(seen) // 2]
+    variance, axes = np.linalg.eigh(path.position_covariance_at(times[[k]])[0])
+    known = variance > 1e-6 * variance.max()
+    pulls = (axes.T @ (told - true)[k])[known] / np.sqrt(variance[known])
+    return float(np.sum(pulls**2)), int(known.sum())
+
+
+def rough_start(scene: BentScene, call: dict[str, Any], seed: int) -> lf.LightPath:
+    """Vertices off by 2 mm, the sagitta by 15 %."""
+    rng = np.random.default_rng([seed, 29])
+    vertices = np.array(scene.vertices_mm)
+    vertices[1:] += rng.normal(0.0, 2.0, vertices[1:].shape)
+    axes = np.stack(axes_of_leg(scene, 0))
+    bends = (Bend(0, axes, 0.85 * axes @ scene.bows_mm[0].T),)
+    state = PathState(vertices, scene.emission_time_ps, bends=bends)
+    n = 4 * len(vertices)
+    return lf.LightPath(
+        vertices, state.vertex_times_ps(call["medium"]), np.zeros((n, n)), camera=call["camera"],
+        source=call["source"], medium=call["medium"], bends=bends,
+        goodness=Goodness(0.0, 0, 0, 0, 0.0, 0.0, False),
+    )  # fmt: skip
+
+
+class TestFits:
+    @pytest.mark.parametrize(("way", "sagitta"), [("picture", 20.0), ("depth", 5.0)])
+    def test_errors_and_stated_errors_reach_the_bound_of_the_true_curve(self, way, sagitta):
+        """Four recordings of one leg: false alarm 1e-4 for pulls; stated to 5 % of the bound."""
+        scene = bent_scene(legs=1, sagitta_mm=sagitta, way=way)
+        least = bound(scene, also=bow_freedoms(scene)).position_rms_mm
+        total, dof = 0.0, 0
+        for seed in range(4):
+            hist = histograms(scene, seed)
+            call = what_the_user_tells(scene, hist)
+            path = lf.reconstruct(hist, start=rough_start(scene, call, seed), **call)
+            own, n = squared_pulls(path, scene)
+            total, dof = total + own, dof + n
+            sampled = path.sample(300)
+            seen = sampled["in_view"]
+            stated2 = sum(sampled[f"{axis}_std_mm"][seen] ** 2 for axis in "xyz")
+            assert np.sqrt(stated2.mean()) == pytest.approx(least, rel=0.05)
+            assert path.verdict.level is Level.TRUST
+        assert chi2.ppf(5e-5, dof) < total < chi2.ppf(1.0 - 5e-5, dof)
+
+    def test_photon_knows_bent_legs(self):
+        scene = bent_scene(legs=1, sagitta_mm=5.0, way="picture", photons=400.0)
+        hist = histograms(scene, 3)
+        call = what_the_user_tells(scene, hist)
+        path = lf.reconstruct(hist, start=rough_start(scene, call, 3), method="photon", **call)
+        total, dof = squared_pulls(path, scene)
+        assert path.method == "photon"
+        assert total < chi2.ppf(1.0 - 1e-4, dof)
+
+    def test_a_millimetre_of_sagitta_is_found_untold(self):
+        scene = bent_scene(legs=1, sagitta_mm=1.0, way="picture")
+        hist = histograms(scene, 4)
+        path = lf.reconstruct(hist, **what_the_user_tells(scene, hist))
+        (bend,) = path.bends
+        # A parabola's sagitta over the whole leg, of which the field of view is a part.
+        whole = np.linalg.norm(scene.bows_mm[0][0])
+        length = np.linalg.norm(np.diff(scene.vertices_mm, axis=0))
+        drawn = np.linalg.norm(path.vertices_mm[1] - path.vertices_mm[0])
+        sagitta = np.linalg.norm(bend.coefficients_mm[:, 0]) * (length / drawn) ** 2
+        assert sagitta == pytest.approx(whole, rel=0.1)
+        assert path.verdict.level is Level.TRUST
+
+    def test_one_leg_s_bend_in_depth_is_not_told_from_speed_unless_it_is_free(self):
+        """Speed and a bend in depth are one direction of the data."""
+        scene = bent_scene(legs=1, sagitta_mm=5.0, way="depth")
+        hist = histograms(scene, 5)
+        call = what_the_user_tells(scene, hist)
+        told = lf.reconstruct(hist, **call)
+        assert told.bends == ()
+        assert told.verdict.level is Level.CONTRADICTED
+        free = lf.reconstruct(hist, free=("bend",), **call)
+        assert [bend.leg for bend in free.bends] == [0]
+        total, dof = squared_pulls(free, scene)
+        assert total < chi2.ppf(1.0 - 1e-4, dof)

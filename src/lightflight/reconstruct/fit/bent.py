@@ -151,5 +151,5 @@ def _laid_through(course: BentCourse, places_mm: Floats) -> Bend:
     fraction = (places_mm - course.start_mm) @ step / float(step @ step)
     away = places_mm - course.start_mm - np.outer(fraction, step)
     shapes = shapes_at(fraction, course.bend.orders)
-    coefficients = np.linalg.lstsq(shapes, away @ course.bend.axes.T, rcond=None)[0]
+    coefficients = np.linalg.lstsq(shapes, away @ course.bend.axes.T, rcond=None)[0].astype(float)
     return replace(course.bend, coefficients_mm=coefficients.T)

@@ -174,8 +174,8 @@ def _path_from_climb(ended: Climb, rough: LightPath) -> LightPath:
 
     n = 4 * len(ended.state.vertices_mm)
     pixel, shared = (at_vertices(part)[:n, :n] for part in (by_delay, ended.prior))
-    told = to_vertices @ covariance[np.ix_(rows, rows)] @ to_vertices.T
-    whole = told[:n, :n]
+    with_bends = to_vertices @ covariance[np.ix_(rows, rows)] @ to_vertices.T
+    whole = with_bends[:n, :n]
     residuals = _updated_residuals(rough, ended)
     used = residuals["used"]
     squared, variance = residuals["residual_ps"][used] ** 2, residuals["std_ps"][used] ** 2
@@ -205,7 +205,7 @@ def _path_from_climb(ended: Climb, rough: LightPath) -> LightPath:
         residuals=residuals,
         prior=prior_in_words(seen.source),
         bends=ended.state.bends,
-        bend_covariance=told[:, n:],
+        bend_covariance=with_bends[:, n:],
     )
 
 

@@ -457,10 +457,14 @@ def _fill_leg(
 ) -> None:
     """Write one leg's columns of `local`, and its rows of the jacobian, in the pixels `here`."""
     k, feet, across = seen.leg, seen.feet, seen.across_px
+    inwards = 0.5 * light.lines[k].curvature(seen.along_px)
     spot, pulse_var = float(np.exp(light.log_spot_px)), np.exp(2 * light.log_std_ps)
     design = BSpline.design_matrix(seen.along_px, light.knots[k], 3).toarray()
     local.log_photons[here, k] = np.maximum(
-        design @ light.coefficients[k] + feet.log_share.value - 0.5 * (across / spot) ** 2,
+        design @ light.coefficients[k]
+        + feet.log_share.value
+        - 0.5 * (across / spot) ** 2
+        + inwards * across,
         _DARK_LOG,
     )
     std = np.sqrt(pulse_var + feet.variance_ps2.value)
@@ -482,7 +486,7 @@ def _fill_leg(
         jacobian[here, at + row, to_spline] = (scale * moment.by_slope)[:, np.newaxis] * to_slope
         jacobian[here, at + row, -2] = scale * moment.by_log_spot
     by_path[0] += log_slope[:, np.newaxis] * slopes.along
-    by_path[0] -= (across / spot**2)[:, np.newaxis] * slopes.across
+    by_path[0] -= (across / spot**2 - inwards)[:, np.newaxis] * slopes.across
     by_path[1] += slopes.arrival
     own = layout.of_path_and_shared
     for row in range(3):

@@ -95,7 +95,7 @@ def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tupl
 
 def sagitta_std_mm(order: int) -> float:
     """Prior standard deviation of a bend's coefficient of an order, counted from 1; mm."""
-    return PLAUSIBLE["curved_leg"].size / order**_BEND_FALL
+    return float(PLAUSIBLE["curved_leg"].size / order**_BEND_FALL)
 
 
 @dataclass(frozen=True, eq=False)

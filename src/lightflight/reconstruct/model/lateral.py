@@ -298,7 +298,7 @@ def _problem(data: list[LineData], spacing_px: list[float]) -> _Problem:
         starts.append(starts[-1] + n_spline + d.n_offsets)
     touched = _filled(columns, starts[-1])
     return _Problem(
-        data=LineData(**{n: np.concatenate([getattr(d, n) for d in data]) for n in _OF_PIXELS}),
+        data=_joined(data),
         pixels=pixels,
         starts=starts,
         spacing_px=spacing_px,
@@ -310,6 +310,14 @@ def _problem(data: list[LineData], spacing_px: list[float]) -> _Problem:
         precision=block_diag(*stiff, np.full((1, 1), SPOT_PRIOR[1] ** -2.0)),
         expected=np.zeros(starts[-1] + 1),
     )
+
+
+def _joined(data: list[LineData]) -> LineData:
+    """Pixels of all legs in one table, leg after leg."""
+    along, across, photons, empty = (
+        np.concatenate([getattr(d, name) for d in data]) for name in _OF_PIXELS
+    )
+    return LineData(along, across, photons, empty)
 
 
 def _filled(parts: list[NDArray[Any]], value: float) -> NDArray[Any]:

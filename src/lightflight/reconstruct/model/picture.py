@@ -117,6 +117,18 @@ class LegInPicture:
             foot = foot + ((along - foot) + aside * steep) / (1.0 + steep**2)
         return foot, np.sign(aside) * np.hypot(along - foot, across - self.bow(foot))
 
+    def curvature(self, along: Floats) -> Floats:
+        """1 / radius of a bent leg's image at places along it, per px, positive to the right.
+
+        Light of a curve gathers on its inner side: beside it a spot of variance v is exp(k y / 2)
+        times what it is beside a line, and its ridge lies v k / 2 inside of it.
+        """
+        if self.bow is None or not self.bent:
+            return np.zeros(np.shape(along))
+        steep = self.bow.deriv()(along)
+        curvature: Floats = self.bow.deriv(2)(along) / (1.0 + steep**2) ** 1.5
+        return curvature
+
     def points_px(self, along: ArrayLike, across: ArrayLike = 0.0) -> Floats:
         """Points (n, 2) at positions along the line and distances to the image's right, px."""
         along_ = np.asarray(along, dtype=float)
@@ -392,7 +404,11 @@ def lines_from_picture(picture: Picture) -> LineDataInPicture:
     for k, (leg, fit) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         if leg.dark:
             continue
-        anchors.extend(leg.points_px(np.array(fit.anchors_along_px), np.array(fit.offset_px)))
+        along, offset = np.array(fit.anchors_along_px), np.array(fit.offset_px)
+        if leg.bent:
+            # What was measured is the ridge of the light, inside of the curve.
+            offset = offset - 0.5 * picture.spot_std_px**2 * leg.curvature(along)
+        anchors.extend(leg.points_px(along, offset))
         legs.extend([k] * len(fit.anchors_along_px))
         # Two anchors measured alike leave no room for Cholesky: 1e-5 px keeps it.
         covariance = fit.offset_covariance + 1e-10 * np.eye(len(fit.offset_px))
