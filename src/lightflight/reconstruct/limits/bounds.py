@@ -22,7 +22,9 @@ from lightflight.arguments import check_kinds
 from lightflight.display import Card, Shown, number, picture_from_vertices
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
+from lightflight.path.bends import BentCourse
 from lightflight.path.light_path import LightPath
+from lightflight.path.on_bends import course_of_leg, covariance_on_bent_leg
 from lightflight.path.tables import Goodness
 from lightflight.reconstruct.fit.result import prior_in_words
 from lightflight.reconstruct.fit.statements import statements_from_covariance
@@ -40,6 +42,7 @@ from lightflight.reconstruct.model.freedom import (
     checked_waypoints,
     ends_in_view,
     freedom_of_path,
+    last_in_view,
     view_end,
     view_plane,
     with_tip,
@@ -197,7 +200,8 @@ def bounds(
     )
     times = getattr(subject, "vertex_times_ps", None)
     start = 0.0 if times is None else float(np.asarray(times)[0])
-    whole = PathState(np.array(subject.vertices_mm, dtype=float), start)
+    bends = tuple(getattr(subject, "bends", ()))
+    whole = PathState(np.array(subject.vertices_mm, dtype=float), start, bends=bends)
     # Beyond the view nothing is recorded: what lies there is a gauge, not an error.
     state, freedom, cut_ends = _state_in_view(whole, camera, medium, source, told)
     setting = Setting(camera, source, medium)
@@ -225,10 +229,14 @@ def _state_in_view(
     Besides, whether its light begins and stops within the view: such an end is free along its
     leg too.
     """
+    whole = _with_bent_ends_cut(whole, camera, medium, source)
+    ends_bent = whole.is_bent(np.array([0, whole.n_legs - 1]))
     vertices, start_time = whole.vertices_mm.copy(), whole.start_time_ps
-    last = _middle_in_view(vertices[-2], vertices[-1], camera, whole.n_legs)
-    step = vertices[-1] - vertices[-2]
-    end = view_end(camera, last, step / np.linalg.norm(step))
+    end = None
+    if not ends_bent[1]:
+        last = _middle_in_view(vertices[-2], vertices[-1], camera, whole.n_legs)
+        step = vertices[-1] - vertices[-2]
+        end = view_end(camera, last, step / np.linalg.norm(step))
     if end is not None:
         # A path that ends in view is not prolonged to the edge.
         beyond = (end.position_mm - vertices[-1]) @ step
@@ -238,7 +246,7 @@ def _state_in_view(
     if source.position_mm is not None:
         begins = bool(camera.sees(vertices[0]))
     cut_ends = begins, ends_in_view(camera, vertices[-1])
-    if source.position_mm is None:
+    if source.position_mm is None and not ends_bent[0]:
         first = _middle_in_view(vertices[0], vertices[1], camera, 1)
         step = vertices[1] - vertices[0]
         direction = step / np.linalg.norm(step)
@@ -247,16 +255,45 @@ def _state_in_view(
             cut = PathState(np.array([vertices[0], entry.position_mm]), start_time)
             start_time = float(cut.vertex_times_ps(medium)[-1])
             vertices[0] = entry.position_mm
-        start_basis = _moves_of_end(camera, vertices[0], vertices[1], in_view=cut_ends[0])
-    state = PathState(vertices, start_time)
+    state = PathState(vertices, start_time, bends=whole.bends)
+    if source.position_mm is None:
+        after = vertices[0] + state.tangents_mm(0, np.zeros(1))[0]
+        start_basis = _moves_of_end(camera, vertices[0], after, in_view=cut_ends[0])
+    before = vertices[-1] - state.tangents_mm(state.n_legs - 1, np.ones(1))[0]
     freedom = freedom_of_path(
         state,
         source=source,
         waypoints=waypoints,
         start_basis=start_basis,
-        end_bases=(_moves_of_end(camera, vertices[-1], vertices[-2], in_view=cut_ends[1]),),
+        end_bases=(_moves_of_end(camera, vertices[-1], before, in_view=cut_ends[1]),),
     )
     return state, freedom, cut_ends
+
+
+def _with_bent_ends_cut(
+    whole: PathState, camera: Camera, medium: Medium, source: Source
+) -> PathState:
+    """The same flight, with bent legs at its ends cut where they enter and leave the view."""
+    ends = [(whole.n_legs - 1, True)] + [(0, False)] * (source.position_mm is None)
+    for leg, at_end in ends:
+        if not whole.is_bent(np.array([leg]))[0]:
+            continue
+        fraction = np.linspace(0.0, 1.0, 2001)
+        seen = np.flatnonzero(camera.sees(whole.points_mm(leg, fraction)))
+        if not len(seen):
+            raise GeometryError(
+                f"the camera does not see leg {leg + 1} of the path: check its pose"
+            )
+
+        def place(at: Floats | float, leg: int = leg, path: PathState = whole) -> Floats:
+            found = path.points_mm(leg, np.atleast_1d(np.asarray(at, dtype=float)))
+            return found if np.ndim(at) else found[0]
+
+        middle = int(seen[len(seen) // 2])
+        last = last_in_view(camera, place, fraction[middle:] if at_end else fraction[middle::-1])
+        if last is not None:
+            whole = whole.prolonged(leg, last, medium, at_end=at_end)
+    return whole
 
 
 def _middle_in_view(start: Floats, end: Floats, camera: Camera, leg: int) -> Floats:
@@ -283,8 +320,8 @@ class _Information:
     ----------
     covariance : array of float, shape (p, p)
         Of the path's freedom, every nuisance eliminated; mm and ps.
-    vertex_covariance : array of float, shape (4m, 4m)
-        Of x, y, z, t of every vertex.
+    vertex_covariance : array of float, shape (4m + b, 4m + b)
+        Of x, y, z, t of every vertex, then of the b coefficients of bends.
     signal : array of float, shape (n, L)
         Expected photons of each leg in each pixel.
     """
@@ -356,16 +393,19 @@ def _bounds(
 ) -> Bounds:
     """The record of a bound, from what is known of the path."""
     free, signal = known.covariance, known.signal
+    n = 4 * len(state.vertices_mm)
     path = LightPath(
         state.vertices_mm,
         state.vertex_times_ps(medium),
-        known.vertex_covariance,
+        known.vertex_covariance[:n, :n],
         camera=camera,
         source=source,
         medium=medium,
         method="bound",
         goodness=Goodness(float("nan"), 0, len(signal), 0, float("nan"), 0.0, True),
         prior=prior_in_words(source),
+        bends=state.bends,
+        bend_covariance=known.vertex_covariance[:, n:],
     )
     sampled = path.sample(1000)
     seen = sampled["in_view"]
@@ -393,6 +433,10 @@ def _event_time_rms(path: LightPath, sampled: NDArray[np.void], camera: Camera) 
     for row in sampled[:: max(1, len(sampled) // 100)]:
         leg = int(row["leg"])
         t0, t1 = path.vertex_times_ps[leg : leg + 2]
+        course = course_of_leg(path, leg)
+        if course is not None:
+            variance.append(_variance_on_ray(path, course, row, camera))
+            continue
         start, step = path.vertices_mm[leg], path.vertices_mm[leg + 1] - path.vertices_mm[leg]
         f = (row["event_time_ps"] - t0) / (t1 - t0)
         point = start + f * step
@@ -406,3 +450,18 @@ def _event_time_rms(path: LightPath, sampled: NDArray[np.void], camera: Camera) 
         block = np.arange(4 * leg, 4 * leg + 8)
         variance.append(jacobian @ path.covariance[np.ix_(block, block)] @ jacobian)
     return float(np.sqrt(np.mean(variance)))
+
+
+def _variance_on_ray(path: LightPath, course: BentCourse, row: np.void, camera: Camera) -> float:
+    """Variance of the event time at which a bent leg crosses a pixel's ray, ps^2."""
+    t0, t1 = path.vertex_times_ps[course.leg : course.leg + 2]
+    share = np.array([(row["event_time_ps"] - t0) / (t1 - t0)])
+    length = float(course.ways_mm(np.ones(1))[0])
+    fraction = course.fractions_at(share * length)
+    tangent = course.tangents_mm(fraction)[0]
+    along = tangent / np.linalg.norm(tangent)
+    ray = camera.sight_directions(course.points_mm(fraction)[0])
+    across = along - (along @ ray) * ray
+    # What moves the curve in the picture slides the place that the ray sees along it.
+    weights = np.append(-across / (across @ along) * (t1 - t0) / length, 1.0)
+    return float(weights @ covariance_on_bent_leg(path, course, share)[0] @ weights)
