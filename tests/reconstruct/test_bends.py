@@ -253,3 +253,27 @@ class TestFits:
         assert [bend.leg for bend in free.bends] == [0]
         total, dof = squared_pulls(free, scene)
         assert total < chi2.ppf(1.0 - 1e-4, dof)
+
+    @pytest.mark.parametrize(("way", "sagitta"), [("picture", 20.0), ("depth", 5.0)])
+    def test_bounds_of_a_bent_path_are_those_of_the_oracle(self, way, sagitta):
+        scene = bent_scene(legs=1, sagitta_mm=sagitta, way=way)
+        call = what_the_user_tells(scene, histograms(scene, 0))
+        rough = rough_start(scene, call, 0)
+        axes = rough.bends[0].axes
+        true = replace(
+            rough,
+            vertices_mm=scene.vertices_mm,
+            vertex_times_ps=scene.vertex_times_ps,
+            bends=(Bend(0, axes, axes @ scene.bows_mm[0].T),),
+        )
+        found = lf.bounds(
+            true,
+            photons_per_pixel=scene.photons,
+            spot_std_px=scene.spot_std_px,
+            pulse_std_ps=scene.pulse_std_ps,
+            code_width_ps=scene.clock.width,
+            background_per_code=scene.background_per_ps * scene.clock.width,
+        )
+        least = bound(scene, also=bow_freedoms(scene)).position_rms_mm
+        assert found.position_rms_mm == pytest.approx(least, rel=0.03)
+        assert found.path.bends
