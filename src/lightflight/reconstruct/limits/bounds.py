@@ -428,7 +428,7 @@ def _bounds(
 
 def _event_time_rms(path: LightPath, sampled: NDArray[np.void], camera: Camera) -> float:
     """Rms error of the event time on a pixel's ray: the point slides along the ray, not the leg."""
-    variance = []
+    variance: list[float] = []
     # A hundred points are plenty for a mean.
     for row in sampled[:: max(1, len(sampled) // 100)]:
         leg = int(row["leg"])
@@ -448,7 +448,7 @@ def _event_time_rms(path: LightPath, sampled: NDArray[np.void], camera: Camera) 
         jacobian[4:7] = -f * slide * (t1 - t0)
         jacobian[3], jacobian[7] = 1 - f, f
         block = np.arange(4 * leg, 4 * leg + 8)
-        variance.append(jacobian @ path.covariance[np.ix_(block, block)] @ jacobian)
+        variance.append(float(jacobian @ path.covariance[np.ix_(block, block)] @ jacobian))
     return float(np.sqrt(np.mean(variance)))
 
 
