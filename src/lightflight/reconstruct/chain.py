@@ -192,7 +192,7 @@ def path_from_sightings(
     bent = _bent(fit, found.verdict, request, estimator)
     if bent is not None:
         judged = _judged(*bent, request)
-        if judged.verdict.level is not Level.CONTRADICTED:
+        if may_bend or judged.verdict.level is not Level.CONTRADICTED:
             return _warned(judged)
     if fit is not None and not weak and found.verdict.level is Level.CONTRADICTED:
         detour = _detour(fit, request, estimator)

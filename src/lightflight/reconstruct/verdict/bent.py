@@ -31,8 +31,8 @@ from lightflight.reconstruct.verdict.lost import (
 
 _MOST_ORDERS = 5
 """Shapes of a bend that are tried."""
-_FIRST_ORDERS = (1, 2)
-"""Shapes that a bend begins with."""
+_FIRST_ORDERS = (1, 4)
+"""Shapes that a bend begins with, in place of a run of legs: a chain of four says as many."""
 _KINK_CHI2 = 20.0
 """A leg whose times and image have no kink worth this in chi-square is not tried with a further
 shape: two numbers are worth no less (ln n each, and what tells two causes apart)."""
@@ -95,9 +95,11 @@ def bent_instead(
     margin = price_of(0, sightings)
     if priced(bent, sightings) + margin > priced(fit, list(fit.sightings)):
         return None
-    if not explains_all(bent, sightings, without) or bent.solution.state.unseen:
-        return None
-    return bent if may_bend or _told_apart(bent, cost, sightings, own) else None
+    if may_bend:
+        # Told: what else may be wrong is no reason for corners where there are none.
+        return bent
+    clean = explains_all(bent, sightings, without) and not bent.solution.state.unseen
+    return bent if clean and _told_apart(bent, cost, sightings, own) else None
 
 
 def cost_with_kinks(fit: JointFit, sightings: list[Sighting]) -> float:
