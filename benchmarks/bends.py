@@ -158,6 +158,7 @@ def straight(n: int, photons: float) -> None:
 
 def airy(n: int, bend_mm: float) -> None:
     """Print the error of the paper's self-bending beam, one bent leg, over its bound."""
+    from lightflight.demo import known_source
     from lightflight.path.on_bends import drawn
     from studies.zheng2020.bending import bent_scene as airy_scene, curve_error_mm
     from studies.zheng2020.laboratory import calibrated_clock, recorded
@@ -175,7 +176,7 @@ def airy(n: int, bend_mm: float) -> None:
     for seed in range(n):
         path = lf.reconstruct(
             recorded(scene, seed=7_000_000 * (seed + 1)), camera=scene.camera,
-            source=scene.source, medium=scene.medium, timing=calibrated_clock("codes", seed=seed),
+            source=known_source(scene), medium=scene.medium, timing=calibrated_clock("codes", seed=seed),
             free=("bend",),
         )  # fmt: skip
         bent += path.n_legs == 1 and len(path.bends) == 1
