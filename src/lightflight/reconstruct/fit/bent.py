@@ -6,7 +6,6 @@ places of such a chain say roughly where the curve runs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -88,24 +87,20 @@ def straightened(state: PathState) -> PathState:
     return replace(state, bends=())
 
 
-def runs_of_corners(state: PathState, kept: Sequence[int] = ()) -> list[tuple[int, ...]]:
+def runs_of_corners(state: PathState) -> list[tuple[int, ...]]:
     """Corners, one after the other, that turn by little: each stretch of them, the longest first.
 
     Parameters
     ----------
     state : PathState
         The path.
-    kept : sequence of int, optional
-        Corners that are there for certain.
 
     Returns
     -------
     list of tuple of int
         Vertices; every stretch of a long one is there, too.
     """
-    shallow = {
-        k for k in state.corners_seen if k not in kept and turn_deg(state, k) < _MOST_TURN_DEG
-    }
+    shallow = {k for k in state.corners_seen if turn_deg(state, k) < _MOST_TURN_DEG}
     runs = [
         tuple(range(first, last + 1))
         for first in sorted(shallow)

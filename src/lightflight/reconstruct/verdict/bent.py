@@ -17,7 +17,7 @@ from lightflight.reconstruct.fit.bent import (
 )
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
-from lightflight.reconstruct.fit.revise import refitted, setting_without, sharpest_bend
+from lightflight.reconstruct.fit.revise import refitted, sharpest_bend
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
@@ -38,8 +38,6 @@ _KINK_CHI2 = 20.0
 shape: two numbers are worth no less (ln n each, and what tells two causes apart)."""
 _OF_A_CORNER = 3
 """Numbers of a corner, its place."""
-
-_Trial = tuple[JointFit, Setting]
 
 
 def asks_for_bends(verdict: Verdict) -> bool:
@@ -86,20 +84,19 @@ def bent_instead(
     JointFit or None
         With as many shapes as the counts ask for.
     """
-    best = _best_begun(fit, sightings, setting, n_legs)
-    if best is None:
+    begun = _joined(fit.solution.state, setting) + _bent_more(fit, sightings, setting)
+    bent = _cheapest([one for one in begun if one.has_legs(n_legs)], sightings, setting)
+    if bent is None:
         return None
-    best = _pruned(_grown(best, sightings), sightings)
-    bent, own = best
+    bent = _pruned(_grown(bent, sightings, setting), sightings, setting)
     cost, without = cost_with_kinks(bent, sightings), cost_with_kinks(fit, list(fit.sightings))
-    margin = price_of(0, sightings)
-    if priced(bent, sightings) + margin > priced(fit, list(fit.sightings)):
+    if priced(bent, sightings) + price_of(0, sightings) > priced(fit, list(fit.sightings)):
         return None
     if may_bend:
         # Told: what else may be wrong is no reason for corners where there are none.
         return bent
     clean = explains_all(bent, sightings, without) and not bent.solution.state.unseen
-    return bent if clean and _told_apart(bent, cost, sightings, own) else None
+    return bent if clean and _told_apart(bent, cost, sightings, setting) else None
 
 
 def cost_with_kinks(fit: JointFit, sightings: list[Sighting]) -> float:
@@ -115,23 +112,18 @@ def priced(fit: JointFit, sightings: list[Sighting]) -> float:
     return cost_with_kinks(fit, sightings) + price_of(numbers, sightings) - price_of(0, sightings)
 
 
-def _best_begun(
-    fit: JointFit, sightings: list[Sighting], setting: Setting, n_legs: int | None
-) -> _Trial | None:
-    """The best path with one bent leg more than it has, few shapes each."""
-    begun = _begun(fit.solution.state, setting)
-    begun += [(longer, setting) for longer in _bent_more(fit, sightings, setting)]
-    return _cheapest([one for one in begun if one[0].has_legs(n_legs)], sightings)
+def _joined(state: PathState, setting: Setting) -> list[PathState]:
+    """Paths with a bent leg for each run of legs that turn by little.
 
-
-def _begun(state: PathState, setting: Setting) -> list[tuple[PathState, Setting]]:
-    """Paths with a bent leg for each run of legs that turn by little."""
-    told = {index for index, _, _ in setting.waypoints}
-    camera, begun = setting.camera, []
-    for corners in runs_of_corners(state, sorted(told)):
-        there = setting_without(setting, corners)
-        begun += [(bent_for_run(state, corners, n, camera), there) for n in _FIRST_ORDERS]
-    return begun
+    None where waypoints say which vertex is which: with legs joined, others would bear the numbers.
+    """
+    if setting.waypoints:
+        return []
+    return [
+        bent_for_run(state, corners, orders, setting.camera)
+        for corners in runs_of_corners(state)
+        for orders in _FIRST_ORDERS
+    ]
 
 
 def _bent_more(fit: JointFit, sightings: list[Sighting], setting: Setting) -> list[PathState]:
@@ -145,45 +137,43 @@ def _bent_more(fit: JointFit, sightings: list[Sighting], setting: Setting) -> li
     return found
 
 
-def _fitted(sightings: list[Sighting], state: PathState, setting: Setting) -> JointFit | NoFit:
-    return fit_or_reason(partial(refitted, sightings, state, setting))
-
-
-def _grown(best: _Trial, sightings: list[Sighting]) -> _Trial:
+def _grown(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
     """The path with further shapes and bends as long as each is worth its price."""
     while True:
-        fit, setting = best
-        state = fit.solution.state
         # A run of legs beside a bent one may be a part of its curve, or one of its own.
-        longer = [(one, setting) for one in _bent_more(fit, sightings, setting)]
-        longer += _begun(state, setting)
-        better = _cheapest(longer, sightings)
-        if better is None or priced(better[0], sightings) > priced(fit, sightings) - WITHIN:
-            return best
-        best = better
+        longer = _bent_more(fit, sightings, setting) + _joined(fit.solution.state, setting)
+        better = _cheapest(longer, sightings, setting)
+        if better is None or priced(better, sightings) > priced(fit, sightings) - WITHIN:
+            return fit
+        fit = better
 
 
-def _pruned(best: _Trial, sightings: list[Sighting]) -> _Trial:
+def _pruned(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
     """The path without the last shapes of its bends that are not worth their price."""
     while True:
-        fit, setting = best
-        state, camera = fit.solution.state, setting.camera
+        state = fit.solution.state
         shorter = [
-            (with_bend(state, bend.leg, bend.orders - 1, camera), setting)
+            with_bend(state, bend.leg, bend.orders - 1, setting.camera)
             for bend in state.bends
             if bend.orders > 1
         ]
-        better = _cheapest(shorter, sightings)
-        if better is None or priced(better[0], sightings) > priced(fit, sightings):
-            return best
-        best = better
+        better = _cheapest(shorter, sightings, setting)
+        if better is None or priced(better, sightings) > priced(fit, sightings):
+            return fit
+        fit = better
 
 
-def _cheapest(begun: list[tuple[PathState, Setting]], sightings: list[Sighting]) -> _Trial | None:
+def _cheapest(
+    begun: list[PathState], sightings: list[Sighting], setting: Setting
+) -> JointFit | None:
     """The fit from one of some paths that costs least; None where none can be fitted."""
-    trials = [(_fitted(sightings, state, setting), setting) for state, setting in begun]
-    fits = [(fit, setting) for fit, setting in trials if not isinstance(fit, NoFit)]
-    return min(fits, key=lambda one: priced(one[0], sightings), default=None)
+    trials = [_fitted(sightings, state, setting) for state in begun]
+    fits = [fit for fit in trials if not isinstance(fit, NoFit)]
+    return min(fits, key=lambda one: priced(one, sightings), default=None)
+
+
+def _fitted(sightings: list[Sighting], state: PathState, setting: Setting) -> JointFit | NoFit:
+    return fit_or_reason(partial(refitted, sightings, state, setting))
 
 
 def _told_apart(bent: JointFit, cost: float, sightings: list[Sighting], setting: Setting) -> bool:
