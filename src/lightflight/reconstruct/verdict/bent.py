@@ -105,11 +105,29 @@ def cost_with_kinks(fit: JointFit, sightings: list[Sighting]) -> float:
     return cost_of_pulses(fit, sightings) + kinks
 
 
-def priced(fit: JointFit, sightings: list[Sighting]) -> float:
-    """`cost_with_kinks`, with ln n for each number of corners and bends (Schwarz's criterion)."""
+def priced(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> float:
+    """`cost_with_kinks`, with ln n for each number of corners and bends (Schwarz's criterion).
+
+    `scatter` is the chi-square per pulse that even the best path leaves: errors that are stated too
+    small must not pay for corners.
+    """
     state = fit.solution.state
     numbers = _OF_A_CORNER * len(state.corners_seen) + sum(bend.size for bend in state.bends)
-    return cost_with_kinks(fit, sightings) + price_of(numbers, sightings) - price_of(0, sightings)
+    own = price_of(numbers, sightings) - price_of(0, sightings)
+    return cost_with_kinks(fit, sightings) / scatter + own
+
+
+def _scatter(fits: list[JointFit], sightings: list[Sighting]) -> float:
+    """Chi-square per pulse that the best of some paths leaves, at least one."""
+    n = sum(len(one.usable_pulses) for one in sightings)
+    least = min((cost_with_kinks(fit, sightings) for fit in fits), default=0.0)
+    return max(1.0, least / max(n, 1))
+
+
+def _gained(better: JointFit, fit: JointFit, sightings: list[Sighting]) -> float:
+    """By how much one path is to be preferred to another, in chi-square."""
+    scatter = _scatter([better, fit], sightings)
+    return priced(fit, sightings, scatter) - priced(better, sightings, scatter)
 
 
 def _joined(state: PathState, setting: Setting) -> list[PathState]:
@@ -143,7 +161,7 @@ def _grown(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointF
         # A run of legs beside a bent one may be a part of its curve, or one of its own.
         longer = _bent_more(fit, sightings, setting) + _joined(fit.solution.state, setting)
         better = _cheapest(longer, sightings, setting)
-        if better is None or priced(better, sightings) > priced(fit, sightings) - WITHIN:
+        if better is None or _gained(better, fit, sightings) < WITHIN:
             return fit
         fit = better
 
@@ -158,7 +176,7 @@ def _pruned(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Joint
             if bend.orders > 1
         ]
         better = _cheapest(shorter, sightings, setting)
-        if better is None or priced(better, sightings) > priced(fit, sightings):
+        if better is None or _gained(better, fit, sightings) < 0.0:
             return fit
         fit = better
 
@@ -169,7 +187,8 @@ def _cheapest(
     """The fit from one of some paths that costs least; None where none can be fitted."""
     trials = [_fitted(sightings, state, setting) for state in begun]
     fits = [fit for fit in trials if not isinstance(fit, NoFit)]
-    return min(fits, key=lambda one: priced(one, sightings), default=None)
+    scatter = _scatter(fits, sightings)
+    return min(fits, key=lambda one: priced(one, sightings, scatter), default=None)
 
 
 def _fitted(sightings: list[Sighting], state: PathState, setting: Setting) -> JointFit | NoFit:
