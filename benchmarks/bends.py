@@ -176,8 +176,8 @@ def airy(n: int, bend_mm: float) -> None:
     for seed in range(n):
         path = lf.reconstruct(
             recorded(scene, seed=7_000_000 * (seed + 1)), camera=scene.camera,
-            source=known_source(scene), medium=scene.medium, timing=calibrated_clock("codes", seed=seed),
-            free=("bend",),
+            source=known_source(scene), medium=scene.medium,
+            timing=calibrated_clock("codes", seed=seed), free=("bend",),
         )  # fmt: skip
         bent += path.n_legs == 1 and len(path.bends) == 1
         errors.append(curve_error_mm(drawn(path)[0], scene))
