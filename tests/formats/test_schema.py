@@ -133,8 +133,8 @@ def test_only_paths_with_such_a_stretch_need_the_newer_schema(tmp_path):
 def test_a_path_of_a_schema_that_is_newer_still_is_refused(tmp_path):
     known_path_with_a_gap().save(tmp_path / "path.h5")
     with unsealed(tmp_path / "path.h5") as file:
-        file.attrs["schema_version"] = 3
-    with pytest.raises(FileFormatError, match="this one reads up to 2"):
+        file.attrs["schema_version"] = 4
+    with pytest.raises(FileFormatError, match="this one reads up to 3"):
         lf.LightPath.load(tmp_path / "path.h5")
 
 

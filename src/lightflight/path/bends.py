@@ -395,6 +395,8 @@ def checked_bend_covariance(covariance: object, bends: tuple[Bend, ...], n: int)
         For another shape.
     """
     b = sum(bend.size for bend in bends)
+    # A path that is told anew with more vertices brings the empty table of the old one.
+    covariance = None if not b and np.size(covariance) == 0 else covariance  # type: ignore[arg-type]
     found = np.full((n + b, b), np.nan) if covariance is None else np.array(covariance, dtype=float)
     if found.shape != (n + b, b):
         raise ValueError(f"bend_covariance must be ({n + b}, {b}), got {found.shape}")
