@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from lightflight.camera.model import Camera
-from lightflight.reconstruct.model.geometry import PathState, line_offsets
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.offsets import line_offsets
 from tests.reconstruct import test_least_squares as exact
 from tests.reconstruct.fakes import PAPER
 

@@ -16,6 +16,7 @@ from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.random_worlds import random_world
 
 
+@pytest.mark.filterwarnings("ignore:check this path")
 @pytest.mark.parametrize("method", ["joint", "photon"])
 def test_unequal_pixels_made_lines_too_sure(method):
     """Six recordings of three legs, efficiencies drawn anew: mean squares of pulls over two corners

@@ -283,6 +283,20 @@ class RefractedScene:
         """(legs,)."""
         return np.asarray(np.linalg.norm(np.diff(self.vertices_mm, axis=0), axis=1))
 
+    def points_on(self, leg: int, shares: np.ndarray) -> np.ndarray:
+        """(n, 3) places of a leg at shares of it: straight from its start to its end."""
+        start, end = np.asarray(self.vertices_mm[leg : leg + 2], dtype=float)
+        return np.asarray(start + shares[:, None] * (end - start))
+
+    def walked_mm(self, leg: int, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) each: way from the leg's start to those places, and way per share there."""
+        length = float(self.leg_lengths_mm[leg])
+        return shares * length, np.full(len(shares), length)
+
+    def shares_at(self, leg: int, passed: np.ndarray) -> np.ndarray:
+        """(n,) shares of a leg where so much of its time has passed."""
+        return passed
+
     @property
     def vertex_times_ps(self) -> np.ndarray:
         """(m,) event times."""
@@ -301,9 +315,11 @@ def positions_at(scene: RefractedScene, times_ps: np.ndarray) -> np.ndarray:
     """(n, 3) places of the pulse at event times; the outer legs go on for ever."""
     corners = scene.vertex_times_ps
     leg = np.clip(np.searchsorted(corners, times_ps, side="right") - 1, 0, scene.n_legs - 1)
-    share = (times_ps - corners[leg]) / (corners[leg + 1] - corners[leg])
-    start, end = scene.vertices_mm[leg], scene.vertices_mm[leg + 1]
-    return np.asarray(start + share[:, None] * (end - start))
+    passed = (times_ps - corners[leg]) / (corners[leg + 1] - corners[leg])
+    places = np.empty((len(passed), 3))
+    for k in np.unique(leg):
+        places[leg == k] = scene.points_on(k, scene.shares_at(k, passed[leg == k]))
+    return places
 
 
 def images(scene: RefractedScene, points_mm: np.ndarray) -> tuple[np.ndarray, Sights]:
@@ -336,10 +352,9 @@ class Curve:
 
 def curve_of_leg(scene: RefractedScene, leg: int, n_exact: int = 201) -> Curve | None:
     """A leg's curve through exactly solved points; None where no light meets the picture."""
-    start, end = np.asarray(scene.vertices_mm[leg : leg + 2], dtype=float)
 
     def points(shares: np.ndarray) -> np.ndarray:
-        return np.asarray(start + shares[:, None] * (end - start))
+        return scene.points_on(leg, shares)
 
     coarse = np.linspace(0.0, 1.0, 101)
     # Light farther out than this is no photon in any pixel (1e-13 of the light).
@@ -379,12 +394,11 @@ def stations_of_leg(scene: RefractedScene, leg: int, nodes: int = 8) -> Stations
     curve = curve_of_leg(scene, leg)
     if curve is None:
         return Stations(empty, empty, empty, empty, empty.astype(int))
-    length = float(scene.leg_lengths_mm[leg])
     index = float(np.broadcast_to(scene.path_group_index, scene.n_legs)[leg])
     trial = np.linspace(curve.low, curve.high, 201)
     steps = np.abs(np.diff(curve.seen(trial)[:, :3], axis=0))
     px = np.hypot(steps[:, 0], steps[:, 1])
-    ps = (steps[:, 2] + np.diff(trial) * length * index) / C
+    ps = (steps[:, 2] + np.diff(scene.walked_mm(leg, trial)[0]) * index) / C
     n_panels = max(math.ceil(px.sum() / (2.0 * scene.spot_std_px)),
                    math.ceil(ps.sum() / (2.0 * scene.pulse_std_ps)), 4)  # fmt: skip
     at, weight = np.polynomial.legendre.leggauss(nodes)
@@ -392,10 +406,11 @@ def stations_of_leg(scene: RefractedScene, leg: int, nodes: int = 8) -> Stations
     middles = curve.low + (np.arange(n_panels) + 0.5) * panel
     share = (middles[:, None] + 0.5 * panel * at).ravel()
     row, col, group, log_light = curve.seen(share).T
-    light = np.exp(log_light) * scene.light_per_mm(leg, share * length)
-    event = scene.vertex_times_ps[leg] + share * length * index / C
+    walked, per_share = scene.walked_mm(leg, share)
+    light = np.exp(log_light) * scene.light_per_mm(leg, walked)
+    event = scene.vertex_times_ps[leg] + walked * index / C
     return Stations(
-        row, col, event + group / C, light * np.tile(0.5 * panel * length * weight, n_panels),
+        row, col, event + group / C, light * np.tile(0.5 * panel * weight, n_panels) * per_share,
         np.full(share.size, leg),
     )  # fmt: skip
 

@@ -8,7 +8,8 @@ from hypothesis import given, strategies as st
 
 from lightflight.camera.model import Camera
 from lightflight.flight import Medium, Source
-from lightflight.path.light_path import extrapolated_position, paper_angle_from_leg
+from lightflight.path.light_path import paper_angle_from_leg
+from lightflight.path.on_legs import extrapolated_position
 from lightflight.path.tables import SAMPLE_DTYPE, Goodness
 from tests.path_fakes import (
     PAPER_CAMERA,

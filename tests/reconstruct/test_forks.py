@@ -21,11 +21,11 @@ from lightflight.reconstruct.model.geometry import (
     PathState,
     arrival_jacobian,
     footprints,
-    line_offsets,
     travelled_jacobian,
     vertex_time_jacobian,
 )
 from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import vertices_by_parameters
 from lightflight.reconstruct.sightings import sighting_from_histograms
@@ -101,7 +101,7 @@ class TestDerivatives:
             return np.column_stack((at.vertices_mm, at.vertex_times_ps(medium))).ravel()
 
         found = central(lambda step: state.moved(step).travelled_mm, 16, 1e-3)[:, :-1]
-        np.testing.assert_allclose(travelled_jacobian(state), found, atol=1e-9)
+        np.testing.assert_allclose(travelled_jacobian(state)[:, :-1], found, atol=1e-9)
         expected = central(table, 16, 1e-3)
         np.testing.assert_allclose(vertex_time_jacobian(state, medium), expected, atol=1e-8)
 

@@ -89,10 +89,10 @@ def round_trip_of_path(path: LightPath) -> RoundTrip | None:
     -------
     RoundTrip or None
         None for light that does not go to and fro: with fewer than three corners, with one that
-        does not turn it back, with branches, or where part of the way was not seen.
+        does not turn it back, with branches or bent legs, or where part of the way was not seen.
     """
     n_corners = len(path.vertices_mm) - 2
-    if n_corners < _LEAST_CORNERS or path.unseen_legs or path.forks:
+    if n_corners < _LEAST_CORNERS or path.unseen_legs or path.forks or path.bends:
         return None
     if not _turns_back(path.vertices_mm):
         return None

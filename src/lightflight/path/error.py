@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from lightflight.arguments import check_kinds, yes_or_no
 from lightflight.errors import GeometryError
-from lightflight.path.light_path import extrapolated_position
+from lightflight.path.on_bends import drawn, starts_of_pieces
+from lightflight.path.on_legs import extrapolated_position
 from lightflight.path.tables import Polyline
-from lightflight.path.tree import last_legs, starts_of, ways
+from lightflight.path.tree import last_legs, ways
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -116,9 +117,12 @@ def _nearest_pairs(squares: list[list[Floats]]) -> list[tuple[int, int]]:
 
 
 def _polyline(path: Polyline) -> tuple[Floats, Floats, Indices]:
-    """Vertices (m, 3), mm, their event times (m,), ps, and the vertex where each leg begins."""
-    vertices = np.asarray(path.vertices_mm, dtype=float)
-    return vertices, np.asarray(path.vertex_times_ps, dtype=float), starts_of(path)
+    """Vertices (m, 3), mm, their event times (m,), ps, and the vertex where each leg begins.
+
+    Bent legs come in many straight pieces.
+    """
+    vertices, times, of_leg = drawn(path)
+    return vertices, times, starts_of_pieces(path, of_leg)
 
 
 def _up_to_exit(visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -133,14 +137,14 @@ def _time_offsets(
     """t_hat - t on the ray of every pixel whose field the true path crosses, leg by leg."""
     pixel_rad = 1.0 / np.sqrt(abs(camera.matrix[0, 0] * camera.matrix[1, 1]))
     true_vertices, _, true_starts = truth
-    offsets = []
+    true_ends, ends, offsets = last_legs(true_starts), last_legs(path[2]), []
     for leg, start in enumerate(true_starts):
         sights = _sights_along_leg(true_vertices[start], true_vertices[leg + 1], camera)
         if not len(sights[1]):
             continue
-        true_time, _ = _times_on_rays(sights, truth, leg)
+        true_time, _ = _times_on_rays(sights, truth, leg, last=leg in true_ends)
         on_leg = np.isfinite(true_time)
-        found = [_times_on_rays(sights, path, k) for k in range(len(path[2]))]
+        found = [_times_on_rays(sights, path, k, last=k in ends) for k in range(len(path[2]))]
         candidates, misses = (np.stack(part) for part in zip(*found, strict=True))
         # The leg that the ray meets; where several do (crossings), the one that was there then.
         nearest = np.min(misses, axis=0, initial=np.inf)
@@ -169,7 +173,7 @@ def _sights_along_leg(start: Floats, end: Floats, camera: Camera) -> tuple[Float
 
 
 def _times_on_rays(
-    sights: tuple[Floats, Floats], path: tuple[Floats, Floats, Indices], leg: int
+    sights: tuple[Floats, Floats], path: tuple[Floats, Floats, Indices], leg: int, *, last: bool
 ) -> tuple[Floats, Floats]:
     """Event time at the point of a leg's line nearest to each ray, and how far that is off.
 
@@ -186,8 +190,7 @@ def _times_on_rays(
     towards = offset - np.sum(rays * offset, axis=1)[:, np.newaxis] * rays
     fraction = np.sum(across * towards, axis=1) / np.maximum(np.sum(across**2, axis=1), 1e-300)
     time = times[first_vertex] + fraction * (times[leg + 1] - times[first_vertex])
-    first, last = leg == 0, leg in last_legs(starts)
-    outside = ((fraction < -0.02) & (not first)) | ((fraction > 1.02) & (not last))
+    outside = ((fraction < -0.02) & (leg != 0)) | ((fraction > 1.02) & (not last))
     sight = start + fraction[:, np.newaxis] * step - origins
     miss = np.arctan2(np.linalg.norm(np.cross(rays, sight), axis=1), np.sum(rays * sight, axis=1))
     return np.where(outside, np.nan, time), np.where(outside, np.inf, miss)

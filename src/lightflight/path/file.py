@@ -15,6 +15,7 @@ from lightflight.errors import FileFormatError, LimitError
 from lightflight.files.filecheck import damage_as_format_error
 from lightflight.files.store import SCHEMA_VERSION, load_record, save_record
 from lightflight.flight import Medium, Source
+from lightflight.path.bends import arrays_of_bends, bends_from_arrays
 from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
 from lightflight.path.tree import Forks, checked_forks, forks_of, leg_starts
 from lightflight.path.verdict import NOT_EXAMINED, Verdict
@@ -25,8 +26,9 @@ if TYPE_CHECKING:
 
 PATH_KIND = "path"
 """Kind of record in our HDF5 files."""
-_SCHEMA_OF_UNSEEN, _SCHEMA_OF_FORKS = 2, 3
-"""Of a path with legs that nobody saw, and of one that forks or whose truth does."""
+_SCHEMA_OF_UNSEEN, _SCHEMA_OF_FORKS_AND_BENDS = 2, 3
+"""Of a path with legs that nobody saw, and of one that forks, or whose truth does, or that bends:
+versions that know no such schema refuse them."""
 _INDICES = ("path_group_index", "return_group_index")
 _KINDS: dict[str, tuple[type, ...]] = {
     "dof": (int,), "n_pulses": (int,), "n_rejected": (int,), "converged": (bool,),
@@ -92,10 +94,13 @@ def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
     for name, forks in (("forks", path.forks), ("truth_forks", true_forks)):
         if forks:
             attributes[name] = [list(fork) for fork in forks]
+    if path.bends:
+        arrays |= arrays_of_bends(path.bends)
+        arrays["bends_covariance"] = np.asarray(path.bend_covariance)
     # A version that knows no unseen legs would draw them as light that was seen; one that knows no
-    # forks, an arm from the wrong vertex.
+    # forks, an arm from the wrong vertex; and one that knows no bent legs, straight ones.
     schema = _SCHEMA_OF_UNSEEN if path.unseen_legs else SCHEMA_VERSION
-    schema = _SCHEMA_OF_FORKS if path.forks or true_forks else schema
+    schema = _SCHEMA_OF_FORKS_AND_BENDS if path.forks or true_forks or path.bends else schema
     save_record(file, kind=PATH_KIND, arrays=arrays, attributes=attributes, schema=schema)
 
 
@@ -224,6 +229,8 @@ def _fields_from_record(
         "explained": _explained_from_record(attributes),
         "unseen_legs": tuple(attributes.get("unseen_legs", ())),
         "forks": _forks_from_record(attributes, "forks"),
+        "bends": bends_from_arrays(arrays),
+        "bend_covariance": arrays.get("bends_covariance"),
     }
 
 

@@ -1,4 +1,4 @@
-"""One straight piece of a path, and its angle as the paper measures it."""
+"""One piece of a path, straight or bent, and its angle as the paper measures it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.display import with_error
+from lightflight.path.bends import BentCourse
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Leg:
-    """One straight piece of a path.
+    """One piece of a path: straight, or a smooth curve.
 
     Attributes
     ----------
@@ -43,6 +44,8 @@ class Leg:
         Number of the vertex at which it begins.
     end_vertex : int
         Number of the vertex at which it ends.
+    course : BentCourse or None
+        The curve of a bent leg; its angles are those at its start. None: it is straight.
     """
 
     start_mm: Floats
@@ -57,25 +60,56 @@ class Leg:
     parent: int | None = field(default=None, kw_only=True)
     start_vertex: int = field(default=0, kw_only=True)
     end_vertex: int = field(default=1, kw_only=True)
+    course: BentCourse | None = field(default=None, kw_only=True, repr=False)
 
     def __repr__(self) -> str:
         if not self.seen:
             return f"Leg(not seen, {self.start_time_ps:.1f} to {self.end_time_ps:.1f} ps)"
         elevation = with_error(self.angle_deg, self.angle_std_deg)
         times = f"{self.start_time_ps:.1f} to {self.end_time_ps:.1f} ps"
-        return f"Leg({self.length_mm:.1f} mm, elevation {elevation}\u00b0, {times})"
+        bent = ", bent" if self.course is not None else ""
+        return f"Leg({self.length_mm:.1f} mm{bent}, elevation {elevation}\u00b0, {times})"
 
     @property
     def direction(self) -> Floats:
-        """(3,), unit, world, in the direction of flight; NaN where that was not seen."""
+        """(3,), unit, world, in the direction of flight, of a bent leg at its start.
+
+        NaN where that was not seen.
+        """
         step = self.end_mm - self.start_mm
+        if self.course is not None:
+            step = self.course.tangents_mm(np.zeros(1))[0]
         unit: Floats = step / np.linalg.norm(step)
         return unit if self.seen else np.full(3, np.nan)
 
     @property
     def length_mm(self) -> float:
-        """Length of the leg, mm; of one that was not seen, between mirrors as drawn."""
+        """Way of the light, mm; of a leg that was not seen, between mirrors as drawn."""
+        if self.course is not None:
+            return float(self.course.ways_mm(np.ones(1))[0])
         return float(np.linalg.norm(self.end_mm - self.start_mm))
+
+    def direction_at(self, event_times_ps: ArrayLike) -> Floats:
+        """Direction of flight at event times.
+
+        Parameters
+        ----------
+        event_times_ps : array of float, shape (n,)
+            ps.
+
+        Returns
+        -------
+        array of float, shape (n, 3)
+            Unit, world; NaN off the leg, and where that was not seen.
+        """
+        times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
+        found = np.tile(self.direction, (len(times), 1))
+        if self.course is not None:
+            share = (times - self.start_time_ps) / (self.end_time_ps - self.start_time_ps)
+            tangents = self.course.tangents_mm(self.course.fractions_at(share * self.length_mm))
+            found = tangents / np.linalg.norm(tangents, axis=1)[:, np.newaxis]
+        found[(times < self.start_time_ps) | (times > self.end_time_ps)] = np.nan
+        return found
 
 
 def paper_angle_from_leg(

@@ -22,9 +22,17 @@ from lightflight.flight import (
     Source,
     elevation_from_direction,
 )
+from lightflight.path.bends import Bend, checked_bend_covariance, checked_bends
 from lightflight.path.cavity import RoundTrip, round_trip_of_path
 from lightflight.path.gaps import Gap, checked_unseen, gaps_of_path
 from lightflight.path.leg import Leg as Leg, paper_angle_from_leg as paper_angle_from_leg
+from lightflight.path.on_bends import (
+    angle_variance,
+    course_of_leg,
+    position_jacobian,
+    positions_on,
+    whole_covariance,
+)
 from lightflight.path.on_legs import covariance_on_legs, sliding_maps
 from lightflight.path.tables import RESIDUAL_DTYPE, SAMPLE_DTYPE, Explained, Goodness
 from lightflight.path.tree import (
@@ -113,6 +121,11 @@ class LightPath(Drawn, Tabled, Labelled):
     forks : tuple of (int, int)
         Legs that begin at another vertex than the end of the leg before, each (leg, vertex): at a
         beam splitter two legs leave. () of a chain.
+    bends : tuple of Bend
+        Legs that are smooth curves, with their coefficients; all others are straight.
+    bend_covariance : array of float, shape (4m + b, b)
+        Of the b coefficients of all bends (mm), in their order, with x, y, z, t of every vertex and
+        then with each other.
     """
 
     vertices_mm: Floats
@@ -136,6 +149,8 @@ class LightPath(Drawn, Tabled, Labelled):
     explained: Explained | None = field(default=None, kw_only=True)
     unseen_legs: tuple[int, ...] = field(default=(), kw_only=True)
     forks: tuple[tuple[int, int], ...] = field(default=(), kw_only=True)
+    bends: tuple[Bend, ...] = field(default=(), kw_only=True)
+    bend_covariance: Floats | None = field(default=None, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices_mm, dtype=float)
@@ -169,6 +184,13 @@ class LightPath(Drawn, Tabled, Labelled):
             )
         object.__setattr__(self, "forks", forks)
         object.__setattr__(self, "unseen_legs", checked_unseen(self.unseen_legs, m - 1, forks))
+        object.__setattr__(self, "bends", checked_bends(self.bends, m - 1, self.unseen_legs))
+        if forks and self.bends:
+            raise ValueError(
+                "a path with branches has straight legs: give forks or bends, not both"
+            )
+        of_bends = checked_bend_covariance(self.bend_covariance, self.bends, 4 * m)
+        object.__setattr__(self, "bend_covariance", of_bends)
         for array in (vertices, times, covariance):
             array.setflags(write=False)
         object.__setattr__(self, "vertices_mm", vertices)
@@ -249,7 +271,8 @@ class LightPath(Drawn, Tabled, Labelled):
         first = int(starts_of(self)[i])
         start, end = self.vertices_mm[first], self.vertices_mm[i + 1]
         normal = self.camera.backward_axis
-        step = end - start
+        course = course_of_leg(self, i)
+        step = end - start if course is None else course.tangents_mm(np.zeros(1))[0]
         length = float(np.linalg.norm(step))
         d = step / length
         along = float(d @ normal)
@@ -259,9 +282,12 @@ class LightPath(Drawn, Tabled, Labelled):
         gradient = (normal - along * d) / (length * across)
         block = np.r_[4 * first : 4 * first + 3, 4 * i + 4 : 4 * i + 7]
         weights = np.concatenate((-gradient, gradient))
-        variance = weights @ self.covariance[np.ix_(block, block)] @ weights
+        if course is None:
+            variance = weights @ self.covariance[np.ix_(block, block)] @ weights
+        else:
+            variance = angle_variance(self, course, block, weights, gradient)
         paper = paper_angle_from_leg(
-            start, end, camera_center_mm=self.camera.center_mm, normal=normal
+            start, start + step, camera_center_mm=self.camera.center_mm, normal=normal
         )
         seen = i not in self.unseen_legs
         known = 1.0 if seen else np.nan
@@ -279,6 +305,7 @@ class LightPath(Drawn, Tabled, Labelled):
             parent=first - 1 if first else None,
             start_vertex=first,
             end_vertex=i + 1,
+            course=course,
         )
 
     @property
@@ -379,6 +406,8 @@ class LightPath(Drawn, Tabled, Labelled):
 
     def _position_on(self, leg: NDArray[np.int64], times_ps: Floats) -> Floats:
         """(n, 3), mm: on these legs at event times, each leg prolonged beyond its ends."""
+        if self.bends:
+            return positions_on(self, times_ps)
         start = starts_of(self)[leg]
         fraction = self._fractions(leg, times_ps)[:, np.newaxis]
         position: Floats = (1 - fraction) * self.vertices_mm[start] + fraction * self.vertices_mm[
@@ -391,6 +420,33 @@ class LightPath(Drawn, Tabled, Labelled):
         t0, t1 = self.vertex_times_ps[starts_of(self)[leg]], self.vertex_times_ps[leg + 1]
         fraction: Floats = (times_ps - t0) / (t1 - t0)
         return fraction
+
+    def direction_at(self, event_times_ps: ArrayLike, *, branch: int | None = None) -> Floats:
+        """Direction of flight at event times.
+
+        Parameters
+        ----------
+        event_times_ps : array of float, shape (n,)
+            ps.
+        branch : int, optional
+            As in `position_at`.
+
+        Returns
+        -------
+        array of float, shape (n, 3)
+            Unit, world; NaN off the path's two ends, and on legs that nobody saw.
+
+        Raises
+        ------
+        ValueError
+            As `position_at`.
+        """
+        times = np.atleast_1d(np.asarray(event_times_ps, dtype=float))
+        found, of_leg = np.full((len(times), 3), np.nan), self.leg_at(times, branch=branch)
+        for k in np.unique(of_leg):
+            here = of_leg == k
+            found[here] = self._leg(int(k)).direction_at(times[here])
+        return found
 
     def position_covariance_at(
         self, event_times_ps: ArrayLike, *, branch: int | None = None
@@ -422,15 +478,18 @@ class LightPath(Drawn, Tabled, Labelled):
 
     def _covariance_on(self, legs: NDArray[np.int64], times_ps: Floats) -> Floats:
         """(n, 3, 3), mm^2: of the position on these legs at fixed event times; NaN where unseen."""
-        out = np.empty((len(times_ps), 3, 3))
+        out, covariance = np.empty((len(times_ps), 3, 3)), whole_covariance(self)
         for k, (time, leg) in enumerate(zip(times_ps, legs, strict=True)):
             jacobian, block = self._position_jacobian(time, int(leg))
-            out[k] = jacobian @ self.covariance[np.ix_(block, block)] @ jacobian.T
+            out[k] = jacobian @ covariance[np.ix_(block, block)] @ jacobian.T
         out[np.isin(legs, self.unseen_legs)] = np.nan
         return out
 
     def _position_jacobian(self, time_ps: float, leg: int) -> tuple[Floats, NDArray[np.int64]]:
-        """d(position at a fixed event time) / d(x, y, z, t of the leg's two vertices)."""
+        """d(position at a fixed event time) / d(x, y, z, t of the leg's two vertices, and bend)."""
+        course = course_of_leg(self, leg)
+        if course is not None:
+            return position_jacobian(self, course, time_ps)
         start = int(starts_of(self)[leg])
         t0, t1 = self.vertex_times_ps[[start, leg + 1]]
         step = self.vertices_mm[leg + 1] - self.vertices_mm[start]
@@ -551,29 +610,3 @@ class LightPath(Drawn, Tabled, Labelled):
         from lightflight.path.file import load_path
 
         return load_path(path, make=cls, try_newer=try_newer)
-
-
-def extrapolated_position(vertices_mm: Floats, vertex_times_ps: Floats, times_ps: Floats) -> Floats:
-    """Position on a polyline at event times, first and last leg prolonged.
-
-    Parameters
-    ----------
-    vertices_mm : array of float, shape (m, 3)
-        World, mm.
-    vertex_times_ps : array of float, shape (m,)
-        Ascending, ps.
-    times_ps : array of float, shape (n,)
-        Event times, ps.
-
-    Returns
-    -------
-    array of float, shape (n, 3)
-        World, mm.
-    """
-    leg = np.clip(
-        np.searchsorted(vertex_times_ps, times_ps, side="right") - 1, 0, len(vertex_times_ps) - 2
-    )
-    t0, t1 = vertex_times_ps[leg], vertex_times_ps[leg + 1]
-    fraction = ((times_ps - t0) / (t1 - t0))[:, np.newaxis]
-    position: Floats = (1 - fraction) * vertices_mm[leg] + fraction * vertices_mm[leg + 1]
-    return position

@@ -85,3 +85,29 @@ def sliding_maps(path: LightPath, leg: NDArray[np.int64], points_mm: Floats) -> 
     # A shift of s along the leg moves the point by s u and its time by s n / c.
     maps[here, :, :3] -= np.hstack((along, later))[:, :, np.newaxis] * flat[:, np.newaxis, :]
     return maps
+
+
+def extrapolated_position(vertices_mm: Floats, vertex_times_ps: Floats, times_ps: Floats) -> Floats:
+    """Position on a polyline at event times, first and last leg prolonged.
+
+    Parameters
+    ----------
+    vertices_mm : array of float, shape (m, 3)
+        World, mm.
+    vertex_times_ps : array of float, shape (m,)
+        Ascending, ps.
+    times_ps : array of float, shape (n,)
+        Event times, ps.
+
+    Returns
+    -------
+    array of float, shape (n, 3)
+        World, mm.
+    """
+    leg = np.clip(
+        np.searchsorted(vertex_times_ps, times_ps, side="right") - 1, 0, len(vertex_times_ps) - 2
+    )
+    t0, t1 = vertex_times_ps[leg], vertex_times_ps[leg + 1]
+    fraction = ((times_ps - t0) / (t1 - t0))[:, np.newaxis]
+    position: Floats = (1 - fraction) * vertices_mm[leg] + fraction * vertices_mm[leg + 1]
+    return position

@@ -18,8 +18,8 @@ from lightflight.camera.model import Camera
 from lightflight.display import Shown
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, arrival_time_from_event
+from lightflight.path.on_bends import drawn, starts_of_pieces
 from lightflight.path.tables import Polyline
-from lightflight.path.tree import starts_of
 from lightflight.units import std_from_fwhm
 
 Floats = NDArray[np.float64]
@@ -172,13 +172,13 @@ def observe(
         )
     medium = getattr(path, "medium", None) if medium is None else medium
     medium = Medium() if medium is None else medium
-    vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
-    times = np.asarray(path.vertex_times_ps, dtype=float)
+    vertices, times, of_leg = drawn(path)
+    vertices = vertices.reshape(-1, 3)
     pieces = [
         _steps_of_leg(
-            vertices[[start, k + 1]], times[[start, k + 1]], k, camera, medium, steps_per_pixel
+            vertices[[start, k + 1]], times[[start, k + 1]], leg, camera, medium, steps_per_pixel
         )
-        for k, start in enumerate(starts_of(path))
+        for k, (start, leg) in enumerate(zip(starts_of_pieces(path, of_leg), of_leg, strict=True))
     ]
     table = np.concatenate(pieces, axis=1) if pieces else np.zeros((6, 0))
     if table.shape[1] == 0:
@@ -223,7 +223,9 @@ def camera_towards(
     """
     own = getattr(path, "camera", None)
     rows, cols = shape or (own.shape if own is not None else (32, 32))
-    vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
+    # Of what has no bent legs the vertices alone are asked for.
+    places = drawn(path)[0] if getattr(path, "bends", ()) else path.vertices_mm
+    vertices = np.asarray(places, dtype=float).reshape(-1, 3)
     vertices = vertices[np.isfinite(vertices).all(axis=1)]
     if len(vertices) == 0:
         raise GeometryError("the path has no vertices: there is nothing to look at")

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight.display import Shown
 from lightflight.flight import Medium
+from lightflight.path.on_bends import courses_of, covariance_on_bent_leg, positions_on
 from lightflight.path.on_legs import covariance_on_legs, sliding_maps
 from lightflight.path.tables import RESIDUAL_DTYPE, Polyline
 from lightflight.path.tree import forks_of, starts_of, way_before, ways
@@ -138,13 +139,21 @@ def trace_from_path(
     points = vertices[first] + fraction[:, np.newaxis] * (vertices[leg + 1] - vertices[first])
     event = times[first] + fraction * (times[leg + 1] - times[first])
     lengths = np.linalg.norm(vertices[1:] - vertices[starts], axis=1)
+    covariance = _covariance_at(path, leg, fraction, points)
+    for course in courses_of(path):
+        # `fraction` is of the leg's time, and so of its length.
+        here, told = leg == course.leg, cast("LightPath", path)
+        points[here] = positions_on(told, event[here])
+        lengths[course.leg] = course.ways_mm(np.ones(1))[0]
+        if has_errors(path):
+            covariance[here] = covariance_on_bent_leg(told, course, fraction[here])
     return Trace(
         points_mm=points,
         event_time_ps=event,
         arrival_ps=arrival_from_points(points, event, camera=camera, medium=medium),
         length_mm=way_before(starts, lengths)[first] + fraction * lengths[leg],
         leg=leg,
-        covariance=_covariance_at(path, leg, fraction, points),
+        covariance=covariance,
         in_view=_in_view(points, camera) & ~np.isin(leg, unseen_legs_of(path)),
     )
 
@@ -264,6 +273,7 @@ def across_axes(trace: Trace) -> tuple[Floats, Floats]:
     n = len(trace.points_mm)
     variances, axes = np.full((n, 2), np.nan), np.zeros((n, 2, 3))
     for leg in np.unique(trace.leg):
+        # One frame for the whole leg, a bent one too: outlines of its errors do not twist.
         of_leg = trace.leg == leg
         points = trace.points_mm[of_leg]
         frame = frame_across(points[-1] - points[0])
@@ -476,9 +486,19 @@ def places_from_path(path: Polyline) -> PulsePlaces:
         origins, rays, _ = camera.lines_of_sight(row[known].astype(float), col[known].astype(float))
         f = nearest_on_leg(rays, origins, vertices[first], vertices[on + 1])
         spans = np.linalg.norm(vertices[1:] - vertices[starts], axis=1)
+        for course in courses_of(path):
+            spans[course.leg] = course.ways_mm(np.ones(1))[0]
+        before = way_before(starts, spans)
         points[known] = vertices[first] + f[:, np.newaxis] * (vertices[on + 1] - vertices[first])
-        length[known] = way_before(starts, spans)[first] + f * spans[on]
+        length[known] = before[first] + f * spans[on]
         event[known] = times[first] + f * (times[on + 1] - times[first])
+        for course in courses_of(path):
+            # The fit says when light of each pulse was on the curve.
+            here = leg == course.leg
+            event[here] = table["event_time_ps"][here]
+            points[here] = positions_on(cast("LightPath", path), event[here])
+            share = (event[here] - times[course.leg]) / np.diff(times)[course.leg]
+            length[here] = before[course.leg] + share * spans[course.leg]
     return PulsePlaces(
         row=row,
         col=col,

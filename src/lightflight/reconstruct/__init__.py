@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 FREE_NAMES = (
     "source", "emission_time", "pose", "focal_length", "distortion", "index", "window",
-    "clock_offset", "clock_scale", "clock_drift",
+    "clock_offset", "clock_scale", "clock_drift", "bend",
 )  # fmt: skip
 """What `reconstruct(free=)` takes; their plausible sizes are `model.sizes.PLAUSIBLE`."""
 

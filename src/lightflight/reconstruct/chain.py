@@ -14,7 +14,7 @@ from lightflight.camera.refraction import scene_medium
 from lightflight.errors import GeometryError, NothingFoundError, SuspectDataWarning
 from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
-from lightflight.path.verdict import NOT_EXAMINED, Level, warning_of
+from lightflight.path.verdict import NOT_EXAMINED, Level, Verdict, warning_of
 from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, checked_media
 from lightflight.reconstruct.estimators import Estimator, estimator_named
 from lightflight.reconstruct.fit.diffuse import with_diffuse
@@ -22,10 +22,11 @@ from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.result import explained, on_first_lap
 from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.shared import freed
+from lightflight.reconstruct.model.shared import freed, freed_names
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.reconstruct.verdict.arms import leaves_light, take_up_most, with_arms
+from lightflight.reconstruct.verdict.bent import asks_for_bends, bent_instead
 from lightflight.reconstruct.verdict.detours import detour_instead, has_weak_leg
 from lightflight.reconstruct.verdict.examine import examined
 from lightflight.reconstruct.ways.joint import fit_of_request
@@ -87,7 +88,7 @@ def reconstruct(
     free : iterable of str, optional
         What to fit within its plausible size although it was told as exact, or nearly so: "source",
         "emission_time", "pose", "focal_length", "distortion", "index", "window" (its distance),
-        "clock_offset", "clock_scale", "clock_drift".
+        "clock_offset", "clock_scale", "clock_drift", "bend" (legs may be curves).
 
     Raises
     ------
@@ -119,7 +120,8 @@ def reconstruct(
     )
     checked_media(setting, method)
     told = clocks[0]
-    setting, clocks = freed(setting, clocks, repeats, free)
+    wanted = freed_names(free)
+    setting, clocks = freed(setting, clocks, repeats, wanted)
     sightings = [
         sighting_from_histograms(
             h,
@@ -133,8 +135,9 @@ def reconstruct(
         for k, (h, clock) in enumerate(zip(repeats, clocks, strict=True))
     ]
     return path_from_sightings(
-        sightings, setting, timing=told, method=method, n_legs=n_legs, start=start
-    )
+        sightings, setting, timing=told, method=method, n_legs=n_legs, start=start,
+        may_bend="bend" in wanted,
+    )  # fmt: skip
 
 
 def path_from_sightings(
@@ -145,6 +148,7 @@ def path_from_sightings(
     method: str = "joint",
     n_legs: int | None = None,
     start: LightPath | ArrayLike | None = None,
+    may_bend: bool = False,
 ) -> LightPath:
     """Path from recordings whose pulses are found; parameters and errors as in `reconstruct`.
 
@@ -162,6 +166,8 @@ def path_from_sightings(
         How many legs there are, where the user knows it; None: as many as the data show.
     start : LightPath or array_like, optional
         A path or its vertices in mm to start from, instead of the search for legs.
+    may_bend : bool, optional
+        Whether legs may be curves, and all else is as it was told.
 
     Returns
     -------
@@ -172,7 +178,7 @@ def path_from_sightings(
     -----
     As `reconstruct`, whose errors it raises; for pulses that were found elsewhere.
     """
-    request = Request(sightings, setting, timing, n_legs, start)
+    request = Request(sightings, setting, timing, n_legs, start, may_bend)
     estimator = estimator_named(method)
     try:
         path, fit = estimator.fit(request)
@@ -189,6 +195,11 @@ def path_from_sightings(
     weak = fit is not None and has_weak_leg(fit)
     detour = _detour(fit, request, estimator) if weak else None
     found = _judged(*(detour or (path, fit)), request, estimator)
+    bent = _bent(fit, found.verdict, request, estimator)
+    if bent is not None:
+        judged = _judged(*bent, request, estimator)
+        if may_bend or judged.verdict.level is not Level.CONTRADICTED:
+            return _warned(judged)
     if fit is not None and not weak and found.verdict.level is Level.CONTRADICTED:
         detour = _detour(fit, request, estimator)
         found = found if detour is None else _judged(*detour, request, estimator)
@@ -259,6 +270,19 @@ def _told(
         return estimator.of_fit(found, request), found
     except (GeometryError, NothingFoundError):
         return None
+
+
+def _bent(
+    fit: JointFit | None, verdict: Verdict, request: Request, estimator: Estimator
+) -> tuple[LightPath, JointFit] | None:
+    """A path with bent legs, where that is right; a start says what legs are."""
+    if fit is None or estimator.of_fit is None or request.start is not None:
+        return None
+    if not request.may_bend and not asks_for_bends(verdict):
+        return None
+    setting = request.setting
+    found = bent_instead(fit, request.sightings, setting, request.n_legs, may_bend=request.may_bend)
+    return None if found is None else _told(found, request, estimator)
 
 
 def _judged(

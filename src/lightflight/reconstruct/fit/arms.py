@@ -99,7 +99,7 @@ def _starts(
         share, near = place
         vertices |= near
         if not near:
-            corner = state.starts_mm[leg] + share * state.steps_mm[leg]
+            corner = state.points_mm(leg, np.array([share]))[0]
             longer = _with_arm(state.with_corner(leg, corner), leg + 1, arm, setting)
             if longer is not None:
                 yield longer, setting_with_corner(setting, leg)
@@ -115,7 +115,7 @@ def _meeting(
 ) -> tuple[float, set[int]] | None:
     """Share of a leg where an arm's line meets it, and its ends near there; None: it does not."""
     share = np.linspace(0.0, 1.0, _PLACES)
-    points = state.starts_mm[leg] + share[:, np.newaxis] * state.steps_mm[leg]
+    points = state.points_mm(leg, share)
     places = undistorted_px(setting.camera, *setting.camera.pixels_from_points(points))
     along, across = along_across(places, arm.origin_px, arm.direction_px)
     # Light comes to an arm's start before it runs along it.

@@ -173,7 +173,7 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
 def _as_counted(
     arrival_ps: Floats, whole: Sighting, fit: JointFit, rows: Indices, cols: Indices
 ) -> Floats:
-    """Arrival times (n,) as the clock of these pixels counts them, errors that a fit found included.
+    """Arrival times (n,) as the clock of these pixels counts them, with the errors that were found.
 
     Codes that are 0.7 % longer than told, as dead ones may make them, are 200 ps in a whole period.
     """

@@ -301,9 +301,9 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
             continue
         share = (np.arange(_PLACES) + 0.5) / _PLACES
         start_ps = times[state.leg_starts[k]]
-        points = state.starts_mm[k] + share[:, np.newaxis] * state.steps_mm[k]
+        points = state.points_mm(k, share)
         row, col = camera.pixels_from_points(points)
-        arrival = start_ps + share * (times[k + 1] - start_ps)
+        arrival = start_ps + state.shares_of_way(k, share) * (times[k + 1] - start_ps)
         arrival = arrival + camera.return_times_ps(
             points, return_group_index=medium.return_group_index
         )

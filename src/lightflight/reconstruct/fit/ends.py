@@ -28,7 +28,9 @@ from lightflight.reconstruct.model.freedom import (
     ViewEnd,
     end_in_picture,
     freedom_of_path,
+    last_in_view,
     view_end,
+    view_end_at,
     view_plane,
     with_tip,
 )
@@ -56,6 +58,13 @@ _FALSE_CUT = 1e-4
 """Chance that an end which is whole is taken for cut."""
 _USUAL_SPOT_PX = 0.4
 """Std of a usual spot, px, to compare pixels on a leg's line with pixels beside it."""
+
+
+_BENT_ON = 0.25
+"""Share of its length by which a bent leg is followed beyond its ends to the picture's edge: the
+ends lie near there, and a polynomial runs away farther on."""
+_BENT_PLACES = 801
+"""That are looked at: less than a pixel apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,17 +127,18 @@ def with_ends(
     ends : Ends
         Planes in which the ends may move, and tips of the light.
     """
+    state, bent = _with_bent_ends(state, sightings, setting, std), state.is_bent
     vertices, start_time = state.vertices_mm.copy(), state.start_time_ps
     ends_seen = [
         _visible_end(state, leg, sightings, setting, std, outwards=1.0) for leg in state.last_legs
     ]
     for leg, (end, _) in zip(state.last_legs, ends_seen, strict=True):
-        if end is not None:
+        if end is not None and not bent(np.array([leg])):
             vertices[leg + 1] = end.position_mm
     entry = None
     if setting.source.position_mm is None:
         entry, first_tip = _visible_end(state, 0, sightings, setting, std, outwards=-1.0)
-        if entry is not None:
+        if entry is not None and not bent(np.array([0])):
             direction = vertices[1] - vertices[0]
             length = float(np.linalg.norm(direction))
             moved = float((entry.position_mm - vertices[0]) @ direction) / length
@@ -140,7 +150,9 @@ def with_ends(
         seen = bool(setting.camera.sees(vertices[0]))
         first_tip = np.array(setting.camera.pixels_from_points(vertices[0])) if seen else None
     ends = Ends(
-        view_plane(setting.camera, vertices[0], vertices[1]) if entry is None else entry.basis,
+        _start_plane(replace(state, vertices_mm=vertices), setting.camera)
+        if entry is None
+        else entry.basis,
         tuple(
             _end_plane(replace(state, vertices_mm=vertices), leg, setting.camera)
             if end is None
@@ -152,9 +164,53 @@ def with_ends(
     return replace(state, vertices_mm=vertices, start_time_ps=float(start_time)), ends
 
 
+def _with_bent_ends(
+    state: PathState, sightings: list[Sighting], setting: Setting, std: float
+) -> PathState:
+    """The same flight, with bent legs at its ends cut where they leave the view."""
+    legs = [(leg, 1.0) for leg in state.last_legs]
+    if setting.source.position_mm is None:
+        legs.append((0, -1.0))
+    for leg, outwards in legs:
+        if not state.is_bent(np.array([leg])):
+            continue
+        lit = _last_lit_place(state, leg, sightings, setting, std, outwards)
+        if lit is None:
+            continue
+        last = _fraction_at_edge(state, leg, lit.fraction, outwards, setting)
+        if last is not None:
+            state = state.prolonged(leg, last, setting.medium, at_end=outwards > 0)
+    return state
+
+
+def _fraction_at_edge(
+    state: PathState, leg: int, inside: float, outwards: float, setting: Setting
+) -> float | None:
+    """Fraction of a bent leg at which it leaves the picture; None: it does not."""
+    at = inside + outwards * np.linspace(0.0, 1.0 + _BENT_ON, _BENT_PLACES)
+    at = at[(at > -_BENT_ON) & (at < 1.0 + _BENT_ON)]
+
+    def place(fraction: Floats | float) -> Floats:
+        found = state.points_mm(leg, np.atleast_1d(np.asarray(fraction, dtype=float)))
+        return found if np.ndim(fraction) else found[0]
+
+    return last_in_view(setting.camera, place, at)
+
+
 def _end_plane(state: PathState, leg: int, camera: Camera) -> Floats:
     """(3, 2), the plane in which the end of a last leg moves: across it."""
-    return view_plane(camera, state.vertices_mm[leg + 1], state.starts_mm[leg])
+    end = state.vertices_mm[leg + 1]
+    if not state.bends:
+        return view_plane(camera, end, state.starts_mm[leg])
+    return view_plane(camera, end, end - state.tangents_mm(leg, np.ones(1))[0])
+
+
+def _start_plane(state: PathState, camera: Camera) -> Floats:
+    """(3, 2), the plane in which the start of the path moves: across its first leg."""
+    start = state.vertices_mm[0]
+    if not state.bends:
+        return view_plane(camera, start, state.vertices_mm[1])
+    return view_plane(camera, start, start + state.tangents_mm(0, np.zeros(1))[0])
 
 
 def freedom_at(
@@ -188,17 +244,17 @@ def freedom_at(
     camera, vertices = setting.camera, state.vertices_mm
     if ends is None:
         ends = Ends(
-            view_plane(camera, vertices[0], vertices[1]),
+            _start_plane(state, camera),
             tuple(_end_plane(state, leg, camera) for leg in state.last_legs),
         )
     tips: Tips = ends.tips if tips_move else (None,)
     start = ends.start_basis
     if tips[0] is not None:
-        start = with_tip(start, vertices[0], vertices[1] - vertices[0], camera)
+        start = with_tip(start, vertices[0], state.tangents_mm(0, np.zeros(1))[0], camera)
     lasts = tuple(
         basis
         if tip_of_leg(tips, leg, state) is None
-        else with_tip(basis, vertices[leg + 1], state.steps_mm[leg], camera)
+        else with_tip(basis, vertices[leg + 1], state.tangents_mm(leg, np.ones(1))[0], camera)
         for leg, basis in zip(state.last_legs, ends.end_bases, strict=True)
     )
     freedom = freedom_of_path(
@@ -284,23 +340,21 @@ def _visible_end(
     The tip is None where the light reaches the edge, or is too dim to tell.
     """
     camera = setting.camera
-    start, stop = state.starts_mm[leg], state.vertices_mm[leg + 1]
-    direction = (stop - start) / np.linalg.norm(stop - start)
-    own = [o for o in sightings if o.view == 0]
-    seen = [_footprints_of_pulses(o, state, setting, leg, std) for o in own]
-    fraction, photons, strength = (np.concatenate(column) for column in zip(*seen, strict=True))
-    if not len(fraction):
+    lit = _last_lit_place(state, leg, sightings, setting, std, outwards)
+    if lit is None:
         return None, None
-    places = np.column_stack(
-        camera.pixels_from_points(start + fraction[:, np.newaxis] * (stop - start))
-    )
-    extreme = _last_lit(places, outwards * fraction, strength)
-    inside = start + fraction[extreme] * (stop - start)
-    # The outermost foot may lie a hair beyond the edge; the middle of the light is in view.
-    if not bool(camera.sees(inside)):
-        inside = start + np.median(fraction) * (stop - start)
-    edge = view_end(camera, inside, outwards * direction)
-    tip = places[extreme]
+    inside = state.points_mm(leg, np.array([lit.fraction]))[0]
+    step = state.tangents_mm(leg, np.array([lit.fraction]))[0]
+    direction = step / np.linalg.norm(step)
+    if state.is_bent(np.array([leg])):
+        # It was cut where it leaves the view.
+        last = _fraction_at_edge(state, leg, lit.fraction, outwards, setting)
+        end = state.vertices_mm[leg + 1] if outwards > 0 else state.vertices_mm[0]
+        edge = None if last is None else view_end_at(camera, end)
+    else:
+        edge = view_end(camera, inside, outwards * direction)
+    tip, places, photons = lit.tip_px, lit.places_px, lit.photons
+    own = [o for o in sightings if o.view == 0]
     dark = all(_recorded_beyond(o, state, setting, leg, tip, std, outwards) for o in own)
     away = np.hypot(*(places - tip).T)
     # A tip is believed only on a bright leg, lit at five places and more behind it.
@@ -314,6 +368,51 @@ def _visible_end(
     along = along / max(float(np.hypot(*along)), 1e-9)
     across = float(-along[1]), float(along[0])
     return end_in_picture(camera, inside, across), tip if dark else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Lit:
+    """The outermost light of a leg, and its pulses.
+
+    Attributes
+    ----------
+    fraction : float
+        Of the leg, in view.
+    tip_px : array of float, shape (2,)
+        (row, col) of the outermost pulse.
+    places_px : array of float, shape (n, 2)
+        Of all.
+    photons : array of float, shape (n,)
+        Of all.
+    """
+
+    fraction: float
+    tip_px: Floats
+    places_px: Floats
+    photons: Floats
+
+
+def _last_lit_place(
+    state: PathState,
+    leg: int,
+    sightings: list[Sighting],
+    setting: Setting,
+    std: float,
+    outwards: float,
+) -> _Lit | None:
+    """The outermost light of a leg in the first camera's picture; None where there is none."""
+    camera, own = setting.camera, [o for o in sightings if o.view == 0]
+    seen = [_footprints_of_pulses(o, state, setting, leg, std) for o in own]
+    fraction, photons, strength = (np.concatenate(column) for column in zip(*seen, strict=True))
+    if not len(fraction):
+        return None
+    places = np.column_stack(camera.pixels_from_points(state.points_mm(leg, fraction)))
+    extreme = _last_lit(places, outwards * fraction, strength)
+    inside = float(fraction[extreme])
+    # The outermost foot may lie a hair beyond the edge; the middle of the light is in view.
+    if not bool(camera.sees(state.points_mm(leg, np.array([inside]))[0])):
+        inside = float(np.median(fraction))
+    return _Lit(inside, places[extreme], places, photons)
 
 
 def _recorded_beyond(

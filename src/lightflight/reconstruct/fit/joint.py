@@ -33,7 +33,7 @@ from lightflight.reconstruct.fit.membership import (
 )
 from lightflight.reconstruct.fit.uneven import uneven_light
 from lightflight.reconstruct.legs.find import ImageLeg
-from lightflight.reconstruct.model.freedom import Freedom
+from lightflight.reconstruct.model.freedom import Freedom, state_vector
 from lightflight.reconstruct.model.geometry import Indices, PathState
 from lightflight.reconstruct.model.light import Strengths
 from lightflight.reconstruct.model.picture import (
@@ -382,10 +382,7 @@ def _settled(before: PathState, solution: Solution, freedom: Freedom) -> bool:
 
 def _step_stds(before: PathState, solution: Solution, freedom: Freedom) -> Floats:
     """(p,), how far each freedom of the path moved, in its errors."""
-    moved = np.append(
-        (solution.state.vertices_mm - before.vertices_mm).ravel(),
-        solution.state.start_time_ps - before.start_time_ps,
-    )
+    moved = state_vector(solution.state) - state_vector(before)
     # What moved outside the freedom (an end put back to the edge) is not counted.
     step = np.linalg.lstsq(freedom.basis, moved, rcond=None)[0]
     own = solution.covariance[: len(step), : len(step)]

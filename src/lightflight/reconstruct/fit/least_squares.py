@@ -19,11 +19,11 @@ from lightflight.reconstruct.model.geometry import (
     Indices,
     PathState,
     arrival_jacobian,
-    line_offsets,
     overshoots,
 )
 from lightflight.reconstruct.model.image_plane import mean_focal_px
 from lightflight.reconstruct.model.information import ascend, covariance_from_information
+from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.picture import LineDataInPicture
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import (
@@ -291,17 +291,17 @@ class Modelled:
     ----------
     arrival_ps : array of float, shape (n,)
         Arrival times of the pulses' feet, ps.
-    arrival_by_state : array of float, shape (n, 3m + 1)
+    arrival_by_state : array of float, shape (n, size)
         ps per mm and ps per ps.
     offset_px : array of float, shape (2 L,)
         Of the anchors from the images of their legs, px.
-    offset_by_state : array of float, shape (2 L, 3m + 1)
+    offset_by_state : array of float, shape (2 L, size)
         px per mm.
     by_shared : array of float, shape (n + 2 L, k)
         Times (ps) and whitened offsets per standard deviation of each shared error.
     over_px : array of float, shape (n,)
         How far pulses lie beyond the corners of their leg, px.
-    over_by_state : array of float, shape (n, 3m + 1)
+    over_by_state : array of float, shape (n, size)
         px per mm.
     """
 
@@ -344,7 +344,7 @@ def modelled(
     Modelled
         With all derivatives.
     """
-    n, n_lines, n_state = len(times.leg), len(lines.leg), state.vertices_mm.size + 1
+    n, n_lines, n_state = len(times.leg), len(lines.leg), state.size
     model = Modelled(
         np.zeros(n), np.zeros((n, n_state)), np.zeros(n_lines), np.zeros((n_lines, n_state)),
         np.zeros((n + n_lines, len(errors))), np.zeros(n), np.zeros((n, n_state)),

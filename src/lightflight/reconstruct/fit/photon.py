@@ -172,8 +172,10 @@ def _path_from_climb(ended: Climb, rough: LightPath) -> LightPath:
         result: Floats = to_vertices @ block @ to_vertices.T
         return result
 
-    pixel, shared = at_vertices(by_delay), at_vertices(ended.prior)
-    whole = to_vertices @ covariance[np.ix_(rows, rows)] @ to_vertices.T
+    n = 4 * len(ended.state.vertices_mm)
+    pixel, shared = (at_vertices(part)[:n, :n] for part in (by_delay, ended.prior))
+    with_bends = to_vertices @ covariance[np.ix_(rows, rows)] @ to_vertices.T
+    whole = with_bends[:n, :n]
     residuals = _updated_residuals(rough, ended)
     used = residuals["used"]
     squared, variance = residuals["residual_ps"][used] ** 2, residuals["std_ps"][used] ** 2
@@ -202,6 +204,8 @@ def _path_from_climb(ended: Climb, rough: LightPath) -> LightPath:
         covariance_parts={"photon": whole - pixel - shared, "pixel": pixel, "shared": shared},
         residuals=residuals,
         prior=prior_in_words(seen.source),
+        bends=ended.state.bends,
+        bend_covariance=with_bends[:, n:],
     )
 
 
@@ -228,6 +232,7 @@ def _updated_residuals(rough: LightPath, ended: Climb) -> NDArray[np.void]:
     table["model_ps"] = model
     table["residual_ps"] = table["arrival_ps"] - model
     times = ended.state.vertex_times_ps(seen.medium)
+    passed = ended.state.shares_of_way(legs, print_.fraction)
     begun = times[ended.state.leg_starts]
-    table["event_time_ps"] = begun[legs] + print_.fraction * (times[1:] - begun)[legs]
+    table["event_time_ps"] = begun[legs] + passed * (times[1:] - begun)[legs]
     return table

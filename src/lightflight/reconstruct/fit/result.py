@@ -39,7 +39,9 @@ def prior_in_words(source: Source) -> str:
 
 
 def covariance_parts(fit: JointFit) -> dict[str, Floats]:
-    """Covariance of (x, y, z, t) of every vertex by error class; each (4m, 4m).
+    """Covariance of (x, y, z, t) of every vertex, then of bends, by error class.
+
+    Each (4m + b, 4m + b), b coefficients of bends.
 
     "photon" is independent from recording to recording; "pixel" (calibration of each pixel, and
     the floor the residuals ask for) averages over pixels but not over repeats; "shared" comes
@@ -113,7 +115,8 @@ def residual_table(fit: JointFit, sightings: list[Sighting], setting: Setting) -
     table["std_ps"] = np.sqrt(times.photon_var + times.pixel_var + fit.floor_ps**2)
     begun = at_vertex[state.leg_starts]
     lasting = at_vertex[1:] - begun
-    table["event_time_ps"] = begun[times.leg] + print_.fraction * lasting[times.leg]
+    passed = state.shares_of_way(times.leg, print_.fraction)
+    table["event_time_ps"] = begun[times.leg] + passed * lasting[times.leg]
     table["used"] = times.weight > 0
     for number, sighting in enumerate(sightings):
         here = fit.sighting_of == number
@@ -191,22 +194,26 @@ def path_from_fit(
         converged=solution.converged,
         chi2_with_floor=float(np.sum(residual**2 / (stated + fit.floor_ps**2))),
     )
+    whole = parts["photon"] + parts["pixel"] + parts["shared"]
+    n = 4 * len(solution.state.vertices_mm)
     return LightPath(
         solution.state.vertices_mm,
         solution.state.vertex_times_ps(solution.medium),
-        parts["photon"] + parts["pixel"] + parts["shared"],
+        whole[:n, :n],
         camera=solution.camera,
         source=setting.source,
         medium=solution.medium,
         method=method,
         goodness=goodness,
-        covariance_parts=parts,
+        covariance_parts={name: part[:n, :n] for name, part in parts.items()},
         residuals=residual_table(fit, sightings, setting),
         prior=prior_in_words(setting.source),
         statements=statements,
         truth=truth,
         unseen_legs=solution.state.unseen,
         forks=solution.state.forks,
+        bends=solution.state.bends,
+        bend_covariance=whole[:, n:],
     )
 
 

@@ -49,7 +49,8 @@ _LEAST_TURN_DEG = 2.5
 
 def turn_deg(state: PathState, corner: int) -> float:
     """Angle by which the flight turns at a corner, deg."""
-    before, after = state.steps_mm[corner - 1], state.steps_mm[corner]
+    before = state.tangents_mm(corner - 1, np.ones(1))[0]
+    after = state.tangents_mm(corner, np.zeros(1))[0]
     # atan2 of both keeps small angles exact, where acos would not.
     cross = np.linalg.norm(np.cross(before, after))
     return float(np.rad2deg(np.arctan2(cross, before @ after)))
@@ -202,7 +203,7 @@ def with_n_legs(
     """
     while fit.solution.state.n_legs < n_legs:
         state = fit.solution.state
-        bends = [_sharpest_bend(sightings, fit, k, setting) for k in range(state.n_legs)]
+        bends = [sharpest_bend(sightings, fit, k, setting) for k in range(state.n_legs)]
         trials = (
             _opened(sightings, state, int(k), bends[int(k)][1], setting)
             for k in np.argsort([-chi2 for chi2, _ in bends])
@@ -222,7 +223,7 @@ def _opened(
     sightings: list[Sighting], state: PathState, leg: int, fraction: float, setting: Setting
 ) -> JointFit | NoFit:
     """Refit with a corner more, at a fraction of a leg, or why there is no such path."""
-    corner = state.starts_mm[leg] + fraction * state.steps_mm[leg]
+    corner = state.points_mm(leg, np.array([fraction]))[0]
     return refitted(sightings, state.with_corner(leg, corner), setting_with_corner(setting, leg))
 
 
@@ -339,7 +340,7 @@ def _total_cost(solution: Solution, fit: JointFit) -> float:
 def _split_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> JointFit | None:
     """The fit with one leg cut where times and light bend most, where that explains far more."""
     state = fit.solution.state
-    bends = [_sharpest_bend(sightings, fit, k, setting) for k in range(state.n_legs)]
+    bends = [sharpest_bend(sightings, fit, k, setting) for k in range(state.n_legs)]
     order = np.argsort([-chi2 for chi2, _ in bends])
     before = fit.solution.chi2 + sum(f.bend_chi2 for p in fit.pictures for f in p.fits)
     for k in order:
@@ -362,10 +363,13 @@ def _split_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> J
     return None
 
 
-def _sharpest_bend(
+def sharpest_bend(
     sightings: list[Sighting], fit: JointFit, leg: int, setting: Setting
 ) -> tuple[float, float]:
-    """(chi-square, fraction of the leg) of the most significant kink in times and lines."""
+    """(chi-square, fraction of the leg) of the most significant kink in times and lines.
+
+    A score test: what cannot be seen by a kink, no further corner or shape explains.
+    """
     times, solution = fit.times, fit.solution
     # The first camera's picture tells; the others follow the path.
     mine = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == 0)

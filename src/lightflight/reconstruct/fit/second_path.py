@@ -19,6 +19,7 @@ from lightflight.reconstruct.fit.around import Group, Seen
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.membership import tip_of_leg
 from lightflight.reconstruct.model.counted import Pixels
+from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.second_path import (
     Mirror,
@@ -94,21 +95,20 @@ def places_of_path(
     for k, (leg, of) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         if leg.dark:
             continue
-        start, step = state.starts_mm[k], state.steps_mm[k]
         # A path ends where the view does, its light runs on; where light ends in view it does not.
         before = _RUN_ON if k == 0 and runs_in else 0.0
         after = _RUN_ON if k in runs_out else 0.0
-        share = _shares_about_view(start, step, camera, (-before, 1.0 + after))
+        share = _shares_about_view(state, k, camera, (-before, 1.0 + after))
         if len(share) < 2:
             continue
-        points = start + share[:, np.newaxis] * step
+        points = state.points_mm(k, share)
         row, col = camera.pixels_from_points(points)
         along = leg.along_across(undistorted_px(camera, row, col))[0]
         strength = np.exp(of.spline(np.clip(along, *span_of_knots(of.spline.t))))
         light = np.sqrt(2.0 * np.pi) * picture.spot_std_px * strength * np.abs(np.gradient(along))
         way2 = np.sum((points - camera.center_mm) ** 2, axis=1)
         start_ps = times[state.leg_starts[k]]
-        event = start_ps + share * (times[k + 1] - start_ps)
+        event = start_ps + state.shares_of_way(k, share) * (times[k + 1] - start_ps)
         parts.append((points, np.full(len(share), k), event, light * way2))
     points, of_leg, event, light = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Places(
@@ -118,11 +118,11 @@ def places_of_path(
 
 
 def _shares_about_view(
-    start_mm: Floats, step_mm: Floats, camera: Camera, between: tuple[float, float]
+    state: PathState, leg: int, camera: Camera, between: tuple[float, float]
 ) -> Floats:
     """(n,), places along a leg, in its length, as far as it runs in the picture or near it."""
     share, (rows, cols) = np.linspace(*between, 801), camera.shape
-    row, col = camera.pixels_from_points(start_mm + share[:, np.newaxis] * step_mm)
+    row, col = camera.pixels_from_points(state.points_mm(leg, share))
     with np.errstate(invalid="ignore"):
         near = (np.abs(row - 0.5 * rows) < 0.5 * rows + _BEYOND_PX) & (
             np.abs(col - 0.5 * cols) < 0.5 * cols + _BEYOND_PX

@@ -22,7 +22,9 @@ from lightflight.arguments import check_kinds
 from lightflight.display import Card, Shown, number, picture_from_vertices
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
+from lightflight.path.bends import BentCourse
 from lightflight.path.light_path import LightPath
+from lightflight.path.on_bends import course_of_leg, covariance_on_bent_leg
 from lightflight.path.tables import Goodness
 from lightflight.path.tree import outline_mm
 from lightflight.reconstruct.fit.result import prior_in_words
@@ -41,6 +43,7 @@ from lightflight.reconstruct.model.freedom import (
     checked_waypoints,
     ends_in_view,
     freedom_of_path,
+    last_in_view,
     view_end,
     view_plane,
     with_tip,
@@ -199,7 +202,9 @@ def bounds(
     times = getattr(subject, "vertex_times_ps", None)
     start = 0.0 if times is None else float(np.asarray(times)[0])
     forks = tuple(getattr(subject, "forks", ()))
-    whole = PathState(np.array(subject.vertices_mm, dtype=float), start, forks=forks)
+    bends = tuple(getattr(subject, "bends", ()))
+    vertices = np.array(subject.vertices_mm, dtype=float)
+    whole = PathState(vertices, start, forks=forks, bends=bends)
     # Beyond the view nothing is recorded: what lies there is a gauge, not an error.
     state, freedom, cut_ends = _state_in_view(whole, camera, medium, source, told)
     setting = Setting(camera, source, medium)
@@ -227,16 +232,18 @@ def _state_in_view(
     Besides, whether its light begins within the view, and whether each branch stops there: such an
     end is free along its leg too.
     """
+    whole = _with_bent_ends_cut(whole, camera, medium, source)
     vertices, start_time = whole.vertices_mm.copy(), whole.start_time_ps
     ends = [(int(whole.leg_starts[leg]), leg + 1) for leg in whole.last_legs]
     for before, tip in ends:
-        vertices[tip] = _end_in_view(vertices[before], vertices[tip], camera, tip)
+        if not whole.is_bent(np.array([tip - 1]))[0]:
+            vertices[tip] = _end_in_view(vertices[before], vertices[tip], camera, tip)
     start_basis = None
     begins = ends_in_view(camera, vertices[0])
     if source.position_mm is not None:
         begins = bool(camera.sees(vertices[0]))
     cut_ends = (begins, *(ends_in_view(camera, vertices[tip]) for _, tip in ends))
-    if source.position_mm is None:
+    if source.position_mm is None and not whole.is_bent(np.array([0]))[0]:
         first = _middle_in_view(vertices[0], vertices[1], camera, 1)
         step = vertices[1] - vertices[0]
         direction = step / np.linalg.norm(step)
@@ -245,19 +252,33 @@ def _state_in_view(
             cut = PathState(np.array([vertices[0], entry.position_mm]), start_time)
             start_time = float(cut.vertex_times_ps(medium)[-1])
             vertices[0] = entry.position_mm
-        start_basis = _moves_of_end(camera, vertices[0], vertices[1], in_view=cut_ends[0])
-    state = PathState(vertices, start_time, forks=whole.forks)
+    state = PathState(vertices, start_time, forks=whole.forks, bends=whole.bends)
+    if source.position_mm is None:
+        after = _neighbour(state, 0, 1, 0)
+        start_basis = _moves_of_end(camera, vertices[0], after, in_view=cut_ends[0])
     freedom = freedom_of_path(
         state,
         source=source,
         waypoints=waypoints,
         start_basis=start_basis,
         end_bases=tuple(
-            _moves_of_end(camera, vertices[tip], vertices[before], in_view=cut)
+            _moves_of_end(
+                camera, vertices[tip], _neighbour(state, tip, before, tip - 1), in_view=cut
+            )
             for (before, tip), cut in zip(ends, cut_ends[1:], strict=True)
         ),
     )
     return state, freedom, cut_ends
+
+
+def _neighbour(state: PathState, vertex: int, other: int, leg: int) -> Floats:
+    """Where a leg goes on from one of its ends: its other end, or along its tangent there; (3,)."""
+    if not state.is_bent(np.array([leg]))[0]:
+        return np.asarray(state.vertices_mm[other])
+    at_end = vertex == leg + 1
+    tangent = state.tangents_mm(leg, np.array([float(at_end)]))[0]
+    towards: Floats = state.vertices_mm[vertex] + (-tangent if at_end else tangent)
+    return towards
 
 
 def _end_in_view(start: Floats, end: Floats, camera: Camera, leg: int) -> Floats:
@@ -268,6 +289,32 @@ def _end_in_view(start: Floats, end: Floats, camera: Camera, leg: int) -> Floats
     if at_edge is None or not (at_edge.position_mm - end) @ step < 0:
         return end
     return at_edge.position_mm
+
+
+def _with_bent_ends_cut(
+    whole: PathState, camera: Camera, medium: Medium, source: Source
+) -> PathState:
+    """The same flight, with bent legs at its ends cut where they enter and leave the view."""
+    ends = [(whole.n_legs - 1, True)] + [(0, False)] * (source.position_mm is None)
+    for leg, at_end in ends:
+        if not whole.is_bent(np.array([leg]))[0]:
+            continue
+        fraction = np.linspace(0.0, 1.0, 2001)
+        seen = np.flatnonzero(camera.sees(whole.points_mm(leg, fraction)))
+        if not len(seen):
+            raise GeometryError(
+                f"the camera does not see leg {leg + 1} of the path: check its pose"
+            )
+
+        def place(at: Floats | float, leg: int = leg, path: PathState = whole) -> Floats:
+            found = path.points_mm(leg, np.atleast_1d(np.asarray(at, dtype=float)))
+            return found if np.ndim(at) else found[0]
+
+        middle = int(seen[len(seen) // 2])
+        last = last_in_view(camera, place, fraction[middle:] if at_end else fraction[middle::-1])
+        if last is not None:
+            whole = whole.prolonged(leg, last, medium, at_end=at_end)
+    return whole
 
 
 def _middle_in_view(start: Floats, end: Floats, camera: Camera, leg: int) -> Floats:
@@ -294,8 +341,8 @@ class _Information:
     ----------
     covariance : array of float, shape (p, p)
         Of the path's freedom, every nuisance eliminated; mm and ps.
-    vertex_covariance : array of float, shape (4m, 4m)
-        Of x, y, z, t of every vertex.
+    vertex_covariance : array of float, shape (4m + b, 4m + b)
+        Of x, y, z, t of every vertex, then of the b coefficients of bends.
     signal : array of float, shape (n, L)
         Expected photons of each leg in each pixel.
     """
@@ -367,10 +414,11 @@ def _bounds(
 ) -> Bounds:
     """The record of a bound, from what is known of the path."""
     free, signal = known.covariance, known.signal
+    n = 4 * len(state.vertices_mm)
     path = LightPath(
         state.vertices_mm,
         state.vertex_times_ps(medium),
-        known.vertex_covariance,
+        known.vertex_covariance[:n, :n],
         camera=camera,
         source=source,
         medium=medium,
@@ -378,6 +426,8 @@ def _bounds(
         goodness=Goodness(float("nan"), 0, len(signal), 0, float("nan"), 0.0, True),
         prior=prior_in_words(source),
         forks=state.forks,
+        bends=state.bends,
+        bend_covariance=known.vertex_covariance[:, n:],
     )
     branches = [(branch, branch.sample(1000)) for branch in path.branches]
     in_view = [(branch, sampled[sampled["in_view"]]) for branch, sampled in branches]
@@ -412,6 +462,9 @@ def _event_time_rms(branches: list[tuple[LightPath, NDArray[np.void]]], camera: 
 def _event_time_variance(path: LightPath, row: np.void, camera: Camera) -> float:
     """Variance of the event time on the ray of one point of a chain's sample, ps^2."""
     leg = int(row["leg"])
+    course = course_of_leg(path, leg)
+    if course is not None:
+        return _variance_on_ray(path, course, row, camera)
     t0, t1 = path.vertex_times_ps[leg : leg + 2]
     start, step = path.vertices_mm[leg], path.vertices_mm[leg + 1] - path.vertices_mm[leg]
     f = (row["event_time_ps"] - t0) / (t1 - t0)
@@ -425,3 +478,18 @@ def _event_time_variance(path: LightPath, row: np.void, camera: Camera) -> float
     jacobian[3], jacobian[7] = 1 - f, f
     block = np.arange(4 * leg, 4 * leg + 8)
     return float(jacobian @ path.covariance[np.ix_(block, block)] @ jacobian)
+
+
+def _variance_on_ray(path: LightPath, course: BentCourse, row: np.void, camera: Camera) -> float:
+    """Variance of the event time at which a bent leg crosses a pixel's ray, ps^2."""
+    t0, t1 = path.vertex_times_ps[course.leg : course.leg + 2]
+    share = np.array([(row["event_time_ps"] - t0) / (t1 - t0)])
+    length = float(course.ways_mm(np.ones(1))[0])
+    fraction = course.fractions_at(share * length)
+    tangent = course.tangents_mm(fraction)[0]
+    along = tangent / np.linalg.norm(tangent)
+    ray = camera.sight_directions(course.points_mm(fraction)[0])
+    across = along - (along @ ray) * ray
+    # What moves the curve in the picture slides the place that the ray sees along it.
+    weights = np.append(-across / (across @ along) * (t1 - t0) / length, 1.0)
+    return float(weights @ covariance_on_bent_leg(path, course, share)[0] @ weights)

@@ -277,12 +277,12 @@ def _log_strength(
         rows=np.asarray(row, dtype=float),
         cols=np.asarray(col, dtype=float),
     )
-    length = float(np.linalg.norm(state.steps_mm[k]))
+    length = np.linalg.norm(state.tangents_mm(k, print_.fraction), axis=1)
     value: Floats = np.log(length / print_.px_per_leg) - 2 * np.log(print_.distance_mm)
     if conditions.strength is not None:
         # Strength is told from the leg's true start, which may lie before the entry into view.
         skipped = float(np.linalg.norm(state.starts_mm[k] - whole.starts_mm[k]))
-        along = starts[k] + skipped + np.clip(print_.fraction, 0, 1) * length
+        along = starts[k] + skipped + state.ways_mm(k, np.clip(print_.fraction, 0, 1))
         with np.errstate(divide="ignore"):
             strength = np.log(np.asarray(conditions.strength(along, k), dtype=float))
         # A dark stretch has no logarithm: e^-12 of the brightest is dark enough.

@@ -174,7 +174,7 @@ def with_detours_level(freedom: Freedom, state: PathState, camera: Camera) -> Fr
     for detour in detours_of(state, camera):
         spare = detour.length_mm - detour.shortest_mm
         std = max(spare / np.sqrt(3.0), _LEAST_STD_MM)
-        row = np.zeros(state.vertices_mm.size + 1)
+        row = np.zeros(state.size)
         first = 3 * detour.leg
         row[first : first + 3], row[first + 3 : first + 6] = detour.away, detour.back
         rows.append(row / std)

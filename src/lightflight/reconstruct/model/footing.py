@@ -82,9 +82,9 @@ class Corners:
         px, -inf where nothing cuts the light off.
     after : array of float, shape (n,)
         px, inf where nothing does.
-    before_by_state : array of float, shape (n, 3m + 1)
+    before_by_state : array of float, shape (n, size)
         px per mm.
-    after_by_state : array of float, shape (n, 3m + 1)
+    after_by_state : array of float, shape (n, size)
         px per mm.
     """
 
@@ -224,12 +224,13 @@ def corner_distances(
     Corners
         Signed distances, infinite where nothing cuts, and how they follow the state.
     """
-    n, size = len(print_.fraction), 3 * len(state.vertices_mm) + 1
+    n, size = len(print_.fraction), state.size
     before, after = np.full(n, -np.inf), np.full(n, np.inf)
     by_before, by_after = np.zeros((n, size)), np.zeros((n, size))
-    start, step = int(state.leg_starts[leg]), state.steps_mm[leg]
+    start = int(state.leg_starts[leg])
+    at_start, at_end = state.tangents_mm(leg, np.array([0.0, 1.0]))
 
-    def slide(vertex: int) -> Floats:
+    def slide(vertex: int, step: Floats) -> Floats:
         """How a corner's image moves along the leg's, (3,), px per mm."""
         projection = np.nan_to_num(camera.pixel_jacobian(state.vertices_mm[vertex]))
         along = projection @ step
@@ -238,9 +239,9 @@ def corner_distances(
 
     if leg > 0 or cut_ends[0]:
         before = -print_.fraction * print_.px_per_leg
-        by_before[:, 3 * start : 3 * start + 3] = slide(start)
+        by_before[:, 3 * start : 3 * start + 3] = slide(start, at_start)
     stops = dict(zip(state.last_legs, cut_ends[1:], strict=False))
     if stops.get(leg, leg not in state.last_legs):
         after = (1 - print_.fraction) * print_.px_per_leg
-        by_after[:, 3 * leg + 3 : 3 * leg + 6] = slide(leg + 1)
+        by_after[:, 3 * leg + 3 : 3 * leg + 6] = slide(leg + 1, at_end)
     return Corners(before, after, by_before, by_after)

@@ -37,10 +37,10 @@ from lightflight.reconstruct.model.geometry import (
     Indices,
     PathState,
     arrival_jacobian,
-    line_offsets,
 )
 from lightflight.reconstruct.model.image_plane import mean_focal_px
 from lightflight.reconstruct.model.nudges import Nudges
+from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.picture import LegInPicture, arrival_curvature
 from lightflight.reconstruct.model.strength import LOG_SPOT_RANGE, SpotAlong, span_of_knots
 
@@ -332,11 +332,11 @@ class _SeenLeg:
         Which.
     print_ : Footprint
         Where each pixel looks along it.
-    arrival_by_state : array of float, shape (n, 3m + 1)
+    arrival_by_state : array of float, shape (n, size)
         Its derivative, ps per mm.
     across_px : array of float, shape (n,)
         Distance of the pixel from the leg's image, px.
-    across_by_state : array of float, shape (n, 3m + 1)
+    across_by_state : array of float, shape (n, size)
         Its derivative, px per mm.
     along_px : array of float, shape (n,)
         Place along the leg's image, within its knots, px.
@@ -446,12 +446,12 @@ def _slopes(
         return found
     own, k = slice(moves.shape[1] - n_shared, None), seen.leg
     found.arrival[:, own] = nudges.arrivals(state, seen.print_, seen.arrival_by_state, medium)
-    step = state.steps_mm[k : k + 1]
-    for slopes, vertex, cut in (
-        (found.before, int(state.leg_starts[k]), seen.corners.before),
-        (found.after, k + 1, seen.corners.after),
+    for slopes, vertex, place, cut in (
+        (found.before, int(state.leg_starts[k]), 0.0, seen.corners.before),
+        (found.after, k + 1, 1.0, seen.corners.after),
     ):
-        slide = nudges.slides(state.vertices_mm[vertex : vertex + 1], step)
+        along = state.tangents_mm(k, np.array([place]))
+        slide = nudges.slides(state.vertices_mm[vertex : vertex + 1], along)
         slopes[:, own] += np.where(np.isfinite(cut)[:, np.newaxis], slide, 0.0)
     line = light.lines[k]
     here = line.along_across(points)[0]
@@ -478,10 +478,14 @@ def _fill_leg(
 ) -> None:
     """Write one leg's columns of `local`, and its rows of the jacobian, in the pixels `here`."""
     k, feet, across = seen.leg, seen.feet, seen.across_px
+    inwards = 0.5 * light.lines[k].curvature(seen.along_px)
     spot, pulse_var = seen.spot_px, np.exp(2 * light.log_std_ps)
     design = BSpline.design_matrix(seen.along_px, light.knots[k], 3).toarray()
     local.log_photons[here, k] = np.maximum(
-        design @ light.coefficients[k] + feet.log_share.value - 0.5 * (across / spot) ** 2,
+        design @ light.coefficients[k]
+        + feet.log_share.value
+        - 0.5 * (across / spot) ** 2
+        + inwards * across,
         _DARK_LOG,
     )
     std = np.sqrt(pulse_var + feet.variance_ps2.value)
@@ -512,7 +516,7 @@ def _fill_leg(
     by_spot[0] += (across / spot) ** 2
     by_path += (by_spot * growth)[:, :, np.newaxis] * slopes.along
     by_path[0] += log_slope[:, np.newaxis] * slopes.along
-    by_path[0] -= (across / spot**2)[:, np.newaxis] * slopes.across
+    by_path[0] -= (across / spot**2 - inwards)[:, np.newaxis] * slopes.across
     by_path[1] += slopes.arrival
     own = layout.of_path_and_shared
     for row in range(3):

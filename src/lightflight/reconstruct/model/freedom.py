@@ -7,7 +7,7 @@ lies before. The last vertex likewise moves within the plane where the flight le
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from lightflight.arguments import POSITIVE, finite_number, finite_numbers, shown
 from lightflight.errors import GeometryError
 from lightflight.flight import Source
 from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.sizes import PLAUSIBLE
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -28,6 +29,12 @@ _AT_EDGE_PX = 0.3
 """A path that ends this near to the picture's edge was cut there; its light goes on, px."""
 _END_MOVES = ("depth", "height", "along the leg")
 """What the columns of an end's basis move."""
+
+_BEND_AXES = ("in the picture", "in depth")
+"""What the two axes of a bend are, in the words of its columns."""
+_BEND_FALL = 2.0
+"""Power by which the plausible size of a bend's shapes falls off with their order: curvature, which
+grows by the square of the order, is as plausible in each."""
 
 Waypoint = tuple[int, ArrayLike, float]
 """(vertex index, position_mm (3,), one-sigma error in mm): a mirror measured with a ruler."""
@@ -86,15 +93,20 @@ def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tupl
     return tuple(checked)
 
 
+def sagitta_std_mm(order: int) -> float:
+    """Prior standard deviation of a bend's coefficient of an order, counted from 1; mm."""
+    return float(PLAUSIBLE["curved_leg"].size / order**_BEND_FALL)
+
+
 @dataclass(frozen=True, eq=False)
 class Freedom:
     """Directions in which a state may move, and Gaussian priors on the state.
 
     Attributes
     ----------
-    basis : array of float, shape (3m + 1, p)
+    basis : array of float, shape (size, p)
         Columns are unit moves of (vertices in mm, start time in ps).
-    prior_rows : array of float, shape (q, 3m + 1)
+    prior_rows : array of float, shape (q, size)
         Prior i says prior_rows[i] . state = prior_values[i] +- 1.
     prior_values : array of float, shape (q,)
         In units of the prior's standard deviation.
@@ -132,8 +144,9 @@ class ViewEnd:
 
 
 def state_vector(state: PathState) -> Floats:
-    """(3m + 1,): vertices in mm, then start time in ps."""
-    return np.append(state.vertices_mm.ravel(), state.start_time_ps)
+    """(size,): vertices in mm, then start time in ps, then coefficients of bends in mm."""
+    coefficients = (bend.coefficients_mm.ravel() for bend in state.bends)
+    return np.concatenate((state.vertices_mm.ravel(), [state.start_time_ps], *coefficients))
 
 
 def view_end(camera: Camera, inside_mm: Floats, direction: Floats) -> ViewEnd | None:
@@ -158,19 +171,50 @@ def view_end(camera: Camera, inside_mm: Floats, direction: Floats) -> ViewEnd | 
     reach = 4.0 * float(np.linalg.norm(inside_mm - camera.center_mm)) + 2000.0
     # From half a mm to beyond any scene: fine near, coarse far.
     lengths = np.concatenate(([0.0], np.geomspace(0.5, reach, 400)))
-    seen = camera.sees(inside_mm + lengths[:, np.newaxis] * direction)
+
+    def place(length: Floats | float) -> Floats:
+        return np.asarray(inside_mm + np.multiply.outer(length, direction))
+
+    last = last_in_view(camera, place, lengths)
+    return None if last is None else view_end_at(camera, place(last))
+
+
+def last_in_view(
+    camera: Camera, place: Callable[[Floats | float], Floats], at: Floats
+) -> float | None:
+    """How far along a line or curve its points are in view.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera that sees it.
+    place : callable
+        Points (..., 3), world, mm, of numbers (...) along it.
+    at : array of float, shape (n,)
+        Numbers that are tried, outwards.
+
+    Returns
+    -------
+    float or None
+        To the last bit; None where the first is not in view, or the last still is.
+    """
+    seen = camera.sees(place(at))
     if not seen[0] or seen.all():
         return None
     first_out = int(np.argmin(seen))
-    low, high = lengths[first_out - 1], lengths[first_out]
+    low, high = float(at[first_out - 1]), float(at[first_out])
     # Bisection to the last bit of the length.
     for _ in range(60):
         middle = 0.5 * (low + high)
-        if camera.sees(inside_mm + middle * direction):
+        if camera.sees(place(middle)):
             low = middle
         else:
             high = middle
-    position = inside_mm + low * direction
+    return low
+
+
+def view_end_at(camera: Camera, position: Floats) -> ViewEnd:
+    """An end at the last point in view (3,), world, mm, which slides along the picture's edge."""
     row, col = (float(x) for x in camera.pixels_from_points(position))
     rows, cols = camera.shape
     # The nearest edge says which way the end may slide: along that edge.
@@ -286,7 +330,7 @@ def with_tip(basis: Floats, end_mm: Floats, leg_mm: Floats, camera: Camera) -> F
 
 @dataclass(eq=False)
 class _Gathered:
-    """Columns and priors of a `Freedom` while they are gathered; state (3m + 1,)."""
+    """Columns and priors of a `Freedom` while they are gathered; state (size,)."""
 
     state: Floats
     columns: list[Floats] = field(default_factory=list)
@@ -295,7 +339,7 @@ class _Gathered:
     values: list[float] = field(default_factory=list)
 
     def _at_vertex(self, vertex: int, xyz: Floats) -> Floats:
-        """(3m + 1,), zero but for a vertex."""
+        """(size,), zero but for a vertex."""
         whole = np.zeros(len(self.state))
         whole[3 * vertex : 3 * vertex + 3] = xyz
         return whole
@@ -356,7 +400,7 @@ def freedom_of_path(
     # Only place and time together are exact: a known time at an unknown place fixes nothing.
     exact_time = source.emission_time_ps is not None and source.emission_time_std_ps == 0
     if not (exact_time and source.position_mm is not None):
-        found.columns.append(np.append(np.zeros(3 * m), 1.0))
+        found.columns.append(np.eye(state.size)[3 * m])
         found.labels.append("emission time" if source.position_mm is not None else "entry time")
         if source.emission_time_ps is not None and source.position_mm is not None:
             found.add_prior(3 * m, source.emission_time_ps, source.emission_time_std_ps)
@@ -370,6 +414,12 @@ def freedom_of_path(
         for direction, name in zip(basis.T, _END_MOVES, strict=False):
             found.add_column(vertex, direction, f"{which} {name}")
         found.hold_tip(vertex, basis)
+    for bend, (_, own) in zip(state.bends, state.courses, strict=True):
+        for number in range(bend.size):
+            axis, order = divmod(number, bend.orders)
+            found.columns.append(np.eye(state.size)[own.start + number])
+            found.labels.append(f"bend of leg {bend.leg + 1} {_BEND_AXES[axis]}, {order + 1}")
+            found.add_prior(own.start + number, 0.0, sagitta_std_mm(order + 1))
     for vertex, position_mm, std_mm in waypoints:
         if vertex >= m:
             raise ValueError(
@@ -380,7 +430,7 @@ def freedom_of_path(
             found.add_prior(3 * vertex + axis, float(value), float(std_mm))
     return Freedom(
         basis=np.column_stack(found.columns),
-        prior_rows=np.array(found.rows).reshape(-1, 3 * m + 1),
+        prior_rows=np.array(found.rows).reshape(-1, state.size),
         prior_values=np.array(found.values),
         labels=tuple(found.labels),
     )

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.flight import Medium
+from lightflight.path.bends import Bend, BentCourse
 from lightflight.path.tree import forks_of, last_legs, leg_starts
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
@@ -25,6 +26,10 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+_MOST_FOOT_STEPS_BENT = 20
+"""Of Newton's method on a curve, from the straight line between its ends: each leaves a tenth where
+a pixel lies 3 px beside a curve whose radius is 30 px."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +47,20 @@ class PathState:
     forks : tuple of (int, int), optional
         Legs that begin at a vertex (leg, vertex) other than the end of the leg before: at a beam
         splitter two legs leave. Every leg ends at the vertex after its own number.
+    bends : tuple of Bend, optional
+        Legs that are smooth curves, in their order; all others are straight.
     """
 
     vertices_mm: Floats
     start_time_ps: float
     unseen: tuple[int, ...] = ()
     forks: tuple[tuple[int, int], ...] = ()
+    bends: tuple[Bend, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Numbers of the state: vertices (3m), start time, then coefficients bend by bend."""
+        return self.vertices_mm.size + 1 + sum(bend.size for bend in self.bends)
 
     @property
     def n_legs(self) -> int:
@@ -75,6 +88,64 @@ class PathState:
         """(legs, 3), from the start of each leg to its end."""
         steps: Floats = self.vertices_mm[1:] - self.starts_mm
         return steps
+
+    @cached_property
+    def courses(self) -> tuple[tuple[BentCourse, slice], ...]:
+        """Of each bend, the course of its leg and where its numbers stand in the state."""
+        found, first = [], self.vertices_mm.size + 1
+        for bend in self.bends:
+            ends = self.starts_mm[bend.leg], self.vertices_mm[bend.leg + 1]
+            found.append((BentCourse(*ends, bend), slice(first, first + bend.size)))
+            first += bend.size
+        return tuple(found)
+
+    def points_mm(self, legs: Indices | int, fraction: Floats) -> Floats:
+        """Places (n, 3) on legs (n,), or one for all, at fractions (n,) of them; world, mm."""
+        points: Floats = self.starts_mm[legs] + fraction[:, np.newaxis] * self.steps_mm[legs]
+        for bend in self.bends:
+            here = np.broadcast_to(legs == bend.leg, len(fraction))
+            points[here] += bend.away_mm(fraction[here])
+        return points
+
+    def tangents_mm(self, legs: Indices | int, fraction: Floats) -> Floats:
+        """d(place) / d(fraction) there, (n, 3), mm."""
+        step = np.broadcast_to(self.steps_mm[legs], (len(fraction), 3))
+        for bend in self.bends:
+            here = np.broadcast_to(legs == bend.leg, len(fraction))
+            step = step.copy()
+            step[here] += bend.away_slopes_mm(fraction[here])
+        return step
+
+    def ways_mm(self, legs: Indices | int, fraction: Floats) -> Floats:
+        """Way of the light from the start of each leg to fractions (n,) of it, mm."""
+        ways: Floats = fraction * self.lengths_mm[legs]
+        for course, _ in self.courses:
+            here = np.broadcast_to(legs == course.leg, len(fraction))
+            ways[here] = course.ways_mm(fraction[here])
+        return ways
+
+    def shares_of_way(self, legs: Indices | int, fraction: Floats) -> Floats:
+        """Share of the time on each leg that has passed at fractions (n,) of it."""
+        shares = fraction
+        for course, _ in self.courses:
+            here = np.broadcast_to(legs == course.leg, len(fraction))
+            shares = shares.copy()
+            shares[here] = course.ways_mm(fraction[here]) / self.lengths_mm[course.leg]
+        return shares
+
+    @cached_property
+    def lengths_mm(self) -> Floats:
+        """(legs,), way of the light along each."""
+        lengths: Floats = np.linalg.norm(self.steps_mm, axis=1)
+        for course, _ in self.courses:
+            lengths[course.leg] = course.ways_mm(np.ones(1))[0]
+        return lengths
+
+    def is_bent(self, legs: Indices) -> NDArray[np.bool_]:
+        """Which of the legs (n,) are curves."""
+        if not self.bends:
+            return np.zeros(len(legs), dtype=bool)
+        return np.isin(legs, [bend.leg for bend in self.bends])
 
     @cached_property
     def legs_before(self) -> NDArray[np.bool_]:
@@ -112,14 +183,15 @@ class PathState:
         return n_legs is None or n_legs in (self.n_legs, len(self.seen))
 
     def with_corner(self, leg: int, corner_mm: Floats) -> PathState:
-        """The path with one more corner (3,), mm, on a leg that is seen."""
+        """The path with one more corner (3,), mm, on a leg that is seen; both pieces straight."""
         vertices = np.insert(self.vertices_mm, leg + 1, corner_mm, axis=0)
         unseen = tuple(k + (k > leg) for k in self.unseen)
         forks = tuple((k + (k > leg), v + (v > leg)) for k, v in self.forks)
-        return PathState(vertices, self.start_time_ps, unseen, forks)
+        bends = tuple(replace(b, leg=b.leg + (b.leg > leg)) for b in self.bends if b.leg != leg)
+        return PathState(vertices, self.start_time_ps, unseen, forks, bends)
 
     def without(self, corners: Sequence[int]) -> PathState:
-        """The path without some of `corners_seen`."""
+        """The path without some of `corners_seen`; a leg that takes another's place is straight."""
 
         def number(k: int) -> int:
             """A leg's or a vertex's, once those before it are gone."""
@@ -128,21 +200,47 @@ class PathState:
         vertices = np.delete(self.vertices_mm, corners, axis=0)
         unseen = tuple(number(k) for k in self.unseen)
         forks = tuple((number(k), number(vertex)) for k, vertex in self.forks)
-        return PathState(vertices, self.start_time_ps, unseen, forks)
+        joined = {k for corner in corners for k in (corner - 1, corner)}
+        bends = tuple(replace(b, leg=number(b.leg)) for b in self.bends if b.leg not in joined)
+        return PathState(vertices, self.start_time_ps, unseen, forks, bends)
+
+    def prolonged(self, leg: int, fraction: float, medium: Medium, *, at_end: bool) -> PathState:
+        """The same flight with a leg's end, or its start, at another fraction of it.
+
+        Of a bent leg the curve stays; a start must be vertex 0, whose time goes along.
+        """
+        fractions = (0.0, fraction) if at_end else (fraction, 1.0)
+        vertices, start_time = self.vertices_mm.copy(), self.start_time_ps
+        bends = list(self.bends)
+        for number, (course, _) in enumerate(self.courses):
+            if course.leg == leg:
+                part = course.part(*fractions)
+                bends[number] = part.bend
+                vertices[leg + 1 if at_end else 0] = part.end_mm if at_end else part.start_mm
+                break
+        else:
+            vertices[leg + 1 if at_end else 0] = self.points_mm(leg, np.array([fraction]))[0]
+        if not at_end:
+            per_path = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
+            start_time += float(per_path * self.ways_mm(leg, np.array([fraction]))[0])
+        return replace(
+            self, vertices_mm=vertices, start_time_ps=float(start_time), bends=tuple(bends)
+        )
 
     def moved(self, step: Floats) -> PathState:
-        """The state after adding `step` (3m + 1,): vertices in mm, then start time in ps."""
+        """The state after adding `step` (size,): vertices in mm, start time in ps, then bends."""
         m = len(self.vertices_mm)
         return replace(
             self,
             vertices_mm=self.vertices_mm + step[: 3 * m].reshape(m, 3),
             start_time_ps=self.start_time_ps + float(step[3 * m]),
+            bends=tuple(course.bend.moved(step[own]) for course, own in self.courses),
         )
 
     @cached_property
     def travelled_mm(self) -> Floats:
         """(m,), way of the light from vertex 0 to each vertex."""
-        lengths = np.linalg.norm(self.steps_mm, axis=1)
+        lengths = self.lengths_mm
         # One after the other, so that a chain's times are the same to the last bit.
         if not self.forks:
             return np.concatenate(([0.0], np.cumsum(lengths)))
@@ -163,7 +261,9 @@ def state_of_path(path: LightPath) -> PathState:
     start_time = float(path.vertex_times_ps[0])
     # A truth to start from knows of no picture.
     unseen = tuple(getattr(path, "unseen_legs", ()))
-    return PathState(np.array(path.vertices_mm, dtype=float), start_time, unseen, forks_of(path))
+    bends = tuple(getattr(path, "bends", ()))
+    vertices = np.array(path.vertices_mm, dtype=float)
+    return PathState(vertices, start_time, unseen, forks_of(path), bends)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,21 +299,21 @@ class Footprint:
 
 
 def nearest_fractions(
-    camera: Camera, start: Floats, end: Floats, rows: Floats, cols: Floats
+    state: PathState, camera: Camera, legs: Indices, rows: Floats, cols: Floats
 ) -> Floats:
-    """Fraction of a leg (start, end: (n, 3)) that each pixel sees nearest to its centre; (n,).
+    """Fraction of its leg that each pixel sees nearest to its centre; (n,).
 
     "Nearest" is in pixels, where the spot is round: Newton's method from the nearest approach
-    in space.
+    in space to the straight line between the leg's ends.
 
     Parameters
     ----------
+    state : PathState
+        The path as it is now.
     camera : Camera
         The camera that sees it.
-    start : array of float, shape (n, 3)
-        Where each pixel's leg starts, world, mm.
-    end : array of float, shape (n, 3)
-        Where it ends, world, mm.
+    legs : array of int, shape (n,)
+        The leg of each pixel.
     rows : array of float, shape (n,)
         Pixel rows.
     cols : array of float, shape (n,)
@@ -225,18 +325,18 @@ def nearest_fractions(
         0 at the start, 1 at the end; may lie outside.
     """
     origins, rays, _ = camera.lines_of_sight(rows, cols)
-    step = end - start
+    step = state.steps_mm[legs]
     across = step - np.sum(rays * step, axis=1)[:, np.newaxis] * rays
-    offset = origins - start
+    offset = origins - state.starts_mm[legs]
     offset = offset - np.sum(rays * offset, axis=1)[:, np.newaxis] * rays
     # A leg along the ray has no nearest point; any will do, none counts.
     size = np.maximum(np.sum(across**2, axis=1), 1e-12)
     fraction: Floats = np.sum(across * offset, axis=1) / size
     pixels = np.column_stack((rows, cols))
-    for _ in range(4):
-        points = start + fraction[:, np.newaxis] * step
+    for _ in range(_MOST_FOOT_STEPS_BENT if state.is_bent(legs).any() else 4):
+        points = state.points_mm(legs, fraction)
         seen, slopes = camera.pixels_and_slopes(points)
-        speed = np.einsum("nij,nj->ni", slopes, step)
+        speed = np.einsum("nij,nj->ni", slopes, state.tangents_mm(legs, fraction))
         change = np.sum((pixels - seen) * speed, axis=1) / np.maximum(
             np.sum(speed**2, axis=1), 1e-12
         )
@@ -296,7 +396,7 @@ def arrival_jacobian(
     rows: ArrayLike,
     cols: ArrayLike,
 ) -> tuple[Footprint, Floats]:
-    """Footprints, and d(arrival time) / d(vertices (3m), start time); (n, 3m + 1).
+    """Footprints, and d(arrival time) / d(vertices (3m), start time); (n, size).
 
     The foot is the point nearest to the pixel in the picture; how it slides when the leg moves
     is included to first order (exactly where the pixel's centre is on the leg).
@@ -320,7 +420,7 @@ def arrival_jacobian(
     -------
     print_ : Footprint
         (n,) each.
-    jacobian : array of float, shape (n, 3m + 1)
+    jacobian : array of float, shape (n, size)
         ps per mm and ps per ps.
     """
     print_, jacobian = _footprints_and_jacobian(state, camera, medium, legs, rows, cols, True)
@@ -332,7 +432,7 @@ def overshoots(state: PathState, print_: Footprint, *, camera: Camera) -> tuple[
     """How far pixels lie beyond the corners of their own leg, and the derivative.
 
     A leg ends at its corner, so light that belongs to it lies before: (n,) px, 0 for every pixel
-    within, and (n, 3m + 1) px per mm. The ends of the path are no corners.
+    within, and (n, size) px per mm. The ends of the path are no corners.
 
     Parameters
     ----------
@@ -347,7 +447,7 @@ def overshoots(state: PathState, print_: Footprint, *, camera: Camera) -> tuple[
     -------
     beyond : array of float, shape (n,)
         Signed, 0 within the leg, px.
-    jacobian : array of float, shape (n, 3m + 1)
+    jacobian : array of float, shape (n, size)
         px per mm.
     """
     f = print_.fraction
@@ -355,18 +455,18 @@ def overshoots(state: PathState, print_: Footprint, *, camera: Camera) -> tuple[
     beyond = np.where((f > 1) & ~ends, f - 1, 0.0)
     beyond = np.where((f < 0) & (print_.leg > 0), f, beyond)
     out = np.flatnonzero(beyond)
-    jacobian = np.zeros((len(f), 3 * len(state.vertices_mm) + 1))
+    jacobian = np.zeros((len(f), state.size))
     if len(out):
         legs = print_.leg[out]
         # The pixel stays, so only the corner that it lies beyond matters, not the leg's other end.
         corner = np.where(f[out] > 1, legs + 1, state.leg_starts[legs])
-        step = state.steps_mm[legs]
+        step = state.tangents_mm(legs, np.where(f[out] > 1, 1.0, 0.0))
         projection = np.nan_to_num(camera.pixel_jacobian(state.vertices_mm[corner]))
         speed = np.einsum("nij,nj->ni", projection, step)
         size = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
         slide = np.einsum("nij,ni->nj", projection, speed) / size[:, np.newaxis]
         rows = np.zeros((len(out), jacobian.shape[1]))
-        _add_vertex(rows, corner, -slide)
+        add_vertex(rows, corner, -slide)
         jacobian[out] = rows
     return beyond * print_.px_per_leg, jacobian
 
@@ -381,13 +481,11 @@ def _footprints_and_jacobian(
     with_jacobian: bool,
 ) -> tuple[Footprint, Floats | None]:
     rows, cols = np.asarray(rows, dtype=float), np.asarray(cols, dtype=float)
-    vertices, n = state.vertices_mm, len(rows)
+    n = len(rows)
     legs = np.broadcast_to(legs, n)
     starts = state.leg_starts[legs]
-    start, end = vertices[starts], vertices[legs + 1]
-    step = end - start
-    fraction = nearest_fractions(camera, start, end, rows, cols)
-    points = start + fraction[:, np.newaxis] * step
+    fraction = nearest_fractions(state, camera, legs, rows, cols)
+    points, step = state.points_mm(legs, fraction), state.tangents_mm(legs, fraction)
     back = camera.way_back(points, return_group_index=medium.return_group_index)
     seen, projection = camera.pixels_and_slopes(points, way=back)
     # A path on its way through the search may run behind the camera, where nothing is seen.
@@ -402,8 +500,11 @@ def _footprints_and_jacobian(
     times = state.vertex_times_ps(medium)
     per_path = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
     length = np.linalg.norm(step, axis=1)
-    out = times[starts] + per_path * fraction * length
-    arrival = out + back.optical_mm / SPEED_OF_LIGHT_MM_PER_PS
+    way = per_path * fraction * length
+    for course, _ in state.courses:
+        here = np.flatnonzero(legs == course.leg)
+        way[here] = per_path * course.ways_mm(fraction[here])
+    arrival = times[starts] + way + back.optical_mm / SPEED_OF_LIGHT_MM_PER_PS
     along = per_path * length + np.sum(later * step, axis=1)
     result = Footprint(
         leg=legs,
@@ -421,18 +522,25 @@ def _footprints_and_jacobian(
     # Moving the point at fixed fraction by dX changes the return, and slides the foot back.
     with_point = later - along[:, np.newaxis] * slide
     unit = step / length[:, np.newaxis]
-    jacobian = np.zeros((n, 3 * len(vertices) + 1))
-    _add_vertex(jacobian, starts, (1 - fraction)[:, np.newaxis] * with_point)
-    _add_vertex(jacobian, legs + 1, fraction[:, np.newaxis] * with_point)
-    _add_vertex(jacobian, starts, -per_path * fraction[:, np.newaxis] * unit)
-    _add_vertex(jacobian, legs + 1, per_path * fraction[:, np.newaxis] * unit)
+    jacobian = np.zeros((n, state.size))
+    add_vertex(jacobian, starts, (1 - fraction)[:, np.newaxis] * with_point)
+    add_vertex(jacobian, legs + 1, fraction[:, np.newaxis] * with_point)
+    later_by_step = per_path * fraction[:, np.newaxis] * unit
+    for course, own in state.courses:
+        here = np.flatnonzero(legs == course.leg)
+        _, by_step, by_bend = course.ways_and_slopes(fraction[here])
+        later_by_step[here] = per_path * by_step
+        jacobian[here, own] = per_path * by_bend + course.by_bend(fraction[here], with_point[here])
+    add_vertex(jacobian, starts, -later_by_step)
+    add_vertex(jacobian, legs + 1, later_by_step)
     # The way of the light before the leg.
-    jacobian[:, :-1] += per_path * travelled_jacobian(state)[starts]
-    jacobian[:, -1] = 1.0
+    jacobian += per_path * travelled_jacobian(state)[starts]
+    jacobian[:, state.vertices_mm.size] = 1.0
     return result, jacobian
 
 
-def _add_vertex(jacobian: Floats, vertex: Indices, gradient: Floats) -> None:
+def add_vertex(jacobian: Floats, vertex: Indices, gradient: Floats) -> None:
+    """Add the gradients (n, 3) by vertices (n,) to their columns of a jacobian (n, size)."""
     rows = np.arange(len(jacobian))
     for axis in range(3):
         jacobian[rows, 3 * vertex + axis] += gradient[:, axis]
@@ -451,107 +559,31 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 
 def travelled_jacobian(state: PathState) -> Floats:
-    """d(path length up to vertex k) / d(vertices); (m, 3m)."""
+    """d(path length up to vertex k) / d(state); (m, size), zero for the start time."""
     m, steps = len(state.vertices_mm), state.steps_mm
     unit = steps / np.linalg.norm(steps, axis=1)[:, np.newaxis]
+    out = np.zeros((m, state.size))
     flown = state.legs_before
-    out = np.zeros((m, m, 3))
+    for course, own in state.courses:
+        _, by_step, by_bend = course.ways_and_slopes(np.ones(1))
+        unit[course.leg] = by_step[0]
+        out[flown[:, course.leg], own] = by_bend
+    by_vertex = np.zeros((m, m, 3))
     for leg, start in enumerate(state.leg_starts):
         # Every vertex that light reaches by this leg is farther by what the leg grows.
-        out[flown[:, leg], start] -= unit[leg]
-        out[flown[:, leg], leg + 1] += unit[leg]
-    return out.reshape(m, 3 * m)
+        by_vertex[flown[:, leg], start] -= unit[leg]
+        by_vertex[flown[:, leg], leg + 1] += unit[leg]
+    out[:, : 3 * m] = by_vertex.reshape(m, 3 * m)
+    return out
 
 
 def vertex_time_jacobian(state: PathState, medium: Medium) -> Floats:
-    """d(x, y, z, t of every vertex) / d(vertices (3m), start time); (4m, 3m + 1)."""
+    """d(x, y, z, t of every vertex) / d(state); (4m, size)."""
     m = len(state.vertices_mm)
     per_path = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
-    out = np.zeros((m, 4, 3 * m + 1))
+    out = np.zeros((m, 4, state.size))
     for k in range(m):
         out[k, :3, 3 * k : 3 * k + 3] = np.eye(3)
-    out[:, 3, :-1] = per_path * travelled_jacobian(state)
-    out[:, 3, -1] = 1.0
-    return out.reshape(4 * m, 3 * m + 1)
-
-
-def line_offsets(
-    state: PathState,
-    *,
-    camera: Camera,
-    legs: Indices,
-    anchors: Floats,
-    focal_px: float,
-) -> tuple[Floats, Floats]:
-    """Signed distance of image points from the image of a leg, and its derivatives.
-
-    Parameters
-    ----------
-    legs : array of int, shape (k,)
-        Which leg.
-    anchors : array of float, shape (k, 2)
-        Undistorted (u, v) = focal_px (x, y) on the normalized image plane.
-
-    Returns
-    -------
-    offset : array of float, shape (k,)
-        px, positive to the right of the flight in the picture (as `lateral_px`); NaN for a leg
-        whose picture is no line.
-    jacobian : array of float, shape (k, 3m + 1)
-        px per mm; the start time does not enter.
-    """
-    if camera.interfaces:
-        return _curve_offsets(state, camera, legs, anchors, focal_px)
-    rotation = camera.world_from_camera[:3, :3]
-    starts = state.leg_starts[legs]
-    a = (state.vertices_mm[starts] - camera.center_mm) @ rotation
-    b = (state.vertices_mm[legs + 1] - camera.center_mm) @ rotation
-    normal = cross(a, b)
-    size = np.hypot(normal[:, 0], normal[:, 1])
-    # Seen end-on, or in the camera's own plane: a fit that tries such a step takes it back, since
-    # no cost with NaN is lower.
-    size = np.where(size > 0, size, np.nan)[:, np.newaxis]
-    points = np.column_stack((anchors / focal_px, np.ones(len(anchors))))
-    flat = np.column_stack((normal[:, :2] / size, np.zeros(len(legs))))
-    value = np.sum(normal / size * points, axis=1)
-    offset = focal_px * value
-    by_normal = focal_px * (points - value[:, np.newaxis] * flat) / size
-    # d(a x b).g = da.(b x g) + db.(g x a), then back from camera axes to world axes.
-    by_start = cross(b, by_normal) @ rotation.T
-    by_end = cross(by_normal, a) @ rotation.T
-    jacobian = np.zeros((len(legs), 3 * len(state.vertices_mm) + 1))
-    _add_vertex(jacobian, starts, by_start)
-    _add_vertex(jacobian, legs + 1, by_end)
-    return offset, jacobian
-
-
-def _curve_offsets(
-    state: PathState, camera: Camera, legs: Indices, anchors: Floats, focal_px: float
-) -> tuple[Floats, Floats]:
-    """`line_offsets` through interfaces, where a straight leg is a curve in the picture.
-
-    From the point of that curve which is nearest; to first order it does not matter where it lies.
-    """
-    plane = anchors / focal_px
-    rows, cols = camera.pixels_from_normalized(plane[:, 0], plane[:, 1])
-    starts = state.leg_starts[legs]
-    start, end = state.vertices_mm[starts], state.vertices_mm[legs + 1]
-    step = end - start
-    fraction = nearest_fractions(camera, start, end, rows, cols)
-    # Nearest in undistorted pixels: two steps from what is nearest in the lens's own.
-    for _ in range(3):
-        points = start + fraction[:, np.newaxis] * step
-        plane, slopes = camera.plane_and_slopes(points)
-        seen, slopes = focal_px * plane, focal_px * slopes
-        speed = np.einsum("nij,nj->ni", slopes, step)
-        size = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
-        away = anchors - seen
-        fraction = fraction + np.nan_to_num(np.sum(away * speed, axis=1) / size**2)
-    # speed = (d u, d v), v down: the right-hand normal is (-dv, du).
-    right = np.column_stack((-speed[:, 1], speed[:, 0])) / size[:, np.newaxis]
-    offset = np.sum(away * right, axis=1)
-    by_point = -np.einsum("ni,nij->nj", right, slopes)
-    jacobian = np.zeros((len(legs), 3 * len(state.vertices_mm) + 1))
-    _add_vertex(jacobian, starts, (1 - fraction)[:, np.newaxis] * by_point)
-    _add_vertex(jacobian, legs + 1, fraction[:, np.newaxis] * by_point)
-    return offset, jacobian
+    out[:, 3] = per_path * travelled_jacobian(state)
+    out[:, 3, 3 * m] = 1.0
+    return out.reshape(4 * m, state.size)

@@ -10,8 +10,9 @@ its log is a parabola along each leg, held weakly to one width for all.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,8 +46,8 @@ line cannot tell a near line from a far one that is brighter without end. Pixels
 off have e^-13 of the light. A line that twelve pixels see from one side is right and its error true
 from 5 to 13, a leg of six pixels is lost at 7, 10 and 17 and found at 13, 15 and 20."""
 
-_OF_LINE = 5
-"""Parameters of a leg beside its strength: two offsets, three of its spot."""
+_OF_SPOT = 3
+"""Parameters of a leg's own spot."""
 
 _LOG_UNEQUAL = (-18.0, -3.8)
 """Log of the least and largest variance of the pixels' efficiencies that is looked for, ln^2: from
@@ -73,13 +74,20 @@ class LineData:
         Photons of this leg in the pixel; may be negative by chance.
     empty_variance : array of float, shape (n,)
         Variance of `photons` where there is no light.
+    n_offsets : int, optional
+        Places at which the line may lie aside from where it is expected: two of a straight leg, as
+        many more as the picture of a bent one has numbers.
     """
 
     along_px: Floats
     across_px: Floats
     photons: Floats
     empty_variance: Floats
+    n_offsets: int = 2
 
+
+_OF_PIXELS = ("along_px", "across_px", "photons", "empty_variance")
+"""What `LineData` holds pixel by pixel."""
 
 _NO_LIGHT = -60.0
 """Log of the photons of a leg that nobody sees: below the least that a double tells from none."""
@@ -91,11 +99,11 @@ class LineFit:
 
     Attributes
     ----------
-    offset_px : array of float, shape (2,)
-        Distance of the true line from the assumed one at the two anchors, px.
-    offset_covariance : array of float, shape (2, 2)
+    offset_px : array of float, shape (a,)
+        Distance of the true line from the assumed one at the anchors, two of a straight leg; px.
+    offset_covariance : array of float, shape (a, a)
         px^2.
-    anchors_along_px : array of float, shape (2,)
+    anchors_along_px : array of float, shape (a,)
         Where along the line the anchors are, px.
     spot_std_px : float
         Standard deviation of the spot (optics and active area) that all legs have in common, px.
@@ -189,7 +197,8 @@ class _Problem:
     numbers of its own spot, and last the log of the spot of all.
 
     Each pixel is touched by ten of them alone: four of the cubic spline, its leg's two offsets and
-    three of its spot, and the spot of all.
+    three of its spot, and the spot of all. Bent legs have more offsets, and where there is one w is
+    the most that any has; columns that a leg does not fill name the spot, with a share of zero.
 
     Attributes
     ----------
@@ -204,12 +213,12 @@ class _Problem:
     knots : list of array of float
         Knots of each leg's log-strength, px along it.
     anchors : list of array of float
-        (2,) each, where along the leg its two offsets are taken, px.
-    columns : array of int, shape (n, 10)
+        Where along each leg its offsets are taken, px.
+    columns : array of int, shape (n, 8 + w)
         The parameters that touch each pixel.
     basis : array of float, shape (n, 4)
         Values of the splines.
-    lever : array of float, shape (n, 2)
+    lever : array of float, shape (n, w)
         Share of the leg's offsets.
     spot_lever : array of float, shape (n, 3)
         Share of its spot's numbers.
@@ -354,34 +363,34 @@ def _price(n_parameters: int, n_data: int) -> float:
 def _problem(data: list[LineData], spacing_px: list[float]) -> _Problem:
     pixels: list[slice] = []
     starts, knots, anchors = [0], [], []
-    columns, bases, levers, spots, stiff = [], [], [], [], []
+    columns, bases, levers, stiff = [], [], [], []
+    of_spot, spots = [], []
     for d, spacing in zip(data, spacing_px, strict=True):
         # Knots only where there is light: a dark end would leave its coefficients to chance.
         lit = d.along_px[d.photons > 3.0 * np.sqrt(d.empty_variance + 1.0)]
         lit = lit if len(lit) > 1 else d.along_px
         low, high = float(lit.min()) - 0.5, float(lit.max()) + 0.5
         knot = knots_over(low, high, spacing)
-        # A fifth in from both ends: there the two offsets are nearly independent.
-        anchor = np.array([low + 0.2 * (high - low), high - 0.2 * (high - low)])
+        anchor = _anchors_between(low, high, d.n_offsets)
         n, n_spline = len(d.photons), len(knot) - 4
         splines = BSpline.design_matrix(np.clip(d.along_px, low, high), knot, 3)
-        of_line = np.tile(n_spline + np.arange(_OF_LINE), (n, 1))
-        columns.append(starts[-1] + np.hstack((splines.indices.reshape(n, 4), of_line)))
+        offsets = starts[-1] + n_spline + np.tile(np.arange(d.n_offsets + _OF_SPOT), (n, 1))
+        of_line = offsets[:, :-_OF_SPOT]
+        columns.append(np.hstack((starts[-1] + splines.indices.reshape(n, 4), of_line)))
+        of_spot.append(offsets[:, -_OF_SPOT:])
         bases.append(splines.data.reshape(n, 4))
-        spot = SpotAlong(anchor, np.zeros(3))
-        levers.append(shares_of_anchors(d.along_px, anchor))
+        spot = SpotAlong(anchor[[0, -1]], np.zeros(3))
+        levers.append(_levers(d.along_px, anchor))
         spots.append(spot.shares(d.along_px))
-        stiff.append(_leg_precision(n_spline, spot))
+        stiff.append(_leg_precision(n_spline, d.n_offsets, spot))
         knots.append(knot)
         anchors.append(anchor)
         first = pixels[-1].stop if pixels else 0
         pixels.append(slice(first, first + n))
-        starts.append(starts[-1] + n_spline + _OF_LINE)
-    touched = np.vstack(columns)
+        starts.append(starts[-1] + n_spline + d.n_offsets + _OF_SPOT)
+    touched = np.hstack((_filled(columns, starts[-1]), np.vstack(of_spot)))
     return _Problem(
-        data=LineData(
-            *(np.concatenate([getattr(d, name.name) for d in data]) for name in fields(LineData))
-        ),
+        data=_joined(data),
         pixels=pixels,
         starts=starts,
         spacing_px=spacing_px,
@@ -389,7 +398,7 @@ def _problem(data: list[LineData], spacing_px: list[float]) -> _Problem:
         anchors=anchors,
         columns=np.column_stack((touched, np.full(len(touched), starts[-1]))),
         basis=np.vstack(bases),
-        lever=np.vstack(levers),
+        lever=_filled(levers, 0.0),
         spot_lever=np.vstack(spots),
         precision=block_diag(*stiff, np.full((1, 1), SPOT_PRIOR[1] ** -2.0)),
         expected=np.zeros(starts[-1] + 1),
@@ -397,22 +406,61 @@ def _problem(data: list[LineData], spacing_px: list[float]) -> _Problem:
     )
 
 
-def _leg_precision(n_spline: int, spot: SpotAlong) -> Floats:
-    """Precision (n + 5, n + 5) of the priors on one leg's strength, offsets and spot.
+def _joined(data: list[LineData]) -> LineData:
+    """Pixels of all legs in one table, leg after leg."""
+    along, across, photons, empty = (
+        np.concatenate([getattr(d, name) for d in data]) for name in _OF_PIXELS
+    )
+    return LineData(along, across, photons, empty)
+
+
+def _filled(parts: list[NDArray[Any]], value: float) -> NDArray[Any]:
+    """Tables one below the other, narrow ones filled up to the right with a value."""
+    width = max(part.shape[1] for part in parts)
+    return np.vstack(
+        [
+            np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=value)
+            for part in parts
+        ]
+    )
+
+
+def _anchors_between(low: float, high: float, n: int) -> Floats:
+    """Where along a leg its n offsets are taken, px."""
+    if n == 2:
+        # A fifth in from both ends: there the two offsets are nearly independent.
+        return np.array([low + 0.2 * (high - low), high - 0.2 * (high - low)])
+    # Chebyshev's places: a polynomial through them does not run away between.
+    inside = 0.5 - 0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n)
+    return low + inside * (high - low)
+
+
+def _levers(along_px: Floats, anchors: Floats) -> Floats:
+    """(n, a), share of each anchor's offset in the line at places (n,): Lagrange's polynomials."""
+    if len(anchors) == 2:
+        return shares_of_anchors(along_px, anchors)
+    powers = np.vander((anchors - anchors[0]) / (anchors[-1] - anchors[0]))
+    places = np.vander((along_px - anchors[0]) / (anchors[-1] - anchors[0]), len(anchors))
+    shares: Floats = np.linalg.solve(powers.T, places.T).T
+    return shares
+
+
+def _leg_precision(n_spline: int, n_offsets: int, spot: SpotAlong) -> Floats:
+    """Precision (n + a + 3, n + a + 3) of the priors on one leg's strength, offsets and spot.
 
     A dark stretch leaves its strength undefined: it is held weakly to its neighbours.
     """
     bend = 0.05 * np.diff(np.eye(n_spline), 2, axis=0)
     level = np.eye(n_spline) / _STRENGTH_PRIOR_LN**2
-    offsets = np.eye(2) / _OFFSET_PRIOR_PX**2
+    offsets = np.eye(n_offsets) / _OFFSET_PRIOR_PX**2
     return block_diag(bend.T @ bend + level, offsets, spot.precision)
 
 
 def _expected(problem: _Problem, guess: Floats) -> Floats:
     """What the priors expect: lines where they are, a usual spot, the light that is guessed."""
     pull = guess / _STRENGTH_PRIOR_LN**2
-    for stop in problem.starts[1:]:
-        pull[stop - _OF_LINE : stop] = 0.0
+    for stop, anchors in zip(problem.starts[1:], problem.anchors, strict=True):
+        pull[stop - len(anchors) - _OF_SPOT : stop] = 0.0
     pull[-1] = SPOT_PRIOR[0] * problem.precision[-1, -1]
     # Level and smoothness are two priors on one strength: this is where they agree.
     expected: Floats = np.linalg.solve(problem.precision, pull).astype(np.float64, copy=False)
@@ -432,23 +480,26 @@ def _first_guess(problem: _Problem) -> Floats:
         np.maximum.at(brightest, bins, np.maximum(photons, 0.3))
         target = np.log(brightest[bins])
         on_line = np.abs(across) < 1.0
-        basis = _of_leg(problem, k, problem.basis)[on_line, : -_OF_LINE - 1]
+        n_offsets = len(problem.anchors[k])
+        basis = _of_leg(problem, k, problem.basis)[on_line, : -1 - n_offsets - _OF_SPOT]
         ridge = 1e-3 * np.eye(basis.shape[1])
-        offsets = problem.starts[k + 1] - _OF_LINE
+        offsets = problem.starts[k + 1] - n_offsets - _OF_SPOT
         parameters[problem.starts[k] : offsets] = np.linalg.solve(
             basis.T @ basis + ridge, basis.T @ target[on_line]
         )
         # Centre of mass of the light: near enough for Fisher scoring to finish.
         weight = np.maximum(photons, 0.0) * ((along > low) & (along < high))
         if weight.sum() > 0:
-            lever = problem.lever[here]
-            normal = lever.T @ (weight[:, np.newaxis] * lever) + 1e-6 * np.eye(2)
-            parameters[offsets : offsets + 2] = np.linalg.solve(normal, lever.T @ (weight * across))
+            lever = problem.lever[here, :n_offsets]
+            normal = lever.T @ (weight[:, np.newaxis] * lever) + 1e-6 * np.eye(n_offsets)
+            parameters[offsets : problem.starts[k + 1]] = np.linalg.solve(
+                normal, lever.T @ (weight * across)
+            )
     return parameters
 
 
 def _of_leg(problem: _Problem, k: int, values: Floats) -> Floats:
-    """Values (n, up to 10) by pixel over leg k's parameters and the common spot: (n_k, p_k + 1)."""
+    """Values (n, up to 8 + w) by pixel over leg k's parameters and the spot: (n_k, p_k + 1)."""
     here = problem.pixels[k]
     start, stop = problem.starts[k], problem.starts[k + 1]
     columns = np.minimum(problem.columns[here, : values.shape[1]], stop) - start
@@ -458,11 +509,12 @@ def _of_leg(problem: _Problem, k: int, values: Floats) -> Floats:
 
 
 def _model(problem: _Problem, parameters: Floats) -> tuple[Floats, Floats]:
-    """Expected photons (n,), and (n, 10): d ln(expected) / d(the parameters that touch each)."""
+    """Expected photons (n,), and (n, 8 + w): d ln(expected) / d(the parameters that touch each)."""
     own = parameters[problem.columns]
-    log_spot = own[:, 9] + np.sum(problem.spot_lever * own[:, 6:9], axis=1)
+    log_spot = own[:, -1] + np.sum(problem.spot_lever * own[:, -1 - _OF_SPOT : -1], axis=1)
     spot = np.exp(np.clip(log_spot, *LOG_SPOT_RANGE))
-    u = (problem.data.across_px - np.sum(problem.lever * own[:, 4:6], axis=1)) / spot
+    line = np.sum(problem.lever * own[:, 4 : -1 - _OF_SPOT], axis=1)
+    u = (problem.data.across_px - line) / spot
     log_mean = np.sum(problem.basis * own[:, :4], axis=1) - 0.5 * u**2
     by_offset, by_spot = (u / spot)[:, np.newaxis], (u**2)[:, np.newaxis]
     gradient = np.hstack(
@@ -541,7 +593,7 @@ def _results(problem: _Problem, parameters: Floats, weights: Floats) -> list[Lin
     mean, gradient = _model(problem, parameters)
     residual, variance = _off(problem, parameters)
     # What the legs' own spots have in common is the common spot's.
-    own = np.array([parameters[stop - 3 : stop] for stop in problem.starts[1:]])
+    own = np.array([parameters[stop - _OF_SPOT : stop] for stop in problem.starts[1:]])
     common = float(own[:, :2].mean())
     fits = []
     for k, here in enumerate(problem.pixels):
@@ -549,12 +601,14 @@ def _results(problem: _Problem, parameters: Floats, weights: Floats) -> list[Lin
         telling = (weights[here] > 0) & (variance[here] > LEAST_TELLING)
         dof = max(1, int(telling.sum()) - (stop - start + 1))
         excess = float(np.sum((residual[here] ** 2 / variance[here])[telling])) / dof
-        offsets = slice(stop - _OF_LINE, stop - _OF_LINE + 2)
+        n_offsets = len(problem.anchors[k])
+        first = stop - _OF_SPOT - n_offsets
+        offsets = slice(first, first + n_offsets)
         touched = np.r_[start:stop, len(parameters) - 1]
         places, chi2 = bends_along(
             Kinkable(
                 problem.data.along_px[here],
-                gradient[here, 4:6].sum(axis=1),
+                gradient[here, 4 : 4 + n_offsets].sum(axis=1),
                 _of_leg(problem, k, gradient),
                 mean[here],
                 residual[here],
@@ -571,7 +625,7 @@ def _results(problem: _Problem, parameters: Floats, weights: Floats) -> list[Lin
                 offset_covariance=widened[offsets, offsets],
                 anchors_along_px=problem.anchors[k],
                 spot_std_px=float(np.exp(parameters[-1] + common)),
-                spot=SpotAlong(problem.anchors[k], own[k] - [common, common, 0.0]),
+                spot=SpotAlong(problem.anchors[k][[0, -1]], own[k] - [common, common, 0.0]),
                 spline=BSpline(problem.knots[k], parameters[start : offsets.start], 3),
                 spline_covariance=widened[start : offsets.start, start : offsets.start],
                 knot_spacing_px=problem.spacing_px[k],

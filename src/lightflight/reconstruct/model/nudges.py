@@ -60,10 +60,18 @@ class Nudges:
         return len(self.index)
 
     def as_moves(self, state: PathState) -> Floats:
-        """Moves of the state (3m + 1, k) that look to the camera like its own; the lens stays."""
+        """Moves of the state (size, k) that look to the camera like its own; the lens stays.
+
+        A bend turns with its leg; what of it turns into the leg's own direction slides the curve
+        along itself, and is left out.
+        """
         out = state.vertices_mm - self.camera.center_mm
         moves = -cross(self.turn_rad[:, np.newaxis], out) - self.shift_mm[:, np.newaxis]
-        return np.vstack((moves.reshape(len(self), out.size).T, np.zeros(len(self))))
+        still = [moves.reshape(len(self), out.size).T, np.zeros(len(self))]
+        for bend in state.bends:
+            turned = -cross(self.turn_rad[:, np.newaxis], bend.vectors_mm[np.newaxis])
+            still.append((turned @ bend.axes.T).transpose(2, 1, 0).reshape(bend.size, len(self)))
+        return np.vstack(still)
 
     def arrivals(
         self, state: PathState, print_: Footprint, by_state: Floats, medium: Medium
@@ -76,7 +84,7 @@ class Nudges:
             The path.
         print_ : Footprint
             Where each of n pixels looks along its leg.
-        by_state : array of float, shape (n, 3m + 1)
+        by_state : array of float, shape (n, size)
             d(arrival time) / d(state).
         medium : Medium
             Whose times these are.
@@ -88,16 +96,14 @@ class Nudges:
         """
         columns: Floats = by_state @ self.as_moves(state)
         if self.index.any():
-            steps = np.linalg.norm(state.steps_mm, axis=1)
             before = state.travelled_mm[state.leg_starts[print_.leg]]
-            out = before + print_.fraction * steps[print_.leg]
+            out = before + state.ways_mm(print_.leg, print_.fraction)
             ways = np.column_stack((out, print_.distance_mm))
             columns += ways @ self.index.T / SPEED_OF_LIGHT_MM_PER_PS
         if self.lenses:
-            start, step = state.starts_mm[print_.leg], state.steps_mm
-            feet = start + print_.fraction[:, np.newaxis] * step[print_.leg]
+            feet = state.points_mm(print_.leg, print_.fraction)
             # The image runs away under the pixel, which then sees an earlier point of the leg.
-            slide = self.slides(feet, step[print_.leg])
+            slide = self.slides(feet, state.tangents_mm(print_.leg, print_.fraction))
             columns -= print_.slope_ps_per_px[:, np.newaxis] * slide
             columns += self._later(feet, medium)
         return columns

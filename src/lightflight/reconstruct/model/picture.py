@@ -34,6 +34,10 @@ CLEAR_OF_CORNER_PX = 1.5
 
 _BOW_DEGREE = 6
 """Of the polynomial that bows a leg's image: 1e-6 px from the image through a tank at 30 deg."""
+_BENT_DEGREE = 12
+"""The same of a leg that is a curve: 1e-4 px where it turns by 60 deg over the picture."""
+_FOOT_STEPS = 6
+"""Of Newton's method from a pixel to the nearest place of a bowed image."""
 _BOW_PLACES = 33
 """That it is fitted to, evenly along the leg."""
 _LEAST_BOWED_PX = 2.0
@@ -48,15 +52,16 @@ class LineDataInPicture:
 
     Attributes
     ----------
-    leg : array of int, shape (2 L,)
-        Leg of each anchor; the two anchors of a leg follow each other.
-    anchors : array of float, shape (2 L, 2)
+    leg : array of int, shape (A,)
+        Leg of each anchor; the anchors of a leg follow each other: two, of a bent leg one more for
+        each shape of its bend.
+    anchors : array of float, shape (A, 2)
         Undistorted (u, v), px.
-    whitening : array of float, shape (2 L, 2 L)
+    whitening : array of float, shape (A, A)
         Turns offsets in px into independent unit-variance residuals.
-    view : array of int, shape (2 L,) or None
+    view : array of int, shape (A,) or None
         In which camera's picture; None: the only one's.
-    modes : array of float, shape (2 L, k) or None
+    modes : array of float, shape (A, k) or None
         One-sigma columns of the last k errors that the times share, in whitened offsets; None:
         those move no line.
     """
@@ -83,12 +88,16 @@ class LegInPicture:
     bow : Polynomial or None
         Distance of the image to the right of the line, px, by the position along it: a straight
         leg is bowed where the camera looks through an interface. None: it is straight.
+    bent : bool
+        Whether the leg itself is a curve, whose image may run steeply to the line: places are then
+        told by their nearest point of it.
     """
 
     origin_px: Floats
     direction_px: Floats
     span_px: tuple[float, float]
     bow: Polynomial | None = None
+    bent: bool = False
 
     @property
     def dark(self) -> bool:
@@ -98,13 +107,39 @@ class LegInPicture:
     def along_across(self, points: Floats) -> tuple[Floats, Floats]:
         """Position along the line and distance to the image's right, of (n, 2) points; px."""
         along, across = along_across(points, self.origin_px, self.direction_px)
-        return along, across if self.bow is None else across - self.bow(along)
+        if self.bow is None:
+            return along, across
+        if not self.bent:
+            return along, across - self.bow(along)
+        foot, slope = along, self.bow.deriv()
+        for _ in range(_FOOT_STEPS):
+            steep, aside = slope(foot), across - self.bow(foot)
+            foot = foot + ((along - foot) + aside * steep) / (1.0 + steep**2)
+        return foot, np.sign(aside) * np.hypot(along - foot, across - self.bow(foot))
+
+    def curvature(self, along: Floats) -> Floats:
+        """1 / radius of a bent leg's image at places along it, per px, positive to the right.
+
+        Light of a curve gathers on its inner side: beside it a spot of variance v is exp(k y / 2)
+        times what it is beside a line, and its ridge lies v k / 2 inside of it.
+        """
+        if self.bow is None or not self.bent:
+            return np.zeros(np.shape(along))
+        steep = self.bow.deriv()(along)
+        curvature: Floats = self.bow.deriv(2)(along) / (1.0 + steep**2) ** 1.5
+        return curvature
 
     def points_px(self, along: ArrayLike, across: ArrayLike = 0.0) -> Floats:
         """Points (n, 2) at positions along the line and distances to the image's right, px."""
         along_ = np.asarray(along, dtype=float)
         aside = np.broadcast_to(across, along_.shape)
-        aside = aside if self.bow is None else aside + self.bow(along_)
+        if self.bow is not None and self.bent:
+            # Square to the image, not to the line.
+            steep, bowed = self.bow.deriv()(along_), self.bow(along_)
+            along_ = along_ - aside * steep / np.hypot(1.0, steep)
+            aside = aside / np.hypot(1.0, steep) + bowed
+        elif self.bow is not None:
+            aside = aside + self.bow(along_)
         right = np.array([-self.direction_px[1], self.direction_px[0]])
         points: Floats = (
             self.origin_px
@@ -159,10 +194,9 @@ def leg_in_picture(state: PathState, leg: int, camera: Camera) -> LegInPicture:
     GeometryError
         Where the leg does not cross the picture.
     """
-    start, end = state.starts_mm[leg], state.vertices_mm[leg + 1]
     # A leg may enter and leave the view anywhere: steps, not a formula, see every lens.
-    fraction = np.linspace(0, 1, 801)[:, np.newaxis]
-    points = (1 - fraction) * start + fraction * end
+    fraction = np.linspace(0, 1, 801)
+    points = _along_chord(state, leg, fraction)
     row, col = camera.pixels_from_points(points)
     rows, cols = camera.shape
     with np.errstate(invalid="ignore"):
@@ -177,12 +211,28 @@ def leg_in_picture(state: PathState, leg: int, camera: Camera) -> LegInPicture:
     length = float(np.hypot(*(uv[1] - uv[0])))
     direction = (uv[1] - uv[0]) / max(length, 1e-12)
     line = LegInPicture(0.5 * (uv[0] + uv[1]), direction, (-0.5 * length, 0.5 * length))
-    if not camera.interfaces or length < _LEAST_BOWED_PX:
+    bent = bool(state.is_bent(np.array([leg]))[0])
+    if not (camera.interfaces or bent) or length < _LEAST_BOWED_PX:
         return line
-    between = np.linspace(fraction[ends[0], 0], fraction[ends[1], 0], _BOW_PLACES)[:, np.newaxis]
-    places = camera.pixels_from_points((1 - between) * start + between * end)
+    between = np.linspace(fraction[ends[0]], fraction[ends[1]], _BOW_PLACES)
+    places = camera.pixels_from_points(_along_chord(state, leg, between))
     along, across = line.along_across(undistorted_px(camera, *places))
-    return replace(line, bow=Polynomial.fit(along, across, _BOW_DEGREE))
+    if bent and not (np.diff(along) > 0.0).all():
+        raise GeometryError(
+            f"leg {leg + 1} of the path turns by more than a right angle in the picture: make it "
+            "two legs"
+        )
+    degree = _BENT_DEGREE if bent else _BOW_DEGREE
+    return replace(line, bow=Polynomial.fit(along, across, degree), bent=bent)
+
+
+def _along_chord(state: PathState, leg: int, fraction: Floats) -> Floats:
+    """Places (n, 3) on a leg, world, mm."""
+    start, end, f = state.starts_mm[leg], state.vertices_mm[leg + 1], fraction[:, np.newaxis]
+    points: Floats = (1 - f) * start + f * end
+    for bend in (one for one in state.bends if one.leg == leg):
+        points += bend.away_mm(fraction)
+    return points
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,9 +327,9 @@ def measure_picture(
                 f"leg {k + 1} of the path has {int(use.sum())} pixels of its own in the picture, "
                 "too few to say where it runs: give a smaller n_legs or another start"
             )
-        data.append(
-            LineData(pixels.along[use, k], pixels.across[use, k], photons[use, k], empty[use, k])
-        )
+        of_bend = sum(bend.orders for bend in state.bends if bend.leg == k)
+        places = pixels.along[use, k], pixels.across[use, k]
+        data.append(LineData(*places, photons[use, k], empty[use, k], n_offsets=2 + of_bend))
     # All legs at once, because they share the spot.
     found = fit_lines(data)
     spot = found[0].spot_std_px
@@ -346,7 +396,7 @@ def lines_from_picture(picture: Picture) -> LineDataInPicture:
     Returns
     -------
     LineDataInPicture
-        Two anchors per leg.
+        Two anchors per straight leg.
     """
     legs: list[int] = []
     anchors: list[Floats] = []
@@ -354,14 +404,21 @@ def lines_from_picture(picture: Picture) -> LineDataInPicture:
     for k, (leg, fit) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         if leg.dark:
             continue
-        anchors.extend(leg.points_px(np.array(fit.anchors_along_px), np.array(fit.offset_px)))
+        along, offset = np.array(fit.anchors_along_px), np.array(fit.offset_px)
+        if leg.bent:
+            # What was measured is the ridge of the light, inside of the curve.
+            offset = offset - 0.5 * picture.spot_std_px**2 * leg.curvature(along)
+        anchors.extend(leg.points_px(along, offset))
         legs.extend([k] * len(fit.anchors_along_px))
         # Two anchors measured alike leave no room for Cholesky: 1e-5 px keeps it.
-        covariance = fit.offset_covariance + 1e-10 * np.eye(2)
+        covariance = fit.offset_covariance + 1e-10 * np.eye(len(fit.offset_px))
         blocks.append(np.linalg.inv(np.linalg.cholesky(covariance)))
     whitening = np.zeros((len(legs), len(legs)))
-    for k, block in enumerate(blocks):
-        whitening[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = block
+    first = 0
+    for block in blocks:
+        own = slice(first, first + len(block))
+        whitening[own, own] = block
+        first = own.stop
     return LineDataInPicture(np.array(legs), np.array(anchors), whitening)
 
 
@@ -437,15 +494,15 @@ def arrival_curvature(
         ps per px^2; 0 where the picture cannot tell.
     """
     starts = state.leg_starts[print_.leg]
-    start, end = state.vertices_mm[starts], state.vertices_mm[print_.leg + 1]
     times = state.vertex_times_ps(medium)
     # Half a pixel to each side: the footprint's own scale.
     half_px = 0.5
     values, places = [], []
     for side in (-1.0, 0.0, 1.0):
         fraction = print_.fraction + side * half_px / print_.px_per_leg
-        points = start + fraction[:, np.newaxis] * (end - start)
-        event = times[starts] + fraction * (times[print_.leg + 1] - times[starts])
+        points = state.points_mm(print_.leg, fraction)
+        passed = state.shares_of_way(print_.leg, fraction)
+        event = times[starts] + passed * (times[print_.leg + 1] - times[starts])
         back = camera.return_times_ps(points, return_group_index=medium.return_group_index)
         values.append(event + back)
         places.append(np.column_stack(camera.pixels_from_points(points)))

@@ -288,7 +288,7 @@ def vertex_time_columns(errors: SharedErrors, state: PathState) -> Floats:
 def vertices_by_parameters(
     state: PathState, medium: Medium, basis: Floats, errors: SharedErrors, *, first: int
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Which parameters move vertices or their times (k,), and how: d(x, y, z, t) by them, (4m, k).
+    """Which parameters move vertices, their times and bends (k,), and how, (4m + b, k).
 
     Those are the freedom, first of all parameters, and errors of the medium.
 
@@ -309,14 +309,18 @@ def vertices_by_parameters(
     -------
     rows : array of int, shape (k,)
         Places among the parameters.
-    jacobian : array of float, shape (4m, k)
-        mm and ps.
+    jacobian : array of float, shape (4m + b, k)
+        x, y, z, t of every vertex, then the b coefficients of bends; mm and ps.
     """
     to_vertices = vertex_time_jacobian(state, medium) @ basis
     by_shared = vertex_time_columns(errors, state)
     own = np.flatnonzero(by_shared.any(axis=0))
     if len(own):
         to_vertices = np.column_stack((to_vertices, by_shared[:, own]))
+    if state.bends:
+        of_bends = np.zeros((state.size - state.vertices_mm.size - 1, to_vertices.shape[1]))
+        of_bends[:, : basis.shape[1]] = basis[state.vertices_mm.size + 1 :]
+        to_vertices = np.vstack((to_vertices, of_bends))
     return np.concatenate((np.arange(basis.shape[1]), first + own)), to_vertices
 
 
@@ -375,6 +379,34 @@ def local_with_shared(
     )  # fmt: skip
 
 
+def freed_names(free: Iterable[str]) -> list[str]:
+    """Names of `free=`, checked.
+
+    Parameters
+    ----------
+    free : iterable of str
+        As given; one may stand alone.
+
+    Returns
+    -------
+    list of str
+        Of `FREE_NAMES`.
+
+    Raises
+    ------
+    ValueError
+        For another name.
+    """
+    try:
+        names = [free] if isinstance(free, str) else list(free)
+    except TypeError:
+        names = [shown(free)]
+    for name in names:
+        if not isinstance(name, str) or name not in FREE_NAMES:
+            raise ValueError(f"free: {shown(name)} is none of {', '.join(FREE_NAMES)}")
+    return names
+
+
 def freed(
     setting: Setting,
     clocks: Sequence[CodeClock | None],
@@ -406,14 +438,7 @@ def freed(
     ValueError
         For another name.
     """
-    try:
-        names = [free] if isinstance(free, str) else list(free)
-    except TypeError:
-        names = [shown(free)]
-    for name in names:
-        if not isinstance(name, str) or name not in FREE_NAMES:
-            raise ValueError(f"free: {shown(name)} is none of {', '.join(FREE_NAMES)}")
-    wanted = set(names)
+    wanted = set(freed_names(free))
     source, medium = setting.source, setting.medium
     if "source" in wanted:
         std = np.maximum(source.position_std_xyz_mm, PLAUSIBLE["source"].size)

@@ -22,13 +22,13 @@ from lightflight.reconstruct.model.geometry import (
     PathState,
     arrival_jacobian,
     footprints,
-    line_offsets,
 )
 from lightflight.reconstruct.model.image_plane import (
     mean_focal_px,
     radial_of_corner,
     undistorted_px,
 )
+from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.picture import LineDataInPicture
 from lightflight.reconstruct.model.sizes import PLAUSIBLE, Plausible
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
@@ -113,8 +113,8 @@ class Rows:
         here = rows_of_view(self.times.view, view, len(by_time))
         drawn = rows_of_view(self.lines.view, view, len(by_line))
         leg, legs = self.times.leg[here], self.lines.leg[drawn]
-        step = state.steps_mm[leg]
-        points = state.starts_mm[leg] + self.traced.fraction[here, np.newaxis] * step
+        step = state.tangents_mm(leg, self.traced.fraction[here])
+        points = state.points_mm(leg, self.traced.fraction[here])
         seen = np.array(camera.pixels_from_points(points))
         ahead = np.array(camera.pixels_from_points(points + _AHEAD * step)) - seen
         away = np.array(other.pixels_from_points(points)) - seen
@@ -162,19 +162,18 @@ class Rows:
                 rows=self.times.row[here],
                 cols=self.times.col[here],
             )
-            by_vertices[here] = by_time[:, :-1]
+            by_vertices[here] = by_time[:, : state.vertices_mm.size]
             by_vertices[n + drawn] = line_offsets(
                 state,
                 camera=camera,
                 legs=self.lines.leg[drawn],
                 anchors=self.lines.anchors[drawn],
                 focal_px=mean_focal_px(camera),
-            )[1][:, :-1]
+            )[1][:, : state.vertices_mm.size]
             fraction[here], distance[here] = print_.fraction, print_.distance_mm
             slope[here] = print_.slope_ps_per_px
-        steps = np.linalg.norm(state.steps_mm, axis=1)
         before = state.travelled_mm[state.leg_starts[self.times.leg]]
-        out_mm = before + fraction * steps[self.times.leg]
+        out_mm = before + state.ways_mm(self.times.leg, fraction)
         return Traced(by_vertices, fraction, slope, out_mm, distance)
 
     def line_fractions(self) -> Floats:

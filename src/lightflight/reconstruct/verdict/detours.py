@@ -17,7 +17,6 @@ from lightflight.path.verdict import Finding, FindingName, Severity
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
-from lightflight.reconstruct.fit.result import explained_by_fit
 from lightflight.reconstruct.fit.revise import fit_from_legs, refitted
 from lightflight.reconstruct.fit.unseen import fits_with_gaps
 from lightflight.reconstruct.legs.direction import search_legs
@@ -27,7 +26,7 @@ from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.verdict.hidden import pulses_of_legs
-from lightflight.reconstruct.verdict.lost import cost_of_pulses, price_of
+from lightflight.reconstruct.verdict.lost import cost_of_pulses, explains_all, price_of
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 _AT_EDGE_PX = 4.0
@@ -38,12 +37,6 @@ FEW_PULSES = 5
 _LEAST_DETOUR_MM = 10.0
 """A single mirror that fails by less, mm, may be one with something else off: an index, a pose or a
 clock that is wrong by a plausible size moves corners by up to 5 mm (docs/explanation/limits.md)."""
-_LEAST_EXPLAINED = 0.95
-"""Of the photons found a path with a detour holds at least this share: one that stands in for a
-wrong index leaves a third of them. Right ones held 0.98 to 1.00."""
-_MOST_LEFT = 0.25
-"""Where its times scatter beyond their errors, it leaves at most this share of the misfit: one that
-stands in for a wrong source or time leaves half and more."""
 _MOST_OF_PERIOD = 0.5
 """Light that comes back later than this, in laser periods, may as well be another pulse's."""
 _PARAMETERS = 3
@@ -118,7 +111,7 @@ def detour_instead(
             continue
         left = cost_of_pulses(best, sightings)
         price = price_of(_PARAMETERS * n_gaps, sightings)
-        if left + price < cost and _explains_all(best, sightings, cost):
+        if left + price < cost and explains_all(best, sightings, cost):
             return best
     return None
 
@@ -191,15 +184,6 @@ def _are_detours(fit: JointFit, sightings: list[Sighting], setting: Setting) -> 
         one.corner_misses_mm > _LEAST_DETOUR_MM and one.length_mm < longest
         for one in detours_of(fit.solution.state, setting.camera)
     )
-
-
-def _explains_all(fit: JointFit, sightings: list[Sighting], cost: float) -> bool:
-    """Whether a path holds all but all of the light, and not the misfit of one at that cost."""
-    share = explained_by_fit(fit, sightings)
-    # Every pulse is worth one by chance: what is beyond is misfit.
-    left = cost_of_pulses(fit, sightings) - share.n_found
-    clean = fit.floor_ps == 0.0 or left < _MOST_LEFT * (cost - share.n_found)
-    return clean and share.photons >= _LEAST_EXPLAINED * share.photons_found
 
 
 def findings_of_detours(fit: JointFit) -> tuple[Finding, ...]:

@@ -20,6 +20,7 @@ from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.fit.result import explained_by_fit
 from lightflight.reconstruct.fit.revise import fit_from_legs
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.model.setting import Setting
@@ -46,6 +47,12 @@ _REGAINED = 0.05
 others hold: of the pulses on the path."""
 _LEAST_GAIN = 40.0
 """Chi-square beyond its parameters' worth that a longer path must win, as a further leg must."""
+_LEAST_EXPLAINED = 0.95
+"""Of the photons found a path with a detour or a bend holds at least this share: one that stands in
+for a wrong index leaves a third of them. Right ones held 0.98 to 1.00."""
+_MOST_LEFT = 0.25
+"""Where its times scatter beyond their errors, it leaves at most this share of the misfit: one that
+stands in for a wrong source or time leaves half and more."""
 _OF_CLOCK = (FindingName.CLOCK_OFFSET, FindingName.CLOCK_SCALE)
 
 
@@ -60,7 +67,7 @@ def evidence_from_lost_legs(
     except NothingFoundError:
         return ()
     found, before = [], cost_of_pulses(fit, sightings)
-    for name, n_freed, there, seen in _freed_one_by_one(sightings, setting):
+    for name, n_freed, there, seen in freed_one_by_one(sightings, setting):
         trial = fit_or_reason(partial(fit_from_legs, seen, legs, there, drop=False))
         if isinstance(trial, NoFit) or not pulses_of_legs(trial).all():
             continue
@@ -83,7 +90,7 @@ def evidence_from_lost_legs(
     return tuple(found)
 
 
-def _freed_one_by_one(
+def freed_one_by_one(
     sightings: list[Sighting], setting: Setting
 ) -> Iterator[tuple[FindingName, int, Setting, list[Sighting]]]:
     """Cause, how many numbers it frees, and setting and recordings with it free."""
@@ -124,6 +131,15 @@ def cost_of_pulses(fit: JointFit, sightings: list[Sighting]) -> float:
     left = sum(len(o.usable_pulses) for o in sightings) - np.count_nonzero(used)
     shared = np.concatenate((solution.modes, solution.shared))
     return float(squared.sum() + OUTLIER**2 * left + solution.line_chi2 + shared @ shared)
+
+
+def explains_all(fit: JointFit, sightings: list[Sighting], cost: float) -> bool:
+    """Whether a path holds all but all of the light, and not the misfit of one at that cost."""
+    share = explained_by_fit(fit, sightings)
+    # Every pulse is worth one by chance: what is beyond is misfit.
+    left = cost_of_pulses(fit, sightings) - share.n_found
+    clean = fit.floor_ps == 0.0 or left < _MOST_LEFT * (cost - share.n_found)
+    return clean and share.photons >= _LEAST_EXPLAINED * share.photons_found
 
 
 def price_of(n_parameters: int, sightings: list[Sighting]) -> float:

@@ -30,6 +30,8 @@ class Request:
         How many legs there are, where the user knows it; None: as many as the data show.
     start : LightPath, array_like or None
         A path or its vertices in mm to start from; None: the search for legs.
+    may_bend : bool
+        Whether legs may be curves, and all else is as it was told.
     """
 
     sightings: list[Sighting]
@@ -37,3 +39,4 @@ class Request:
     timing: CodeClock | None = None
     n_legs: int | None = None
     start: LightPath | ArrayLike | None = None
+    may_bend: bool = False

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from lightflight._version import __version__
 from lightflight.files.whole_file import atomic_path
+from lightflight.path.on_bends import drawn, drawn_outline_mm, starts_of_pieces
 from lightflight.path.trace import has_errors, trace_from_path
-from lightflight.path.tree import corners_of, outline_mm, starts_of, ways
+from lightflight.path.tree import corners_of, outline_mm, ways
 from lightflight.view.export.tables import checked_suffix, description_of
 from lightflight.view.solids import (
     error_tube,
@@ -74,7 +75,7 @@ def glb_bytes(light_path: LightPath, *, ps_per_s: float = 500.0) -> bytes:
     model = _Model()
     size = max(float(np.ptp(vertices, axis=0).max()), 1.0)
     thin = 0.0022 * size
-    model.mesh("path", *tube_along(outline_mm(light_path), thin), (0.82, 0.28, 0.04, 1.0))
+    model.mesh("path", *tube_along(drawn_outline_mm(light_path), thin), (0.82, 0.28, 0.04, 1.0))
     # Errors of 0.1 mm in a scene of 0.4 m cannot be seen at their own size.
     if has_errors(light_path):
         trace = trace_from_path(light_path, per_leg=17)
@@ -93,15 +94,15 @@ def glb_bytes(light_path: LightPath, *, ps_per_s: float = 500.0) -> bytes:
     if camera is not None:
         model.lines("field of view", field_lines(camera, vertices.mean(axis=0)), (0.09, 0.25, 0.54))
     model.mesh("source", *sphere(vertices[0], 3.0 * thin), (0.1, 0.13, 0.19, 1.0))
-    times = np.asarray(light_path.vertex_times_ps, dtype=float)
-    flights = ways(starts_of(light_path))
+    places, times, of_leg = drawn(light_path)
+    flights = ways(starts_of_pieces(light_path, of_leg))
     for k, way in enumerate(flights, start=1):
         # Where the path forks, a pulse flies on each of its branches.
         name = "pulse" if len(flights) == 1 else f"pulse of branch {k}"
         pulse = model.mesh(name, *sphere(np.zeros(3), 4.0 * thin), (1.0, 0.45, 0.1, 1.0))
-        corners = [0, *(leg + 1 for leg in way)]
-        # Linear between the vertices: straight legs at an even speed need no more keys.
-        model.fly(pulse, vertices[corners], (times[corners] - times[0]) / ps_per_s)
+        corners = [0, *(piece + 1 for piece in way)]
+        # Linear between the corners: straight legs at an even speed need no more keys.
+        model.fly(pulse, places[corners], (times[corners] - times[0]) / ps_per_s)
     return model.packed(description_of(light_path))
 
 

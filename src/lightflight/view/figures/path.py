@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import ArrayLike
 
+from lightflight.path.on_bends import drawn_outline_mm
 from lightflight.path.tables import Polyline
 from lightflight.path.trace import (
     Trace,
@@ -173,7 +174,7 @@ def _draw_scene(
     _draw_tubes(ax, view, trace, factor)
     for k, (name, other) in enumerate(others.items()):
         marks = style.line_of_other(k) | {"lw": 1.2, "zorder": 7, "label": f"{name} estimate"}
-        line(ax, view, outline_mm(other), **marks)
+        line(ax, view, drawn_outline_mm(other), **marks)
     _draw_line(ax, view, trace, unseen_legs_of(path))
     if truth is not None:
         line(ax, view, outline_mm(truth), **style.TRUTH_LINE, zorder=9, label="truth")

@@ -239,12 +239,14 @@ def _picture(path: LightPath, name: str, frame: tuple[Floats, float]) -> str:
     for leg in path.legs:
         dots = "" if leg.seen else ' stroke-dasharray="1 4"'
         ends = np.array([leg.start_mm, leg.end_mm])
+        if leg.course is not None:
+            ends = leg.course.points_mm(np.linspace(0.0, 1.0, 33))
         parts.append(line(ends, f'stroke="var(--event)" stroke-width="1.2"{dots}'))
     trace = trace_from_path(path, per_leg=33)
     for leg in np.unique(trace.leg):
         seen = trace.points_mm[(trace.leg == leg) & trace.in_view]
         if len(seen) > 1:
-            ends = seen[[0, -1]]
+            ends = seen if path.legs[int(leg)].course is not None else seen[[0, -1]]
             wide = 'stroke="var(--event)" stroke-width="3" stroke-linecap="round"'
             parts.append(line(ends, wide))
     x, y = placed(path.vertices_mm[:1])[0]

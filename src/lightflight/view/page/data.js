@@ -47,10 +47,15 @@ const ways = path.ways.map((legs) => {
   return { legs, corners, times: corners.map((k) => path.vertex_times_ps[k] - startTime),
     points: [...trace.leg.keys()].filter((i) => own.has(trace.leg[i])), lengths: [0] };
 });
+const isBent = (k) => Boolean(path.legs[k] && path.legs[k].bent);
+function legLength(k) {
+  if (isBent(k)) return path.legs[k].length_mm;
+  const a = vertices[path.leg_starts[k]];
+  return Math.hypot(...vertices[k + 1].map((x, i) => x - a[i]));
+}
 for (const one of ways) {
   for (let i = 0; i < one.legs.length; i += 1) {
-    const [a, b] = [vertices[one.corners[i]], vertices[one.corners[i + 1]]];
-    one.lengths.push(one.lengths[i] + Math.hypot(...b.map((x, k) => x - a[k])));
+    one.lengths.push(one.lengths[i] + legLength(one.legs[i]));
   }
 }
 const noWay = { legs: [], corners: [0], times: [0], points: [], lengths: [0] };
@@ -77,6 +82,7 @@ function shareAt(t, k, on) {
 function positionAt(t, on = way) {
   if (!on.legs.length) return [NaN, NaN, NaN];
   const k = pieceAt(t, on);
+  if (isBent(on.legs[k])) return placeOnTrace(t, on);
   const f = shareAt(t, k, on);
   const [a, b] = [vertices[on.corners[k]], vertices[on.corners[k + 1]]];
   return [0, 1, 2].map((i) => lerp(a[i], b[i], f));
@@ -128,6 +134,12 @@ function betweenPoints(t, on = way) {
 function alongTrace(column, t, on = way) {
   const [a, b, f] = betweenPoints(t, on);
   return lerp(column[a], column[b], f);
+}
+
+// On a bent leg: between the points of the trace, whose rows are x, y, z.
+function placeOnTrace(t, on = way) {
+  const [a, b, f] = betweenPoints(t, on);
+  return [0, 1, 2].map((i) => lerp(trace.points_mm[3 * a + i], trace.points_mm[3 * b + i], f));
 }
 
 function lengthAt(t, on = way) {

@@ -141,6 +141,7 @@ def _path_part(path: LightPath, trace: Trace) -> Json:
         "legs": [
             _fields(leg, "length_mm", "angle_deg", "angle_std_deg", "paper_angle_deg")
             | {"seen": leg.seen}
+            | ({"bent": True} if leg.course is not None else {})
             for leg in getattr(path, "legs", ())
         ],
         "path_index": medium.path_group_index,
@@ -186,13 +187,14 @@ def _trace_part(path: LightPath, trace: Trace) -> Json:
         "half_axes_mm": packed(half_axes, "f4") if has_errors(path) else None,
         "pixel": packed(pixel, "f4"),
         "apparent_speed": packed(speed, "f4"),
-        "back_ps": _way_back(camera, trace),
+        "back_ps": _way_back(path, camera, trace),
     }
 
 
-def _way_back(camera: Camera | None, trace: Trace) -> Json | None:
-    """Time of the light to the camera where it is not index times distance; else None."""
-    if camera is None or not camera.interfaces or not len(trace.leg):
+def _way_back(path: LightPath, camera: Camera | None, trace: Trace) -> Json | None:
+    """Time of the light to the camera where windows or bends ask for it; else None."""
+    told = bool(getattr(path, "bends", ())) or (camera is not None and bool(camera.interfaces))
+    if camera is None or not told or not len(trace.leg):
         return None
     return packed(trace.arrival_ps - trace.event_time_ps, "f8")
 

@@ -1,0 +1,121 @@
+"""How far places of the picture lie from the image of a leg, and how that follows the path.
+
+The image of a straight leg is a line of the undistorted picture, in closed form; that of a bent
+leg, or of any leg seen through interfaces, is a curve whose nearest point is looked for.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.reconstruct.model.geometry import (
+    Indices,
+    PathState,
+    add_vertex,
+    cross,
+    nearest_fractions,
+)
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+
+Floats = NDArray[np.float64]
+
+
+def line_offsets(
+    state: PathState,
+    *,
+    camera: Camera,
+    legs: Indices,
+    anchors: Floats,
+    focal_px: float,
+) -> tuple[Floats, Floats]:
+    """Signed distance of image points from the image of a leg, and its derivatives.
+
+    Parameters
+    ----------
+    legs : array of int, shape (k,)
+        Which leg.
+    anchors : array of float, shape (k, 2)
+        Undistorted (u, v) = focal_px (x, y) on the normalized image plane.
+
+    Returns
+    -------
+    offset : array of float, shape (k,)
+        px, positive to the right of the flight in the picture (as `lateral_px`); NaN for a leg
+        whose picture is no line.
+    jacobian : array of float, shape (k, size)
+        px per mm; the start time does not enter.
+    """
+    curved = state.is_bent(legs) | bool(camera.interfaces)
+    if curved.all() and len(curved):
+        return _curve_offsets(state, camera, legs, anchors, focal_px)
+    offset, jacobian = _straight_offsets(state, camera, legs, anchors, focal_px)
+    if curved.any():
+        some = np.flatnonzero(curved)
+        offset[some], jacobian[some] = _curve_offsets(
+            state, camera, legs[some], anchors[some], focal_px
+        )
+    return offset, jacobian
+
+
+def _straight_offsets(
+    state: PathState, camera: Camera, legs: Indices, anchors: Floats, focal_px: float
+) -> tuple[Floats, Floats]:
+    """`line_offsets` of straight legs, whose pictures are lines."""
+    rotation = camera.world_from_camera[:3, :3]
+    starts = state.leg_starts[legs]
+    a = (state.vertices_mm[starts] - camera.center_mm) @ rotation
+    b = (state.vertices_mm[legs + 1] - camera.center_mm) @ rotation
+    normal = cross(a, b)
+    size = np.hypot(normal[:, 0], normal[:, 1])
+    # Seen end-on, or in the camera's own plane: a fit that tries such a step takes it back, since
+    # no cost with NaN is lower.
+    size = np.where(size > 0, size, np.nan)[:, np.newaxis]
+    points = np.column_stack((anchors / focal_px, np.ones(len(anchors))))
+    flat = np.column_stack((normal[:, :2] / size, np.zeros(len(legs))))
+    value = np.sum(normal / size * points, axis=1)
+    offset = focal_px * value
+    by_normal = focal_px * (points - value[:, np.newaxis] * flat) / size
+    # d(a x b).g = da.(b x g) + db.(g x a), then back from camera axes to world axes.
+    by_start = cross(b, by_normal) @ rotation.T
+    by_end = cross(by_normal, a) @ rotation.T
+    jacobian = np.zeros((len(legs), state.size))
+    add_vertex(jacobian, starts, by_start)
+    add_vertex(jacobian, legs + 1, by_end)
+    return offset, jacobian
+
+
+def _curve_offsets(
+    state: PathState, camera: Camera, legs: Indices, anchors: Floats, focal_px: float
+) -> tuple[Floats, Floats]:
+    """`line_offsets` where a leg is a curve in the picture: bent, or seen through interfaces.
+
+    From the point of that curve which is nearest; to first order it does not matter where it lies.
+    """
+    plane = anchors / focal_px
+    rows, cols = camera.pixels_from_normalized(plane[:, 0], plane[:, 1])
+    fraction = nearest_fractions(state, camera, legs, rows, cols)
+    # Nearest in undistorted pixels: two steps from what is nearest in the lens's own.
+    for _ in range(3):
+        points, step = state.points_mm(legs, fraction), state.tangents_mm(legs, fraction)
+        plane, slopes = camera.plane_and_slopes(points)
+        seen, slopes = focal_px * plane, focal_px * slopes
+        speed = np.einsum("nij,nj->ni", slopes, step)
+        size = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
+        away = anchors - seen
+        fraction = fraction + np.nan_to_num(np.sum(away * speed, axis=1) / size**2)
+    # speed = (d u, d v), v down: the right-hand normal is (-dv, du).
+    right = np.column_stack((-speed[:, 1], speed[:, 0])) / size[:, np.newaxis]
+    offset = np.sum(away * right, axis=1)
+    by_point = -np.einsum("ni,nij->nj", right, slopes)
+    jacobian = np.zeros((len(legs), state.size))
+    add_vertex(jacobian, state.leg_starts[legs], (1 - fraction)[:, np.newaxis] * by_point)
+    add_vertex(jacobian, legs + 1, fraction[:, np.newaxis] * by_point)
+    for course, own in state.courses:
+        here = np.flatnonzero(legs == course.leg)
+        jacobian[here, own] = course.by_bend(fraction[here], by_point[here])
+    return offset, jacobian

@@ -1,0 +1,209 @@
+"""Whether a leg is a smooth curve: the path with bent legs, where that explains far more.
+
+Asked where a path is contradicted, or where its verdict names a bent leg. A leg that is straight is
+never asked about, and costs nothing.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+from lightflight.path.verdict import FindingName, Level, Verdict
+from lightflight.reconstruct.fit.bent import (
+    bent_for_run,
+    runs_of_corners,
+    straightened,
+    with_bend,
+)
+from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.fit.revise import refitted, sharpest_bend
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.verdict.evidence import WITHIN
+from lightflight.reconstruct.verdict.lost import (
+    cost_of_pulses,
+    explains_all,
+    freed_one_by_one,
+    price_of,
+)
+
+_MOST_ORDERS = 5
+"""Shapes of a bend that are tried."""
+_FIRST_ORDERS = (1, 4)
+"""Shapes that a bend begins with, in place of a run of legs: a chain of four says as many."""
+_KINK_CHI2 = 20.0
+"""A leg whose times and image have no kink worth this in chi-square is not tried with a further
+shape: two numbers are worth no less (ln n each, and what tells two causes apart)."""
+_OF_A_CORNER = 3
+"""Numbers of a corner, its place."""
+
+
+def asks_for_bends(verdict: Verdict) -> bool:
+    """Whether what is said of a path may be a leg that is not straight.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        Of the path with straight legs.
+
+    Returns
+    -------
+    bool
+    """
+    named = any(one.name == FindingName.CURVED_LEG for one in verdict.findings)
+    return named or verdict.level is Level.CONTRADICTED
+
+
+def bent_instead(
+    fit: JointFit,
+    sightings: list[Sighting],
+    setting: Setting,
+    n_legs: int | None,
+    *,
+    may_bend: bool = False,
+) -> JointFit | None:
+    """A path with bent legs that explains the recording far better; None where there is none.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path with straight legs.
+    sightings : list of Sighting
+        The recordings as they were found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    n_legs : int or None
+        How many legs there are, where that is told.
+    may_bend : bool, optional
+        Whether it is told that legs may be curves: then nothing else that was told is in doubt.
+
+    Returns
+    -------
+    JointFit or None
+        With as many shapes as the counts ask for.
+    """
+    begun = _joined(fit.solution.state, setting) + _bent_more(fit, sightings, setting)
+    bent = _cheapest([one for one in begun if one.has_legs(n_legs)], sightings, setting)
+    if bent is None:
+        return None
+    bent = _pruned(_grown(bent, sightings, setting), sightings, setting)
+    cost, without = cost_with_kinks(bent, sightings), cost_with_kinks(fit, list(fit.sightings))
+    if priced(bent, sightings) + price_of(0, sightings) > priced(fit, list(fit.sightings)):
+        return None
+    if may_bend:
+        # Told: what else may be wrong is no reason for corners where there are none.
+        return bent
+    clean = explains_all(bent, sightings, without) and not bent.solution.state.unseen
+    return bent if clean and _told_apart(bent, cost, sightings, setting) else None
+
+
+def cost_with_kinks(fit: JointFit, sightings: list[Sighting]) -> float:
+    """`cost_of_pulses`, and what the counts say against the shape of each leg's image."""
+    kinks = sum(line.bend_chi2 for picture in fit.pictures for line in picture.fits)
+    return cost_of_pulses(fit, sightings) + kinks
+
+
+def priced(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> float:
+    """`cost_with_kinks`, with ln n for each number of corners and bends (Schwarz's criterion).
+
+    `scatter` is the chi-square per pulse that even the best path leaves: errors that are stated too
+    small must not pay for corners.
+    """
+    state = fit.solution.state
+    numbers = _OF_A_CORNER * len(state.corners_seen) + sum(bend.size for bend in state.bends)
+    own = price_of(numbers, sightings) - price_of(0, sightings)
+    return cost_with_kinks(fit, sightings) / scatter + own
+
+
+def _scatter(fits: list[JointFit], sightings: list[Sighting]) -> float:
+    """Chi-square per pulse that the best of some paths leaves, at least one."""
+    n = sum(len(one.usable_pulses) for one in sightings)
+    least = min((cost_with_kinks(fit, sightings) for fit in fits), default=0.0)
+    return max(1.0, least / max(n, 1))
+
+
+def _gained(better: JointFit, fit: JointFit, sightings: list[Sighting]) -> float:
+    """By how much one path is to be preferred to another, in chi-square."""
+    scatter = _scatter([better, fit], sightings)
+    return priced(fit, sightings, scatter) - priced(better, sightings, scatter)
+
+
+def _joined(state: PathState, setting: Setting) -> list[PathState]:
+    """Paths with a bent leg for each run of legs that turn by little.
+
+    None where waypoints say which vertex is which: with legs joined, others would bear the numbers.
+    """
+    if setting.waypoints:
+        return []
+    return [
+        bent_for_run(state, corners, orders, setting.camera)
+        for corners in runs_of_corners(state)
+        for orders in _FIRST_ORDERS
+    ]
+
+
+def _bent_more(fit: JointFit, sightings: list[Sighting], setting: Setting) -> list[PathState]:
+    """Paths with a shape more on each leg whose times or image have a kink."""
+    state, found = fit.solution.state, []
+    for leg in state.seen:
+        orders = sum(bend.orders for bend in state.bends if bend.leg == leg)
+        kinked = sharpest_bend(sightings, fit, leg, setting)[0] > _KINK_CHI2
+        if kinked and orders < _MOST_ORDERS:
+            found.append(with_bend(state, leg, orders + 1, setting.camera))
+    return found
+
+
+def _grown(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
+    """The path with further shapes and bends as long as each is worth its price."""
+    while True:
+        # A run of legs beside a bent one may be a part of its curve, or one of its own.
+        longer = _bent_more(fit, sightings, setting) + _joined(fit.solution.state, setting)
+        better = _cheapest(longer, sightings, setting)
+        if better is None or _gained(better, fit, sightings) < WITHIN:
+            return fit
+        fit = better
+
+
+def _pruned(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
+    """The path without the last shapes of its bends that are not worth their price."""
+    while True:
+        state = fit.solution.state
+        shorter = [
+            with_bend(state, bend.leg, bend.orders - 1, setting.camera)
+            for bend in state.bends
+            if bend.orders > 1
+        ]
+        better = _cheapest(shorter, sightings, setting)
+        if better is None or _gained(better, fit, sightings) < 0.0:
+            return fit
+        fit = better
+
+
+def _cheapest(
+    begun: list[PathState], sightings: list[Sighting], setting: Setting
+) -> JointFit | None:
+    """The fit from one of some paths that costs least; None where none can be fitted."""
+    trials = [_fitted(sightings, state, setting) for state in begun]
+    fits = [fit for fit in trials if not isinstance(fit, NoFit)]
+    scatter = _scatter(fits, sightings)
+    return min(fits, key=lambda one: priced(one, sightings, scatter), default=None)
+
+
+def _fitted(sightings: list[Sighting], state: PathState, setting: Setting) -> JointFit | NoFit:
+    return fit_or_reason(partial(refitted, sightings, state, setting))
+
+
+def _told_apart(bent: JointFit, cost: float, sightings: list[Sighting], setting: Setting) -> bool:
+    """Whether no straight path explains as much with something told wrong.
+
+    Speed and a bend in depth are one direction of the data: of one leg alone, a wrong index cannot
+    be told from it, and what was told stays in doubt.
+    """
+    straight = straightened(bent.solution.state)
+    for _, _, there, seen in freed_one_by_one(sightings, setting):
+        trial = _fitted(seen, straight, there)
+        if not isinstance(trial, NoFit) and cost_with_kinks(trial, seen) < cost + WITHIN:
+            return False
+    return True
