@@ -492,7 +492,7 @@ def _first_guess(problem: _Problem) -> Floats:
         if weight.sum() > 0:
             lever = problem.lever[here, :n_offsets]
             normal = lever.T @ (weight[:, np.newaxis] * lever) + 1e-6 * np.eye(n_offsets)
-            parameters[offsets : problem.starts[k + 1]] = np.linalg.solve(
+            parameters[offsets : offsets + n_offsets] = np.linalg.solve(
                 normal, lever.T @ (weight * across)
             )
     return parameters
