@@ -225,7 +225,6 @@ def light_from_picture(picture: Picture, std_ps: float) -> Light:
         float(np.log(picture.spot_std_px)),
         float(np.log(std_ps)),
         tuple(fit.log_scatter for fit in picture.fits),
-        spots=tuple(fit.spot for fit in picture.fits),
     )
 
 

@@ -434,9 +434,8 @@ def footprint_corrections(
 ) -> Floats:
     """Mean arrival time over each pixel's weighted footprint, minus that at its foot; (n,), ps.
 
-    With strength a(s) on the line and a spot of variance v, the mean over the footprint is
-    t_a + v (t_a' a'/a + t_a''/2): 1.5 ps where brightness changes by 30 % per pixel. Where the log
-    of the spot grows by g per pixel, a'/a is larger by g (2 + y^2 / v), y across the line.
+    With strength a(s) and a spot of variance v, the mean over the footprint is
+    t_a + v (t_a' a'/a + t_a''/2): 1.5 ps where brightness changes by 30 % per pixel.
 
     Parameters
     ----------
@@ -460,13 +459,12 @@ def footprint_corrections(
     array of float, shape (n,)
         ps.
     """
+    variance = picture.spot_std_px**2
     points = undistorted_px(camera, rows, cols)
-    slope, variance = np.zeros(len(rows)), np.zeros(len(rows))
+    slope = np.zeros(len(rows))
     for k, (leg, fit) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         here = print_.leg == k
-        along, across = leg.along_across(points[here])
-        slope[here] = fit.light_slope(along, across)
-        variance[here] = fit.spot_std_at(along) ** 2
+        slope[here] = fit.log_slope(leg.along_across(points[here])[0])
     curvature = arrival_curvature(print_, state=state, camera=camera, medium=medium)
     correction: Floats = variance * (print_.slope_ps_per_px * slope + 0.5 * curvature)
     return correction
