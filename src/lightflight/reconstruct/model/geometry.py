@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight.flight import Medium
 from lightflight.path.bends import Bend, BentCourse
-from lightflight.path.tree import forks_of, last_legs, leg_starts
+from lightflight.path.tree import forks_of, last_legs, leg_starts, way_before
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
@@ -240,12 +240,7 @@ class PathState:
     @cached_property
     def travelled_mm(self) -> Floats:
         """(m,), way of the light from vertex 0 to each vertex."""
-        lengths = self.lengths_mm
-        # One after the other, so that a chain's times are the same to the last bit.
-        if not self.forks:
-            return np.concatenate(([0.0], np.cumsum(lengths)))
-        travelled: Floats = self.legs_before @ lengths
-        return travelled
+        return way_before(self.leg_starts, self.lengths_mm)
 
     def vertex_times_ps(self, medium: Medium) -> Floats:
         """Event time at each vertex, (m,), ps."""
