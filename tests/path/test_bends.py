@@ -176,3 +176,11 @@ def test_a_damaged_file_of_bends_is_refused(tmp_path, what):
         kept[what] = values.ravel()[:1] * 3
     with pytest.raises(FileFormatError):
         lf.LightPath.load(file)
+
+
+def test_its_card_draws_the_curve():
+    """It was drawn along the chord."""
+    path = bent_path()
+    straight = replace(path, bends=(), bend_covariance=None)
+    along_curve, along_chord = (one._repr_html_() for one in (path, straight))
+    assert along_curve.count(",") > along_chord.count(",") + 2 * 60

@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from lightflight.display import Card, number, picture_from_vertices, with_error
-from lightflight.path.tree import outline_mm
+from lightflight.path.on_bends import drawn_outline_mm
 
 if TYPE_CHECKING:
     from lightflight.path.light_path import LightPath
@@ -54,5 +54,5 @@ def card_of_path(path: LightPath) -> Card:
         ("branches" if k == 0 else "", f"leg {leg + 1} begins at vertex {vertex}")
         for k, (leg, vertex) in enumerate(path.forks)
     ]
-    picture = partial(picture_from_vertices, outline_mm(path))
+    picture = partial(picture_from_vertices, drawn_outline_mm(path))
     return Card("LightPath", facts, picture, "from the front, and from above")

@@ -24,9 +24,8 @@ from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
 from lightflight.path.bends import BentCourse
 from lightflight.path.light_path import LightPath
-from lightflight.path.on_bends import course_of_leg, covariance_on_bent_leg
+from lightflight.path.on_bends import course_of_leg, covariance_on_bent_leg, drawn_outline_mm
 from lightflight.path.tables import Goodness
-from lightflight.path.tree import outline_mm
 from lightflight.reconstruct.fit.result import prior_in_words
 from lightflight.reconstruct.fit.statements import statements_from_covariance
 from lightflight.reconstruct.limits.conditions import (
@@ -119,7 +118,7 @@ class Bounds(Shown):
             ("elevation of the legs", ", ".join(f"{number(a, 2)}°" for a in self.angle_std_deg)),
             *(("", sentence) for sentence in self.statements),
         ]
-        picture = partial(picture_from_vertices, outline_mm(self.path))
+        picture = partial(picture_from_vertices, drawn_outline_mm(self.path))
         return Card("Bounds", facts, picture, "from the front, and from above")
 
     @property
