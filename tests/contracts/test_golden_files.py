@@ -146,16 +146,18 @@ def test_the_same_recording_gives_the_same_path(method, tmp_path):
     old = lf.LightPath.load(FOLDER / f"path_{method}.h5")
     # `paper` states the errors of its angles alone: all three are held to those of `joint`.
     std = lf.LightPath.load(FOLDER / "path_joint.h5").vertex_std
-    # `joint` and `photon` leave room for diffuse light since: strengths that are zero within their
-    # errors move a path within its own. `paper` does not.
-    refit = REFIT if method == "paper" else 100 * REFIT
+    # `joint` and `photon` leave room for diffuse light and for a spot that varies along a leg: what
+    # is zero within its errors moves a path within its own, most where a line runs between two rows
+    # of pixels and the spot's width says how far. `paper` leaves none.
+    refit = REFIT if method == "paper" else 1000 * REFIT
     assert (np.abs(new.vertices_mm - old.vertices_mm) < refit * std[:, :3]).all()
     assert (np.abs(new.vertex_times_ps - old.vertex_times_ps) < refit * std[:, 3]).all()
     # What `paper` stated before it stated shared errors too.
     stated = new.covariance_parts["photon"] if method == "paper" else new.covariance
     old_std = old.vertex_std.ravel()
-    # Room for diffuse light costs up to 2 % of the stated errors.
-    rtol = REFIT if method == "paper" else 20 * REFIT
+    # Room for diffuse light costs up to 2 % of the stated errors. Room for the spot costs more
+    # across the legs, where 4,000 photons say how wide it is: 12 % by `joint`, 51 % by `photon`.
+    rtol = {"paper": REFIT, "joint": 150 * REFIT, "photon": 550 * REFIT}[method]
     np.testing.assert_allclose(np.sqrt(np.diag(stated)), old_std, rtol=rtol, atol=1e-9)
     for name in ("row", "col", "leg", "used", "flags"):
         np.testing.assert_array_equal(new.residuals[name], old.residuals[name], name)

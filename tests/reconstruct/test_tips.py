@@ -58,11 +58,12 @@ def test_steep_legs_that_end_in_the_picture(angle_deg, method):
 
 @pytest.mark.parametrize("angle_deg", [-60.0, 60.0])
 def test_where_light_stops_is_found(angle_deg):
-    """To 0.04 px in the picture. The stated error is 0.01 px: it takes the spot for a Gaussian."""
+    """To 0.08 px in the picture. The stated error is 0.026 px: a spot that may be wider at the tip
+    than elsewhere leaves that much; it was 0.01 px with one spot of all."""
     seen = np.array(CAMERA.pixels_from_points(scene_of(angle_deg).vertices_mm[-1]))
     for path in steep_paths(angle_deg, "photon", range(6)):
         found = np.array(CAMERA.pixels_from_points(path.vertices_mm[-1]))
-        np.testing.assert_allclose(found, seen, atol=0.04)
+        np.testing.assert_allclose(found, seen, atol=0.08)
 
 
 def test_pixels_at_the_tips_count():

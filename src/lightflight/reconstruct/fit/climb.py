@@ -356,6 +356,8 @@ class _Hill:
             own = np.zeros(layout.size)
             for start, spline in zip(layout.spline_starts, at.light.coefficients, strict=True):
                 own[start : start + len(spline)] = spline
+            for start, spot in zip(layout.spot_starts, at.light.spots, strict=True):
+                own[start : start + 3] = spot.varies_ln
             own[-2] = at.light.log_spot_px - SPOT_PRIOR[0]
             held[places] += own
             score[places[layout.unit_priors][: layout.n_modes]] = -at.modes
@@ -377,6 +379,9 @@ def _priors(freedom: Freedom, order: Order, views: Sequence[View]) -> tuple[Floa
             bend = _BEND_PRIOR * np.diff(np.eye(n), 2, axis=0) if n > 2 else np.zeros((0, n))
             own = places[first : first + n]
             hold[np.ix_(own, own)] = bend.T @ bend + 1e-9 * np.eye(n)
+        for first, spot in zip(layout.spot_starts, view.light.spots, strict=True):
+            own = places[first : first + 3]
+            hold[np.ix_(own, own)] = spot.precision
         hold[places[-2], places[-2]] = 1.0 / SPOT_PRIOR[1] ** 2
     return prior, hold
 

@@ -225,6 +225,7 @@ def light_from_picture(picture: Picture, std_ps: float) -> Light:
         float(np.log(picture.spot_std_px)),
         float(np.log(std_ps)),
         tuple(fit.log_scatter for fit in picture.fits),
+        spots=tuple(fit.spot for fit in picture.fits),
     )
 
 
@@ -428,8 +429,9 @@ def view_of_counts(
     whole, own = counts.whole, seen.at(counts.whole.view)
     try:
         picture = measure_picture(
-            state, whole, camera=own.camera, medium=own.medium, std_ps=counts.intrinsic_ps
-        )
+            state, whole, camera=own.camera, medium=own.medium, std_ps=counts.intrinsic_ps,
+            fine=True,
+        )  # fmt: skip
     except GeometryError as lost:
         raise NothingFoundError(
             "too little light: the counts lose the path from the picture; record longer, or "

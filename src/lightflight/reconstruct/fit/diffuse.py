@@ -33,12 +33,12 @@ from lightflight.reconstruct.fit.around import (
 )
 from lightflight.reconstruct.fit.joint import (
     JointFit,
+    finely_lit,
     fit_joint,
     fitted_again,
     moved_stds,
-    pictured_again,
     pulse_std_in_view,
-    with_uneven_light,
+    with_fine_light,
 )
 from lightflight.reconstruct.fit.second_path import LEAST_GAIN, places_of_path, second_path_in
 from lightflight.reconstruct.fit.strengths import (
@@ -130,7 +130,7 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
     JointFit
         Of the same pulses, but for those that are mostly other light.
     """
-    fit = with_uneven_light(fit, setting)
+    fit = with_fine_light(fit, setting)
     plain = list(fit.sightings)
     of_legs = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=fit.solution.state.n_legs)
     # About a leg that no pulse speaks for, the light of a path told wrong would be called diffuse.
@@ -143,12 +143,12 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
             shown = fit
             if seconds or any(np.abs(one.shares).max() > _MUCH for one in strengths):
                 # Lines and brightness, too, without what is no leg's.
-                shown = pictured_again(fit, clear, setting)
+                shown = finely_lit(fit, clear, setting)
             better = fitted_again(shown, clear, setting)
             far = moved_stds(fit, better) > _FAR_STDS
             if far:
                 again = fit_joint(clear, better.solution.state, setting, legs=None)
-                better = with_uneven_light(again, setting)
+                better = with_fine_light(again, setting)
             fit = replace(better, strengths=strengths)
             if not far:
                 break

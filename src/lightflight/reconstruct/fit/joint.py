@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.errors import NothingFoundError
+from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.ends import cut_tips, freedom_at, known_tips, with_ends
 from lightflight.reconstruct.fit.least_squares import (
     OUTLIER,
@@ -34,11 +34,12 @@ from lightflight.reconstruct.fit.membership import (
 from lightflight.reconstruct.fit.uneven import uneven_light
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.freedom import Freedom, state_vector
-from lightflight.reconstruct.model.geometry import Indices, PathState
+from lightflight.reconstruct.model.geometry import Indices, PathState, footprints
 from lightflight.reconstruct.model.light import Strengths
 from lightflight.reconstruct.model.picture import (
     LineDataInPicture,
     Picture,
+    footprint_corrections,
     lines_from_picture,
     measure_picture,
 )
@@ -207,62 +208,95 @@ def fit_joint(
     return result
 
 
-def with_uneven_light(fit: JointFit, setting: Setting) -> JointFit:
-    """The fit with times corrected for light that is uneven within knots, and its errors.
+def with_fine_light(fit: JointFit, setting: Setting) -> JointFit:
+    """The fit with lines and times as the light is: spots that vary, unequal pixels, uneven light.
 
     Parameters
     ----------
     fit : JointFit
-        That is to stay: which legs there are needs no such care.
+        Whose legs are to stay: which there are needs no such care, and could be hidden by it.
     setting : Setting
         Camera, source, medium and waypoints.
 
     Returns
     -------
     JointFit
-        The fit itself where the light is even.
+        Of the same pulses.
     """
-    uneven = uneven_light(fit, list(fit.sightings), setting)
-    if not uneven.columns_ps.shape[1]:
+    try:
+        shown = finely_lit(fit, list(fit.sightings), setting)
+    except (GeometryError, NothingFoundError):
+        # The last step led a leg to the edge of what its pixels tell: as it was found, then.
         return fit
-    times = replace(
-        fit.times,
-        footprint_ps=fit.times.footprint_ps + uneven.late_ps,
-        modes_ps=np.hstack((fit.times.modes_ps, uneven.columns_ps)),
-        weight=np.ones_like(fit.times.weight),
-    )
+    times = replace(shown.times, weight=np.ones_like(shown.times.weight))
     solution, times, floor = _solve_robustly(
-        fit.solution.state, times, fit.lines, fit.freedom, setting
+        fit.solution.state, times, shown.lines, fit.freedom, setting
     )
-    return replace(fit, solution=solution, times=times, floor_ps=floor)
+    return replace(shown, solution=solution, times=times, floor_ps=floor)
 
 
-def pictured_again(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
-    """The fit with lines and brightness measured anew in these recordings; nothing else moves.
+def finely_lit(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
+    """The fit with lines, and what light does to the times, measured finely; no path moves.
 
     Parameters
     ----------
     fit : JointFit
         Of the recordings as they were.
     sightings : list of Sighting
-        With the light found that is no leg's.
+        Perhaps with light found that is no leg's.
     setting : Setting
         As told.
 
     Returns
     -------
     JointFit
-        With other pictures and lines.
+        Of the same pulses, with other pictures and lines.
+
+    Raises
+    ------
+    GeometryError, NothingFoundError
+        Where a leg does not cross the picture, or has too few pixels.
     """
     seen, _ = _as_found(fit.solution, setting, list(fit.sightings))
     std = pulse_std_ps(sightings)
     pictures = tuple(
         measure_picture(
-            fit.solution.state, o, camera=seen.cameras[o.view], medium=seen.medium, std_ps=std
+            fit.solution.state, o, camera=seen.cameras[o.view], medium=seen.medium, std_ps=std,
+            fine=True,
         )
         for o in sightings
+    )  # fmt: skip
+    shown = replace(fit, pictures=pictures, lines=_told_lines(pictures, sightings, setting, seen))
+    uneven = uneven_light(shown, sightings, setting)
+    # What was known of uneven light before stands behind the errors of the clock.
+    of_clock = fit.times.modes_ps[:, : _n_of_clock(fit)]
+    times = replace(
+        fit.times,
+        footprint_ps=_feet(shown, seen) + uneven.late_ps,
+        modes_ps=np.hstack((of_clock, uneven.columns_ps)),
     )
-    return replace(fit, pictures=pictures, lines=_told_lines(pictures, sightings, setting, seen))
+    return replace(shown, times=times)
+
+
+def _n_of_clock(fit: JointFit) -> int:
+    """How many of the pulses' shared errors are the clock's: the first."""
+    return max((own.stop for own in mode_columns(list(fit.sightings)).values()), default=0)
+
+
+def _feet(fit: JointFit, seen: Setting) -> Floats:
+    """(n,), mean time over each pulse's footprint minus that at its foot as pictures say, ps."""
+    feet, state = np.zeros(len(fit.times.leg)), fit.solution.state
+    for number, (picture, sighting) in enumerate(zip(fit.pictures, fit.sightings, strict=True)):
+        here = np.flatnonzero(fit.sighting_of == number)
+        rows, cols = fit.times.row[here], fit.times.col[here]
+        camera = seen.cameras[sighting.view]
+        print_ = footprints(
+            state, camera=camera, medium=seen.medium, legs=fit.times.leg[here], rows=rows, cols=cols
+        )
+        feet[here] = footprint_corrections(
+            picture, print_, rows=rows, cols=cols, camera=camera, state=state, medium=seen.medium
+        )
+    return feet
 
 
 def _told_lines(
@@ -293,7 +327,7 @@ def fitted_again(fit: JointFit, sightings: list[Sighting], setting: Setting) -> 
     Returns
     -------
     JointFit
-        With the same lines, and feet weighted as before.
+        With the same lines, and feet as before.
 
     Raises
     ------
@@ -309,8 +343,7 @@ def fitted_again(fit: JointFit, sightings: list[Sighting], setting: Setting) -> 
         kept.append(here)
     times = stacked(parts, mode_columns(sightings))
     # Errors of uneven light stand behind those of the clock, and stay.
-    first = max((own.stop for own in mode_columns(list(fit.sightings)).values()), default=0)
-    uneven = fit.times.modes_ps[np.concatenate(kept), first:]
+    uneven = fit.times.modes_ps[np.concatenate(kept), _n_of_clock(fit) :]
     times = replace(times, modes_ps=np.hstack((times.modes_ps, uneven)))
     _check_enough(times, fit.freedom.basis.shape[1])
     solution, times, floor = _solve_robustly(

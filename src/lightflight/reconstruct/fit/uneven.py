@@ -110,11 +110,12 @@ def _of_leg(
 ) -> tuple[Floats, Floats]:
     """Lateness (n,) and its columns (n, k) of the pulses of one leg."""
     along, _ = line.along_across(points)
-    lateral = print_.lateral_px / strength.spot_std_px
+    spot = strength.spot_std_at(along)
+    lateral = print_.lateral_px / spot
     low, high = span_of_knots(strength.spline.t)
     telling = (photons > _LEAST_PHOTONS) & (np.abs(lateral) < _NEAR_STDS)
     telling &= (along > low) & (along < high)
-    per_slope = strength.spot_std_px**2 * print_.slope_ps_per_px
+    per_slope = spot**2 * print_.slope_ps_per_px
     late = np.zeros(len(along))
     errors = _slope_errors_of_spline(strength, along)
     if np.count_nonzero(telling) >= _FEW:

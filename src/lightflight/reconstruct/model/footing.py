@@ -100,7 +100,7 @@ def footing(
     time_curvature: Floats,
     corners: Corners,
     *,
-    spot_px: float,
+    spot_px: Floats | float,
 ) -> Footing:
     """Moments over the footprint of strength exp(log_slope s) under the spot, cut at corners.
 
@@ -110,7 +110,10 @@ def footing(
         D ln(strength) / d(along), per px.
     time_slope, time_curvature : array of float, shape (n,)
         Of the arrival time along the leg, ps/px and ps/px^2.
+    spot_px : array of float, shape (n,) or float
+        Standard deviation of the spot, px.
     """
+    spot_px = np.broadcast_to(spot_px, log_slope.shape)
     # The footprint ends where the spot does, or at the corner.
     low = np.maximum(-_SPOT_REACH * spot_px, corners.before)
     high = np.minimum(_SPOT_REACH * spot_px, corners.after)
@@ -121,7 +124,8 @@ def footing(
     believed = np.abs(log_slope) < _STEEPEST
 
     # The slope keeps the strength at the foot as the reference, as the spline does.
-    weight = _NODE_WEIGHTS * _density(s, kappa[:, np.newaxis], spot_px) * half[:, np.newaxis]
+    density = _density(s, kappa[:, np.newaxis], spot_px[:, np.newaxis])
+    weight = _NODE_WEIGHTS * density * half[:, np.newaxis]
     total = weight.sum(axis=1)
     weight /= np.maximum(total, 1e-300)[:, np.newaxis]
     time = _time_at(s, time_slope[:, np.newaxis], time_curvature[:, np.newaxis])
@@ -176,7 +180,7 @@ def footing(
     return Footing(share, offset, variance)
 
 
-def _density(along: Floats, log_slope: Floats, spot_px: float) -> Floats:
+def _density(along: Floats, log_slope: Floats, spot_px: Floats) -> Floats:
     """Light per px at `along`, px from the foot: the spot times exp(log_slope along)."""
     norm = np.sqrt(2 * np.pi) * spot_px
     height: Floats = np.exp(-0.5 * (along / spot_px) ** 2 + log_slope * along) / norm

@@ -42,7 +42,7 @@ from lightflight.reconstruct.model.image_plane import mean_focal_px
 from lightflight.reconstruct.model.nudges import Nudges
 from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.picture import LegInPicture, arrival_curvature
-from lightflight.reconstruct.model.strength import LOG_SPOT_RANGE, span_of_knots
+from lightflight.reconstruct.model.strength import LOG_SPOT_RANGE, SpotAlong, span_of_knots
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -73,6 +73,8 @@ class Light:
         Per leg, scatter of ln(photons) from pixel to pixel that the model does not explain.
     cut_ends : tuple of bool
         Whether the light begins at the path's first vertex, and stops at its last.
+    spots : tuple of SpotAlong
+        How the spot of each leg differs from that of all; (): it does not.
     """
 
     lines: tuple[LegInPicture, ...]
@@ -82,6 +84,7 @@ class Light:
     log_std_ps: float
     log_scatter: tuple[float, ...]
     cut_ends: tuple[bool, ...] = (False, False)
+    spots: tuple[SpotAlong, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +182,8 @@ class Layout:
         P; the last two are log spot and log std.
     n_shared : int
         Shared errors of camera and medium.
+    spot_starts : tuple of int
+        First number of each leg's own spot; (): all legs have one.
     """
 
     n_free: int
@@ -186,6 +191,7 @@ class Layout:
     spline_starts: tuple[int, ...]
     size: int
     n_shared: int = 0
+    spot_starts: tuple[int, ...] = ()
 
     @property
     def unit_priors(self) -> slice:
@@ -201,7 +207,8 @@ class Layout:
 
 
 def layout_of(n_free: int, n_modes: int, light: Light, n_shared: int = 0) -> Layout:
-    """Order of the parameters: path, modes, shared errors, splines leg by leg, log spot, log std.
+    """Order of the parameters: path, modes, shared errors, splines and then spots leg by leg, and
+    last the log of the spot of all and of the pulse's std.
 
     Parameters
     ----------
@@ -223,7 +230,8 @@ def layout_of(n_free: int, n_modes: int, light: Light, n_shared: int = 0) -> Lay
     for coefficients in light.coefficients:
         starts.append(at)
         at += len(coefficients)
-    return Layout(n_free, n_modes, tuple(starts), at + 2, n_shared)
+    spots = tuple(at + 3 * k for k in range(len(light.spots)))
+    return Layout(n_free, n_modes, tuple(starts), at + 3 * len(spots) + 2, n_shared, spots)
 
 
 def moved_light(light: Light, step: Floats, layout: Layout) -> Light:
@@ -246,9 +254,14 @@ def moved_light(light: Light, step: Floats, layout: Layout) -> Light:
         c + step[start : start + len(c)]
         for c, start in zip(light.coefficients, layout.spline_starts, strict=True)
     )
+    spots = tuple(
+        replace(spot, varies_ln=spot.varies_ln + np.clip(step[start : start + 3], -0.5, 0.5))
+        for spot, start in zip(light.spots, layout.spot_starts, strict=True)
+    )
     return replace(
         light,
         coefficients=coefficients,
+        spots=spots,
         log_spot_px=float(np.clip(light.log_spot_px + step[-2], *LOG_SPOT_RANGE)),
         log_std_ps=float(light.log_std_ps + np.clip(step[-1], -0.5, 0.5)),
     )
@@ -327,6 +340,8 @@ class _SeenLeg:
         Its derivative, px per mm.
     along_px : array of float, shape (n,)
         Place along the leg's image, within its knots, px.
+    spot_px : array of float, shape (n,)
+        Standard deviation of the spot there, px.
     corners : Corners
         Where the footprint is cut.
     feet : Footing
@@ -339,6 +354,7 @@ class _SeenLeg:
     across_px: Floats
     across_by_state: Floats
     along_px: Floats
+    spot_px: Floats
     corners: Corners
     feet: Footing
 
@@ -367,14 +383,19 @@ def _seen_leg(
     )
     along = np.clip(light.lines[k].along_across(points)[0], *span_of_knots(light.knots[k]))
     corners = corner_distances(state, print_, k, camera=camera, cut_ends=light.cut_ends)
+    slope = BSpline(light.knots[k], light.coefficients[k], 3).derivative()(along)
+    spot = np.full(len(here), np.exp(light.log_spot_px))
+    if light.spots:
+        spot = spot * np.exp(light.spots[k].log_at(along))
+        slope = slope + light.spots[k].growth_at(along) * (2.0 + (across / spot) ** 2)
     feet = footing(
-        BSpline(light.knots[k], light.coefficients[k], 3).derivative()(along),
+        slope,
         print_.slope_ps_per_px,
         arrival_curvature(print_, state=state, camera=camera, medium=medium),
         corners,
-        spot_px=float(np.exp(light.log_spot_px)),
+        spot_px=spot,
     )
-    return _SeenLeg(k, print_, by_state, across, across_by_state, along, corners, feet)
+    return _SeenLeg(k, print_, by_state, across, across_by_state, along, spot, corners, feet)
 
 
 @dataclass(frozen=True, eq=False)
@@ -458,7 +479,7 @@ def _fill_leg(
     """Write one leg's columns of `local`, and its rows of the jacobian, in the pixels `here`."""
     k, feet, across = seen.leg, seen.feet, seen.across_px
     inwards = 0.5 * light.lines[k].curvature(seen.along_px)
-    spot, pulse_var = float(np.exp(light.log_spot_px)), np.exp(2 * light.log_std_ps)
+    spot, pulse_var = seen.spot_px, np.exp(2 * light.log_std_ps)
     design = BSpline.design_matrix(seen.along_px, light.knots[k], 3).toarray()
     local.log_photons[here, k] = np.maximum(
         design @ light.coefficients[k]
@@ -476,23 +497,38 @@ def _fill_leg(
     log_slope = to_slope @ light.coefficients[k]
     # d ln(std) = d(variance) / (2 variance).
     to_log_std = 0.5 / std**2
+    growth = light.spots[k].growth_at(seen.along_px) if light.spots else np.zeros(len(here))
     by_path = np.zeros((3, len(here), slopes.arrival.shape[1]))
+    by_spot = np.zeros((3, len(here)))
+    by_growth = np.zeros((3, len(here)))
     for row, (moment, scale) in enumerate(
         ((feet.log_share, 1.0), (feet.offset_ps, 1.0), (feet.variance_ps2, to_log_std))
     ):
         cut = moment.by_before[:, np.newaxis] * slopes.before
         by_path[row] = cut + moment.by_after[:, np.newaxis] * slopes.after
         by_path[row] *= np.reshape(scale, (-1, 1))
-        jacobian[here, at + row, to_spline] = (scale * moment.by_slope)[:, np.newaxis] * to_slope
-        jacobian[here, at + row, -2] = scale * moment.by_log_spot
+        by_slope = scale * moment.by_slope
+        jacobian[here, at + row, to_spline] = by_slope[:, np.newaxis] * to_slope
+        by_growth[row] = by_slope * (2.0 + (across / spot) ** 2)
+        by_spot[row] = scale * moment.by_log_spot - 2.0 * by_slope * growth * (across / spot) ** 2
+        by_path[row] += (2.0 * by_slope * growth * across / spot**2)[:, np.newaxis] * slopes.across
+    # d/d ln(spot) of -across^2 / 2 spot^2.
+    by_spot[0] += (across / spot) ** 2
+    by_path += (by_spot * growth)[:, :, np.newaxis] * slopes.along
     by_path[0] += log_slope[:, np.newaxis] * slopes.along
     by_path[0] -= (across / spot**2 - inwards)[:, np.newaxis] * slopes.across
     by_path[1] += slopes.arrival
     own = layout.of_path_and_shared
     for row in range(3):
         jacobian[here[:, np.newaxis], at + row, own] = by_path[row]
+    if light.spots:
+        first, spots = layout.spot_starts[k], light.spots[k]
+        shares, growths = spots.shares(seen.along_px), spots.growth_shares(seen.along_px)
+        for row in range(3):
+            jacobian[here, at + row, first : first + 3] = (
+                by_spot[row][:, np.newaxis] * shares + by_growth[row][:, np.newaxis] * growths
+            )
+    jacobian[here, at : at + 3, -2] = by_spot.T
     jacobian[here, at, to_spline] += design
-    # d/d ln(spot) of -across^2 / 2 spot^2.
-    jacobian[here, at, -2] += (across / spot) ** 2
     jacobian[here, at + 1, layout.n_free : layout.n_free + layout.n_modes] = modes_ps
     jacobian[here, at + 2, -1] = pulse_var / std**2

@@ -17,7 +17,8 @@ from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.flight import Medium
 from lightflight.reconstruct.model.geometry import Footprint, Indices, PathState, footprints
 from lightflight.reconstruct.model.image_plane import along_across, undistorted_px
-from lightflight.reconstruct.model.lateral import LineData, LineFit, dark_line, fit_lines
+from lightflight.reconstruct.model.lateral import LineFit, dark_line, fit_lines
+from lightflight.reconstruct.model.line_problem import LineData
 from lightflight.reconstruct.model.sighting import Sighting, photons_at_times
 
 if TYPE_CHECKING:
@@ -264,6 +265,7 @@ def measure_picture(
     camera: Camera,
     medium: Medium,
     std_ps: float,
+    fine: bool = False,
 ) -> Picture:
     """Lines, spot and strength of all legs of a path that is roughly right.
 
@@ -279,6 +281,8 @@ def measure_picture(
         Group indices out and back.
     std_ps : float
         Typical standard deviation of a pulse, ps.
+    fine : bool, optional
+        Whether each leg has a spot of its own and pixels are unequal: once the legs are known.
 
     Returns
     -------
@@ -331,7 +335,7 @@ def measure_picture(
         places = pixels.along[use, k], pixels.across[use, k]
         data.append(LineData(*places, photons[use, k], empty[use, k], n_offsets=2 + of_bend))
     # All legs at once, because they share the spot.
-    found = fit_lines(data)
+    found = fit_lines(data, fine=fine)
     spot = found[0].spot_std_px
     fits = [dark_line(spot)] * len(legs)
     for k, line in zip(state.seen, found, strict=True):
@@ -434,8 +438,9 @@ def footprint_corrections(
 ) -> Floats:
     """Mean arrival time over each pixel's weighted footprint, minus that at its foot; (n,), ps.
 
-    With strength a(s) and a spot of variance v, the mean over the footprint is
-    t_a + v (t_a' a'/a + t_a''/2): 1.5 ps where brightness changes by 30 % per pixel.
+    With strength a(s) on the line and a spot of variance v, the mean over the footprint is
+    t_a + v (t_a' a'/a + t_a''/2): 1.5 ps where brightness changes by 30 % per pixel. Where the log
+    of the spot grows by g per pixel, a'/a is larger by g (2 + y^2 / v), y across the line.
 
     Parameters
     ----------
@@ -459,12 +464,13 @@ def footprint_corrections(
     array of float, shape (n,)
         ps.
     """
-    variance = picture.spot_std_px**2
     points = undistorted_px(camera, rows, cols)
-    slope = np.zeros(len(rows))
+    slope, variance = np.zeros(len(rows)), np.zeros(len(rows))
     for k, (leg, fit) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         here = print_.leg == k
-        slope[here] = fit.log_slope(leg.along_across(points[here])[0])
+        along, across = leg.along_across(points[here])
+        slope[here] = fit.light_slope(along, across)
+        variance[here] = fit.spot_std_at(along) ** 2
     curvature = arrival_curvature(print_, state=state, camera=camera, medium=medium)
     correction: Floats = variance * (print_.slope_ps_per_px * slope + 0.5 * curvature)
     return correction

@@ -1,12 +1,14 @@
 """The strength of the light along a leg: a cubic spline of its logarithm, and the priors on it.
 
 One owner for what `lateral`, `photon` and the bound must agree on: where the knots lie, how a
-known strength becomes coefficients, and what is believed of the spot before any count is seen.
+known strength becomes coefficients, how the spot varies along a leg, and what is believed of it
+before any count is seen.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +26,69 @@ what changes faster still, and the waves that it leaves are for `fit.uneven`."""
 SPOT_PRIOR = (np.log(0.4), 0.8)
 """Log of the spot's std in px and its width, where too few rows are lit to see it."""
 
+SPOT_VARIES_LN = (0.2, 0.01, 0.001)
+"""How far the log of a leg's spot is from that of all, how fast it grows along the leg and how fast
+that changes; ln, ln per px, ln per px^2. A lens is sharp at one distance and in the middle of its
+field, and a beam widens. Counts of 400 photons a pixel already say more than this."""
+
 LOG_SPOT_RANGE = (np.log(0.08), np.log(6.0))
 """Log of the least and largest std of a spot that a fit may try, px: beyond these the counts of a
 row say nothing more of it, and a step would run away."""
+
+
+def shares_of_anchors(along_px: Floats, anchors_px: Floats) -> Floats:
+    """(n, 2), what a straight line along a leg takes of its values at the two anchors."""
+    share = (along_px - anchors_px[0]) / (anchors_px[1] - anchors_px[0])
+    return np.column_stack((1 - share, share))
+
+
+@dataclass(frozen=True, eq=False)
+class SpotAlong:
+    """How a leg's spot differs from that of all: the log of its std is a parabola along the leg.
+
+    Attributes
+    ----------
+    anchors_px : array of float, shape (2,)
+        Places along the leg's line, px.
+    varies_ln : array of float, shape (3,)
+        Log of the spot over the common one: at the two anchors, and by how much it is more halfway
+        than on the straight line between them.
+    """
+
+    anchors_px: Floats
+    varies_ln: Floats
+
+    def log_at(self, along_px: Floats) -> Floats:
+        """(n,), log of the spot over the common one."""
+        log: Floats = self.shares(along_px) @ self.varies_ln
+        return log
+
+    def growth_at(self, along_px: Floats) -> Floats:
+        """(n,), d ln(spot) / d(along), per px."""
+        growth: Floats = self.growth_shares(along_px) @ self.varies_ln
+        return growth
+
+    @property
+    def precision(self) -> Floats:
+        """(3, 3), of what is believed of `varies_ln` before any count is seen."""
+        apart = self.anchors_px[1] - self.anchors_px[0]
+        told = np.array([[0.5, 0.5, 0.0], [-1.0 / apart, 1.0 / apart, 0.0], [0, 0, 8.0 / apart**2]])
+        scaled = told / np.array(SPOT_VARIES_LN)[:, np.newaxis]
+        precision: Floats = scaled.T @ scaled
+        return precision
+
+    def shares(self, along_px: Floats) -> Floats:
+        """(n, 3), what `log_at` takes of `varies_ln`."""
+        shares = shares_of_anchors(along_px, self.anchors_px)
+        return np.column_stack((shares, 4.0 * shares[:, 0] * shares[:, 1]))
+
+    def growth_shares(self, along_px: Floats) -> Floats:
+        """(n, 3), what `growth_at` takes of `varies_ln`, per px."""
+        first, last = shares_of_anchors(along_px, self.anchors_px).T
+        one = np.ones_like(first)
+        apart = self.anchors_px[1] - self.anchors_px[0]
+        growth: Floats = np.column_stack((-one, one, 4.0 * (first - last))) / apart
+        return growth
 
 
 def knots_over(low: float, high: float, spacing_px: float = KNOT_SPACING_PX) -> Floats:

@@ -16,7 +16,7 @@ from lightflight.path.verdict import (
     Severity,
     Verdict,
 )
-from lightflight.reconstruct.fit.joint import JointFit, fit_joint, with_uneven_light
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint, with_fine_light
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.legs.plausible import implausible
 from lightflight.reconstruct.model.geometry import state_of_path
@@ -147,6 +147,6 @@ def _fit_about(path: LightPath, sightings: list[Sighting], setting: Setting) -> 
     """A joint fit that starts from the path; None where single pulses do not allow one."""
     state = state_of_path(path)
     try:
-        return with_uneven_light(fit_joint(sightings, state, setting, legs=None), setting)
+        return with_fine_light(fit_joint(sightings, state, setting, legs=None), setting)
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return None
