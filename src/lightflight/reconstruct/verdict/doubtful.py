@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from lightflight.path.verdict import Finding, Level, Severity, Verdict
-from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.joint import JointFit, with_fine_light
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.fit.outcome import NoFit
 from lightflight.reconstruct.fit.revise import refitted, setting_without, turn_deg
@@ -72,9 +72,11 @@ def _causes_instead(
     state = fit.solution.state
     straight = state.without(corners)
     narrowed = setting_without(setting, corners)
-    shorter = refitted(sightings, straight, narrowed)
-    if isinstance(shorter, NoFit):
+    plain = refitted(sightings, straight, narrowed)
+    if isinstance(plain, NoFit):
         return []
+    # In light as the longer path has it: what differs then is the corner.
+    shorter = with_fine_light(plain, narrowed)
     longer_chi2, shorter_chi2 = (
         float(np.sum(stated_solution(one, its).rows ** 2))
         for one, its in ((fit, setting), (shorter, narrowed))

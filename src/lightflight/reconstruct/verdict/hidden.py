@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path.verdict import Finding, FindingName, Severity
-from lightflight.reconstruct.fit.joint import JointFit, fit_joint
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint, with_fine_light
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
@@ -40,7 +40,8 @@ def evidence_without_hidden(
     if straight is None:
         return ()
     try:
-        plain = fit_joint(sightings, straight, setting, legs=None)
+        # In light as the path has it: what differs then is the leg.
+        plain = with_fine_light(fit_joint(sightings, straight, setting, legs=None), setting)
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return ()
     rivals = evidence_from_geometry(plain, sightings, setting)
