@@ -15,7 +15,7 @@ from lightflight.reconstruct.fit.bent import (
     straightened,
     with_bend,
 )
-from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.joint import JointFit, with_fine_light
 from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.fit.revise import refitted, sharpest_bend
 from lightflight.reconstruct.model.geometry import PathState
@@ -90,12 +90,14 @@ def bent_instead(
         return None
     bent = _pruned(_grown(bent, sightings, setting), sightings, setting)
     cost, without = cost_with_kinks(bent, sightings), cost_with_kinks(fit, list(fit.sightings))
-    if priced(bent, sightings) + price_of(0, sightings) > priced(fit, list(fit.sightings)):
+    # In light as the straight path has it: what differs then are bends.
+    fine = with_fine_light(bent, setting)
+    if priced(fine, sightings) + price_of(0, sightings) > priced(fit, list(fit.sightings)):
         return None
     if may_bend:
         # Told: what else may be wrong is no reason for corners where there are none.
         return bent
-    clean = explains_all(bent, sightings, without) and not bent.solution.state.unseen
+    clean = explains_all(fine, sightings, without) and not bent.solution.state.unseen
     return bent if clean and _told_apart(bent, cost, sightings, setting) else None
 
 
