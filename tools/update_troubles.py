@@ -33,7 +33,7 @@ import lightflight as lf  # noqa: E402  # the checkout's
 from lightflight.camera.refraction import interface_moved  # noqa: E402
 from lightflight.view import style  # noqa: E402
 from tests.oracles import refracted_border  # noqa: E402
-from tests.oracles.refracted import tank_world  # noqa: E402
+from tests.oracles.refracted import AIR, block_world, tank_world  # noqa: E402
 from tests.oracles.refracted_border import histograms  # noqa: E402
 from tests.oracles.worlds.border import record, what_the_user_tells  # noqa: E402
 from tests.oracles.worlds.defects import DEFECTS  # noqa: E402
@@ -68,6 +68,7 @@ TROUBLES = {
     "focal_length": Trouble("focal_length_longer", 0.02, "a focal length 2 % longer than told"),
     "distortion": Trouble("barrel", -1.0, "a lens that moves the corner by 1 px, told as none"),
     "window": Trouble("window", 3.0, "a tank whose window stands 3 mm farther away than told"),
+    "block": Trouble("block", 20.0, "20 mm of glass in the middle of one beam, not told"),
     "index": Trouble("index_to_the_camera", 0.33, "water between path and camera, told as air"),
     "units": Trouble("metres", 2.0, "the source told in metres, all else in mm"),
     "orientation": Trouble("swapped_field", 1.3, "width and height of the field swapped, 1.3 : 1"),
@@ -126,10 +127,24 @@ def case_of_tank(farther_mm: float) -> Case:
     return Case(hist, path, told)
 
 
+def case_of_beam(*, with_block: bool) -> Case:
+    """One beam, with or without a block of glass in its middle, told as a beam in air."""
+    scene = block_world() if with_block else replace(block_world(), path_group_index=AIR)
+    scene = replace(scene, photons=PHOTONS)
+    hist = histograms(scene, 1)
+    told = refracted_border.what_the_user_tells(scene, hist)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        path = lf.reconstruct(hist, **told)
+    return Case(hist, path, told)
+
+
 def cases_of(trouble: Trouble, start: World, plain: dict[str, Case]) -> tuple[Case, Case]:
     """A recording with nothing wrong, made once for all troubles of its camera, and the other."""
     if trouble.defect == "window":
         return case_of_tank(0.0), case_of_tank(trouble.strength)
+    if trouble.defect == "block":
+        return case_of_beam(with_block=False), case_of_beam(with_block=True)
     base = trouble.base(start)
     key = base.clock.__class__.__name__ + str(base.clock.edges_ps is None)
     plain.setdefault(key, case_of(base))

@@ -100,7 +100,8 @@ def scene_named(name: str, *, uneven: bool = False, reverse: bool = False) -> Br
     [
         # Since late light may wait as it likes: 0.0058 mm, with 8e7 photons.
         ("paper", False, False, 0.006),
-        ("paper", True, True, 0.01),
+        # Since spots may grow: 0.022 mm by `joint` with 1e6 photons, a sixth of the stated errors.
+        ("paper", True, True, 0.03),
         ("oblique", False, True, 0.1),
         ("oblique", True, False, 0.1),
         ("fibre from behind", False, False, 0.02),

@@ -29,6 +29,7 @@ class FindingName(StrEnum):
     DISTORTION = "distortion"
     POSE = "pose"
     WINDOW = "window"
+    BLOCK = "block"
     CLOCK_OFFSET = "clock_offset"
     CLOCK_SCALE = "clock_scale"
     CLOCK_DRIFT = "clock_drift"

@@ -40,6 +40,8 @@ PLAUSIBLE: dict[str, Plausible] = {
     "distortion": Plausible(3.0, "px at the corner"),
     # The wrong face of a pane, a tank that was moved.
     "window": Plausible(5.0, "mm"),
+    # Twenty millimetres of glass are 35 ps.
+    "block": Plausible(100.0, "ps"),
     # Air told for water (0.33) or fibre (0.47), or the other way round.
     "index": Plausible(0.5, ""),
     # Cables and triggers; another cable is 500 ps for 10 cm.

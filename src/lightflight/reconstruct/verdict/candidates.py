@@ -57,12 +57,18 @@ class Candidate:
         (k), the sizes.
     symptom : bool
         True for what several causes bring.
+    says : callable, optional
+        What is said of sizes (k,) in plausible ones; None: by how much it is off.
+    looked_for : float
+        Chi-square that looking for its place costs.
     """
 
     name: FindingName
     columns: Floats
     plausible: tuple[Plausible, ...]
     symptom: bool = False
+    says: Callable[[Floats], str] | None = None
+    looked_for: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

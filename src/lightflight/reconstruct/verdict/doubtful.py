@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from lightflight.path.verdict import Finding, Level, Severity, Verdict
-from lightflight.reconstruct.fit.joint import JointFit, with_fine_light
+from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.fit.outcome import NoFit
 from lightflight.reconstruct.fit.revise import refitted, setting_without, turn_deg
@@ -72,17 +72,18 @@ def _causes_instead(
     state = fit.solution.state
     straight = state.without(corners)
     narrowed = setting_without(setting, corners)
-    plain = refitted(sightings, straight, narrowed)
-    if isinstance(plain, NoFit):
+    # Both in even light: unequal pixels or an odd spot would take up what a corner explains.
+    longer, shorter = (
+        refitted(sightings, *one) for one in ((state, setting), (straight, narrowed))
+    )
+    if isinstance(longer, NoFit) or isinstance(shorter, NoFit):
         return []
-    # In light as the longer path has it: what differs then is the corner.
-    shorter = with_fine_light(plain, narrowed)
     longer_chi2, shorter_chi2 = (
         float(np.sum(stated_solution(one, its).rows ** 2))
-        for one, its in ((fit, setting), (shorter, narrowed))
+        for one, its in ((longer, setting), (shorter, narrowed))
     )
     # A pulse that only one of the two explains counts as much as an outlier may.
-    lost = int((fit.times.weight > 0).sum()) - int((shorter.times.weight > 0).sum())
+    lost = int((longer.times.weight > 0).sum()) - int((shorter.times.weight > 0).sum())
     needed = shorter_chi2 - longer_chi2 + OUTLIER**2 * lost
     needed -= _OF_A_CORNER * len(corners) + WITHIN
     evidence = evidence_from_geometry(shorter, sightings, narrowed)

@@ -31,6 +31,7 @@ from lightflight.reconstruct.verdict.candidates import (
 )
 from lightflight.reconstruct.verdict.evidence import SEEN_AT, Evidence
 from lightflight.reconstruct.verdict.freed import STRAIGHT, fit_freed
+from lightflight.reconstruct.verdict.glass import latest_place
 
 Floats = NDArray[np.float64]
 
@@ -101,6 +102,8 @@ def evidence_from_geometry(
     )
     found = [(candidate, _score_test(candidate, examined)) for candidate in candidates]
     tested = [(candidate, one) for candidate, one in found if one is not None]
+    block = latest_place(rows, examined.residual, examined.span)
+    tested += [block] if block is not None else []
     best = max((one.gain for _, one in tested if not one.symptom), default=0.0)
     weighed = [
         _freed(candidate, one, fit, times, solution, setting)
@@ -189,12 +192,14 @@ def _freed(
     freed = fit_freed(candidate, times, fit.lines, solution, fit.freedom, setting)
     if freed is None:
         return tested
-    gain, sizes = freed
+    gain, sizes = freed[0] - candidate.looked_for, freed[1]
     return replace(tested, gain=gain, sentence=_sentence(candidate, sizes))
 
 
 def _sentence(candidate: Candidate, sizes: Floats) -> str:
     """What the cause would have to be, by the parameter that is farthest off."""
+    if candidate.says is not None:
+        return candidate.says(sizes)
     if candidate.symptom:
         return "times bend away from the path along the legs"
     largest = int(np.argmax(np.abs(sizes)))
