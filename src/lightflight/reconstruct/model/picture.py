@@ -282,7 +282,8 @@ def measure_picture(
     std_ps : float
         Typical standard deviation of a pulse, ps.
     fine : bool, optional
-        Whether each leg has a spot of its own and pixels are unequal: once the legs are known.
+        Whether each leg has a spot of its own and pixels are unequal: once the legs are known, and
+        only of photons.
 
     Returns
     -------
@@ -334,8 +335,9 @@ def measure_picture(
         of_bend = sum(bend.orders for bend in state.bends if bend.leg == k)
         places = pixels.along[use, k], pixels.across[use, k]
         data.append(LineData(*places, photons[use, k], empty[use, k], n_offsets=2 + of_bend))
-    # All legs at once, because they share the spot.
-    found = fit_lines(data, fine=fine)
+    # All legs at once, because they share the spot. Scaled intensities do not scatter as photons
+    # do: of them nobody knows what is a pixel's own.
+    found = fit_lines(data, fine=fine and sighting.histograms.poisson)
     spot = found[0].spot_std_px
     fits = [dark_line(spot)] * len(legs)
     for k, line in zip(state.seen, found, strict=True):
