@@ -196,10 +196,11 @@ def last_in_view(
     Returns
     -------
     float or None
-        To the last bit; None where the first is not in view, or the last still is.
+        To the last bit; None where the first is not in view, or the last still is, or none is
+        tried.
     """
-    seen = camera.sees(place(at))
-    if not seen[0] or seen.all():
+    seen = camera.sees(place(at)) if len(at) else np.empty(0, dtype=bool)
+    if not seen.any() or not seen[0] or seen.all():
         return None
     first_out = int(np.argmin(seen))
     low, high = float(at[first_out - 1]), float(at[first_out])
