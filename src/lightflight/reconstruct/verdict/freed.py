@@ -31,6 +31,10 @@ STRAIGHT = 0.02
 """Share by which the gain of a score test may be wrong where the misfit is large; measured on
 recordings whose trigger, codes, lens or camera was off by 20 to 500 sigma: 0.3 % typically."""
 
+_MOST_DROPPED = 0.1
+"""Share of the pulses that a freed cause may leave unexplained: two or three that merge at a corner
+are a hundredth of all; of delays that err pixel by pixel any cause leaves out nine of ten."""
+
 
 def fit_freed(
     candidate: Candidate,
@@ -40,7 +44,8 @@ def fit_freed(
     freedom: Freedom,
     setting: Setting,
 ) -> tuple[float, Floats] | None:
-    """What a cause gains and its sizes (k,) when it is freed; None where no path fits then.
+    """What a cause gains and its sizes (k,) when it is freed; None where no path fits then, or one
+    only to a part of the pulses: leaving those out that a cause does not explain is no gain.
 
     The gain is the fall of the whole chi-square, the price of an implausible size and one for each
     parameter taken off; a pulse that no longer takes part costs what it may at most. Sizes are in
@@ -66,6 +71,8 @@ def fit_freed(
         kept = reweighted(times, freed, floor_var=0.0, cut=OUTLIER)
         kept = replace(kept, weight=kept.weight * times.weight)
         dropped = int(times.weight.sum() - kept.weight.sum())
+        if dropped > _MOST_DROPPED * times.weight.sum():
+            return None
         freed = fitted(kept) if dropped else freed
     except (GeometryError, np.linalg.LinAlgError):
         return None
