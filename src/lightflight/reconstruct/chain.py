@@ -14,7 +14,7 @@ from lightflight.camera.refraction import scene_medium
 from lightflight.errors import GeometryError, NothingFoundError, SuspectDataWarning
 from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
-from lightflight.path.verdict import NOT_EXAMINED, Level, Verdict, warning_of
+from lightflight.path.verdict import NOT_EXAMINED, FindingName, Level, Verdict, warning_of
 from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, checked_media
 from lightflight.reconstruct.estimators import Estimator, estimator_named
 from lightflight.reconstruct.fit.diffuse import with_diffuse
@@ -195,17 +195,40 @@ def path_from_sightings(
     weak = fit is not None and has_weak_leg(fit)
     detour = _detour(fit, request, estimator) if weak else None
     found = _judged(*(detour or (path, fit)), request, estimator)
+    return _warned(_reconsidered(found, fit, request, estimator, has_detour=detour is not None))
+
+
+def _reconsidered(
+    found: LightPath,
+    fit: JointFit | None,
+    request: Request,
+    estimator: Estimator,
+    *,
+    has_detour: bool,
+) -> LightPath:
+    """The path, or where the recording contradicts it one with detours, bends or arms.
+
+    Detours come before bends: they are asked about only at the picture's edge, and most
+    recordings have none there.
+    """
+    instead = found
+    # Light of a second pulse flies as the first did: of it a detour would make legs.
+    repeated = any(one.name is FindingName.OTHER_PULSE for one in found.verdict.findings)
+    may_detour = fit is not None and not has_weak_leg(fit) and not repeated
+    if may_detour and found.verdict.level is Level.CONTRADICTED:
+        detour = _detour(fit, request, estimator)
+        instead = found if detour is None else _judged(*detour, request, estimator)
+        if instead.verdict.level is not Level.CONTRADICTED and not request.may_bend:
+            return instead
     bent = _bent(fit, found.verdict, request, estimator)
     if bent is not None:
         judged = _judged(*bent, request, estimator)
-        if may_bend or judged.verdict.level is not Level.CONTRADICTED:
-            return _warned(judged)
-    if fit is not None and not weak and found.verdict.level is Level.CONTRADICTED:
-        detour = _detour(fit, request, estimator)
-        found = found if detour is None else _judged(*detour, request, estimator)
-    if fit is not None and detour is None and leaves_light(found.verdict):
-        found = _forked(fit, request, estimator) or found
-    return _warned(found)
+        if request.may_bend or judged.verdict.level is not Level.CONTRADICTED:
+            return judged
+    straight = instead is found and not has_detour
+    if fit is not None and straight and leaves_light(found.verdict):
+        return _forked(fit, request, estimator) or found
+    return instead
 
 
 def _warned(path: LightPath) -> LightPath:
