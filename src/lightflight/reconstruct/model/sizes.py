@@ -40,7 +40,7 @@ PLAUSIBLE: dict[str, Plausible] = {
     "distortion": Plausible(3.0, "px at the corner"),
     # The wrong face of a pane, a tank that was moved.
     "window": Plausible(5.0, "mm"),
-    # Twenty millimetres of glass are 35 ps.
+    # Twenty millimetres of glass are 36 ps.
     "block": Plausible(100.0, "ps"),
     # Air told for water (0.33) or fibre (0.47), or the other way round.
     "index": Plausible(0.5, ""),

@@ -21,8 +21,7 @@ from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 Floats = NDArray[np.float64]
 
 _THICKNESS_MM = 20.0
-"""Way over which the light falls behind, mm: that of a usual block; a step, or 50 mm, is told as
-well from pixels of 8 mm."""
+"""Way over which the light falls behind, mm: that of a usual block, two pixels of the paper's."""
 _MORE_INDEX = 0.53
 """Group index of crown glass at 532 nm beyond that of air: by it a time is told in mm of glass."""
 _MOST_PLACES = 64
