@@ -111,7 +111,7 @@ def test_a_campaign_counts_its_verdicts(run, lab_folder, tmp_path):
         f'[[groups]]\nname = "a"\nrecordings = ["{lab_folder / "recording.h5"}"]\n'
     )
     words = ("batch", tmp_path / "campaign.toml", "--workers", 1, "-o", tmp_path / "out")
-    done = run(*words, "--strict", "--json", "--set", "medium.path_group_index=1.2")
+    done = run(*words, "--strict", "--json", "--set", "medium.path_group_index=1.02")
     assert done.exit_code == 6, done.stderr
     facts = json.loads(done.stdout)
     assert (facts["n_trust"], facts["n_check"], facts["n_contradicted"]) == (0, 0, 1)
@@ -122,7 +122,7 @@ def test_a_campaign_counts_its_verdicts(run, lab_folder, tmp_path):
     # A path file that was damaged since is told of, not only made again.
     (kept,) = (tmp_path / "out" / "paths").iterdir()
     kept.write_bytes(kept.read_bytes()[:999])
-    done = run(*words, "--set", "medium.path_group_index=1.2")
+    done = run(*words, "--set", "medium.path_group_index=1.02")
     assert done.exit_code == 0
     (warned,) = [line for line in done.stderr.splitlines() if line.startswith("warning: ")]
     assert kept.name in warned

@@ -77,8 +77,10 @@ def test_without_a_scale_the_chain_stops_with_a_sentence(file):
         lf.reconstruct(scaled)
 
 
+@pytest.mark.usefixtures("unexamined")
 def test_with_assumed_scale_it_goes_to_four_dimensions(example, file):
-    """The straight fibre is on the page about real recordings, which tests/docs runs."""
+    """The straight fibre is on the page about real recordings, which tests/docs runs with its
+    verdict; of this one that takes a minute and is not asked."""
     with pytest.warns(LightflightWarning):
         path = example.path_on_assumptions(file, "CurveFiber")
     assert path.medium.path_group_index == 1.47

@@ -413,7 +413,7 @@ def lines_from_picture(picture: Picture) -> LineDataInPicture:
         along, offset = np.array(fit.anchors_along_px), np.array(fit.offset_px)
         if leg.bent:
             # What was measured is the ridge of the light, inside of the curve.
-            offset = offset - 0.5 * picture.spot_std_px**2 * leg.curvature(along)
+            offset = offset - 0.5 * fit.spot_std_at(along) ** 2 * leg.curvature(along)
         anchors.extend(leg.points_px(along, offset))
         legs.extend([k] * len(fit.anchors_along_px))
         # Two anchors measured alike leave no room for Cholesky: 1e-5 px keeps it.
