@@ -42,11 +42,12 @@ from lightflight.reconstruct.model.unequal import (
     half_deviance,
     likeliest_unequal,
     log_likelihood,
+    median_scatter,
     price,
     rough_unequal,
     variance_of_counts,
 )
-from lightflight.units import MEDIAN_CHI2, std_from_mad
+from lightflight.units import std_from_mad
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -63,7 +64,6 @@ _ROUNDS = 2
 
 _MOST_LINE_STEPS = 40
 """Most steps of the fit of lines; what is left then is far below the counting noise."""
-
 
 _NO_LIGHT = -60.0
 """Log of the photons of a leg that nobody sees: below the least that a double tells from none."""
@@ -289,7 +289,12 @@ def _without_strangers(problem: LineProblem, parameters: Floats) -> Floats:
 def _off(problem: LineProblem, parameters: Floats) -> tuple[Floats, Floats]:
     """Photons seen beyond those expected, (n,), and what was counted in all as expected."""
     mean, _ = expected_photons(problem, parameters)
-    return problem.data.photons - mean, mean + problem.data.empty_variance + 1e-3
+    return problem.data.photons - mean, _counted(problem, mean)
+
+
+def _counted(problem: LineProblem, mean: Floats) -> Floats:
+    """(n,), what is counted in all where `mean` photons are expected of the legs; nowhere zero."""
+    return mean + problem.data.empty_variance + 1e-3
 
 
 def _summed(places: Indices, values: Floats, size: int) -> Floats:
@@ -310,7 +315,7 @@ class _Slope:
 def _slope_at(problem: LineProblem, parameters: Floats, weights: Floats) -> _Slope:
     data, size = problem.data, problem.starts[-1] + 1
     mean, gradient = expected_photons(problem, parameters)
-    counted = mean + data.empty_variance + 1e-3
+    counted = _counted(problem, mean)
     variance = variance_of_counts(counted, problem.unequal)
     weight = weights * mean / variance
     weighted = gradient * (weight * mean)[:, np.newaxis]
@@ -348,8 +353,8 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
     # Not scaled: all parameters are logarithms or px, of one size.
     covariance = np.linalg.pinv(information, hermitian=True)
     mean, gradient = expected_photons(problem, parameters)
-    residual, counted = _off(problem, parameters)
-    variance = variance_of_counts(counted, problem.unequal)
+    residual = problem.data.photons - mean
+    variance = variance_of_counts(_counted(problem, mean), problem.unequal)
     # What the legs' own spots have in common is the common spot's.
     own = np.zeros((len(problem.pixels), OF_SPOT))
     own[:, : problem.of_spot] = [
@@ -393,23 +398,9 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
                 excess_variance=excess,
                 log_scatter=np.sqrt(problem.unequal)
                 if problem.of_spot
-                else _log_scatter(residual[here], mean[here], variance[here], weights[here]),
+                else median_scatter(residual[here], mean[here], variance[here], weights[here]),
                 bend_places_px=places,
                 bend_chi2_at=chi2,
             )
         )
     return fits
-
-
-def _log_scatter(residual: Floats, mean: Floats, variance: Floats, weights: Floats) -> float:
-    """Std of ln(photons / mean) beyond counting noise, from the pixels bright enough to show it."""
-    telling = (weights > 0) & (mean > 30.0)
-    if telling.sum() < 6:
-        return 0.0
-    ratio = (residual[telling] / mean[telling]) ** 2
-    expected = variance[telling] / mean[telling] ** 2
-    # The median of a chi-square of one degree; chance alone passes 1.5 in few recordings.
-    excess = float(np.median(ratio / expected)) / MEDIAN_CHI2
-    if excess < 1.0 + 4.0 / np.sqrt(telling.sum()):
-        return 0.0
-    return float(np.sqrt(max(0.0, np.median(ratio - MEDIAN_CHI2 * expected) / MEDIAN_CHI2)))

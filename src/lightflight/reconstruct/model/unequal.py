@@ -1,8 +1,8 @@
 """Pixels that count more or less than their neighbours in the same light: by how much, from counts.
 
-Takes what pixels counted and what a model expects of them, gives the variance of their efficiencies
-that makes the scatter likeliest. A count is then Poisson's of a mean that is itself a gamma's:
-variance mu + u mu^2.
+Takes what pixels counted and what a model expects of them, gives the scatter beyond counting noise:
+by a median while a model is rough, or the variance of the efficiencies that makes the scatter
+likeliest. A count is then Poisson's of a mean that is itself a gamma's: variance mu + u mu^2.
 """
 
 from __future__ import annotations
@@ -102,6 +102,37 @@ def price(n_parameters: int, n_data: int) -> float:
     float
     """
     return 0.5 * n_parameters * float(np.log(n_data))
+
+
+def median_scatter(residual: Floats, mean: Floats, variance: Floats, weights: Floats) -> float:
+    """Std of ln(photons / mean) beyond counting noise, from the pixels bright enough to show it.
+
+    Parameters
+    ----------
+    residual : array of float, shape (n,)
+        Photons beyond those expected.
+    mean : array of float, shape (n,)
+        Expected photons.
+    variance : array of float, shape (n,)
+        Of the photons, by counting noise.
+    weights : array of float, shape (n,)
+        1, or 0 for pixels left out.
+
+    Returns
+    -------
+    float
+        ln; 0 where they scatter as chance allows.
+    """
+    telling = (weights > 0) & (mean > _BRIGHT)
+    if telling.sum() < 6:
+        return 0.0
+    ratio = (residual[telling] / mean[telling]) ** 2
+    expected = variance[telling] / mean[telling] ** 2
+    # The median of a chi-square of one degree; chance alone passes 1.5 in few recordings.
+    excess = float(np.median(ratio / expected)) / MEDIAN_CHI2
+    if excess < 1.0 + 4.0 / np.sqrt(telling.sum()):
+        return 0.0
+    return float(np.sqrt(max(0.0, np.median(ratio - MEDIAN_CHI2 * expected) / MEDIAN_CHI2)))
 
 
 def rough_unequal(residual: Floats, counted: Floats) -> float:
