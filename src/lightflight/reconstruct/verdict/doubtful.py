@@ -57,8 +57,14 @@ def verdict_with_doubtful_corners(
     told = {index for index, _, _ in setting.waypoints}
     state = fit.solution.state
     shallow = [k for k in state.corners_seen if k not in told and turn_deg(state, k) < _SHALLOW_DEG]
+    if not shallow:
+        return verdict
+    # In even light, as the paths without: unequal pixels would take up what a corner explains.
+    plain = refitted(sightings, state, setting)
+    if isinstance(plain, NoFit):
+        return verdict
     for corners in dict.fromkeys((tuple(shallow), *((k,) for k in shallow))):
-        causes = _causes_instead(corners, fit, sightings, setting) if corners else []
+        causes = _causes_instead(corners, plain, sightings, setting)
         if causes:
             findings = tuple(_finding(one, corners, state) for one in causes[:MOST_NAMED])
             return replace(verdict, level=Level.CHECK, findings=findings)
@@ -66,17 +72,12 @@ def verdict_with_doubtful_corners(
 
 
 def _causes_instead(
-    corners: tuple[int, ...], fit: JointFit, sightings: list[Sighting], setting: Setting
+    corners: tuple[int, ...], longer: JointFit, sightings: list[Sighting], setting: Setting
 ) -> list[Evidence]:
     """Causes that explain the recording without these corners as well as it is with them."""
-    state = fit.solution.state
-    straight = state.without(corners)
     narrowed = setting_without(setting, corners)
-    # Both in even light: unequal pixels or an odd spot would take up what a corner explains.
-    longer, shorter = (
-        refitted(sightings, *one) for one in ((state, setting), (straight, narrowed))
-    )
-    if isinstance(longer, NoFit) or isinstance(shorter, NoFit):
+    shorter = refitted(sightings, longer.solution.state.without(corners), narrowed)
+    if isinstance(shorter, NoFit):
         return []
     longer_chi2, shorter_chi2 = (
         float(np.sum(stated_solution(one, its).rows ** 2))
