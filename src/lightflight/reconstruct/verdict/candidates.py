@@ -35,6 +35,8 @@ from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 Floats = NDArray[np.float64]
 
+LEAST_SIGNAL = 1.0
+"""A parameter whose plausible size makes no more than this, sigma, is not asked for."""
 _STEP = 1e-3
 """Steps of numerical derivatives, in plausible sizes."""
 _AHEAD = 1e-4

@@ -25,18 +25,17 @@ from lightflight.reconstruct.model.geometry import (
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.verdict.candidates import (
+    LEAST_SIGNAL,
     Candidate,
     Rows,
     geometry_candidates,
 )
 from lightflight.reconstruct.verdict.evidence import SEEN_AT, Evidence
 from lightflight.reconstruct.verdict.freed import STRAIGHT, fit_freed
-from lightflight.reconstruct.verdict.glass import latest_place
+from lightflight.reconstruct.verdict.glass import block_candidate, seldom
 
 Floats = NDArray[np.float64]
 
-_LEAST_SIGNAL = 1.0
-"""A parameter whose plausible size makes no more than this, sigma, is not asked for."""
 _MATTERS = 1.0
 """Gains need not be known better, in chi-square: causes are named within 9 of the best."""
 _RIDGE_PX = 0.7
@@ -102,8 +101,10 @@ def evidence_from_geometry(
     )
     found = [(candidate, _score_test(candidate, examined)) for candidate in candidates]
     tested = [(candidate, one) for candidate, one in found if one is not None]
-    block = latest_place(rows, examined.residual, examined.span)
-    tested += [block] if block is not None else []
+    block = block_candidate(rows, examined.residual, examined.left_of)
+    late = None if block is None else _score_test(block, examined)
+    if block is not None and late is not None:
+        tested.append((block, seldom(late)))
     best = max((one.gain for _, one in tested if not one.symptom), default=0.0)
     weighed = [
         _freed(candidate, one, fit, times, solution, setting)
@@ -157,7 +158,7 @@ def _score_test(candidate: Candidate, examined: Examined) -> Evidence | None:
     """The test of one cause; None where its plausible size would leave no trace."""
     left = examined.left_of(candidate.columns)
     basis, signal, mixing = np.linalg.svd(left, full_matrices=False)
-    kept = signal > _LEAST_SIGNAL
+    kept = signal > LEAST_SIGNAL
     if not kept.any():
         return None
     basis, signal, mixing = basis[:, kept], signal[kept], mixing[kept]
@@ -170,7 +171,7 @@ def _score_test(candidate: Candidate, examined: Examined) -> Evidence | None:
         candidate.name,
         chi2,
         dof,
-        float(z @ (shrunk * z)) - candidate.columns.shape[1],
+        float(z @ (shrunk * z)) - candidate.columns.shape[1] - candidate.looked_for,
         _sentence(candidate, sizes),
         REMEDIES.get(candidate.name, "look at the residuals along the legs"),
         basis,
@@ -369,6 +370,8 @@ REMEDIES: dict[FindingName, str] = {
     FindingName.DISTORTION: "calibrate the camera's lens",
     FindingName.POSE: "measure where the camera stands and looks, or state its errors",
     FindingName.WINDOW: "measure how far the window stands from the camera, or state its error",
+    FindingName.BLOCK: "take it out of the beam, or film the light ahead of it and behind it by "
+    "themselves",
     FindingName.CALIBRATION: "calibrate the delays and codes of the pixels anew",
     FindingName.CURVED_LEG: "look for what bends the beam",
     FindingName.UNSEEN_LEG: "look for a mirror outside the picture, and say where it is",

@@ -7,6 +7,8 @@ is silent until the best of all places would be chance in fewer than one recordi
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,7 +16,7 @@ from numpy.typing import NDArray
 
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
-from lightflight.reconstruct.verdict.candidates import Candidate, Rows
+from lightflight.reconstruct.verdict.candidates import LEAST_SIGNAL, Candidate, Rows
 from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
@@ -32,8 +34,10 @@ _SPEAKS_AT = 40.0
 """Chi-square of one place at a time: chance brings 2e-9 there, in some hundred places 2e-7."""
 
 
-def latest_place(rows: Rows, residual: Floats, span: Floats) -> tuple[Candidate, Evidence] | None:
-    """The place from which on the light is late most clearly, as a cause and its evidence.
+def block_candidate(
+    rows: Rows, residual: Floats, left_of: Callable[[Floats], Floats]
+) -> Candidate | None:
+    """Light that is late from the place on where that explains most.
 
     Parameters
     ----------
@@ -41,13 +45,13 @@ def latest_place(rows: Rows, residual: Floats, span: Floats) -> tuple[Candidate,
         The model.
     residual : array of float, shape (N,)
         Whitened.
-    span : array of float, shape (N, p)
-        Orthonormal basis of what the fit can take up.
+    left_of : callable
+        What the fit cannot take up of columns (N, k).
 
     Returns
     -------
-    (Candidate, Evidence) or None
-        None where nowhere is late, or a path has arms, whose ways are several.
+    Candidate or None
+        None where light is nowhere late, or a path has arms, whose ways are several.
     """
     if rows.state.forks:
         return None
@@ -62,32 +66,44 @@ def latest_place(rows: Rows, residual: Floats, span: Floats) -> tuple[Candidate,
             for place in places
         ]
     )
-    left = columns - span @ (span.T @ columns)
-    signal2 = np.sum(left**2, axis=0)
-    score = left.T @ residual
+    left = left_of(columns)
+    score, signal2 = left.T @ residual, np.sum(left**2, axis=0)
     # Light is late behind glass, never early; the plausible size is a prior.
-    gain = np.where((score > 0) & (signal2 > 1.0), score**2 / (1.0 + signal2), 0.0)
+    told = (score > 0) & (signal2 > LEAST_SIGNAL**2)
+    gain = np.where(told, score**2 / (1.0 + signal2), 0.0)
     best = int(np.argmax(gain))
     if gain[best] == 0.0:
         return None
-    candidate = Candidate(
+    return Candidate(
         FindingName.BLOCK,
         columns[:, best : best + 1],
         (PLAUSIBLE["block"],),
         says=partial(_sentence, rows, float(places[best])),
         looked_for=2.0 * float(np.log(len(places))),
     )
-    evidence = Evidence(
-        FindingName.BLOCK,
-        float(score[best] ** 2 / signal2[best]),
-        _NUMBERS,
-        float(gain[best]) - 1.0 - candidate.looked_for,
-        _sentence(rows, float(places[best]), score[best : best + 1] / (1.0 + signal2[best])),
-        "take it out of the beam, or film the light ahead of it and behind it by themselves",
-        np.empty((0, _NUMBERS)),
+
+
+def seldom(tested: Evidence) -> Evidence:
+    """The evidence on the best of many places: of two numbers, and silent unless it is clear.
+
+    Parameters
+    ----------
+    tested : Evidence
+        As if the place had been known.
+
+    Returns
+    -------
+    Evidence
+        Of other data than all others: its direction was chosen by them.
+    """
+    return replace(
+        tested,
+        dof=_NUMBERS,
+        directions=np.empty((0, _NUMBERS)),
+        deviates=np.empty(0),
+        blind=(),
         silent_below=_SPEAKS_AT,
     )
-    return candidate, evidence
 
 
 def _places(out_mm: Floats) -> Floats:
