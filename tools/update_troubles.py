@@ -33,7 +33,7 @@ import lightflight as lf  # noqa: E402  # the checkout's
 from lightflight.camera.refraction import interface_moved  # noqa: E402
 from lightflight.view import style  # noqa: E402
 from tests.oracles import refracted_border  # noqa: E402
-from tests.oracles.refracted import AIR, block_world, tank_world  # noqa: E402
+from tests.oracles.refracted import AIR, RefractedScene, block_world, tank_world  # noqa: E402
 from tests.oracles.refracted_border import histograms  # noqa: E402
 from tests.oracles.worlds.border import record, what_the_user_tells  # noqa: E402
 from tests.oracles.worlds.defects import DEFECTS  # noqa: E402
@@ -117,22 +117,23 @@ def case_of(world: World) -> Case:
 
 def case_of_tank(farther_mm: float) -> Case:
     """Three legs in a tank, reconstructed with its window told so much too near."""
-    scene = replace(tank_world(3), photons=PHOTONS)
-    hist = histograms(scene, 1)
-    told = refracted_border.what_the_user_tells(scene, hist)
-    told["camera"] = interface_moved(told["camera"], 0, -farther_mm)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        path = lf.reconstruct(hist, **told)
-    return Case(hist, path, told)
+    return case_of_scene(tank_world(3), lambda camera: interface_moved(camera, 0, -farther_mm))
 
 
 def case_of_beam(*, with_block: bool) -> Case:
     """One beam, with or without a block of glass in its middle, told as a beam in air."""
-    scene = block_world() if with_block else replace(block_world(), path_group_index=AIR)
+    block = block_world()
+    return case_of_scene(block if with_block else replace(block, path_group_index=AIR))
+
+
+def case_of_scene(
+    scene: RefractedScene, mistaken: Callable[[lf.Camera], lf.Camera] = lambda camera: camera
+) -> Case:
+    """A scene of the refracting oracle, reconstructed with what is mistaken of its camera."""
     scene = replace(scene, photons=PHOTONS)
     hist = histograms(scene, 1)
     told = refracted_border.what_the_user_tells(scene, hist)
+    told["camera"] = mistaken(told["camera"])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         path = lf.reconstruct(hist, **told)
