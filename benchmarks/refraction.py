@@ -4,6 +4,7 @@
     python benchmarks/refraction.py --runs 100 --methods joint
     python benchmarks/refraction.py --only tank_3 --told index
     python benchmarks/refraction.py --rows rows.jsonl       # keep rows, and go on from there
+    python benchmarks/refraction.py --block 10              # glass in the beam that nobody told
 
 Recordings are those of `tests/oracles/refracted.py`: rays shot by Snell's law, 40,000 photons in
 the brightest pixel, ideal codes of 55 ps. `told` says what is uncertain, drawn anew for each
@@ -33,6 +34,7 @@ import lightflight as lf
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.oracles.refracted import (
     RefractedScene,
+    block_world,
     in_picture,
     paper_scene,
     positions_at,
@@ -151,6 +153,19 @@ def line_of(own: list[Row]) -> str:
     return "| " + " | ".join([*cells, "/".join(map(str, levels)), f"{cpu:.1f}"]) + " |"
 
 
+def tell_blocks(runs: int, first: int) -> None:
+    """Print what is named first where 20 mm of glass stand in the beam, with and without light."""
+    named: list[str] = []
+    for seed in range(first, first + runs):
+        scene = block_world(float(seed % 2))
+        hist = histograms(scene, seed)
+        path = lf.reconstruct(hist, **what_the_user_tells(scene, hist))
+        finding = next(iter(path.verdict.findings), None)
+        named.append("" if finding is None else str(finding.name))
+        print(seed, path.verdict.level, "" if finding is None else finding.sentence, flush=True)
+    print(f"named first: {named.count('block')} of {runs}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -161,8 +176,12 @@ def main() -> None:
     parser.add_argument("--told", nargs="+", choices=STATED, default=list(STATED))
     parser.add_argument("--methods", nargs="+", default=["joint", "photon"])
     parser.add_argument("--rows", type=Path, help="JSON lines to keep, and to go on from")
+    parser.add_argument("--block", type=int, metavar="N", help="N recordings of untold glass")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
+    if args.block:
+        tell_blocks(args.block, args.first)
+        return
     done: list[Row] = []
     if args.rows and args.rows.exists():
         done = [json.loads(line) for line in args.rows.read_text().splitlines()]
