@@ -25,18 +25,22 @@ class Clock:
     """(pixels,), delay of each pixel's electronics; None: none."""
     no_photon_code: int | None = None
 
-    def intervals(self, scale: float = 0.0, uneven: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    def intervals(
+        self, scale: float = 0.0, uneven: float = 0.0, slow: tuple[float, float] = (0.0, 1.0)
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Delays (1 or pixels, codes) that each code covers; the next sync ends the last one.
 
         `scale`: codes are longer by this share; `uneven`: share by which widths go up and down
-        with eight codes.
+        with eight codes; `slow`: by how much, and with which period, codes run ahead and fall
+        behind, ps.
         """
         if self.edges_ps is None:
             ripple = uneven * np.cos(2.0 * np.pi * np.arange(self.n_codes) / 8.0)
             edges = self.width_ps * np.append(0.0, np.cumsum(1.0 + ripple))[None, :]
         else:
             edges = self.edges_ps
-        edges = np.minimum(edges * (1.0 + scale), self.period_ps)
+        edges = edges * (1.0 + scale) + slow[0] * np.sin(2.0 * np.pi * edges / slow[1])
+        edges = np.minimum(edges, self.period_ps)
         near, far = edges[:, :-1], edges[:, 1:]
         return (self.period_ps - far, self.period_ps - near) if self.reversed else (near, far)
 

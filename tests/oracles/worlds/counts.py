@@ -40,7 +40,21 @@ def pixel_delays_ps(world: World, light: np.ndarray) -> np.ndarray:
         delay += world.clock.skew_ps
     if world.stale_delay_ps:
         delay += world.stale_delay_ps * pixel_draws(world, 1).normal(size=delay.size)
+    if any(world.skew_ps):
+        delay += askew(world)
     return np.asarray(delay - world.walk_ps * light / world.photons)
+
+
+def askew(world: World) -> np.ndarray:
+    """(pixels,): delays that grow across the picture, ps."""
+    rows, cols = world.view.shape
+    row, col = np.divmod(np.arange(rows * cols), cols)
+    down, across = row - (rows - 1) / 2, col - (cols - 1) / 2
+    out = (down**2 + across**2) / ((max(rows, cols) - 1) / 2) ** 2
+    by_row, by_col, by_rim = world.skew_ps
+    return np.asarray(
+        by_row * down / ((rows - 1) / 2) + by_col * across / ((cols - 1) / 2) + by_rim * out
+    )
 
 
 def seen_series(world: World, repeat: int = 0, weights: Weights | None = None) -> np.ndarray:
@@ -105,6 +119,12 @@ def background_per_ps(world: World) -> np.ndarray:
     return level / world.repeats
 
 
+def code_intervals(world: World) -> tuple[np.ndarray, np.ndarray]:
+    """Delays (1 or pixels, codes) that each code of the world's clock covers."""
+    slow = (world.slow_codes_ps, world.slow_codes_period_ps)
+    return world.clock.intervals(world.scale, world.uneven_codes, slow)
+
+
 def expected_counts(
     world: World, repeat: int = 0, *, weights: Weights | None = None, background: bool = True
 ) -> np.ndarray:
@@ -113,7 +133,7 @@ def expected_counts(
     `weights`, a function of the length walked, takes a part of the beam's light only.
     """
     clock = world.clock
-    near, far = clock.intervals(world.scale, world.uneven_codes)
+    near, far = code_intervals(world)
     steady = background_per_ps(world) if background else np.zeros(world.n_pixels)
     counts = np.broadcast_to(steady[:, None] * (far - near), (world.n_pixels, clock.n_codes)).copy()
     series = seen_series(world, repeat, weights)
@@ -140,7 +160,7 @@ def first_of_each_frame(world: World, series: np.ndarray, steady: np.ndarray) ->
     """(pixels, codes) where only the first photon of a frame counts, and a frame is so many
     laser periods: the photon's period is over with it, and later ones go unseen."""
     clock, frames, periods = world.clock, world.frames / world.repeats, world.periods_per_frame
-    near, far = clock.intervals(world.scale, world.uneven_codes)
+    near, far = code_intervals(world)
     one = 1.0 / (frames * periods)
     start = np.mod(near, clock.period_ps)
     edges = np.concatenate([start, start + far - near], axis=1)

@@ -147,12 +147,18 @@ class World:
     screaming: float = 0.0
     stale_delay_ps: float = 0.0
     """Spread of pixel delays that nobody calibrated."""
+    skew_ps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Delays that nobody calibrated, of the last row and column against the middle, and of the rim
+    (ends of the longer side), which grows with the square."""
     pixel_seed: int = 0
 
     clock: Clock = PERFECT
     offset_ps: float = 0.0
     scale: float = 0.0
     uneven_codes: float = 0.0
+    slow_codes_ps: float = 0.0
+    """By how much codes run ahead and fall behind, in turn, of those that were calibrated."""
+    slow_codes_period_ps: float = 3000.0
     drift_ps: float = 0.0
     """Delay gained from the first photon of the recording (of all repeats) to the last."""
     repeats: int = 1
