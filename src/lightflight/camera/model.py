@@ -85,8 +85,14 @@ class Camera(Projection, Shown):
         farther away has the longer lens). None: they do not.
     focal_std_fraction : float
         One-sigma error of the focal length, both axes together, as a share of it. 0: exact.
+    aspect_std : float
+        One-sigma error of fy / fx, as a share: pixels that are not square. 0: exact.
+    axis_std_px : float
+        One-sigma error of cx and cy, where the optical axis meets the picture, px. 0: exact.
     distortion_std : float
         One-sigma error of the radial distortion k1. 0: exact.
+    decentering_std : float
+        One-sigma error of p1 and p2: a lens that sits askew or aside. 0: exact.
     interfaces : tuple of Interface
         Planes that it looks through, from the camera to the scene (`window` makes the two of a
         pane); an error of the pose is one of camera and interfaces together.
@@ -108,7 +114,13 @@ class Camera(Projection, Shown):
 
     focal_std_fraction: float = field(default=0.0, kw_only=True)
 
+    aspect_std: float = field(default=0.0, kw_only=True)
+
+    axis_std_px: float = field(default=0.0, kw_only=True)
+
     distortion_std: float = field(default=0.0, kw_only=True)
+
+    decentering_std: float = field(default=0.0, kw_only=True)
 
     interfaces: tuple[Interface, ...] = field(default=(), kw_only=True)
 
@@ -334,31 +346,48 @@ class Camera(Projection, Shown):
             interfaces=faces,
         )
 
-    def with_lens_moved(self, *, focal_share: float = 0.0, radial: float = 0.0) -> Camera:
-        """Camera whose focal length is longer by a share of itself, and k1 larger by `radial`.
+    def with_lens_moved(
+        self,
+        *,
+        focal_share: float = 0.0,
+        aspect: float = 0.0,
+        axis_px: tuple[float, float] = (0.0, 0.0),
+        radial: float = 0.0,
+        decentering: tuple[float, float] = (0.0, 0.0),
+    ) -> Camera:
+        """Camera with another lens before the same array.
 
         Parameters
         ----------
         focal_share : float, optional
-            Both axes together.
+            By which share fx and fy are longer.
+        aspect : float, optional
+            By which share fy is longer, beyond that.
+        axis_px : (float, float), optional
+            Added to (cx, cy), px.
         radial : float, optional
             Added to k1.
+        decentering : (float, float), optional
+            Added to (p1, p2).
 
         Returns
         -------
         Camera
             The same pose and stated errors.
         """
-        if focal_share == 0.0 and radial == 0.0:
+        if not (focal_share or aspect or any(axis_px) or radial or any(decentering)):
             return self
         matrix = self.matrix.copy()
         matrix[:2, :2] *= 1.0 + focal_share
-        if radial == 0.0:
+        matrix[1, :2] *= 1.0 + aspect
+        matrix[:2, 2] += axis_px
+        if not (radial or any(decentering)):
             return replace(self, matrix=matrix)
         slopes = self.intrinsics_per_pose
         missing = max(0, 4 - self.distortion.size)
         distortion = np.append(self.distortion, np.zeros(missing))
         distortion[0] += radial
+        distortion[2:4] += decentering
         if slopes is not None:
             slopes = np.vstack((slopes, np.zeros((missing, 6))))
         return replace(self, matrix=matrix, distortion=distortion, intrinsics_per_pose=slopes)

@@ -17,7 +17,9 @@ from lightflight.materials import AIR, Material
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
 
-LENS_ERRORS = ("focal_std_fraction", "distortion_std")
+LENS_ERRORS = (
+    "focal_std_fraction", "aspect_std", "axis_std_px", "distortion_std", "decentering_std",
+)  # fmt: skip
 """Stated errors of a camera's lens."""
 _NEEDED = ("matrix", "distortion", "world_from_camera", "shape")
 _ERRORS = ("pose_covariance", "intrinsics_per_pose")

@@ -80,7 +80,14 @@ CAMERA_KEYS = (
         "in place of field_of_view_std_mm: one-sigma error of the focal length as a share of it",
         config.number,
     ),
+    Key("aspect_std", "one-sigma error of height against width, fy / fx, a share", config.number),
+    Key(
+        "axis_std_px",
+        "one-sigma error of where the optical axis meets the picture, each way, px",
+        config.number,
+    ),
     Key("distortion_std", "one-sigma error of the radial distortion k1", config.number),
+    Key("decentering_std", "one-sigma error of the decentring p1 and p2", config.number),
 )
 
 SOURCE_KEYS = (

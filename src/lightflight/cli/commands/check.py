@@ -154,12 +154,14 @@ def _rough_path(lab: Lab, hist: Histograms, timing: TimingCalibration | None) ->
     """A path with all that the set-up says taken as exact; None: there is none."""
     import warnings
 
+    from lightflight.camera.model import LENS_ERRORS
     from lightflight.errors import LightflightWarning
     from lightflight.flight import Medium
     from lightflight.reconstruct import reconstruct
 
     assert lab.camera is not None
-    camera = replace(lab.camera, pose_covariance=None, focal_std_fraction=0.0, distortion_std=0.0)
+    exact = dict.fromkeys(LENS_ERRORS, 0.0)
+    camera = replace(lab.camera, pose_covariance=None, **exact)
     source = replace(lab.source, position_std_mm=0.0, emission_time_std_ps=0.0)
     medium = Medium(lab.medium.path_group_index, lab.medium.return_group_index)
     with warnings.catch_warnings():

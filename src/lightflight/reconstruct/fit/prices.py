@@ -18,7 +18,10 @@ from lightflight.reconstruct.fit.least_squares import Modelled, modelled
 from lightflight.reconstruct.model.geometry import vertex_time_jacobian
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import (
+    FOCAL,
+    INTERFACES,
     MEDIUM,
+    RADIAL,
     SharedErrors,
     undistorted_as_moved,
     width_of_errors,
@@ -56,11 +59,11 @@ def _units(setting: Setting) -> list[_Unit]:
                 sigma = np.eye(width)[first + axis] * step
                 found.append(_Unit(thing, size, 0, tuple(sigma)))
     if camera.focal_std_fraction == 0.0:
-        found.append(_Unit("focal length", "1 %", 0, tuple(np.eye(width)[6] * 0.01)))
+        found.append(_Unit("focal length", "1 %", 0, tuple(np.eye(width)[FOCAL] * 0.01)))
     if camera.distortion_std == 0.0:
-        found.append(_Unit("distortion", "0.01 of k1", 0, tuple(np.eye(width)[7] * 0.01)))
+        found.append(_Unit("distortion", "0.01 of k1", 0, tuple(np.eye(width)[RADIAL] * 0.01)))
     if camera.interfaces and not any(face.distance_std_mm for face in camera.interfaces):
-        found.append(_Unit("window", "1 mm", 0, tuple(np.eye(width)[8])))
+        found.append(_Unit("window", "1 mm", 0, tuple(np.eye(width)[INTERFACES])))
     if medium.path_group_index_std == 0.0 and medium.return_group_index_std == 0.0:
         both = (np.eye(width)[0] + np.eye(width)[1]) * 1e-3
         found.append(_Unit("group index", "0.001", MEDIUM, tuple(both)))

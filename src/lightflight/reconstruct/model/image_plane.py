@@ -70,6 +70,13 @@ def mean_focal_px(camera: Camera) -> float:
     return float(np.sqrt(abs(camera.matrix[0, 0] * camera.matrix[1, 1])))
 
 
+def decentering_of_corner(camera: Camera, corner_px: float) -> float:
+    """p1 or p2 that shows light at a corner of the picture so much farther along its axis, px."""
+    corner = np.array(camera.shape) / 2.0
+    r2 = float(corner @ corner)
+    return corner_px * mean_focal_px(camera) / (r2 + 2.0 * float(corner.min()) ** 2)
+
+
 def radial_of_corner(camera: Camera, corner_px: float) -> float:
     """By how much k1 is larger where a corner of the picture is seen so much farther out, px."""
     corner = float(np.hypot(*camera.shape)) / 2.0

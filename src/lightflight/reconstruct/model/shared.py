@@ -22,6 +22,7 @@ from lightflight.reconstruct import FREE_NAMES
 from lightflight.reconstruct.model.forward import Layout, Light, Local, Pixels, local_variables
 from lightflight.reconstruct.model.geometry import PathState, vertex_time_jacobian
 from lightflight.reconstruct.model.image_plane import (
+    decentering_of_corner,
     mean_focal_px,
     radial_of_corner,
     undistorted_px,
@@ -46,6 +47,13 @@ NUDGE = 1e-3
 MEDIUM = -1
 """Stands for the medium where a camera is counted."""
 
+POSE, FOCAL, ASPECT, AXIS, RADIAL, DECENTERING = (
+    slice(0, 6), 6, 7, slice(8, 10), 10, slice(11, 13)
+)  # fmt: skip
+"""Where each error of a camera stands among its numbers."""
+INTERFACES = 13
+"""Where those of its interfaces begin, two of each."""
+
 
 @dataclass(frozen=True, eq=False)
 class SharedErrors:
@@ -54,14 +62,14 @@ class SharedErrors:
     Attributes
     ----------
     names : tuple of str
-        (k,), the cause that each belongs to ("pose", "focal_length", "distortion", "window",
-        "index").
+        (k,), the cause that each belongs to ("pose", "focal_length", "aspect", "axis",
+        "distortion", "decentering", "window", "index").
     view : array of int, shape (k,)
         The camera it moves; -1: the medium.
-    sigma : array of float, shape (k, 8 + 2 f)
+    sigma : array of float, shape (k, 13 + 2 f)
         What one standard deviation moves: pose (rad, rad, rad, mm, mm, mm), focal length (share),
-        k1, distance (mm) and phase index of each of the camera's f interfaces; of the medium index
-        out and back, then zeros.
+        fy / fx (share), cx, cy (px), k1, p1, p2, distance (mm) and phase index of each of the
+        camera's f interfaces; of the medium index out and back, then zeros.
     """
 
     names: tuple[str, ...]
@@ -94,15 +102,14 @@ def shared_errors(setting: Setting) -> SharedErrors:
     for view, camera in enumerate(setting.cameras):
         for column in _pose_scale(camera).T:
             add("pose", view, 0, column)
-        if camera.focal_std_fraction > 0:
-            add("focal_length", view, 6, [camera.focal_std_fraction])
-        if camera.distortion_std > 0:
-            add("distortion", view, 7, [camera.distortion_std])
+        for name, first, n, std in lens_errors(camera):
+            for place in range(first, first + n if std > 0 else first):
+                add(name, view, place, [std])
         for number, face in enumerate(camera.interfaces):
             if face.distance_std_mm > 0:
-                add("window", view, 8 + 2 * number, [face.distance_std_mm])
+                add("window", view, INTERFACES + 2 * number, [face.distance_std_mm])
             if face.phase_index_std > 0:
-                add("index", view, 9 + 2 * number, [face.phase_index_std])
+                add("index", view, INTERFACES + 1 + 2 * number, [face.phase_index_std])
     for pair in _index_scale(setting.medium):
         add("index", MEDIUM, 0, pair)
     return SharedErrors(
@@ -113,8 +120,30 @@ def shared_errors(setting: Setting) -> SharedErrors:
 
 
 def width_of_errors(setting: Setting) -> int:
-    """Numbers that one shared error may move: eight, and two of each of a camera's interfaces."""
-    return 8 + 2 * max(len(camera.interfaces) for camera in setting.cameras)
+    """Numbers that one shared error may move: a camera's own, and two of each interface."""
+    return INTERFACES + 2 * max(len(camera.interfaces) for camera in setting.cameras)
+
+
+def lens_errors(camera: Camera) -> tuple[tuple[str, int, int, float], ...]:
+    """Cause, first place among a camera's numbers, how many, and stated error of each lens error.
+
+    Parameters
+    ----------
+    camera : Camera
+        Whose lens it is.
+
+    Returns
+    -------
+    tuple of (str, int, int, float)
+        0: told as exact.
+    """
+    return (
+        ("focal_length", FOCAL, 1, camera.focal_std_fraction),
+        ("aspect", ASPECT, 1, camera.aspect_std),
+        ("axis", AXIS.start, 2, camera.axis_std_px),
+        ("distortion", RADIAL, 1, camera.distortion_std),
+        ("decentering", DECENTERING.start, 2, camera.decentering_std),
+    )
 
 
 def _pose_scale(camera: Camera) -> Floats:
@@ -171,11 +200,14 @@ def moved(setting: Setting, errors: SharedErrors, delta: Floats) -> Setting:
 
 
 def _camera_moved(camera: Camera, by: Floats) -> Camera:
-    """The camera moved by the numbers (8 + 2 f,) of `SharedErrors.sigma`."""
+    """The camera moved by the numbers (13 + 2 f,) of `SharedErrors.sigma`."""
     # A pose that is exact stays, bit for bit.
-    camera = camera.perturbed(by[:6]) if by[:6].any() else camera
-    camera = camera.with_lens_moved(focal_share=float(by[6]), radial=float(by[7]))
-    for number, (farther_mm, denser) in enumerate(by[8:].reshape(-1, 2)):
+    camera = camera.perturbed(by[POSE]) if by[POSE].any() else camera
+    camera = camera.with_lens_moved(
+        focal_share=float(by[FOCAL]), aspect=float(by[ASPECT]), axis_px=tuple(by[AXIS]),
+        radial=float(by[RADIAL]), decentering=tuple(by[DECENTERING]),
+    )  # fmt: skip
+    for number, (farther_mm, denser) in enumerate(by[INTERFACES:].reshape(-1, 2)):
         camera = interface_moved(camera, number, farther_mm) if farther_mm else camera
         camera = phase_index_moved(camera, number, denser) if denser else camera
     return camera
@@ -481,6 +513,12 @@ def _freed_camera(camera: Camera, wanted: set[str]) -> Camera:
     if "distortion" in wanted:
         size = radial_of_corner(camera, PLAUSIBLE["distortion"].size)
         changes["distortion_std"] = max(camera.distortion_std, size)
+    if "decentering" in wanted:
+        size = decentering_of_corner(camera, PLAUSIBLE["decentering"].size)
+        changes["decentering_std"] = max(camera.decentering_std, size)
+    for name, field in (("aspect", "aspect_std"), ("axis", "axis_std_px")):
+        if name in wanted:
+            changes[field] = max(getattr(camera, field), PLAUSIBLE[name].size)
     return replace(camera, **changes) if changes else camera  # type: ignore[arg-type]
 
 
@@ -491,9 +529,12 @@ def _freed_clock(
     offset = PLAUSIBLE["clock_offset"].size if "clock_offset" in wanted else 0.0
     scale = PLAUSIBLE["clock_scale"].size if "clock_scale" in wanted else 0.0
     drift = PLAUSIBLE["clock_drift"].size * when if "clock_drift" in wanted else 0.0
-    if not (offset or scale or drift):
+    skew = PLAUSIBLE["calibration"].size if "calibration" in wanted else 0.0
+    if not (offset or scale or drift or skew):
         return clock
     clock = TimingCalibration.nominal(hist) if clock is None else clock
     if not isinstance(clock, TimingCalibration):
         raise TypeError(f"free: the errors of a {type(clock).__name__} cannot be widened")
-    return with_shared_errors(clock, offset_std_ps=offset, scale_std=scale, drift_std_ps=drift)
+    return with_shared_errors(
+        clock, offset_std_ps=offset, scale_std=scale, drift_std_ps=drift, skew_std_ps=skew
+    )

@@ -36,6 +36,12 @@ PLAUSIBLE: dict[str, Plausible] = {
     "pose turn": Plausible(0.1, "rad"),
     # A field of view read off a screen, a zoom ring that moved.
     "focal_length": Plausible(0.1, "of itself"),
+    # Pixels that are not square, a width and a height measured by themselves.
+    "aspect": Plausible(0.02, "of itself, height against width"),
+    # An array glued by hand behind its lens.
+    "axis": Plausible(2.0, "px"),
+    # A lens that sits askew, a tilted array.
+    "decentering": Plausible(0.5, "px at the corner"),
     # A wide-angle lens that nobody calibrated: some px at the corner.
     "distortion": Plausible(3.0, "px at the corner"),
     # The wrong face of a pane, a tank that was moved.
@@ -49,6 +55,10 @@ PLAUSIBLE: dict[str, Plausible] = {
     # Another temperature, another supply voltage; a nominal code width is off by a few percent.
     "clock_scale": Plausible(0.02, "of itself"),
     "clock_drift": Plausible(200.0, "ps"),
+    # A warmer edge of the chip; a flat's screen that stood askew or a centimetre off.
+    "calibration": Plausible(30.0, "ps at the picture's edge"),
+    # Light that was too bright for the code density, another supply voltage.
+    "calibration codes": Plausible(20.0, "ps over the codes that were counted"),
     # What comparators of single-photon detectors are known for between dark and bright.
     "walk": Plausible(50.0, "ps"),
     # A beam that a lens of air (a heat haze, a jet) or a bent fibre turns.
