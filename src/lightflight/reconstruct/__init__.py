@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
 
 FREE_NAMES = (
-    "source", "emission_time", "pose", "focal_length", "distortion", "index", "window",
-    "clock_offset", "clock_scale", "clock_drift", "bend",
+    "source", "emission_time", "pose", "focal_length", "aspect", "axis", "distortion",
+    "decentering", "index", "window", "clock_offset", "clock_scale", "clock_drift", "calibration",
+    "bend",
 )  # fmt: skip
 """What `reconstruct(free=)` takes; their plausible sizes are `model.sizes.PLAUSIBLE`."""
 

@@ -87,8 +87,10 @@ def reconstruct(
         A LightPath or vertices_mm (m, 3) to start from, instead of the search for legs.
     free : iterable of str, optional
         What to fit within its plausible size although it was told as exact, or nearly so: "source",
-        "emission_time", "pose", "focal_length", "distortion", "index", "window" (its distance),
-        "clock_offset", "clock_scale", "clock_drift", "bend" (legs may be curves).
+        "emission_time", "pose", "focal_length", "aspect" (height against width), "axis" (where
+        the optical axis meets the picture), "distortion", "decentering", "index", "window" (its
+        distance), "clock_offset", "clock_scale", "clock_drift", "calibration" (delays that grow
+        across the picture), "bend" (legs may be curves).
 
     Raises
     ------
@@ -308,6 +310,11 @@ def _bent(
     return None if found is None else _told(found, request, estimator)
 
 
+def _starts_bent(request: Request) -> bool:
+    """Whether a start says that legs are curves."""
+    return isinstance(request.start, LightPath) and bool(request.start.bends)
+
+
 def _judged(
     path: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
 ) -> LightPath:
@@ -322,5 +329,6 @@ def _judged(
         request.setting,
         nominal_clock=request.timing is None,
         n_legs=request.n_legs,
+        may_bend=request.may_bend or _starts_bent(request),
         name_arms=not _may_fork(request, estimator),
     )

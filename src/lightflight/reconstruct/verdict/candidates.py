@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
+from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from lightflight.camera.model import Camera
@@ -24,6 +25,7 @@ from lightflight.reconstruct.model.geometry import (
     footprints,
 )
 from lightflight.reconstruct.model.image_plane import (
+    decentering_of_corner,
     mean_focal_px,
     radial_of_corner,
     undistorted_px,
@@ -31,6 +33,7 @@ from lightflight.reconstruct.model.image_plane import (
 from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.picture import LineDataInPicture
 from lightflight.reconstruct.model.sizes import PLAUSIBLE, Plausible
+from lightflight.timing.clock.shared_modes import skewed_delays
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 Floats = NDArray[np.float64]
@@ -41,6 +44,8 @@ _STEP = 1e-3
 """Steps of numerical derivatives, in plausible sizes."""
 _AHEAD = 1e-4
 """Share of a leg by which the direction of its picture is told."""
+_CODE_WAVES = 4
+"""Shapes beside zero and scale of codes that are long here and short there; a bend has five."""
 _TREND_WAVES = 3
 """Waves along each leg that a trend is looked for in, beside the slopes that the path takes up."""
 
@@ -255,11 +260,20 @@ def geometry_candidates(
         of_times(FindingName.CLOCK_SCALE, counted_ps),
         of_times(FindingName.WALK, *_brightness(photons)),
         _index(rows),
-        _of_lenses(rows, FindingName.FOCAL_LENGTH, _zoomed),
-        _of_lenses(rows, FindingName.DISTORTION, _stretched),
+        _of_lenses(rows, FindingName.FOCAL_LENGTH, ("focal_length", _zoomed)),
+        _of_lenses(rows, FindingName.FOCAL_LENGTH, ("aspect", _taller)),
+        _of_lenses(rows, FindingName.DISTORTION, ("distortion", _stretched)),
+        _of_lenses(rows, FindingName.DISTORTION, *_each_way("decentering", _decentred)),
         _pose(rows),
+        _of_lenses(rows, FindingName.POSE, *_each_way("axis", _off_axis)),
         _source(rows),
         _curved(rows),
+        _skewed(rows),
+        _candidate(
+            rows,
+            FindingName.CALIBRATION,
+            [("calibration codes", (wave, nothing)) for wave in uneven_codes(counted_ps).T],
+        ),
     ]
     if any(camera.interfaces for camera in rows.cameras):
         found.append(_window(rows))
@@ -299,16 +313,24 @@ def _index(rows: Rows) -> Candidate:
     return _candidate(rows, FindingName.INDEX, parts)
 
 
-def _of_lenses(
-    rows: Rows, name: FindingName, moved: Callable[[Camera, float], Camera]
-) -> Candidate:
+_Lens = tuple[str, Callable[[Camera, float], Camera]]
+"""A number of a lens by its plausible size's name, and the camera with it off by so much."""
+
+
+def _of_lenses(rows: Rows, name: FindingName, *numbers: _Lens) -> Candidate:
     """A cause within the lenses, each by itself."""
     parts = []
     for view, camera in enumerate(rows.cameras):
-        step = _STEP * PLAUSIBLE[name].size
-        by_time, by_line = rows.seen_by(view, moved(camera, step))
-        parts.append((str(name), (by_time / step, by_line / step)))
+        for kind, moved in numbers:
+            step = _STEP * PLAUSIBLE[kind].size
+            by_time, by_line = rows.seen_by(view, moved(camera, step))
+            parts.append((kind, (by_time / step, by_line / step)))
     return _candidate(rows, name, parts)
+
+
+def _each_way(kind: str, moved: Callable[[Camera, float, int], Camera]) -> list[_Lens]:
+    """Both numbers of a lens that is off along the rows or along the columns."""
+    return [(kind, partial(moved, way=way)) for way in (0, 1)]
 
 
 def _window(rows: Rows) -> Candidate:
@@ -338,18 +360,64 @@ def _pose(rows: Rows) -> Candidate:
 
 
 def _zoomed(camera: Camera, share: float) -> Camera:
-    return camera.with_lens_moved(focal_share=share, radial=0.0)
+    return camera.with_lens_moved(focal_share=share)
+
+
+def _taller(camera: Camera, share: float) -> Camera:
+    return camera.with_lens_moved(aspect=share)
+
+
+def _off_axis(camera: Camera, px: float, way: int) -> Camera:
+    return camera.with_lens_moved(axis_px=(px, 0.0) if way else (0.0, px))
 
 
 def _stretched(camera: Camera, corner_px: float) -> Camera:
-    radial = radial_of_corner(camera, corner_px)
-    return camera.with_lens_moved(focal_share=0.0, radial=radial)
+    return camera.with_lens_moved(radial=radial_of_corner(camera, corner_px))
+
+
+def _decentred(camera: Camera, corner_px: float, way: int) -> Camera:
+    by = decentering_of_corner(camera, corner_px)
+    return camera.with_lens_moved(decentering=(0.0, by) if way else (by, 0.0))
 
 
 def _source(rows: Rows) -> Candidate:
     m = len(rows.state.vertices_mm)
     parts = [("source", rows.moved(np.eye(m, 1) * axis)) for axis in np.eye(3)]
     return _candidate(rows, FindingName.SOURCE, parts)
+
+
+def _skewed(rows: Rows) -> Candidate:
+    """Delays that grow across each camera's picture, each of its own clock."""
+    times, nothing = rows.times, np.zeros(len(rows.lines.leg))
+    parts = []
+    for view, camera in enumerate(rows.cameras):
+        here = rows_of_view(times.view, view, len(times.leg))
+        row, col = times.row[here].astype(np.int64), times.col[here].astype(np.int64)
+        for late in skewed_delays(camera.shape)[row, col].T:
+            by_time = np.zeros(len(times.leg))
+            by_time[here] = late
+            parts.append(("calibration", (by_time, nothing)))
+    return _candidate(rows, FindingName.CALIBRATION, parts)
+
+
+def uneven_codes(counted_ps: Floats) -> Floats:
+    """Codes whose lengths change slowly over those that were counted: waves beside zero and scale.
+
+    Parameters
+    ----------
+    counted_ps : array of float, shape (n,)
+        What the clock counted for each pulse, ps; NaN where there is none.
+
+    Returns
+    -------
+    array of float, shape (n, 4)
+        Legendre polynomials over the range of the pulses.
+    """
+    told = counted_ps[np.isfinite(counted_ps)]
+    low, high = told.min(initial=np.inf), told.max(initial=-np.inf)
+    place = 2.0 * (counted_ps - low) / max(high - low, 1e-9) - 1.0
+    waves = [legendre.Legendre.basis(k)(place) for k in range(2, 2 + _CODE_WAVES)]
+    return np.column_stack(waves)
 
 
 def _curved(rows: Rows) -> Candidate:

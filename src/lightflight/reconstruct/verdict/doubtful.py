@@ -1,9 +1,10 @@
-"""Corners that nobody told and that an error of the set-up may have drawn.
+"""Corners and bends that nobody told and that an error of the set-up may have drawn.
 
 A clock whose codes are longer, or a medium told wrong, bends the times along a leg; a corner more
 takes that up, and all tests of the longer path pass. So where light turns by little, the path
 without that corner is fitted as well, and each cause freed in it: where one explains the
-recording as well as the corner does, the corner is in doubt.
+recording as well as the corner does, the corner is in doubt. A bent leg always is: light that is
+slower on a leg bends its times as a curve in depth does, a lens bows its line.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lightflight.path.verdict import Finding, Level, Severity, Verdict
+from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.fit.outcome import NoFit
@@ -69,6 +70,36 @@ def verdict_with_doubtful_corners(
             findings = tuple(_finding(one, corners, state) for one in causes[:MOST_NAMED])
             return replace(verdict, level=Level.CHECK, findings=findings)
     return verdict
+
+
+def findings_of_bends(fit: JointFit) -> tuple[Finding, ...]:
+    """That legs were found bent, which nobody told; () where all are straight.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path.
+
+    Returns
+    -------
+    tuple of Finding
+        One for all legs.
+    """
+    bends = fit.solution.state.bends
+    if not bends:
+        return ()
+    sizes = [float(np.linalg.norm(bend.coefficients_mm[:, 0])) for bend in bends]
+    found = (f"leg {b.leg + 1} by {size:.2g} mm" for b, size in zip(bends, sizes, strict=True))
+    return (
+        Finding(
+            FindingName.CURVED_LEG,
+            f"bent, which nobody told: {' and '.join(found)}; light that is slower on a leg, a "
+            "lens that bows its line or codes that are uneven look much the same",
+            0.0,
+            "say that legs may bend (free, --free bend), or calibrate lens and codes",
+            Severity.CHECK,
+        ),
+    )
 
 
 def _causes_instead(

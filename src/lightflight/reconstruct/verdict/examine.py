@@ -31,7 +31,10 @@ from lightflight.reconstruct.verdict.bookkeeping import (
 )
 from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
 from lightflight.reconstruct.verdict.detours import findings_of_detours
-from lightflight.reconstruct.verdict.doubtful import verdict_with_doubtful_corners
+from lightflight.reconstruct.verdict.doubtful import (
+    findings_of_bends,
+    verdict_with_doubtful_corners,
+)
 from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry
 from lightflight.reconstruct.verdict.hidden import (
@@ -55,12 +58,14 @@ def examined(
     *,
     nominal_clock: bool,
     n_legs: int | None,
+    may_bend: bool,
     name_arms: bool,
 ) -> LightPath:
     """The path with its verdict.
 
     `fit` is the joint fit of the same recordings; None: it is made here, from the path. With
-    `name_arms` it says of light that is left where an arm of it leaves the path.
+    `may_bend` it was told that legs may be curves; with `name_arms` it says of light that is left
+    where an arm of it leaves the path.
     """
     own = fit is not None
     fit = _fit_about(path, sightings, setting) if fit is None else fit
@@ -77,7 +82,8 @@ def examined(
         if not own and not beyond:
             evidence = (*evidence, evidence_of_own_errors(path, fit, sightings, setting))
         light, unseen = ((), ()) if beyond else _light(fit, sightings, nominal_clock)
-        aside = (*findings_of_detours(fit), *said, *beyond, *unseen, *hidden)
+        bends = () if may_bend else findings_of_bends(fit)
+        aside = (*findings_of_detours(fit), *bends, *said, *beyond, *unseen, *hidden)
         verdict = verdict_from_evidence((*evidence, *light), aside)
         verdict = verdict_with_light_taken_up(
             verdict, evidence, aside, fit, sightings, nominal=nominal_clock
