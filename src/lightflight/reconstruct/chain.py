@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
@@ -19,6 +20,7 @@ from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, chec
 from lightflight.reconstruct.estimators import Estimator, estimator_named
 from lightflight.reconstruct.fit.diffuse import with_diffuse
 from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.fit.result import explained, on_first_lap
 from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.model.setting import Setting
@@ -26,6 +28,7 @@ from lightflight.reconstruct.model.shared import freed, freed_names
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.reconstruct.verdict.arms import leaves_light, take_up_most, with_arms
+from lightflight.reconstruct.verdict.asked import shares_asked_for
 from lightflight.reconstruct.verdict.bent import asks_for_bends, bent_instead
 from lightflight.reconstruct.verdict.detours import detour_instead, has_weak_leg
 from lightflight.reconstruct.verdict.examine import examined
@@ -86,7 +89,8 @@ def reconstruct(
     start : LightPath or array_like, optional
         A LightPath or vertices_mm (m, 3) to start from, instead of the search for legs.
     free : iterable of str, optional
-        What to fit within its plausible size although it was told as exact, or nearly so: "source",
+        What to fit although it was told as exact, or nearly so; it may be off as far as the misfit
+        of the path as told asks for, by its plausible size where there is none: "source",
         "emission_time", "pose", "focal_length", "aspect" (height against width), "axis" (where
         the optical axis meets the picture), "distortion", "decentering", "index", "window" (its
         distance), "clock_offset", "clock_scale", "clock_drift", "calibration" (delays that grow
@@ -121,25 +125,39 @@ def reconstruct(
         views[0], source, medium, checked_waypoints(waypoints, n_legs), tuple(views[1:])
     )
     checked_media(setting, method)
-    told = clocks[0]
-    wanted = freed_names(free)
-    setting, clocks = freed(setting, clocks, repeats, wanted)
-    sightings = [
-        sighting_from_histograms(
-            h,
-            setting.at(k if several else 0),
-            timing=clock,
-            background=background,
-            exclude_mask=exclude_mask,
-            least_squares=estimator_named(method).least_squares,
-            view=k if several else 0,
-        )
-        for k, (h, clock) in enumerate(zip(repeats, clocks, strict=True))
-    ]
+    told, wanted = clocks[0], freed_names(free)
+
+    def seen_with(setting: Setting, clocks: Sequence[CodeClock | None]) -> list[Sighting]:
+        return [
+            sighting_from_histograms(
+                h,
+                setting.at(k if several else 0),
+                timing=clock,
+                background=background,
+                exclude_mask=exclude_mask,
+                least_squares=estimator_named(method).least_squares,
+                view=k if several else 0,
+            )
+            for k, (h, clock) in enumerate(zip(repeats, clocks, strict=True))
+        ]
+
+    sightings, may_bend = seen_with(setting, clocks), "bend" in wanted
+    if any(name != "bend" for name in wanted):
+        as_told = Request(sightings, setting, told, n_legs, start, may_bend)
+        setting, clocks = freed(setting, clocks, repeats, wanted, _shares(as_told, wanted))
+        sightings = seen_with(setting, clocks)
     return path_from_sightings(
         sightings, setting, timing=told, method=method, n_legs=n_legs, start=start,
-        may_bend="bend" in wanted,
+        may_bend=may_bend,
     )  # fmt: skip
+
+
+def _shares(request: Request, wanted: Sequence[str]) -> dict[str, float]:
+    """How far what is freed may be off, where the path as all was told says so."""
+    fit = fit_or_reason(partial(fit_of_request, request))
+    if isinstance(fit, NoFit):
+        return {}
+    return shares_asked_for(fit, list(fit.sightings), request.setting, wanted)
 
 
 def path_from_sightings(

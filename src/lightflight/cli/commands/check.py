@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -160,7 +160,7 @@ def _rough_path(lab: Lab, hist: Histograms, timing: TimingCalibration | None) ->
     from lightflight.reconstruct import reconstruct
 
     assert lab.camera is not None
-    exact = dict.fromkeys(LENS_ERRORS, 0.0)
+    exact: dict[str, Any] = dict.fromkeys(LENS_ERRORS, 0.0)
     camera = replace(lab.camera, pose_covariance=None, **exact)
     source = replace(lab.source, position_std_mm=0.0, emission_time_std_ps=0.0)
     medium = Medium(lab.medium.path_group_index, lab.medium.return_group_index)

@@ -8,7 +8,7 @@ the path (`freedom`). `freed` widens what a check names to its plausible size.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -46,6 +46,9 @@ NUDGE = 1e-3
 
 MEDIUM = -1
 """Stands for the medium where a camera is counted."""
+
+_WHOLE: Mapping[str, float] = {}
+"""No share is told: plausible sizes are taken whole."""
 
 POSE, FOCAL, ASPECT, AXIS, RADIAL, DECENTERING = (
     slice(0, 6), 6, 7, slice(8, 10), 10, slice(11, 13)
@@ -444,8 +447,9 @@ def freed(
     clocks: Sequence[CodeClock | None],
     recordings: Sequence[Histograms],
     free: Iterable[str],
+    shares: Mapping[str, float] = _WHOLE,
 ) -> tuple[Setting, list[CodeClock | None]]:
-    """Setting and clocks with what `free` names uncertain by at least its plausible size.
+    """Setting and clocks with what `free` names uncertain by its plausible size, or a share of it.
 
     Parameters
     ----------
@@ -457,11 +461,13 @@ def freed(
         Those recordings.
     free : iterable of str
         Of `FREE_NAMES`.
+    shares : mapping of str to float, optional
+        Of the plausible size, for each name; one where there is none.
 
     Returns
     -------
     setting : Setting
-        Its records state the plausible errors.
+        Its records state these errors, or larger ones that were told.
     clocks : list of CodeClock or None
         Theirs too.
 
@@ -470,17 +476,19 @@ def freed(
     ValueError
         For another name.
     """
-    wanted = set(freed_names(free))
+    wanted = {name: shares.get(name, 1.0) for name in freed_names(free)}
     source, medium = setting.source, setting.medium
     if "source" in wanted:
-        std = np.maximum(source.position_std_xyz_mm, PLAUSIBLE["source"].size)
+        size = wanted["source"] * PLAUSIBLE["source"].size
+        std = np.maximum(source.position_std_xyz_mm, size)
         source = replace(source, position_std_mm=tuple(std.tolist()))
     if "emission_time" in wanted:
-        std_ps = max(source.emission_time_std_ps, PLAUSIBLE["source time"].size)
-        source = replace(source, emission_time_std_ps=std_ps)
+        size = wanted["emission_time"] * PLAUSIBLE["source time"].size
+        source = replace(source, emission_time_std_ps=max(source.emission_time_std_ps, size))
     if "index" in wanted:
+        size = wanted["index"] * PLAUSIBLE["index"].size
         stds = (medium.path_group_index_std, medium.return_group_index_std)
-        out, back = (max(std, PLAUSIBLE["index"].size) for std in stds)
+        out, back = (max(std, size) for std in stds)
         medium = replace(medium, path_group_index_std=out, return_group_index_std=back)
     cameras = [_freed_camera(camera, wanted) for camera in setting.cameras]
     widened = replace(
@@ -491,50 +499,53 @@ def freed(
     return widened, [_freed_clock(c, hist, wanted, (k + 0.5) / n) for k, (c, hist) in pairs]
 
 
-def _freed_camera(camera: Camera, wanted: set[str]) -> Camera:
+def _freed_camera(camera: Camera, wanted: Mapping[str, float]) -> Camera:
     changes: dict[str, object] = {}
     if "pose" in wanted:
         std = np.repeat([PLAUSIBLE["pose turn"].size, PLAUSIBLE["pose shift"].size], 3)
         told = np.zeros((6, 6)) if camera.pose_covariance is None else camera.pose_covariance
-        changes["pose_covariance"] = told + np.diag(std**2)
-    if "focal_length" in wanted:
-        size = PLAUSIBLE["focal_length"].size
-        changes["focal_std_fraction"] = max(camera.focal_std_fraction, size)
+        changes["pose_covariance"] = told + np.diag((wanted["pose"] * std) ** 2)
+    for name, error, size in _lens_sizes(camera):
+        if name in wanted:
+            changes[error] = max(getattr(camera, error), wanted[name] * size)
     faces = list(camera.interfaces)
     if "window" in wanted and faces:
-        std_mm = max(faces[0].distance_std_mm, PLAUSIBLE["window"].size)
-        faces[0] = replace(faces[0], distance_std_mm=std_mm)
+        size = wanted["window"] * PLAUSIBLE["window"].size
+        faces[0] = replace(faces[0], distance_std_mm=max(faces[0].distance_std_mm, size))
     if "index" in wanted and faces:
         # Another material, not the same one denser: phase and group index by themselves.
-        std_n = max(faces[-1].phase_index_std, PLAUSIBLE["index"].size)
-        faces[-1] = replace(faces[-1], phase_index_std=std_n)
+        size = wanted["index"] * PLAUSIBLE["index"].size
+        faces[-1] = replace(faces[-1], phase_index_std=max(faces[-1].phase_index_std, size))
     if faces:
         changes["interfaces"] = tuple(faces)
-    if "distortion" in wanted:
-        size = radial_of_corner(camera, PLAUSIBLE["distortion"].size)
-        changes["distortion_std"] = max(camera.distortion_std, size)
-    if "decentering" in wanted:
-        size = decentering_of_corner(camera, PLAUSIBLE["decentering"].size)
-        changes["decentering_std"] = max(camera.decentering_std, size)
-    for name, field in (("aspect", "aspect_std"), ("axis", "axis_std_px")):
-        if name in wanted:
-            changes[field] = max(getattr(camera, field), PLAUSIBLE[name].size)
     return replace(camera, **changes) if changes else camera  # type: ignore[arg-type]
 
 
+def _lens_sizes(camera: Camera) -> tuple[tuple[str, str, float], ...]:
+    """Name of `free=`, field of the camera and plausible size of each error of its lens."""
+    radial = radial_of_corner(camera, PLAUSIBLE["distortion"].size)
+    askew = decentering_of_corner(camera, PLAUSIBLE["decentering"].size)
+    return (
+        ("focal_length", "focal_std_fraction", PLAUSIBLE["focal_length"].size),
+        ("aspect", "aspect_std", PLAUSIBLE["aspect"].size),
+        ("axis", "axis_std_px", PLAUSIBLE["axis"].size),
+        ("distortion", "distortion_std", radial),
+        ("decentering", "decentering_std", askew),
+    )
+
+
 def _freed_clock(
-    clock: CodeClock | None, hist: Histograms, wanted: set[str], when: float
+    clock: CodeClock | None, hist: Histograms, wanted: Mapping[str, float], when: float
 ) -> CodeClock | None:
     """The clock with wider errors; `when`: the recording's middle as a share of all repeats."""
-    offset = PLAUSIBLE["clock_offset"].size if "clock_offset" in wanted else 0.0
-    scale = PLAUSIBLE["clock_scale"].size if "clock_scale" in wanted else 0.0
-    drift = PLAUSIBLE["clock_drift"].size * when if "clock_drift" in wanted else 0.0
-    skew = PLAUSIBLE["calibration"].size if "calibration" in wanted else 0.0
+    names = ("clock_offset", "clock_scale", "clock_drift", "calibration")
+    sizes = (wanted.get(name, 0.0) * PLAUSIBLE[name].size for name in names)
+    offset, scale, drift, skew = sizes
     if not (offset or scale or drift or skew):
         return clock
     clock = TimingCalibration.nominal(hist) if clock is None else clock
     if not isinstance(clock, TimingCalibration):
         raise TypeError(f"free: the errors of a {type(clock).__name__} cannot be widened")
     return with_shared_errors(
-        clock, offset_std_ps=offset, scale_std=scale, drift_std_ps=drift, skew_std_ps=skew
+        clock, offset_std_ps=offset, scale_std=scale, drift_std_ps=drift * when, skew_std_ps=skew
     )

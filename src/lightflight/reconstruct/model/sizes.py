@@ -58,7 +58,7 @@ PLAUSIBLE: dict[str, Plausible] = {
     # A warmer edge of the chip; a flat's screen that stood askew or a centimetre off.
     "calibration": Plausible(30.0, "ps at the picture's edge"),
     # Light that was too bright for the code density, another supply voltage.
-    "calibration codes": Plausible(20.0, "ps over the codes that were counted"),
+    "codes": Plausible(20.0, "ps over the codes that were counted"),
     # What comparators of single-photon detectors are known for between dark and bright.
     "walk": Plausible(50.0, "ps"),
     # A beam that a lens of air (a heat haze, a jet) or a bent fibre turns.

@@ -18,6 +18,7 @@ from lightflight.camera.model import Camera
 from lightflight.camera.refraction import interface_moved, phase_index_moved
 from lightflight.flight import Medium
 from lightflight.path.verdict import FindingName
+from lightflight.reconstruct import FREE_NAMES
 from lightflight.reconstruct.fit.least_squares import TimeData, rows_of_view
 from lightflight.reconstruct.model.geometry import (
     PathState,
@@ -68,6 +69,8 @@ class Candidate:
         What is said of sizes (k,) in plausible ones; None: by how much it is off.
     looked_for : float
         Chi-square that looking for its place costs.
+    frees : str
+        What `free=` calls it; "": nothing.
     """
 
     name: FindingName
@@ -76,6 +79,7 @@ class Candidate:
     symptom: bool = False
     says: Callable[[Floats], str] | None = None
     looked_for: float = 0.0
+    frees: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +257,7 @@ def geometry_candidates(
     def of_times(name: FindingName, *by_time: Floats, symptom: bool = False) -> Candidate:
         sizes = (PLAUSIBLE[name],) * len(by_time)
         columns = [s.size * rows.whole(t, nothing) for s, t in zip(sizes, by_time, strict=True)]
-        return Candidate(name, np.column_stack(columns), sizes, symptom)
+        return Candidate(name, np.column_stack(columns), sizes, symptom, frees=_freed_by(name))
 
     found = [
         of_times(FindingName.CLOCK_OFFSET, np.ones(len(counted_ps))),
@@ -272,7 +276,7 @@ def geometry_candidates(
         _candidate(
             rows,
             FindingName.CALIBRATION,
-            [("calibration codes", (wave, nothing)) for wave in uneven_codes(counted_ps).T],
+            [("codes", (wave, nothing)) for wave in uneven_codes(counted_ps).T],
         ),
     ]
     if any(camera.interfaces for camera in rows.cameras):
@@ -297,7 +301,12 @@ def _candidate(
 ) -> Candidate:
     sizes = tuple(PLAUSIBLE[kind] for kind, _ in parts)
     columns = [s.size * rows.whole(*change) for s, (_, change) in zip(sizes, parts, strict=True)]
-    return Candidate(name, np.column_stack(columns), sizes)
+    frees = _freed_by(parts[0][0].split()[0])
+    return Candidate(name, np.column_stack(columns), sizes, frees=frees)
+
+
+def _freed_by(kind: str) -> str:
+    return kind if kind in FREE_NAMES else ""
 
 
 def _index(rows: Rows) -> Candidate:
@@ -328,9 +337,9 @@ def _of_lenses(rows: Rows, name: FindingName, *numbers: _Lens) -> Candidate:
     return _candidate(rows, name, parts)
 
 
-def _each_way(kind: str, moved: Callable[[Camera, float, int], Camera]) -> list[_Lens]:
+def _each_way(kind: str, moved: Callable[[int, Camera, float], Camera]) -> list[_Lens]:
     """Both numbers of a lens that is off along the rows or along the columns."""
-    return [(kind, partial(moved, way=way)) for way in (0, 1)]
+    return [(kind, partial(moved, way)) for way in (0, 1)]
 
 
 def _window(rows: Rows) -> Candidate:
@@ -367,7 +376,7 @@ def _taller(camera: Camera, share: float) -> Camera:
     return camera.with_lens_moved(aspect=share)
 
 
-def _off_axis(camera: Camera, px: float, way: int) -> Camera:
+def _off_axis(way: int, camera: Camera, px: float) -> Camera:
     return camera.with_lens_moved(axis_px=(px, 0.0) if way else (0.0, px))
 
 
@@ -375,7 +384,7 @@ def _stretched(camera: Camera, corner_px: float) -> Camera:
     return camera.with_lens_moved(radial=radial_of_corner(camera, corner_px))
 
 
-def _decentred(camera: Camera, corner_px: float, way: int) -> Camera:
+def _decentred(way: int, camera: Camera, corner_px: float) -> Camera:
     by = decentering_of_corner(camera, corner_px)
     return camera.with_lens_moved(decentering=(0.0, by) if way else (by, 0.0))
 

@@ -66,6 +66,10 @@ class Evidence:
         worked out from `directions`.
     silent_below : float
         Chi-square that a misfit of no account may bring; the test speaks from there on.
+    frees : str
+        What `free=` calls the cause; "": nothing.
+    need : float
+        How many of its plausible sizes the cause would have to be, alone.
     """
 
     name: FindingName
@@ -81,6 +85,8 @@ class Evidence:
     data: str = field(default="pulses", kw_only=True)
     remains: float = field(default=float("nan"), kw_only=True)
     silent_below: float = field(default=0.0, kw_only=True)
+    frees: str = field(default="", kw_only=True)
+    need: float = field(default=float("nan"), kw_only=True)
 
     @property
     def p_value(self) -> float:

@@ -178,6 +178,8 @@ def _score_test(candidate: Candidate, examined: Examined) -> Evidence | None:
         z,
         candidate.symptom,
         () if candidate.symptom else _blind(candidate, signal, mixing, examined),
+        frees=candidate.frees,
+        need=float(np.linalg.norm(sizes)),
     )
 
 
@@ -194,7 +196,8 @@ def _freed(
     if freed is None:
         return tested
     gain, sizes = freed[0] - candidate.looked_for, freed[1]
-    return replace(tested, gain=gain, sentence=_sentence(candidate, sizes))
+    need = float(np.linalg.norm(sizes))
+    return replace(tested, gain=gain, sentence=_sentence(candidate, sizes), need=need)
 
 
 def _sentence(candidate: Candidate, sizes: Floats) -> str:

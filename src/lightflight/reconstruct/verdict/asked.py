@@ -1,0 +1,58 @@
+"""How far what is freed may be off: as far as the misfit asks, where the recording shows one.
+
+A cause that the data cannot tell from five others is off by no more than what the misfit would need
+of it alone; its plausible size, an inch or half a nanosecond, would make bars a hundred times wider
+than what is wrong. Let each of K causes explain the misfit alone by d_k: with priors of
+d_k / sqrt(K) all together expect a misfit as large as was seen, the likeliest common size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.verdict.evidence import CHECK_AT, WITHIN, Evidence
+from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry
+from lightflight.reconstruct.verdict.judge import family_p_value
+
+_SAME_AS = {"emission_time": "clock_offset"}
+"""Causes that no test is made for, and that with the same effect on all times."""
+
+
+def shares_asked_for(
+    fit: JointFit, sightings: list[Sighting], setting: Setting, free: Iterable[str]
+) -> dict[str, float]:
+    """Shares of their plausible sizes that a misfit asks of causes, of those it speaks for.
+
+    Parameters
+    ----------
+    fit : JointFit
+        With all as it was told.
+    sightings : list of Sighting
+        Its recordings.
+    setting : Setting
+        As told.
+    free : iterable of str
+        Names of `free=`.
+
+    Returns
+    -------
+    dict of str to float
+        Of names that explain the misfit as well as the best cause; at most one. Empty where the
+        recording shows no misfit: then nothing says how far things are off.
+    """
+    evidence = evidence_from_geometry(fit, sightings, setting)
+    causes = [one for one in evidence if not one.symptom]
+    best = max((one.gain for one in causes), default=0.0)
+    if best <= 0.0 or family_p_value(evidence) > CHECK_AT:
+        return {}
+    named = {one.frees: one.need for one in causes if _explains(one, best)}
+    needs = {name: named.get(_SAME_AS.get(name, name)) for name in free}
+    told = {name: need for name, need in needs.items() if need is not None}
+    return {name: min(1.0, need / len(told) ** 0.5) for name, need in told.items()}
+
+
+def _explains(cause: Evidence, best: float) -> bool:
+    return bool(cause.frees) and cause.gain > best - WITHIN
