@@ -12,6 +12,7 @@ The camera is a point: its centre A is the entrance pupil, where arrival times a
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -322,7 +323,7 @@ class Camera(Projection, Shown):
             self.interfaces, rotation_from_vector(delta[:3]), self.center_mm, delta[3:]
         )
         if self.intrinsics_per_pose is None:
-            return replace(self, world_from_camera=pose, interfaces=faces)
+            return self._at(pose, faces)
         change = self.intrinsics_per_pose @ delta
         matrix = self.matrix.copy()
         matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += change[:4]
@@ -333,6 +334,14 @@ class Camera(Projection, Shown):
             world_from_camera=pose,
             interfaces=faces,
         )
+
+    def _at(self, pose: NDArray[np.float64], faces: tuple[Interface, ...]) -> Camera:
+        """The camera elsewhere: fits ask often, and what stays was checked when it was made."""
+        there = copy(self)
+        object.__setattr__(there, "world_from_camera", checked_pose(pose))
+        faces = checked_interfaces(faces, there.center_mm, -there.backward_axis)
+        object.__setattr__(there, "interfaces", faces)
+        return there
 
     def with_lens_moved(self, *, focal_share: float = 0.0, radial: float = 0.0) -> Camera:
         """Camera whose focal length is longer by a share of itself, and k1 larger by `radial`.
