@@ -317,11 +317,10 @@ class Camera(Projection, Shown):
         if delta.shape != (6,):
             raise ValueError(f"pose_delta must have shape (6,), got {delta.shape}")
         pose = self.world_from_camera.copy()
-        pose[:3, :3] = rotation_from_vector(delta[:3]) @ pose[:3, :3]
+        turn = rotation_from_vector(delta[:3])
+        pose[:3, :3] = turn @ pose[:3, :3]
         pose[:3, 3] += delta[3:]
-        faces = moved_rigidly(
-            self.interfaces, rotation_from_vector(delta[:3]), self.center_mm, delta[3:]
-        )
+        faces = moved_rigidly(self.interfaces, turn, self.center_mm, delta[3:])
         if self.intrinsics_per_pose is None:
             return self._at(pose, faces)
         change = self.intrinsics_per_pose @ delta
