@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import signal
 from pathlib import Path
@@ -47,8 +46,9 @@ def rng() -> np.random.Generator:
 @pytest.fixture
 def unexamined(monkeypatch: pytest.MonkeyPatch) -> None:
     """No verdict: it takes half the time of a path, and is proved elsewhere."""
-    chain = importlib.import_module("lightflight.reconstruct.chain")
-    monkeypatch.setattr(chain, "examined", lambda path, *_, **__: path)
+    from tests.labs import without_verdict
+
+    without_verdict(monkeypatch)
 
 
 def pytest_collection_modifyitems() -> None:

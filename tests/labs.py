@@ -6,10 +6,11 @@ recording is one Poisson draw of them.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from lightflight.recording.histograms import Histograms
 from lightflight.timing.clock.calibration import TimingCalibration
 from tests.oracles.brute_force import BruteClock, BruteScene, camera_over_plane, expected_counts
 from tests.path_fakes import PAPER_VERTICES, Truth, truth_of
+
+if TYPE_CHECKING:
+    import pytest
 
 START_PS = 2000.0
 PERIOD_PS = 50_000.0
@@ -119,6 +123,12 @@ def lab_of(
         Camera.facing_plane((32, 32), center_mm=center),
         {"reversed_codes": True} if reverse else {},
     )
+
+
+def without_verdict(patch: pytest.MonkeyPatch) -> None:
+    """What the fixture `unexamined` does, for fixtures of a module."""
+    chain = importlib.import_module("lightflight.reconstruct.chain")
+    patch.setattr(chain, "examined", lambda path, *_, **__: path)
 
 
 @cache

@@ -12,6 +12,7 @@ import pytest
 
 import lightflight as lf
 from lightflight.lab import lab_from_toml
+from tools.make_golden_files import FOLDER
 
 
 def test_simulate_writes_a_recording_that_read_takes(lab_folder):
@@ -169,10 +170,9 @@ def test_info_of_a_path(run, lab_folder, tmp_path):
     assert "joint" in done.stdout
 
 
-def test_without_a_calibration_one_line_of_warning_says_what_it_costs(run, lab_folder):
-    done = run(
-        "reconstruct", lab_folder / "recording.h5", "--lab", lab_folder / "lab.toml", "--json"
-    )
+def test_without_a_calibration_one_line_of_warning_says_what_it_costs(run, tmp_path):
+    lf.write(lf.read(FOLDER / "histograms.h5"), tmp_path / "small.h5")
+    done = run("reconstruct", tmp_path / "small.h5", "--lab", FOLDER / "lab.toml", "--json")
     lines = done.stderr.splitlines()
     assert any(line.startswith("warning: no timing calibration") for line in lines)
     said = [line for line in lines if not line.endswith(" ...")]  # progress of slow machines

@@ -8,7 +8,7 @@ from tests.oracles.worlds.random_worlds import random_world
 
 
 @pytest.mark.parametrize("method", ["joint", "photon"])
-@pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
+@pytest.mark.usefixtures("unexamined")
 def test_a_path_says_how_many_pulses_it_explains(method):
     world = random_world(1, 3, 40_000.0, "known")
     hist, told = record(world, 1), what_the_user_tells(world)
@@ -22,7 +22,7 @@ def test_a_path_says_how_many_pulses_it_explains(method):
     assert str(one).startswith(f"{one.n_pulses} of {one.n_found} pulses, ")
 
 
-@pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")  # one seen twice
+@pytest.mark.usefixtures("unexamined")
 def test_repeats_count_together():
     world = random_world(1, 1, 4_000.0, "known")
     hist, told = record(world, 1), what_the_user_tells(world)

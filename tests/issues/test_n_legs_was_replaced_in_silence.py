@@ -7,7 +7,7 @@ from lightflight.errors import NothingFoundError
 from tests.labs import one_leg
 
 
-@pytest.mark.filterwarnings("ignore::lightflight.errors.SuspectDataWarning")
+@pytest.mark.usefixtures("unexamined")
 @pytest.mark.parametrize("n_legs", [2, 3])
 def test_more_than_show_is_kept_or_refused(n_legs):
     lab = one_leg()

@@ -60,7 +60,7 @@ def scene_of(seed):
     ],
 )  # fmt: skip
 # Of eighty paths that are right, one will be "check": that is not asked here.
-@pytest.mark.filterwarnings("ignore::lightflight.errors.SuspectDataWarning")
+@pytest.mark.usefixtures("unexamined")
 def test_told_is_untold_is_the_truth(seed):
     scene = scene_of(seed)
     hist = lf.simulate(scene, photons_per_pixel=40_000, seed=seed)

@@ -253,7 +253,7 @@ class TestOptionsArrive:
         air = call()
         assert path.vertices_mm[-1, 2] != air.vertices_mm[-1, 2]
 
-    @pytest.mark.filterwarnings("ignore:the recording contradicts")  # it does, untold
+    @pytest.mark.usefixtures("unexamined")
     def test_background_recording_joins_the_likelihood(self):
         lab = one_leg()
         rng = np.random.default_rng(3)

@@ -88,3 +88,33 @@ def test_a_climb_that_only_tiny_steps_lead_up_is_not_at_the_top():
     x, _, converged = ascend(np.array([0.0]), slope_at, _added, most_steps=200)
     assert 0.0 < x[0] < 1e-3
     assert not converged
+
+
+def test_a_step_that_is_refused_costs_its_value_alone():
+    """From where the first steps overshoot: derivatives are asked for where a climb stood."""
+    asked, valued = [], []
+
+    class Watched:
+        def __init__(self, x):
+            self.x = float(x[0])
+            valued.append(self.x)
+
+        @property
+        def value(self):
+            return -float(np.log(np.cosh(self.x)))
+
+        @property
+        def score(self):
+            asked.append(self.x)
+            return np.array([-np.tanh(self.x)])
+
+        @property
+        def information(self):
+            return np.array([[np.cosh(self.x) ** -2]])
+
+    x, _, converged = ascend(np.array([3.0]), Watched, _added, most_steps=60)
+    assert converged
+    assert abs(x[0]) < 0.05
+    heights = [-np.log(np.cosh(at)) for at in asked]
+    assert heights == sorted(heights)
+    assert len(set(asked)) == len(asked) < len(valued)

@@ -298,7 +298,8 @@ class TestCorners:
         col = np.array([10.0, 15.5 + 50.0 / 245 * 32 + 0.7, 31.0])
         legs, rows = np.array([0, 0, 1]), np.array([15.0, 15.0, 10.0])
         print_ = footprints(state, camera=camera, medium=AIR, legs=legs, rows=rows, cols=col)
-        over, jacobian = overshoots(state, print_, camera=camera)
+        over, slopes = overshoots(state, print_, camera=camera)
+        jacobian = slopes()
         np.testing.assert_allclose(over, [0.0, 0.7, 0.0], atol=1e-6)
         h = 1e-3
         for k in range(9):

@@ -66,7 +66,7 @@ def test_arrival_times_follow_as_a_second_look_says(camera, medium, state):
         state, camera=seen.camera, medium=seen.medium, legs=0, rows=pixels.rows[near],
         cols=pixels.cols[near],
     )  # fmt: skip
-    nudges = nudges_of_views(told, errors, delta)[0]
+    nudges = nudges_of_views(told, errors, delta, seen)[0]
     own = nudges.arrivals(state, print_, by_state, seen.medium)
     # Feet of pixels beside the leg turn with it, which is left out.
     on = np.abs(print_.lateral_px) < 0.15

@@ -237,7 +237,7 @@ def test_only_what_has_a_plausible_size_is_freed():
         lf.reconstruct(record(world, 0), free=("weather",), **what_the_user_tells(world))
 
 
-@pytest.mark.filterwarnings("ignore::lightflight.errors.SuspectDataWarning")  # seen at once
+@pytest.mark.usefixtures("unexamined")
 @pytest.mark.parametrize("seed", [0, 1, 3])
 def test_a_price_is_what_the_path_pays(seed):
     """The source told 1 mm off in the direction that is said to be the dearest: so much that the
@@ -253,7 +253,7 @@ def test_a_price_is_what_the_path_pays(seed):
     assert paid == pytest.approx(float(words.split()[10]), rel=0.1)
 
 
-@pytest.mark.filterwarnings("ignore::lightflight.errors.SuspectDataWarning")  # seen at once
+@pytest.mark.usefixtures("unexamined")
 def test_the_papers_chain_follows_its_camera():
     """Its shared part against the chain run again with the camera at another place."""
     world = random_world(0, 1, prior=KNOWN, uneven=0.0)
@@ -267,7 +267,7 @@ def test_the_papers_chain_follows_its_camera():
     assert (path.covariance_parts["shared"] != 0).any()
 
 
-@pytest.mark.filterwarnings("ignore::lightflight.errors.SuspectDataWarning")  # seen at once
+@pytest.mark.usefixtures("unexamined")
 def test_the_papers_chain_follows_its_clock():
     """Its shared part against the chain run again on a clock whose zero lies elsewhere."""
     world = random_world(0, 1, prior=KNOWN, uneven=0.0)

@@ -38,11 +38,13 @@ def verdict_on(seed: int) -> Outcome:
 
 # A last leg of 6 px behind a corner in the picture; one of 7 px that the next runs back along; one
 # of 7 px whose neighbour took its light for its own end; a last leg of 7 px beyond a corner.
+@pytest.mark.usefixtures("unexamined")
 @pytest.mark.parametrize("seed", [8130, 8184, 8303, 8364])
 def test_short_legs_are_found_by_their_light(seed):
     assert verdict_on(seed).failure == ""
 
 
+@pytest.mark.usefixtures("unexamined")
 def test_without_a_second_look_a_leg_is_missed(monkeypatch):
     """The scenes above are hard indeed: what they test is the second look."""
     monkeypatch.setattr(api, "with_unclaimed_legs", lambda _found, _legs, fit, _setting: fit)

@@ -212,6 +212,7 @@ class TestPullsOnTheOracle:
         pulls.check()
 
 
+@pytest.mark.usefixtures("unexamined")
 class TestAccuracyOfTheFirstIssue:
     """Clock defects on and calibrated; the camera of the demo. Asserted at fixed seeds."""
 

@@ -12,6 +12,7 @@ The camera is a point: its centre A is the entrance pupil, where arrival times a
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -328,13 +329,12 @@ class Camera(Projection, Shown):
         if delta.shape != (6,):
             raise ValueError(f"pose_delta must have shape (6,), got {delta.shape}")
         pose = self.world_from_camera.copy()
-        pose[:3, :3] = rotation_from_vector(delta[:3]) @ pose[:3, :3]
+        turn = rotation_from_vector(delta[:3])
+        pose[:3, :3] = turn @ pose[:3, :3]
         pose[:3, 3] += delta[3:]
-        faces = moved_rigidly(
-            self.interfaces, rotation_from_vector(delta[:3]), self.center_mm, delta[3:]
-        )
+        faces = moved_rigidly(self.interfaces, turn, self.center_mm, delta[3:])
         if self.intrinsics_per_pose is None:
-            return replace(self, world_from_camera=pose, interfaces=faces)
+            return self._at(pose, faces)
         change = self.intrinsics_per_pose @ delta
         matrix = self.matrix.copy()
         matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += change[:4]
@@ -345,6 +345,14 @@ class Camera(Projection, Shown):
             world_from_camera=pose,
             interfaces=faces,
         )
+
+    def _at(self, pose: NDArray[np.float64], faces: tuple[Interface, ...]) -> Camera:
+        """The camera elsewhere: fits ask often, and what stays was checked when it was made."""
+        there = copy(self)
+        object.__setattr__(there, "world_from_camera", checked_pose(pose))
+        faces = checked_interfaces(faces, there.center_mm, -there.backward_axis)
+        object.__setattr__(there, "interfaces", faces)
+        return there
 
     def with_lens_moved(
         self,

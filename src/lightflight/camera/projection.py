@@ -18,6 +18,7 @@ from lightflight.errors import GeometryError
 from lightflight.flight import return_time_from_points
 from lightflight.materials import Material
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+from lightflight.vectors import lengths
 
 
 class Projection:
@@ -165,7 +166,9 @@ class Projection:
         jacobian[..., 0, :] = k[1, 1] * y_by_point
         jacobian[..., 1, :] = k[0, 0] * x_by_point + k[0, 1] * y_by_point
         pixels = self.pixels_from_normalized(plane[..., 0], plane[..., 1])
-        return np.stack(pixels, axis=-1), jacobian
+        places = np.empty(plane.shape)
+        places[..., 0], places[..., 1] = pixels
+        return places, jacobian
 
     def plane_and_slopes(
         self, points_mm: ArrayLike, *, way: Way | None = None
@@ -259,14 +262,18 @@ class Projection:
         GeometryError
             As `normalized_from_pixels` does.
         """
+        return np.asarray(self.own_rays(row, col) @ self.world_from_camera[:3, :3].T)
+
+    def own_rays(self, row: ArrayLike, col: ArrayLike) -> NDArray[np.float64]:
+        """The same in the camera's own axes: of cameras with one lens they are one."""
         x, y = self.normalized_from_pixels(row, col)
         # A pixel that is NaN has no ray at all: without this, one with a depth.
         ray = np.stack([x, y, np.where(np.isnan(x), np.nan, 1.0)], axis=-1)
-        ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
-        return np.asarray(ray @ self.world_from_camera[:3, :3].T)
+        ray /= lengths(ray)[..., np.newaxis]
+        return np.asarray(ray)
 
     def lines_of_sight(
-        self, row: ArrayLike, col: ArrayLike
+        self, row: ArrayLike, col: ArrayLike, *, own_rays: NDArray[np.float64] | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Lines that pixels look along in the scene, behind all that the camera looks through.
 
@@ -274,6 +281,8 @@ class Projection:
         ----------
         row, col : array of float, shape (...)
             px, fractional or outside the picture allowed.
+        own_rays : array of float, shape (..., 3), optional
+            By `own_rays`, where they are known already.
 
         Returns
         -------
@@ -290,7 +299,8 @@ class Projection:
         GeometryError
             As `normalized_from_pixels` does.
         """
-        rays = self.rays_from_pixels(row, col)
+        own_rays = self.own_rays(row, col) if own_rays is None else own_rays
+        rays = np.asarray(own_rays @ self.world_from_camera[:3, :3].T)
         if not self.interfaces:
             return np.broadcast_to(self.center_mm, rays.shape), rays, np.zeros(rays.shape[:-1])
         return rays_through(

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.vectors import lengths
+
 Floats = NDArray[np.float64]
 
 
@@ -48,7 +50,7 @@ class Way:
 def straight_way(points_mm: Floats, center_mm: Floats, group_index: float) -> Way:
     """The way in one medium: the pinhole sees the points (n, 3) themselves."""
     step = points_mm - center_mm
-    length = np.linalg.norm(step, axis=1)
+    length = lengths(step)
     by_itself = np.broadcast_to(np.eye(3), (len(points_mm), 3, 3))
     outwards = step / np.maximum(length, 1e-300)[:, np.newaxis]
     last = np.broadcast_to(center_mm, step.shape)

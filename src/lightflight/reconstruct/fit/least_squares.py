@@ -6,6 +6,7 @@ that they are solved for where the data know better and otherwise go into the er
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -18,7 +19,7 @@ from lightflight.reconstruct.model.freedom import Freedom, state_vector
 from lightflight.reconstruct.model.geometry import (
     Indices,
     PathState,
-    arrival_jacobian,
+    footprints_and_slopes,
     overshoots,
 )
 from lightflight.reconstruct.model.image_plane import mean_focal_px
@@ -189,11 +190,16 @@ _Point = tuple[PathState, Floats, Floats]
 @dataclass(frozen=True, eq=False)
 class _Linear:
     residual: Floats
-    jacobian: Floats
     sqrt_weight: Floats
+    derived: Callable[[], Floats]
     n_times: int
     n_lines: int
     n_priors: int
+
+    @cached_property
+    def jacobian(self) -> Floats:
+        """Made when it is asked for: of a step that is refused it never is."""
+        return self.derived()
 
     @cached_property
     def columns(self) -> Floats:
@@ -260,12 +266,13 @@ def fit_path(
     lie beyond their own leg's corner (method.md, The weighted fit).
     """
     told = Setting(cameras[0], Source(), medium, others=cameras[1:])
+    rays = Rays()
     errors = shared_errors(told)
     n_modes = times.modes_ps.shape[1]
     n_free = freedom.basis.shape[1]
 
     def linear(at: _Point) -> _Linear:
-        model = modelled(at[0], times, lines, told, errors, at[2])
+        model = modelled(at[0], times, lines, told, errors, at[2], rays)
         return _linearised(*at, times, lines, freedom, model, floor_var)
 
     def stepped(at: _Point, _: _Linear, step: Floats) -> _Point:
@@ -284,34 +291,62 @@ def fit_path(
 
 
 @dataclass(frozen=True, eq=False)
+class Slopes:
+    """Derivatives of expected data; n pulses, 2 L anchors.
+
+    Attributes
+    ----------
+    arrival_by_state : array of float, shape (n, size)
+        ps per mm and ps per ps.
+    offset_by_state : array of float, shape (2 L, size)
+        px per mm.
+    by_shared : array of float, shape (n + 2 L, k)
+        Times (ps) and whitened offsets per standard deviation of each shared error.
+    over_by_state : array of float, shape (n, size)
+        px per mm.
+    """
+
+    arrival_by_state: Floats
+    offset_by_state: Floats
+    by_shared: Floats
+    over_by_state: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Modelled:
-    """Expected data and their derivatives, as all cameras see them; n pulses, 2 L anchors.
+    """Expected data as all cameras see them; n pulses, 2 L anchors.
 
     Attributes
     ----------
     arrival_ps : array of float, shape (n,)
         Arrival times of the pulses' feet, ps.
-    arrival_by_state : array of float, shape (n, size)
-        ps per mm and ps per ps.
     offset_px : array of float, shape (2 L,)
         Of the anchors from the images of their legs, px.
-    offset_by_state : array of float, shape (2 L, size)
-        px per mm.
-    by_shared : array of float, shape (n + 2 L, k)
-        Times (ps) and whitened offsets per standard deviation of each shared error.
     over_px : array of float, shape (n,)
         How far pulses lie beyond the corners of their leg, px.
-    over_by_state : array of float, shape (n, size)
-        px per mm.
+    slopes : callable
+        Gives their derivatives, most of the work.
     """
 
     arrival_ps: Floats
-    arrival_by_state: Floats
     offset_px: Floats
-    offset_by_state: Floats
-    by_shared: Floats
     over_px: Floats
-    over_by_state: Floats
+    slopes: Callable[[], Slopes]
+
+
+class Rays:
+    """Rays of the pulses' pixels, kept while a fit moves its cameras but not their lenses."""
+
+    def __init__(self) -> None:
+        self._kept: dict[int, tuple[Floats, Floats, Floats]] = {}
+
+    def of_view(self, view: int, camera: Camera, rows: Floats, cols: Floats) -> Floats:
+        """`Camera.own_rays` of a view's pixels (n,), of which there is one table; (n, 3)."""
+        kept = self._kept.get(view)
+        if kept is None or kept[0] is not camera.matrix or kept[1] is not camera.distortion:
+            kept = camera.matrix, camera.distortion, camera.own_rays(rows, cols)
+            self._kept[view] = kept
+        return kept[2]
 
 
 def modelled(
@@ -321,8 +356,9 @@ def modelled(
     told: Setting,
     errors: SharedErrors,
     delta: Floats,
+    rays: Rays,
 ) -> Modelled:
-    """Arrival times and line offsets, camera by camera, and how they follow the shared errors.
+    """Arrival times and line offsets, camera by camera, and how they follow path and shared errors.
 
     Parameters
     ----------
@@ -338,41 +374,53 @@ def modelled(
         k of them.
     delta : array of float, shape (k,)
         Where they stand, in standard deviations.
+    rays : Rays
+        Of these pulses.
 
     Returns
     -------
     Modelled
-        With all derivatives.
+        With what gives all derivatives.
     """
     n, n_lines, n_state = len(times.leg), len(lines.leg), state.size
-    model = Modelled(
-        np.zeros(n), np.zeros((n, n_state)), np.zeros(n_lines), np.zeros((n_lines, n_state)),
-        np.zeros((n + n_lines, len(errors))), np.zeros(n), np.zeros((n, n_state)),
-    )  # fmt: skip
-    seen, prints = moved(told, errors, delta), []
+    arrival, offset, over = np.zeros(n), np.zeros(n_lines), np.zeros(n)
+    offset_by_state = np.zeros((n_lines, n_state))
+    seen, parts = moved(told, errors, delta), []
     for view, camera in enumerate(seen.cameras):
         here, drawn = rows_of_view(times.view, view, n), rows_of_view(lines.view, view, n_lines)
-        print_, by_state = arrival_jacobian(
-            state, camera=camera, medium=seen.medium, legs=times.leg[here], rows=times.row[here],
-            cols=times.col[here],
-        )  # fmt: skip
-        prints.append(print_)
-        model.arrival_ps[here], model.arrival_by_state[here] = print_.arrival_ps, by_state
-        offset, by_state = _offsets(state, lines, drawn, told.cameras[view], camera)
-        model.offset_px[drawn], model.offset_by_state[drawn] = offset, by_state
-        model.over_px[here], model.over_by_state[here] = overshoots(state, print_, camera=camera)
-    for view, nudges in enumerate(nudges_of_views(told, errors, delta)):
-        here, drawn = rows_of_view(times.view, view, n), rows_of_view(lines.view, view, n_lines)
-        model.by_shared[here] = nudges.arrivals(
-            state, prints[view], model.arrival_by_state[here], seen.medium
+        rows, cols = times.row[here], times.col[here]
+        own_rays = rays.of_view(view, camera, rows, cols)
+        print_, by_state = footprints_and_slopes(
+            state, camera, seen.medium, times.leg[here], rows, cols, own_rays
         )
-        model.by_shared[n + drawn] = model.offset_by_state[drawn] @ nudges.as_moves(state)
-        for k, lens in nudges.lenses.items():
-            line = _offsets(state, lines, drawn, told.cameras[view], lens)[0]
-            model.by_shared[n + drawn, k] += (line - model.offset_px[drawn]) / nudges.step
-    # Whitened like the offsets themselves: one weight for both.
-    model.by_shared[n:] = lines.whitening @ model.by_shared[n:]
-    return model
+        arrival[here] = print_.arrival_ps
+        offset[drawn], offset_by_state[drawn] = _offsets(
+            state, lines, drawn, told.cameras[view], camera
+        )
+        over[here], over_by_state = overshoots(state, print_, camera=camera)
+        parts.append((here, drawn, print_, by_state, over_by_state))
+
+    def slopes() -> Slopes:
+        found = Slopes(
+            np.zeros((n, n_state)), offset_by_state, np.zeros((n + n_lines, len(errors))),
+            np.zeros((n, n_state)),
+        )  # fmt: skip
+        for here, _, _, by_state, over_by_state in parts:
+            found.arrival_by_state[here], found.over_by_state[here] = by_state(), over_by_state()
+        for view, nudges in enumerate(nudges_of_views(told, errors, delta, seen)):
+            here, drawn, print_, _, _ = parts[view]
+            found.by_shared[here] = nudges.arrivals(
+                state, print_, found.arrival_by_state[here], seen.medium
+            )
+            found.by_shared[n + drawn] = offset_by_state[drawn] @ nudges.as_moves(state)
+            for k, lens in nudges.lenses.items():
+                line = _offsets(state, lines, drawn, told.cameras[view], lens)[0]
+                found.by_shared[n + drawn, k] += (line - offset[drawn]) / nudges.step
+        # Whitened like the offsets themselves: one weight for both.
+        found.by_shared[n:] = lines.whitening @ found.by_shared[n:]
+        return found
+
+    return Modelled(arrival, offset, over, slopes)
 
 
 def _offsets(
@@ -403,18 +451,24 @@ def _linearised(
     line_modes = np.zeros((len(lines.leg), n_modes))
     if lines.modes is not None:
         line_modes[:, n_modes - lines.modes.shape[1] :] = lines.modes
-    by_time = np.column_stack((model.arrival_by_state @ freedom.basis, times.modes_ps))
-    by_line = np.column_stack((lines.whitening @ model.offset_by_state @ freedom.basis, line_modes))
-    data = np.column_stack((np.vstack((by_time, by_line)), model.by_shared))
     # Only pulses well past the corner pull: those within the spot's width are no surprise.
     past = np.flatnonzero((np.abs(model.over_px) > _OVERSHOOT_PX) & (times.weight > 0))
-    contained = np.zeros((len(past), data.shape[1]))
-    contained[:, :n_free] = model.over_by_state[past] @ freedom.basis / _OVERSHOOT_PX
     # Shared errors are counted in their own standard deviations: unit priors about zero.
     n_other = n_modes + len(shared)
-    prior = np.zeros((len(freedom.prior_values) + n_other, data.shape[1]))
-    prior[: len(freedom.prior_values), :n_free] = freedom.prior_rows @ freedom.basis
-    prior[len(freedom.prior_values) :, n_free:] = np.eye(n_other)
+
+    def derived() -> Floats:
+        slopes = model.slopes()
+        by_time = np.column_stack((slopes.arrival_by_state @ freedom.basis, times.modes_ps))
+        offsets = lines.whitening @ slopes.offset_by_state @ freedom.basis
+        by_line = np.column_stack((offsets, line_modes))
+        data = np.column_stack((np.vstack((by_time, by_line)), slopes.by_shared))
+        contained = np.zeros((len(past), data.shape[1]))
+        contained[:, :n_free] = slopes.over_by_state[past] @ freedom.basis / _OVERSHOOT_PX
+        prior = np.zeros((len(freedom.prior_values) + n_other, data.shape[1]))
+        prior[: len(freedom.prior_values), :n_free] = freedom.prior_rows @ freedom.basis
+        prior[len(freedom.prior_values) :, n_free:] = np.eye(n_other)
+        return np.vstack((data, prior, contained))
+
     residual = np.concatenate(
         (
             times.arrival_ps - modelled,
@@ -427,14 +481,8 @@ def _linearised(
     )
     sqrt_weight = np.ones(len(residual))
     sqrt_weight[: len(times.leg)] = np.sqrt(times.weights(floor_var))
-    return _Linear(
-        residual,
-        np.vstack((data, prior, contained)),
-        sqrt_weight,
-        len(times.leg),
-        len(lines.leg),
-        len(prior),
-    )
+    n_priors = len(freedom.prior_values) + n_other
+    return _Linear(residual, sqrt_weight, derived, len(times.leg), len(lines.leg), n_priors)
 
 
 def _solution(

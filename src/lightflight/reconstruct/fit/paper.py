@@ -38,7 +38,7 @@ from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.freedom import view_end
 from lightflight.reconstruct.model.geometry import PathState, vertex_time_jacobian
 from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.shared import NUDGE, shared_errors
+from lightflight.reconstruct.model.shared import NUDGE, moved, shared_errors
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
@@ -426,7 +426,7 @@ def _by_shared_errors(
 def _nudged_settings(setting: Setting) -> list[Setting]:
     """The setting with each error that it states, one after the other, moved by `NUDGE` of it."""
     errors, source = shared_errors(setting), setting.source
-    found = [there for _, there in errors.nudged(setting, np.zeros(len(errors)))]
+    found = [moved(setting, errors, NUDGE * unit) for unit in np.eye(len(errors))]
     if source.position_mm is not None:
         place, stds = np.asarray(source.position_mm, dtype=float), source.position_std_xyz_mm
         found += [

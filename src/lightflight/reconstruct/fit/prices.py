@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lightflight.flight import Source
 from lightflight.reconstruct.fit.joint import JointFit, floor_variance
-from lightflight.reconstruct.fit.least_squares import Modelled, modelled
+from lightflight.reconstruct.fit.least_squares import Rays, Slopes, modelled
 from lightflight.reconstruct.model.geometry import vertex_time_jacobian
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import (
@@ -140,20 +140,21 @@ def _off_by(fit: JointFit, setting: Setting) -> Iterator[tuple[str, str, Floats,
         own = view == number
         anchors[own] = undistorted_as_moved(anchors[own], camera, seen.cameras[number])
     lines = replace(fit.lines, anchors=anchors)
-    model = modelled(solution.state, fit.times, lines, seen, errors, np.zeros(len(errors)))
+    still = np.zeros(len(errors))
+    slopes = modelled(solution.state, fit.times, lines, seen, errors, still, Rays()).slopes()
     for k, unit in enumerate(units):
-        yield unit.thing, unit.size, model.by_shared[:n, k], model.by_shared[n:, k]
-    yield from _off_at_the_start(fit, model, setting.source)
+        yield unit.thing, unit.size, slopes.by_shared[:n, k], slopes.by_shared[n:, k]
+    yield from _off_at_the_start(fit, slopes, setting.source)
 
 
 def _off_at_the_start(
-    fit: JointFit, model: Modelled, source: Source
+    fit: JointFit, slopes: Slopes, source: Source
 ) -> Iterator[tuple[str, str, Floats, Floats]]:
     if source.position_mm is None:
         return
-    by_line = fit.lines.whitening @ model.offset_by_state
+    by_line = fit.lines.whitening @ slopes.offset_by_state
     for axis in np.flatnonzero(source.position_std_xyz_mm == 0):
         size = f"1 mm in {'xyz'[axis]}"
-        yield "source", size, model.arrival_by_state[:, axis], by_line[:, axis]
+        yield "source", size, slopes.arrival_by_state[:, axis], by_line[:, axis]
     if source.emission_time_ps is not None and source.emission_time_std_ps == 0:
-        yield "emission time", "1 ps", model.arrival_by_state[:, -1], by_line[:, -1]
+        yield "emission time", "1 ps", slopes.arrival_by_state[:, -1], by_line[:, -1]

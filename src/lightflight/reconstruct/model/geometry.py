@@ -7,7 +7,7 @@ the way out and back. The state of a path is its vertices and the event time at 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -19,6 +19,7 @@ from lightflight.flight import Medium
 from lightflight.path.bends import Bend, BentCourse
 from lightflight.path.tree import forks_of, last_legs, leg_starts, way_before
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+from lightflight.vectors import finite, lengths, summed
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -294,7 +295,12 @@ class Footprint:
 
 
 def nearest_fractions(
-    state: PathState, camera: Camera, legs: Indices, rows: Floats, cols: Floats
+    state: PathState,
+    camera: Camera,
+    legs: Indices,
+    rows: Floats,
+    cols: Floats,
+    own_rays: Floats | None = None,
 ) -> Floats:
     """Fraction of its leg that each pixel sees nearest to its centre; (n,).
 
@@ -313,30 +319,34 @@ def nearest_fractions(
         Pixel rows.
     cols : array of float, shape (n,)
         Pixel columns.
+    own_rays : array of float, shape (n, 3), optional
+        By `Camera.own_rays`, where they are known already.
 
     Returns
     -------
     array of float, shape (n,)
         0 at the start, 1 at the end; may lie outside.
     """
-    origins, rays, _ = camera.lines_of_sight(rows, cols)
-    step = state.steps_mm[legs]
-    across = step - np.sum(rays * step, axis=1)[:, np.newaxis] * rays
-    offset = origins - state.starts_mm[legs]
-    offset = offset - np.sum(rays * offset, axis=1)[:, np.newaxis] * rays
+    origins, rays, _ = camera.lines_of_sight(rows, cols, own_rays=own_rays)
+    start, step = state.starts_mm[legs], state.steps_mm[legs]
+    across = step - summed(rays * step)[:, np.newaxis] * rays
+    offset = origins - start
+    offset = offset - summed(rays * offset)[:, np.newaxis] * rays
     # A leg along the ray has no nearest point; any will do, none counts.
-    size = np.maximum(np.sum(across**2, axis=1), 1e-12)
-    fraction: Floats = np.sum(across * offset, axis=1) / size
+    size = np.maximum(summed(across**2), 1e-12)
+    fraction: Floats = summed(across * offset) / size
     pixels = np.column_stack((rows, cols))
-    for _ in range(_MOST_FOOT_STEPS_BENT if state.is_bent(legs).any() else 4):
-        points = state.points_mm(legs, fraction)
+    bent = bool(state.is_bent(legs).any())
+    for _ in range(_MOST_FOOT_STEPS_BENT if bent else 4):
+        if bent:
+            points, along = state.points_mm(legs, fraction), state.tangents_mm(legs, fraction)
+        else:
+            points, along = start + fraction[:, np.newaxis] * step, step
         seen, slopes = camera.pixels_and_slopes(points)
-        speed = np.einsum("nij,nj->ni", slopes, state.tangents_mm(legs, fraction))
-        change = np.sum((pixels - seen) * speed, axis=1) / np.maximum(
-            np.sum(speed**2, axis=1), 1e-12
-        )
+        speed = np.einsum("nij,nj->ni", slopes, along)
+        change = summed((pixels - seen) * speed) / np.maximum(summed(speed**2), 1e-12)
         # Near a vanishing point the picture speeds up along the leg: keep Newton on a leash.
-        change = np.clip(np.nan_to_num(change), -0.5, 0.5)
+        change = np.clip(finite(change), -0.5, 0.5)
         fraction = fraction + change
         if np.abs(change).max(initial=0.0) < 1e-4:  # Newton: the next would be 1e-8
             break
@@ -379,7 +389,7 @@ def footprints(
     Implements t_a = t_k + (n_p f l + n_r |A - X(f)|) / c at the foot X(f) of each pixel (method.md,
     Flight).
     """
-    return _footprints_and_jacobian(state, camera, medium, legs, rows, cols, False)[0]
+    return footprints_and_slopes(state, camera, medium, legs, rows, cols)[0]
 
 
 def arrival_jacobian(
@@ -418,13 +428,14 @@ def arrival_jacobian(
     jacobian : array of float, shape (n, size)
         ps per mm and ps per ps.
     """
-    print_, jacobian = _footprints_and_jacobian(state, camera, medium, legs, rows, cols, True)
-    assert jacobian is not None
-    return print_, jacobian
+    print_, jacobian = footprints_and_slopes(state, camera, medium, legs, rows, cols)
+    return print_, jacobian()
 
 
-def overshoots(state: PathState, print_: Footprint, *, camera: Camera) -> tuple[Floats, Floats]:
-    """How far pixels lie beyond the corners of their own leg, and the derivative.
+def overshoots(
+    state: PathState, print_: Footprint, *, camera: Camera
+) -> tuple[Floats, Callable[[], Floats]]:
+    """How far pixels lie beyond the corners of their own leg, and what gives the derivative.
 
     A leg ends at its corner, so light that belongs to it lies before: (n,) px, 0 for every pixel
     within, and (n, size) px per mm. The ends of the path are no corners.
@@ -442,65 +453,72 @@ def overshoots(state: PathState, print_: Footprint, *, camera: Camera) -> tuple[
     -------
     beyond : array of float, shape (n,)
         Signed, 0 within the leg, px.
-    jacobian : array of float, shape (n, size)
-        px per mm.
+    jacobian : callable
+        Gives array of float, shape (n, size), px per mm.
     """
     f = print_.fraction
-    ends = np.isin(print_.leg, state.last_legs)
+    ends = np.zeros(state.n_legs, dtype=bool)
+    ends[list(state.last_legs)] = True
+    ends = ends[print_.leg]
     beyond = np.where((f > 1) & ~ends, f - 1, 0.0)
     beyond = np.where((f < 0) & (print_.leg > 0), f, beyond)
-    out = np.flatnonzero(beyond)
-    jacobian = np.zeros((len(f), state.size))
-    if len(out):
-        legs = print_.leg[out]
-        # The pixel stays, so only the corner that it lies beyond matters, not the leg's other end.
-        corner = np.where(f[out] > 1, legs + 1, state.leg_starts[legs])
-        step = state.tangents_mm(legs, np.where(f[out] > 1, 1.0, 0.0))
-        projection = np.nan_to_num(camera.pixel_jacobian(state.vertices_mm[corner]))
-        speed = np.einsum("nij,nj->ni", projection, step)
-        size = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
-        slide = np.einsum("nij,ni->nj", projection, speed) / size[:, np.newaxis]
-        rows = np.zeros((len(out), jacobian.shape[1]))
-        add_vertex(rows, corner, -slide)
-        jacobian[out] = rows
+
+    def jacobian() -> Floats:
+        out = np.flatnonzero(beyond)
+        found = np.zeros((len(f), state.size))
+        if len(out):
+            legs = print_.leg[out]
+            # The pixel stays, so only the corner that it lies beyond matters, not the other end.
+            corner = np.where(f[out] > 1, legs + 1, state.leg_starts[legs])
+            step = state.tangents_mm(legs, np.where(f[out] > 1, 1.0, 0.0))
+            projection = np.nan_to_num(camera.pixel_jacobian(state.vertices_mm[corner]))
+            speed = np.einsum("nij,nj->ni", projection, step)
+            size = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
+            slide = np.einsum("nij,ni->nj", projection, speed) / size[:, np.newaxis]
+            rows = np.zeros((len(out), found.shape[1]))
+            add_vertex(rows, corner, -slide)
+            found[out] = rows
+        return found
+
     return beyond * print_.px_per_leg, jacobian
 
 
-def _footprints_and_jacobian(
+def footprints_and_slopes(
     state: PathState,
     camera: Camera,
     medium: Medium,
     legs: Indices | int,
     rows: ArrayLike,
     cols: ArrayLike,
-    with_jacobian: bool,
-) -> tuple[Footprint, Floats | None]:
+    own_rays: Floats | None = None,
+) -> tuple[Footprint, Callable[[], Floats]]:
+    """`arrival_jacobian` whose derivatives are made when they are asked for: half of the work."""
     rows, cols = np.asarray(rows, dtype=float), np.asarray(cols, dtype=float)
     n = len(rows)
     legs = np.broadcast_to(legs, n)
     starts = state.leg_starts[legs]
-    fraction = nearest_fractions(state, camera, legs, rows, cols)
+    fraction = nearest_fractions(state, camera, legs, rows, cols, own_rays)
     points, step = state.points_mm(legs, fraction), state.tangents_mm(legs, fraction)
     back = camera.way_back(points, return_group_index=medium.return_group_index)
     seen, projection = camera.pixels_and_slopes(points, way=back)
     # A path on its way through the search may run behind the camera, where nothing is seen.
-    projection = np.nan_to_num(projection)
+    projection = finite(projection)
     speed = np.einsum("nij,nj->ni", projection, step)
     # A leg that points at the camera has no length in the picture.
-    px_per_leg = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
+    px_per_leg = np.maximum(lengths(speed), 1e-12)
     offset = np.column_stack((rows, cols)) - seen
     # speed = (d row, d col): the right-hand normal in (row down, col right) is (col, -row).
     lateral = (offset[:, 0] * speed[:, 1] - offset[:, 1] * speed[:, 0]) / px_per_leg
     later = back.optical_by_point / SPEED_OF_LIGHT_MM_PER_PS
     times = state.vertex_times_ps(medium)
     per_path = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
-    length = np.linalg.norm(step, axis=1)
+    length = lengths(step)
     way = per_path * fraction * length
     for course, _ in state.courses:
         here = np.flatnonzero(legs == course.leg)
         way[here] = per_path * course.ways_mm(fraction[here])
     arrival = times[starts] + way + back.optical_mm / SPEED_OF_LIGHT_MM_PER_PS
-    along = per_path * length + np.sum(later * step, axis=1)
+    along = per_path * length + summed(later * step)
     result = Footprint(
         leg=legs,
         fraction=fraction,
@@ -508,49 +526,38 @@ def _footprints_and_jacobian(
         arrival_ps=arrival,
         slope_ps_per_px=along / px_per_leg,
         px_per_leg=px_per_leg,
-        distance_mm=np.linalg.norm(points - back.last_mm, axis=1),
+        distance_mm=lengths(points - back.last_mm),
     )
-    if not with_jacobian:
-        return result, None
-    # How the foot slides along the leg per mm that its point moves in the picture.
-    slide = np.einsum("nij,ni->nj", projection, speed) / (px_per_leg**2)[:, np.newaxis]
-    # Moving the point at fixed fraction by dX changes the return, and slides the foot back.
-    with_point = later - along[:, np.newaxis] * slide
-    unit = step / length[:, np.newaxis]
-    jacobian = np.zeros((n, state.size))
-    add_vertex(jacobian, starts, (1 - fraction)[:, np.newaxis] * with_point)
-    add_vertex(jacobian, legs + 1, fraction[:, np.newaxis] * with_point)
-    later_by_step = per_path * fraction[:, np.newaxis] * unit
-    for course, own in state.courses:
-        here = np.flatnonzero(legs == course.leg)
-        _, by_step, by_bend = course.ways_and_slopes(fraction[here])
-        later_by_step[here] = per_path * by_step
-        jacobian[here, own] = per_path * by_bend + course.by_bend(fraction[here], with_point[here])
-    add_vertex(jacobian, starts, -later_by_step)
-    add_vertex(jacobian, legs + 1, later_by_step)
-    # The way of the light before the leg.
-    jacobian += per_path * travelled_jacobian(state)[starts]
-    jacobian[:, state.vertices_mm.size] = 1.0
+
+    def jacobian() -> Floats:
+        # How the foot slides along the leg per mm that its point moves in the picture.
+        slide = np.einsum("nij,ni->nj", projection, speed) / (px_per_leg**2)[:, np.newaxis]
+        # Moving the point at fixed fraction by dX changes the return, and slides the foot back.
+        with_point = later - along[:, np.newaxis] * slide
+        unit = step / length[:, np.newaxis]
+        found = np.zeros((n, state.size))
+        add_vertex(found, starts, (1 - fraction)[:, np.newaxis] * with_point)
+        add_vertex(found, legs + 1, fraction[:, np.newaxis] * with_point)
+        later_by_step = per_path * fraction[:, np.newaxis] * unit
+        for course, own in state.courses:
+            here = np.flatnonzero(legs == course.leg)
+            _, by_step, by_bend = course.ways_and_slopes(fraction[here])
+            later_by_step[here] = per_path * by_step
+            found[here, own] = per_path * by_bend + course.by_bend(fraction[here], with_point[here])
+        add_vertex(found, starts, -later_by_step)
+        add_vertex(found, legs + 1, later_by_step)
+        # The way of the light before the leg.
+        found += per_path * travelled_jacobian(state)[starts]
+        found[:, state.vertices_mm.size] = 1.0
+        return found
+
     return result, jacobian
 
 
 def add_vertex(jacobian: Floats, vertex: Indices, gradient: Floats) -> None:
     """Add the gradients (n, 3) by vertices (n,) to their columns of a jacobian (n, size)."""
-    rows = np.arange(len(jacobian))
-    for axis in range(3):
-        jacobian[rows, 3 * vertex + axis] += gradient[:, axis]
-
-
-def cross(a: Floats, b: Floats) -> Floats:
-    """(..., 3), a x b; `np.cross`, which also takes other axes, spends most of a fit on them."""
-    return np.stack(
-        (
-            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
-            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
-            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
-        ),
-        axis=-1,
-    )
+    rows = np.arange(len(jacobian))[:, np.newaxis]
+    jacobian[rows, 3 * vertex[:, np.newaxis] + np.arange(3)] += gradient
 
 
 def travelled_jacobian(state: PathState) -> Floats:

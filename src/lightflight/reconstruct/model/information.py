@@ -34,7 +34,10 @@ _MOST_DAMPING = 1e12
 
 
 class Slope(Protocol):
-    """A log-likelihood about a point, its priors included; p parameters."""
+    """A log-likelihood about a point, its priors included; p parameters.
+
+    Score and information may be made when they are asked for: half of all steps are refused.
+    """
 
     @property
     def value(self) -> float:
@@ -141,24 +144,26 @@ def ascend(
     squared, and twice what it should gain.
     """
     slope, damping = slope_at(point), _FIRST_DAMPING
+    information, score = slope.information, slope.score
     for _ in range(most_steps):
-        information = slope.information
-        step = damped_step(information, slope.score, damping + gauge)
+        step = damped_step(information, score, damping + gauge)
         trial = moved(point, slope, step)
         # A step too far may leave nothing finite: it is refused below.
         with np.errstate(over="ignore", invalid="ignore"):
             new = slope_at(trial)
-        gained = new.value - slope.value
-        higher = bool(np.isfinite(new.value) and gained >= -1e-12 * (1.0 + abs(slope.value)))
-        if higher:
-            point, slope = trial, new
-        length2 = float(step @ information @ step) / len(step)
+            gained = new.value - slope.value
+            higher = bool(np.isfinite(new.value) and gained >= -1e-12 * (1.0 + abs(slope.value)))
+            length2 = float(step @ information @ step) / len(step)
+            if higher:
+                point, slope = trial, new
+                # Asked for here alone: a step that is refused costs its value.
+                information, score = slope.information, slope.score
         short = length2 < _TOLERANCE**2 or abs(gained) < level
         if short and damping <= _FREE_DAMPING:
             return point, slope, True
         if higher and length2 < _TINY**2:
-            left = damped_step(slope.information, slope.score, _FIRST_DAMPING + gauge)
-            return point, slope, bool(left @ slope.information @ left < _LEFT**2 * len(left))
+            left = damped_step(information, score, _FIRST_DAMPING + gauge)
+            return point, slope, bool(left @ information @ left < _LEFT**2 * len(left))
         damping = max(damping / 10.0, _LEAST_DAMPING) if higher else damping * 10.0
         if damping > _MOST_DAMPING:
             break

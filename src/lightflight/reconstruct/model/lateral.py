@@ -13,6 +13,7 @@ as their counts show.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from lightflight.reconstruct.model.information import ascend
 from lightflight.reconstruct.model.kinks import LEAST_TELLING, Kinkable, bends_along
 from lightflight.reconstruct.model.line_problem import (
     OF_SPOT,
+    Expected,
     LineData,
     LineProblem,
     expected_by_priors,
@@ -275,7 +277,7 @@ def _told(problem: LineProblem, parameters: Floats, weights: Floats) -> _Fitted:
 
 def _without_strangers(problem: LineProblem, parameters: Floats) -> Floats:
     """(n,), 1, or 0 for pixels that agree with no leg."""
-    mean, _ = expected_photons(problem, parameters)
+    mean = expected_photons(problem, parameters).photons
     counted = np.maximum(mean, _LEAST_MEAN) + problem.data.empty_variance
     scaled = np.abs(problem.data.photons - mean)
     scaled /= np.sqrt(variance_of_counts(counted, problem.unequal))
@@ -288,7 +290,7 @@ def _without_strangers(problem: LineProblem, parameters: Floats) -> Floats:
 
 def _off(problem: LineProblem, parameters: Floats) -> tuple[Floats, Floats]:
     """Photons seen beyond those expected, (n,), and what was counted in all as expected."""
-    mean, _ = expected_photons(problem, parameters)
+    mean = expected_photons(problem, parameters).photons
     return problem.data.photons - mean, _counted(problem, mean)
 
 
@@ -308,28 +310,42 @@ class _Slope:
     """The likelihood of the counts about some parameters, with its priors."""
 
     value: float
-    score: Floats
-    information: Floats
+    problem: LineProblem
+    expected: Expected
+    weights: Floats
+    held: Floats
+
+    @cached_property
+    def weight(self) -> Floats:
+        """(n,), each pixel's times its mean over its variance."""
+        mean = self.expected.photons
+        variance = variance_of_counts(_counted(self.problem, mean), self.problem.unequal)
+        return self.weights * mean / variance
+
+    @cached_property
+    def score(self) -> Floats:
+        data, mean = self.problem.data, self.expected.photons
+        pulls = self.expected.gradient * (self.weight * (data.photons - mean))[:, np.newaxis]
+        return _summed(self.problem.columns.ravel(), pulls, len(self.held)) - self.held
+
+    @cached_property
+    def information(self) -> Floats:
+        gradient, size = self.expected.gradient, len(self.held)
+        weighted = gradient * (self.weight * self.expected.photons)[:, np.newaxis]
+        products = weighted[:, :, np.newaxis] * gradient[:, np.newaxis]
+        information = _summed(self.problem.cells, products, size**2).reshape(size, size)
+        return information + self.problem.precision + 1e-9 * np.eye(size)
 
 
 def _slope_at(problem: LineProblem, parameters: Floats, weights: Floats) -> _Slope:
-    data, size = problem.data, problem.starts[-1] + 1
-    mean, gradient = expected_photons(problem, parameters)
-    counted = _counted(problem, mean)
-    variance = variance_of_counts(counted, problem.unequal)
-    weight = weights * mean / variance
-    weighted = gradient * (weight * mean)[:, np.newaxis]
-    products = weighted[:, :, np.newaxis] * gradient[:, np.newaxis]
-    information = _summed(problem.cells, products, size**2).reshape(size, size)
-    pulls = gradient * (weight * (data.photons - mean))[:, np.newaxis]
-    score = _summed(problem.columns.ravel(), pulls, size)
+    data, expected = problem.data, expected_photons(problem, parameters)
+    counted = _counted(problem, expected.photons)
     # Shifted Poisson: counts plus background variance have nearly equal mean and variance.
     shifted = np.maximum(data.photons + data.empty_variance, 0.0)
     value = -np.sum(weights * half_deviance(shifted, counted, problem.unequal))
     off = parameters - problem.expected
     held = problem.precision @ off
-    information = information + problem.precision + 1e-9 * np.eye(size)
-    return _Slope(float(value - 0.5 * off @ held), score - held, information)
+    return _Slope(float(value - 0.5 * off @ held), problem, expected, weights, held)
 
 
 def _scored(problem: LineProblem, parameters: Floats, weights: Floats) -> Floats:
@@ -349,10 +365,10 @@ def _scored(problem: LineProblem, parameters: Floats, weights: Floats) -> Floats
 
 
 def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[LineFit]:
-    information = _slope_at(problem, parameters, weights).information
+    slope = _slope_at(problem, parameters, weights)
     # Not scaled: all parameters are logarithms or px, of one size.
-    covariance = np.linalg.pinv(information, hermitian=True)
-    mean, gradient = expected_photons(problem, parameters)
+    covariance = np.linalg.pinv(slope.information, hermitian=True)
+    mean, gradient = slope.expected.photons, slope.expected.gradient
     residual = problem.data.photons - mean
     variance = variance_of_counts(_counted(problem, mean), problem.unequal)
     # What the legs' own spots have in common is the common spot's.

@@ -342,7 +342,38 @@ def over_leg(problem: LineProblem, k: int, values: Floats) -> Floats:
     return spread
 
 
-def expected_photons(problem: LineProblem, parameters: Floats) -> tuple[Floats, Floats]:
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """Photons that each pixel expects.
+
+    Attributes
+    ----------
+    photons : array of float, shape (n,)
+        Of the legs alone.
+    problem : LineProblem
+        Of the counts.
+    spot_px : array of float, shape (n,)
+        Standard deviation of the spot there.
+    off : array of float, shape (n,)
+        Distance of each pixel from the line, in those.
+    """
+
+    photons: Floats
+    problem: LineProblem
+    spot_px: Floats
+    off: Floats
+
+    @cached_property
+    def gradient(self) -> Floats:
+        """D ln(photons) / d(the parameters that touch each pixel), (n, 5 + w + s)."""
+        problem, u = self.problem, self.off
+        by_offset, by_spot = (u / self.spot_px)[:, np.newaxis], (u**2)[:, np.newaxis]
+        return np.hstack(
+            (problem.basis, by_offset * problem.lever, by_spot * problem.spot_lever, by_spot)
+        )
+
+
+def expected_photons(problem: LineProblem, parameters: Floats) -> Expected:
     """Photons that each pixel expects, and how their logarithm follows what touches it.
 
     Parameters
@@ -354,9 +385,8 @@ def expected_photons(problem: LineProblem, parameters: Floats) -> tuple[Floats, 
 
     Returns
     -------
-    photons : array of float, shape (n,)
-    gradient : array of float, shape (n, 5 + w + s)
-        D ln(photons) / d(the parameters that touch each pixel).
+    Expected
+        For all pixels.
     """
     own, last = parameters[problem.columns], -1 - problem.of_spot
     log_spot = own[:, -1] + np.sum(problem.spot_lever * own[:, last:-1], axis=1)
@@ -364,8 +394,4 @@ def expected_photons(problem: LineProblem, parameters: Floats) -> tuple[Floats, 
     line = np.sum(problem.lever * own[:, 4:last], axis=1)
     u = (problem.data.across_px - line) / spot
     log_mean = np.sum(problem.basis * own[:, :4], axis=1) - 0.5 * u**2
-    by_offset, by_spot = (u / spot)[:, np.newaxis], (u**2)[:, np.newaxis]
-    gradient = np.hstack(
-        (problem.basis, by_offset * problem.lever, by_spot * problem.spot_lever, by_spot)
-    )
-    return np.exp(np.clip(log_mean, -60, 40)), gradient
+    return Expected(np.exp(np.clip(log_mean, -60, 40)), problem, spot, u)

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from lightflight.camera.refraction import Interface, moved_rigidly
 from lightflight.flight import Medium
-from lightflight.reconstruct.model.geometry import Footprint, PathState, cross
+from lightflight.reconstruct.model.geometry import Footprint, PathState
 from lightflight.reconstruct.model.image_plane import mean_focal_px
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+from lightflight.vectors import cross
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera

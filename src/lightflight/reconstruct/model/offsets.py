@@ -15,9 +15,9 @@ from lightflight.reconstruct.model.geometry import (
     Indices,
     PathState,
     add_vertex,
-    cross,
     nearest_fractions,
 )
+from lightflight.vectors import cross, summed
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -77,7 +77,7 @@ def _straight_offsets(
     size = np.where(size > 0, size, np.nan)[:, np.newaxis]
     points = np.column_stack((anchors / focal_px, np.ones(len(anchors))))
     flat = np.column_stack((normal[:, :2] / size, np.zeros(len(legs))))
-    value = np.sum(normal / size * points, axis=1)
+    value = summed(normal / size * points)
     offset = focal_px * value
     by_normal = focal_px * (points - value[:, np.newaxis] * flat) / size
     # d(a x b).g = da.(b x g) + db.(g x a), then back from camera axes to world axes.

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from lightflight.timing.clock.code_clock import CodeClock
 
 Floats = NDArray[np.float64]
+Cameras = dict[int, "Camera"]
 
 NUDGE = 1e-3
 """Step of a shared error for its derivative, in its own standard deviations."""
@@ -82,12 +83,24 @@ class SharedErrors:
     def __len__(self) -> int:
         return len(self.names)
 
-    def nudged(self, setting: Setting, delta: Floats) -> Iterator[tuple[int, Setting]]:
-        """(k, setting moved by `delta` and by `NUDGE` more of error k), one after the other."""
-        for k in range(len(self)):
+    def nudged(self, setting: Setting, delta: Floats) -> Iterator[tuple[int, Medium, Cameras]]:
+        """(k, medium, cameras moved by `delta` and by `NUDGE` more of error k), one by one.
+
+        Of the cameras those that error k moves: one, or of the medium those behind a window.
+        """
+        for k, view in enumerate(self.view):
             more = delta.copy()
             more[k] += NUDGE
-            yield k, moved(setting, self, more)
+            medium = _medium_moved_by(setting, self, more)
+            yield (
+                k,
+                medium,
+                {
+                    number: _camera_moved_by(setting, self, more, number, medium)
+                    for number, camera in enumerate(setting.cameras)
+                    if number == view or (view == MEDIUM and camera.interfaces)
+                },
+            )
 
 
 def shared_errors(setting: Setting) -> SharedErrors:
@@ -188,18 +201,28 @@ def moved(setting: Setting, errors: SharedErrors, delta: Floats) -> Setting:
     """
     if not len(errors):
         return setting
-    medium, own = setting.medium, errors.view == MEDIUM
-    if own.any():
-        medium = _medium_moved(medium, errors.sigma[own].T @ delta[own])
+    medium = _medium_moved_by(setting, errors, delta)
+    cameras = [
+        _camera_moved_by(setting, errors, delta, view, medium)
+        for view in range(len(setting.cameras))
+    ]
+    return replace(setting, camera=cameras[0], others=tuple(cameras[1:]), medium=medium)
+
+
+def _medium_moved_by(setting: Setting, errors: SharedErrors, delta: Floats) -> Medium:
+    own = errors.view == MEDIUM
+    if not own.any():
+        return setting.medium
+    return _medium_moved(setting.medium, errors.sigma[own].T @ delta[own])
+
+
+def _camera_moved_by(
+    setting: Setting, errors: SharedErrors, delta: Floats, view: int, medium: Medium
+) -> Camera:
     # What times the light bends it: both indices of a medium are off by the same share.
     share = medium.return_group_index / setting.medium.return_group_index
-    cameras = []
-    for view, camera in enumerate(setting.cameras):
-        camera, own = scene_denser(camera, share), errors.view == view
-        if own.any():
-            camera = _camera_moved(camera, errors.sigma[own].T @ delta[own])
-        cameras.append(camera)
-    return replace(setting, camera=cameras[0], others=tuple(cameras[1:]), medium=medium)
+    camera, own = scene_denser(setting.cameras[view], share), errors.view == view
+    return _camera_moved(camera, errors.sigma[own].T @ delta[own]) if own.any() else camera
 
 
 def _camera_moved(camera: Camera, by: Floats) -> Camera:
@@ -228,7 +251,9 @@ def _medium_moved(medium: Medium, by: Floats) -> Medium:
     return replace(medium, path_group_index=float(out), return_group_index=float(back))
 
 
-def nudges_of_views(setting: Setting, errors: SharedErrors, delta: Floats) -> tuple[Nudges, ...]:
+def nudges_of_views(
+    setting: Setting, errors: SharedErrors, delta: Floats, seen: Setting
+) -> tuple[Nudges, ...]:
     """How each camera's picture follows the shared errors, about where they stand.
 
     Parameters
@@ -239,13 +264,14 @@ def nudges_of_views(setting: Setting, errors: SharedErrors, delta: Floats) -> tu
         Of that setting.
     delta : array of float, shape (k,)
         Where they stand, in standard deviations.
+    seen : Setting
+        The setting `moved` by these.
 
     Returns
     -------
     tuple of Nudges
         One for each camera.
     """
-    seen = moved(setting, errors, delta)
     found = [
         Nudges(
             camera,
@@ -257,16 +283,15 @@ def nudges_of_views(setting: Setting, errors: SharedErrors, delta: Floats) -> tu
         )
         for camera in seen.cameras
     ]
-    for k, there in errors.nudged(setting, delta):
+    for k, medium, cameras in errors.nudged(setting, delta):
         view = int(errors.view[k])
         if view == MEDIUM:
-            change = _indices(there.medium) - _indices(seen.medium)
-            for nudges, other in zip(found, there.cameras, strict=True):
-                nudges.index[k] = change / NUDGE
-                if other.interfaces:
-                    nudges.lenses[k] = other
+            for number, nudges in enumerate(found):
+                nudges.index[k] = (_indices(medium) - _indices(seen.medium)) / NUDGE
+                if number in cameras:
+                    nudges.lenses[k] = cameras[number]
             continue
-        turn, shift, lens = nudge_between(seen.cameras[view], there.cameras[view])
+        turn, shift, lens = nudge_between(seen.cameras[view], cameras[view])
         found[view].turn_rad[k], found[view].shift_mm[k] = turn / NUDGE, shift / NUDGE
         if lens is not None:
             found[view].lenses[k] = lens
@@ -407,7 +432,7 @@ def local_with_shared(
     if len(errors):
         points = undistorted_px(camera, pixels.rows, pixels.cols)
         pixels = replace(pixels, points_px=points)
-    nudges = nudges_of_views(setting, errors, delta)[view] if len(errors) else None
+    nudges = nudges_of_views(setting, errors, delta, seen)[view] if len(errors) else None
     return local_variables(
         state, light, pixels, layout, basis=basis, modes=modes, camera=camera,
         medium=seen.medium, nudges=nudges,
