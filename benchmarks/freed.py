@@ -46,7 +46,7 @@ ALSO_FREES = {
 def _askew(world: World) -> World:
     corner = np.array(world.view.shape) / 2
     by = 0.5 * world.view.focal_px[0] / (corner @ corner + 2 * corner[0] ** 2)
-    return world.but(view=replace(world.view, askew=by))
+    return world.but(view=replace(world.view, askew=(by, 0.0)))
 
 
 OWN: dict[str, tuple[str, Callable[[World], World]]] = {

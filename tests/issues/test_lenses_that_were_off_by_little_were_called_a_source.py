@@ -26,7 +26,7 @@ def _seen_by(view: View, aspect=0.0, axis_px=0.0, decentring_px=0.0):
         view,
         focal_px=(view.focal_px[0] * (1 + aspect), view.focal_px[1]),
         axis_px=tuple(middle + axis_px),
-        askew=p1,
+        askew=(p1, 0.0),
     )
 
 

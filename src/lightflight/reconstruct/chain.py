@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -142,14 +142,36 @@ def reconstruct(
         ]
 
     sightings, may_bend = seen_with(setting, clocks), "bend" in wanted
-    if any(name != "bend" for name in wanted):
-        as_told = Request(sightings, setting, told, n_legs, start, may_bend)
-        setting, clocks = freed(setting, clocks, repeats, wanted, _shares(as_told, wanted))
-        sightings = seen_with(setting, clocks)
-    return path_from_sightings(
-        sightings, setting, timing=told, method=method, n_legs=n_legs, start=start,
-        may_bend=may_bend,
-    )  # fmt: skip
+
+    def path_with(sightings: list[Sighting], setting: Setting) -> LightPath:
+        return path_from_sightings(
+            sightings, setting, timing=told, method=method, n_legs=n_legs, start=start,
+            may_bend=may_bend,
+        )  # fmt: skip
+
+    if not any(name != "bend" for name in wanted):
+        return path_with(sightings, setting)
+    as_told = Request(sightings, setting, told, n_legs, start, may_bend)
+    shares = _shares(as_told, wanted)
+    if shares:
+        # Where legs were lost as all was told, what is left of the misfit asks for too little.
+        there, seen_by = freed(setting, clocks, repeats, wanted, shares)
+        path = _unless_contradicted(lambda: path_with(seen_with(there, seen_by), there))
+        if path is not None:
+            return _warned(path)
+    setting, clocks = freed(setting, clocks, repeats, wanted)
+    return path_with(seen_with(setting, clocks), setting)
+
+
+def _unless_contradicted(attempt: Callable[[], LightPath]) -> LightPath | None:
+    """A path, and no word of warning; None where there is none that its recording bears out."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SuspectDataWarning)
+        try:
+            path = attempt()
+        except (GeometryError, NothingFoundError):
+            return None
+    return None if path.verdict.level is Level.CONTRADICTED else path
 
 
 def _shares(request: Request, wanted: Sequence[str]) -> dict[str, float]:

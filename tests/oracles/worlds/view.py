@@ -26,9 +26,9 @@ class View:
     """Radial stretch: 1 + lens[0] r² + lens[1] r⁴, r in units of slope."""
     axis_px: tuple[float, float] | None = None
     """(row, col) of the optical axis; None: the middle of the picture."""
-    askew: float = 0.0
-    """Decentring along the rows (Brown and Conrady's): in units of slope, y grows by
-    askew (r² + 2 y²), x by 2 askew x y."""
+    askew: tuple[float, float] = (0.0, 0.0)
+    """Decentring along rows and columns (Brown and Conrady's), a and b: in units of slope, y grows
+    by a (r² + 2 y²) + 2 b x y, x by b (r² + 2 x²) + 2 a x y."""
 
     def axis(self) -> tuple[float, float]:
         if self.axis_px is not None:
@@ -46,8 +46,9 @@ class View:
         folded = 1.0 + 3.0 * self.lens[0] * square + 5.0 * self.lens[1] * square**2 <= 0.0
         stretch = np.where(folded, np.nan, stretch)
         row0, col0 = self.axis()
-        down = y * stretch + self.askew * (square + 2.0 * y**2)
-        right = x * stretch + 2.0 * self.askew * x * y
+        a, b = self.askew
+        down = y * stretch + a * (square + 2.0 * y**2) + 2.0 * b * x * y
+        right = x * stretch + b * (square + 2.0 * x**2) + 2.0 * a * x * y
         return row0 + self.focal_px[0] * down, col0 + self.focal_px[1] * right
 
     def inside(self, points: np.ndarray) -> np.ndarray:
