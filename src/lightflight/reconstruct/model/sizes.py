@@ -37,7 +37,7 @@ PLAUSIBLE: dict[str, Plausible] = {
     # A field of view read off a screen, a zoom ring that moved.
     "focal_length": Plausible(0.1, "of itself"),
     # Pixels that are not square, a width and a height measured by themselves.
-    "aspect": Plausible(0.02, "of itself, height against width"),
+    "aspect": Plausible(0.02, "of itself one way"),
     # An array glued by hand behind its lens.
     "axis": Plausible(2.0, "px"),
     # A lens that sits askew, a tilted array.
