@@ -118,9 +118,10 @@ def shared_errors(setting: Setting) -> SharedErrors:
     for view, camera in enumerate(setting.cameras):
         for column in _pose_scale(camera).T:
             add("pose", view, 0, column)
-        for name, first, n, std in lens_errors(camera):
-            for place in range(first, first + n if std > 0 else first):
-                add(name, view, place, [std])
+        for name, places, std in _lens_errors(camera):
+            if std > 0:
+                for place in places:
+                    add(name, view, place, [std])
         for number, face in enumerate(camera.interfaces):
             if face.distance_std_mm > 0:
                 add("window", view, INTERFACES + 2 * number, [face.distance_std_mm])
@@ -140,25 +141,14 @@ def width_of_errors(setting: Setting) -> int:
     return INTERFACES + 2 * max(len(camera.interfaces) for camera in setting.cameras)
 
 
-def lens_errors(camera: Camera) -> tuple[tuple[str, int, int, float], ...]:
-    """Cause, first place among a camera's numbers, how many, and stated error of each lens error.
-
-    Parameters
-    ----------
-    camera : Camera
-        Whose lens it is.
-
-    Returns
-    -------
-    tuple of (str, int, int, float)
-        0: told as exact.
-    """
+def _lens_errors(camera: Camera) -> tuple[tuple[str, tuple[int, ...], float], ...]:
+    """Cause, places among a camera's numbers and stated error of each error of its lens."""
     return (
-        ("focal_length", FOCAL, 1, camera.focal_std_fraction),
-        ("aspect", ASPECT, 1, camera.aspect_std),
-        ("axis", AXIS.start, 2, camera.axis_std_px),
-        ("distortion", RADIAL, 1, camera.distortion_std),
-        ("decentering", DECENTERING.start, 2, camera.decentering_std),
+        ("focal_length", (FOCAL,), camera.focal_std_fraction),
+        ("aspect", (ASPECT,), camera.aspect_std),
+        ("axis", (AXIS.start, AXIS.start + 1), camera.axis_std_px),
+        ("distortion", (RADIAL,), camera.distortion_std),
+        ("decentering", (DECENTERING.start, DECENTERING.start + 1), camera.decentering_std),
     )
 
 

@@ -46,7 +46,7 @@ _STEP = 1e-3
 _AHEAD = 1e-4
 """Share of a leg by which the direction of its picture is told."""
 _CODE_WAVES = 4
-"""Shapes beside zero and scale of codes that are long here and short there; a bend has five."""
+"""Shapes of uneven codes beside zero and scale: with two, 5 ps over 3 ns were called a pose."""
 _TREND_WAVES = 3
 """Waves along each leg that a trend is looked for in, beside the slopes that the path takes up."""
 
@@ -276,7 +276,7 @@ def geometry_candidates(
         _candidate(
             rows,
             FindingName.CALIBRATION,
-            [("codes", (wave, nothing)) for wave in uneven_codes(counted_ps).T],
+            [("codes", (wave, nothing)) for wave in _uneven_codes(counted_ps).T],
         ),
     ]
     if any(camera.interfaces for camera in rows.cameras):
@@ -409,19 +409,8 @@ def _skewed(rows: Rows) -> Candidate:
     return _candidate(rows, FindingName.CALIBRATION, parts)
 
 
-def uneven_codes(counted_ps: Floats) -> Floats:
-    """Codes whose lengths change slowly over those that were counted: waves beside zero and scale.
-
-    Parameters
-    ----------
-    counted_ps : array of float, shape (n,)
-        What the clock counted for each pulse, ps; NaN where there is none.
-
-    Returns
-    -------
-    array of float, shape (n, 4)
-        Legendre polynomials over the range of the pulses.
-    """
+def _uneven_codes(counted_ps: Floats) -> Floats:
+    """Codes whose lengths change slowly over those that were counted (n,): waves (n, 4)."""
     told = counted_ps[np.isfinite(counted_ps)]
     low, high = told.min(initial=np.inf), told.max(initial=-np.inf)
     place = 2.0 * (counted_ps - low) / max(high - low, 1e-9) - 1.0
