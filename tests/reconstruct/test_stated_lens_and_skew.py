@@ -18,9 +18,7 @@ from tests.oracles.worlds.random_worlds import random_world
 
 ASPECT, AXIS_PX, ASKEW, SKEW_PS = 0.005, 0.3, 2e-3, 4.0
 FALSE_ALARM = 1e-4
-SEEDS = {"joint": range(40, 46), "photon": range(6)}
-"""`photon` in even light: in uneven light its spline takes the picture's place along a leg for
-known (docs/explanation/limits.md)."""
+SEEDS = range(40, 46)
 
 
 @cache
@@ -45,7 +43,7 @@ def drawn(seed: int):
 def test_errors_hold_what_was_drawn(method):
     """Six recordings, the six numbers of their corners whitened: 36 degrees of freedom."""
     total, dof = 0.0, 0
-    for seed in SEEDS[method]:
+    for seed in SEEDS:
         world, told = drawn(seed)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SuspectDataWarning)

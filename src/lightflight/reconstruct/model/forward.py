@@ -96,7 +96,7 @@ class Pixels:
     near : array of bool, shape (n, L)
         True where the leg's light can reach the pixel.
     points_px : array of float, shape (n, 2)
-        Undistorted (u, v).
+        Undistorted (u, v) in the picture that the lines of the light were drawn in.
     skew_ps : array of float, shape (n,)
         Delay of the pixel.
     pixel_var : array of float, shape (n,)
@@ -278,6 +278,7 @@ def local_variables(
     camera: Camera,
     medium: Medium,
     nudges: Nudges | None = None,
+    seen_px: Floats | None = None,
 ) -> Local:
     """Photons, time and width of every leg in every pixel, with their derivatives.
 
@@ -301,6 +302,8 @@ def local_variables(
         Group indices out and back.
     nudges : Nudges, optional
         How camera and medium follow the shared errors of the layout; None: it has none.
+    seen_px : array of float, shape (n, 2), optional
+        Undistorted (u, v) of the pixels through the lens as it stands; None: as `pixels` has them.
 
     Returns
     -------
@@ -314,10 +317,11 @@ def local_variables(
         std_ps=np.ones((n, n_legs)),
         jacobian=np.zeros((n, 3 * n_legs, layout.size)),
     )
+    seen_px = pixels.points_px if seen_px is None else seen_px
     for k in state.seen:
         here = np.flatnonzero(pixels.near[:, k])
-        seen = _seen_leg(state, light, pixels, k, here, camera, medium)
-        slopes = _slopes(seen, state, pixels.points_px[here], light, basis, medium, nudges)
+        seen = _seen_leg(state, light, pixels, seen_px[here], k, here, camera, medium)
+        slopes = _slopes(seen, state, seen_px[here], basis, medium, nudges)
         _fill_leg(local, seen, slopes, light, pixels.modes_ps[here, k], modes, layout, here)
     return local
 
@@ -339,7 +343,9 @@ class _SeenLeg:
     across_by_state : array of float, shape (n, size)
         Its derivative, px per mm.
     along_px : array of float, shape (n,)
-        Place along the leg's image, within its knots, px.
+        Place along the leg's image as it was drawn, within its knots, px. No error of the lens
+        moves it: what lights a pixel stays that pixel's, and knots that slid under the light would
+        take their own spacing for knowledge of the lens.
     spot_px : array of float, shape (n,)
         Standard deviation of the spot there, px.
     corners : Corners
@@ -363,13 +369,14 @@ def _seen_leg(
     state: PathState,
     light: Light,
     pixels: Pixels,
+    points: Floats,
     k: int,
     here: Indices,
     camera: Camera,
     medium: Medium,
 ) -> _SeenLeg:
-    """Geometry and footprint moments of leg `k` in the pixels `here` (n,)."""
-    legs, points = np.full(len(here), k), pixels.points_px[here]
+    """Geometry and footprint moments of leg `k` in the pixels `here` (n,), seen at `points`."""
+    legs = np.full(len(here), k)
     print_, by_state = arrival_jacobian(
         state,
         camera=camera,
@@ -381,7 +388,8 @@ def _seen_leg(
     across, across_by_state = line_offsets(
         state, camera=camera, legs=legs, anchors=points, focal_px=mean_focal_px(camera)
     )
-    along = np.clip(light.lines[k].along_across(points)[0], *span_of_knots(light.knots[k]))
+    drawn = light.lines[k].along_across(pixels.points_px[here])[0]
+    along = np.clip(drawn, *span_of_knots(light.knots[k]))
     corners = corner_distances(state, print_, k, camera=camera, cut_ends=light.cut_ends)
     slope = BSpline(light.knots[k], light.coefficients[k], 3).derivative()(along)
     spot = np.full(len(here), np.exp(light.log_spot_px))
@@ -408,8 +416,6 @@ class _Slopes:
         Arrival time from the foot, ps.
     across : array of float
         Distance of the pixel from the leg's image, px.
-    along : array of float
-        Place along the leg's image, px.
     before : array of float
         Picture distance to the corner before the foot, px.
     after : array of float
@@ -418,7 +424,6 @@ class _Slopes:
 
     arrival: Floats
     across: Floats
-    along: Floats
     before: Floats
     after: Floats
 
@@ -427,7 +432,6 @@ def _slopes(
     seen: _SeenLeg,
     state: PathState,
     points: Floats,
-    light: Light,
     basis: Floats,
     medium: Medium,
     nudges: Nudges | None,
@@ -438,7 +442,6 @@ def _slopes(
     found = _Slopes(
         seen.arrival_by_state @ moves,
         seen.across_by_state @ moves,
-        np.zeros((len(points), moves.shape[1])),
         seen.corners.before_by_state @ moves,
         seen.corners.after_by_state @ moves,
     )
@@ -453,16 +456,12 @@ def _slopes(
         along = state.tangents_mm(k, np.array([place]))
         slide = nudges.slides(state.vertices_mm[vertex : vertex + 1], along)
         slopes[:, own] += np.where(np.isfinite(cut)[:, np.newaxis], slide, 0.0)
-    line = light.lines[k]
-    here = line.along_across(points)[0]
     for error, there in nudges.undistorted(points).items():
         lens = nudges.lenses[error]
         across = line_offsets(
             state, camera=lens, legs=seen.print_.leg, anchors=there, focal_px=mean_focal_px(lens)
         )[0]
-        column = basis.shape[1] + error
-        found.across[:, column] += (across - seen.across_px) / nudges.step
-        found.along[:, column] = (line.along_across(there)[0] - here) / nudges.step
+        found.across[:, basis.shape[1] + error] += (across - seen.across_px) / nudges.step
     return found
 
 
@@ -494,7 +493,6 @@ def _fill_leg(
     jacobian, at, splines = local.jacobian, 3 * k, layout.spline_starts[k]
     to_spline = slice(splines, splines + design.shape[1])
     to_slope = BSpline(light.knots[k], np.eye(design.shape[1]), 3).derivative()(seen.along_px)
-    log_slope = to_slope @ light.coefficients[k]
     # d ln(std) = d(variance) / (2 variance).
     to_log_std = 0.5 / std**2
     growth = light.spots[k].growth_at(seen.along_px) if light.spots else np.zeros(len(here))
@@ -514,8 +512,6 @@ def _fill_leg(
         by_path[row] += (2.0 * by_slope * growth * across / spot**2)[:, np.newaxis] * slopes.across
     # d/d ln(spot) of -across^2 / 2 spot^2.
     by_spot[0] += (across / spot) ** 2
-    by_path += (by_spot * growth)[:, :, np.newaxis] * slopes.along
-    by_path[0] += log_slope[:, np.newaxis] * slopes.along
     by_path[0] -= (across / spot**2 - inwards)[:, np.newaxis] * slopes.across
     by_path[1] += slopes.arrival
     own = layout.of_path_and_shared

@@ -419,13 +419,11 @@ def local_with_shared(
     """
     seen = moved(setting, errors, delta)
     camera = seen.cameras[view]
-    if len(errors):
-        points = undistorted_px(camera, pixels.rows, pixels.cols)
-        pixels = replace(pixels, points_px=points)
+    seen_px = undistorted_px(camera, pixels.rows, pixels.cols) if len(errors) else None
     nudges = nudges_of_views(setting, errors, delta, seen)[view] if len(errors) else None
     return local_variables(
         state, light, pixels, layout, basis=basis, modes=modes, camera=camera,
-        medium=seen.medium, nudges=nudges,
+        medium=seen.medium, nudges=nudges, seen_px=seen_px,
     )  # fmt: skip
 
 
