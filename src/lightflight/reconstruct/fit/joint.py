@@ -159,12 +159,12 @@ def fit_joint(
         Where fewer pulses lie on the path than it has unknowns.
     """
     std = pulse_std_ps(sightings)
-    members = None
+    members, shared = None, None
     # Shared errors found so far: pulses are told apart on the clock and by the camera as they are.
     seen, clock = setting, sightings
     if legs is not None:
         rough = _rough_fit(sightings, state, setting, legs)
-        state = rough.state
+        state, shared = rough.state, rough.shared
         seen, clock = _as_found(rough, setting, sightings)
         members = _members_of_legs(legs, state, len(sightings[0].arrivals.row))
     floor, result = 0.0, None
@@ -182,8 +182,8 @@ def fit_joint(
         freedom = freedom_at(state, setting, ends)
         _check_enough(times, freedom.basis.shape[1])
         before = state
-        solution, times, floor = _solve_robustly(state, times, lines, freedom, setting)
-        state = solution.state
+        solution, times, floor = _solve_robustly(state, times, lines, freedom, setting, shared)
+        state, shared = solution.state, solution.shared
         seen, clock = _as_found(solution, setting, sightings)
         result = JointFit(
             solution=solution,
@@ -230,7 +230,7 @@ def with_fine_light(fit: JointFit, setting: Setting) -> JointFit:
         return fit
     times = replace(shown.times, weight=np.ones_like(shown.times.weight))
     solution, times, floor = _solve_robustly(
-        fit.solution.state, times, shown.lines, fit.freedom, setting
+        fit.solution.state, times, shown.lines, fit.freedom, setting, fit.solution.shared
     )
     return replace(shown, solution=solution, times=times, floor_ps=floor)
 
@@ -347,7 +347,7 @@ def fitted_again(fit: JointFit, sightings: list[Sighting], setting: Setting) -> 
     times = replace(times, modes_ps=np.hstack((times.modes_ps, uneven)))
     _check_enough(times, fit.freedom.basis.shape[1])
     solution, times, floor = _solve_robustly(
-        fit.solution.state, times, fit.lines, fit.freedom, setting
+        fit.solution.state, times, fit.lines, fit.freedom, setting, fit.solution.shared
     )
     return replace(
         fit,
@@ -467,7 +467,7 @@ def _rough_fit(
         np.eye(2 * len(legs)) / 0.3,
     )
     # 3 ps: the start's own errors exceed those of bright pulses by far.
-    floor_var = 3.0**2
+    floor_var, shared = 3.0**2, None
     for _ in range(3):
         solution = fit_path(
             state,
@@ -477,8 +477,9 @@ def _rough_fit(
             cameras=setting.cameras,
             medium=setting.medium,
             floor_var=floor_var,
+            shared=shared,
         )
-        state = solution.state
+        state, shared = solution.state, solution.shared
         spread = std_from_mad(float(np.median(np.abs(solution.residual_ps))))
         before, floor_before = times, floor_var
         floor_var = max(floor_var, spread**2)
@@ -494,8 +495,12 @@ def _solve_robustly(
     lines: LineDataInPicture,
     freedom: Freedom,
     setting: Setting,
+    shared: Floats | None,
 ) -> tuple[Solution, TimeData, float]:
-    """Solve, drop outliers, and raise the floor until the residuals are explained."""
+    """Solve, drop outliers, and raise the floor until the residuals are explained.
+
+    `shared` (k,) are the shared errors that the path was found with, in standard deviations.
+    """
     floor_var = 0.0
     for _ in range(6):
         solution = fit_path(
@@ -506,8 +511,9 @@ def _solve_robustly(
             cameras=setting.cameras,
             medium=setting.medium,
             floor_var=floor_var,
+            shared=shared,
         )
-        state = solution.state
+        state, shared = solution.state, solution.shared
         updated_floor = floor_variance(times, solution, solution.residual_ps)
         cut_times = reweighted(times, solution, floor_var=updated_floor, cut=OUTLIER)
         same = np.array_equal(cut_times.weight, times.weight)

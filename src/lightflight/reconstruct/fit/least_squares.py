@@ -233,6 +233,7 @@ def fit_path(
     cameras: tuple[Camera, ...],
     medium: Medium,
     floor_var: float = 0.0,
+    shared: Floats | None = None,
 ) -> Solution:
     """Best path for the data on the freedom given.
 
@@ -254,6 +255,9 @@ def fit_path(
         Group indices out and back.
     floor_var : float, optional
         Variance per pulse beyond the stated errors, ps^2.
+    shared : array of float, shape (k,), optional
+        Where the shared errors of cameras and medium start, in standard deviations: those that the
+        path was found with. None: at zero.
 
     Returns
     -------
@@ -280,7 +284,7 @@ def fit_path(
         return at[0].moved(freedom.basis @ free), at[1] + of_modes, at[2] + of_shared
 
     (state, modes, shared), system, converged = ascend(
-        (state, np.zeros(n_modes), np.zeros(len(errors))),
+        (state, np.zeros(n_modes), np.zeros(len(errors)) if shared is None else shared),
         linear,
         stepped,
         most_steps=_MOST_PATH_STEPS,

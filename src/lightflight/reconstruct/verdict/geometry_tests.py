@@ -130,6 +130,7 @@ def stated_solution(fit: JointFit, setting: Setting) -> Solution:
         fit.freedom,
         cameras=setting.cameras,
         medium=setting.medium,
+        shared=fit.solution.shared,
     )
 
 
