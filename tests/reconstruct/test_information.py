@@ -118,3 +118,16 @@ def test_a_step_that_is_refused_costs_its_value_alone():
     heights = [-np.log(np.cosh(at)) for at in asked]
     assert heights == sorted(heights)
     assert len(set(asked)) == len(asked) < len(valued)
+
+
+def test_a_ridge_that_winds_is_followed_to_its_top():
+    """Rosenbrock's, a thousand times as long as wide: a damped step along it is short at once."""
+
+    def slope_at(x):
+        rest = np.array([1e3 * (x[1] - x[0] ** 2), 1.0 - x[0]])
+        by_x = np.array([[-2e3 * x[0], 1e3], [-1.0, 0.0]])
+        return _Slope(-0.5 * float(rest @ rest), -by_x.T @ rest, by_x.T @ by_x)
+
+    x, _, converged = ascend(np.array([-5.0, 25.0]), slope_at, _added, most_steps=10)
+    assert converged
+    np.testing.assert_allclose(x, [1.0, 1.0], atol=0.01)

@@ -31,6 +31,14 @@ _LEAST_DAMPING = 1e-12
 """Ten up, ten down: near the top the step is Fisher's, whose curvature is the covariance."""
 _MOST_DAMPING = 1e12
 """No step leads up any more."""
+_WINDING = 12
+"""A climb of more steps follows a ridge that winds; others end in four to ten."""
+_LEAP = 5
+"""Undamped steps that are tried from such a ridge: the first leaves it, two or three lead back."""
+_UNDAMPED = 1e-9
+"""Only a gauge is held by so little."""
+_PROMISE = 0.1
+"""Half a standard error of one direction: a leap that should gain less is not tried."""
 
 
 class Slope(Protocol):
@@ -145,7 +153,7 @@ def ascend(
     """
     slope, damping = slope_at(point), _FIRST_DAMPING
     information, score = slope.information, slope.score
-    for _ in range(most_steps):
+    for number in range(1, most_steps + 1):
         step = damped_step(information, score, damping + gauge)
         trial = moved(point, slope, step)
         # A step too far may leave nothing finite: it is refused below.
@@ -159,7 +167,16 @@ def ascend(
                 # Asked for here alone: a step that is refused costs its value.
                 information, score = slope.information, slope.score
         short = length2 < _TOLERANCE**2 or abs(gained) < level
-        if short and damping <= _FREE_DAMPING:
+        ended = short and damping <= _FREE_DAMPING
+        if ended or number % _WINDING == 0:
+            ahead = damped_step(information, score, _UNDAMPED + gauge)
+            promised = 0.5 * float(ahead @ score) > _PROMISE
+            leapt = _leapt(point, slope, ahead, slope_at, moved, gauge) if promised else None
+            if leapt is not None:
+                (point, slope), damping = leapt, _FIRST_DAMPING
+                information, score = slope.information, slope.score
+                continue
+        if ended:
             return point, slope, True
         if higher and length2 < _TINY**2:
             left = damped_step(information, score, _FIRST_DAMPING + gauge)
@@ -168,3 +185,29 @@ def ascend(
         if damping > _MOST_DAMPING:
             break
     return point, slope, False
+
+
+def _leapt(
+    point: Point,
+    slope: SlopeHere,
+    ahead: Floats,
+    slope_at: Callable[[Point], SlopeHere],
+    moved: Callable[[Point, SlopeHere, Floats], Point],
+    gauge: float,
+) -> tuple[Point, SlopeHere] | None:
+    """The first point above this one on undamped steps, of which `ahead` is the first; or None.
+
+    Along a ridge that winds (a group index against the source's place) damped steps must be short.
+    An undamped one lands beside the ridge, however low, and the next leads back onto it, far along.
+    """
+    at, here = point, slope
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(_LEAP):
+            at = moved(at, here, ahead)
+            here = slope_at(at)
+            if not np.isfinite(here.value):
+                return None
+            if here.value > slope.value:
+                return at, here
+            ahead = damped_step(here.information, here.score, _UNDAMPED + gauge)
+    return None
