@@ -35,6 +35,19 @@ def test_bars_are_those_of_the_misfit():
     assert np.abs(pulls).max() < 3.0
 
 
+def test_a_leg_too_many_does_not_hide_how_far_things_are_off():
+    """A fourth leg took up the misfit: freed by plausible sizes no path was found any more."""
+    seed, defect = 60_000, DEFECTS["clock_early"]
+    world = defect.applied(random_world(seed, 3), defect.strengths[1])
+    hist, told = record(world, seed), what_the_user_tells(world)
+    named = ("clock_offset", "clock_drift", "clock_scale", "index", "source", "pose")
+    cured = lf.reconstruct(hist, free=named, **told)
+    assert cured.verdict.level == "trust"
+    off = (cured.vertices_mm - world.vertices)[1:-1]
+    assert np.abs(off).max() < 10.0
+    assert np.abs(off / cured.vertex_std[1:-1, :3]).max() < 3.0
+
+
 def test_without_a_misfit_the_plausible_size_stands():
     """Nothing says how far a thing is off that nobody misses: its error is what all would say."""
     world = random_world(0, 3)

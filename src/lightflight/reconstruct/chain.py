@@ -179,7 +179,9 @@ def _shares(request: Request, wanted: Sequence[str]) -> dict[str, float]:
     fit = fit_or_reason(partial(fit_of_request, request))
     if isinstance(fit, NoFit):
         return {}
-    return shares_asked_for(fit, list(fit.sightings), request.setting, wanted)
+    return shares_asked_for(
+        fit, list(fit.sightings), request.setting, wanted, n_legs=request.n_legs
+    )
 
 
 def path_from_sightings(

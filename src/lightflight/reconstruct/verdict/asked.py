@@ -14,7 +14,8 @@ from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.verdict.evidence import CHECK_AT, WITHIN, Evidence
-from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry
+from lightflight.reconstruct.verdict.examine import evidence_of_pulses
+from lightflight.reconstruct.verdict.hidden import findings_of_hidden
 from lightflight.reconstruct.verdict.judge import family_p_value
 
 _SAME_AS = {"emission_time": "clock_offset"}
@@ -22,7 +23,12 @@ _SAME_AS = {"emission_time": "clock_offset"}
 
 
 def shares_asked_for(
-    fit: JointFit, sightings: list[Sighting], setting: Setting, free: Iterable[str]
+    fit: JointFit,
+    sightings: list[Sighting],
+    setting: Setting,
+    free: Iterable[str],
+    *,
+    n_legs: int | None = None,
 ) -> dict[str, float]:
     """Shares of their plausible sizes that a misfit asks of causes, of those it speaks for.
 
@@ -36,6 +42,8 @@ def shares_asked_for(
         As told.
     free : iterable of str
         Names of `free=`.
+    n_legs : int, optional
+        How many legs were told; None: as many as were found.
 
     Returns
     -------
@@ -43,7 +51,8 @@ def shares_asked_for(
         Of names that explain the misfit as well as the best cause; at most one. Empty where the
         recording shows no misfit: then nothing says how far things are off.
     """
-    evidence = evidence_from_geometry(fit, sightings, setting)
+    hidden = findings_of_hidden(fit, told=n_legs is not None)
+    evidence, _ = evidence_of_pulses(fit, hidden, sightings, setting, n_legs=n_legs)
     causes = [one for one in evidence if not one.symptom]
     best = max((one.gain for one in causes), default=0.0)
     if best <= 0.0 or family_p_value(evidence) > CHECK_AT:

@@ -69,7 +69,7 @@ class Evidence:
     frees : str
         What `free=` calls the cause; "": nothing.
     need : float
-        How many of its plausible sizes the cause would have to be, alone.
+        How many of its plausible sizes the cause would have to be, alone: each of its numbers, rms.
     """
 
     name: FindingName

@@ -73,12 +73,10 @@ def examined(
     verdict = Verdict(Level.CHECK, (*said, *NOT_EXAMINED.findings))
     if fit is not None:
         beyond = beyond_the_tests(fit, sightings)
-        lost = () if beyond else evidence_from_lost_legs(fit, sightings, setting)
-        evidence = () if beyond else collected(fit, lost, sightings, setting)
         hidden = findings_of_hidden(fit, told=n_legs is not None)
-        if hidden and evidence and not lost and n_legs is None:
-            others = evidence_without_hidden(fit, evidence, sightings, setting)
-            evidence, hidden = (others, ()) if others else (evidence, hidden)
+        evidence: tuple[Evidence, ...] = ()
+        if not beyond:
+            evidence, hidden = evidence_of_pulses(fit, hidden, sightings, setting, n_legs=n_legs)
         if not own and not beyond:
             evidence = (*evidence, evidence_of_own_errors(path, fit, sightings, setting))
         light, unseen = ((), ()) if beyond else _light(fit, sightings, nominal_clock)
@@ -113,6 +111,45 @@ def _mistakes(sighting: Sighting, setting: Setting) -> tuple[Finding, ...]:
         tuple(legs[k] for k in bright),
         code_ps=sighting.histograms.bin_width_ps,
     )
+
+
+def evidence_of_pulses(
+    fit: JointFit,
+    hidden: tuple[Finding, ...],
+    sightings: list[Sighting],
+    setting: Setting,
+    *,
+    n_legs: int | None,
+) -> tuple[tuple[Evidence, ...], tuple[Finding, ...]]:
+    """What the pulses say of all causes, and what still may be hidden among them.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path.
+    hidden : tuple of Finding
+        Of legs that hardly any light speaks for (`findings_of_hidden`).
+    sightings : list of Sighting
+        Its recordings.
+    setting : Setting
+        As told.
+    n_legs : int or None
+        How many legs were told; None: as many as were found.
+
+    Returns
+    -------
+    evidence : tuple of Evidence
+        On the path as it is, or on one without a leg that takes up what a cause explains.
+    hidden : tuple of Finding
+        () in the second case.
+    """
+    lost = evidence_from_lost_legs(fit, sightings, setting)
+    evidence = collected(fit, lost, sightings, setting)
+    if hidden and evidence and not lost and n_legs is None:
+        others = evidence_without_hidden(fit, evidence, sightings, setting)
+        if others:
+            return others, ()
+    return evidence, hidden
 
 
 def collected(

@@ -180,7 +180,7 @@ def _score_test(candidate: Candidate, examined: Examined) -> Evidence | None:
         candidate.symptom,
         () if candidate.symptom else _blind(candidate, signal, mixing, examined),
         frees=candidate.frees,
-        need=float(np.linalg.norm(sizes)),
+        need=_need(sizes, dof),
     )
 
 
@@ -197,8 +197,14 @@ def _freed(
     if freed is None:
         return tested
     gain, sizes = freed[0] - candidate.looked_for, freed[1]
-    need = float(np.linalg.norm(sizes))
-    return replace(tested, gain=gain, sentence=_sentence(candidate, sizes), need=need)
+    return replace(
+        tested, gain=gain, sentence=_sentence(candidate, sizes), need=_need(sizes, tested.dof)
+    )
+
+
+def _need(sizes: Floats, shown: int) -> float:
+    """How many plausible sizes a cause of k numbers needs: of each, as the `shown` ones of them."""
+    return float(np.linalg.norm(sizes) / np.sqrt(shown))
 
 
 def _sentence(candidate: Candidate, sizes: Floats) -> str:
