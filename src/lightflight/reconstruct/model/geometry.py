@@ -335,16 +335,15 @@ def nearest_fractions(
     # A leg along the ray has no nearest point; any will do, none counts.
     size = np.maximum(summed(across**2), 1e-12)
     fraction: Floats = summed(across * offset) / size
-    pixels = np.column_stack((rows, cols))
     bent = bool(state.is_bent(legs).any())
     for _ in range(_MOST_FOOT_STEPS_BENT if bent else 4):
         if bent:
             points, along = state.points_mm(legs, fraction), state.tangents_mm(legs, fraction)
         else:
             points, along = start + fraction[:, np.newaxis] * step, step
-        seen, slopes = camera.pixels_and_slopes(points)
-        speed = np.einsum("nij,nj->ni", slopes, along)
-        change = summed((pixels - seen) * speed) / np.maximum(summed(speed**2), 1e-12)
+        (row, col), (down, right) = camera.pixels_and_speeds(points, along)
+        towards = (rows - row) * down + (cols - col) * right
+        change = towards / np.maximum(down**2 + right**2, 1e-12)
         # Near a vanishing point the picture speeds up along the leg: keep Newton on a leash.
         change = np.clip(finite(change), -0.5, 0.5)
         fraction = fraction + change

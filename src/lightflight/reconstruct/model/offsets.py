@@ -100,14 +100,18 @@ def _curve_offsets(
     rows, cols = camera.pixels_from_normalized(plane[:, 0], plane[:, 1])
     fraction = nearest_fractions(state, camera, legs, rows, cols)
     # Nearest in undistorted pixels: two steps from what is nearest in the lens's own.
-    for _ in range(3):
+    for _ in range(2):
         points, step = state.points_mm(legs, fraction), state.tangents_mm(legs, fraction)
-        plane, slopes = camera.plane_and_slopes(points)
-        seen, slopes = focal_px * plane, focal_px * slopes
-        speed = np.einsum("nij,nj->ni", slopes, step)
-        size = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
-        away = anchors - seen
-        fraction = fraction + np.nan_to_num(np.sum(away * speed, axis=1) / size**2)
+        place, run = camera.plane_and_speeds(points, step)
+        fraction = fraction + _nearer(
+            anchors - focal_px * np.stack(place, 1), focal_px * np.stack(run, 1)
+        )
+    points, step = state.points_mm(legs, fraction), state.tangents_mm(legs, fraction)
+    plane, slopes = camera.plane_and_slopes(points)
+    slopes, away = focal_px * slopes, anchors - focal_px * plane
+    speed = np.einsum("nij,nj->ni", slopes, step)
+    size = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
+    fraction = fraction + _nearer(away, speed)
     # speed = (d u, d v), v down: the right-hand normal is (-dv, du).
     right = np.column_stack((-speed[:, 1], speed[:, 0])) / size[:, np.newaxis]
     offset = np.sum(away * right, axis=1)
@@ -119,3 +123,10 @@ def _curve_offsets(
         here = np.flatnonzero(legs == course.leg)
         jacobian[here, own] = course.by_bend(fraction[here], by_point[here])
     return offset, jacobian
+
+
+def _nearer(away: Floats, speed: Floats) -> Floats:
+    """Step (n,) of Newton's method towards places `away` (n, 2) of a curve run at `speed`."""
+    size2 = np.maximum(summed(speed * speed), 1e-24)
+    step: Floats = np.nan_to_num(summed(away * speed) / size2)
+    return step
