@@ -140,15 +140,17 @@ def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed, ma
 
     Runs are hit once something is finished; the last one, with two workers, ends well, and nothing
     is left of any: Dask's folder and that of multiprocessing's sockets were. Readings wait, so that
-    a run is still at work when it is hit, however fast the machine.
+    a run is still at work when it is hit, however fast the machine; what is read once the last hit
+    has been waits no more.
     """
+    all_hit = folder / "all_hit"
     slow = with_fault(
         folder,
-        "import time\n"
+        "import os, time\n"
         "import lightflight.formats.registry as registry\n"
         "usual = registry.read\n"
         "def read(path, **hints):\n"
-        "    time.sleep(1.0)\n"
+        f"    time.sleep(0.0 if os.path.exists({str(all_hit)!r}) else 1.0)\n"
         "    return usual(path, **hints)\n"
         "registry.read = read\n",
     )
@@ -191,6 +193,7 @@ def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed, ma
             time.sleep(0.005)
         wait_for(folder, min(2 * N, len(after) + 1))
         os.kill(worker_ids(process.pid)[0], signal.SIGKILL)
+        all_hit.touch()
         _, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 0, err
     assert "Traceback" not in err

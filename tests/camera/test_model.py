@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from lightflight.camera.lens import Lens
 from lightflight.camera.model import Camera
 from lightflight.camera.rigid import rotation_from_vector
 from lightflight.errors import GeometryError
@@ -201,6 +202,16 @@ class TestJacobian:
             numeric[:, 1, axis] = (ahead[1] - behind[1]) / 2e-3
         analytic = camera.pixel_jacobian(points)
         np.testing.assert_allclose(analytic, numeric, atol=3e-9, rtol=1e-8)
+
+    def test_a_radial_lens_is_one_of_all_terms(self) -> None:
+        """Terms too small to change a number make it take the way of all twelve."""
+        x, y = np.random.default_rng(5).uniform(-0.3, 0.3, (2, 50))
+        for terms in ((-0.2, 0.05, 0.0, 0.0), (-0.2, 0.05, 0.0, 0.0, 0.01)):
+            all_terms = np.array(terms)
+            all_terms[2:4] = 1e-300
+            radial, any_lens = Lens(np.array(terms)), Lens(all_terms)
+            np.testing.assert_array_equal(radial.distorted(x, y), any_lens.distorted(x, y))
+            np.testing.assert_array_equal(radial.jacobian(x, y), any_lens.jacobian(x, y))
 
     def test_against_mpmath(self) -> None:
         """Thirty digits: pinhole, five coefficients, written out again."""

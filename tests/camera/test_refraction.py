@@ -71,6 +71,21 @@ def test_derivatives_against_central_differences(camera):
         np.testing.assert_allclose(change, way.optical_by_point[..., axis], atol=1e-7)
 
 
+@SEEN
+def test_speeds_are_slopes_along_a_way(camera):
+    points = points_behind(camera)[2]
+    along = np.random.default_rng(4).normal(size=points.shape)
+    for speeds, slopes in (
+        (camera.pixels_and_speeds, camera.pixels_and_slopes),
+        (camera.plane_and_speeds, camera.plane_and_slopes),
+    ):
+        place, run = speeds(points, along)
+        there, by_point = slopes(points)
+        np.testing.assert_allclose(np.stack(place, -1), there, rtol=0, atol=1e-12)
+        expected = np.einsum("...ij,...j->...i", by_point, along)
+        np.testing.assert_allclose(np.stack(run, -1), expected, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("camera", [TANK, TILTED], ids=["tank", "tilted"])
 def test_parallel_planes_in_one_unknown_are_planes_in_any(camera):
     """The fast path against the plain one, off the axis, on it and near grazing."""

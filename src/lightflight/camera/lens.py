@@ -179,7 +179,10 @@ class Lens:
         """Radial, tangential and thin-prism terms, without the sensor tilt."""
         k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = self._coefficients
         q = x * x + y * y
-        gain = (1.0 + q * (k1 + q * (k2 + q * k3))) / (1.0 + q * (k4 + q * (k5 + q * k6)))
+        above = 1.0 + q * (k1 + q * (k2 + q * k3))
+        if self._is_radial:
+            return x * above, y * above
+        gain = above / (1.0 + q * (k4 + q * (k5 + q * k6)))
         xd = x * gain + 2.0 * p1 * x * y + p2 * (q + 2.0 * x * x) + q * (s1 + q * s2)
         yd = y * gain + p1 * (q + 2.0 * y * y) + 2.0 * p2 * x * y + q * (s3 + q * s4)
         return xd, yd
@@ -189,6 +192,10 @@ class Lens:
         k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = self._coefficients
         q = x * x + y * y
         above = 1.0 + q * (k1 + q * (k2 + q * k3))
+        if self._is_radial:
+            twice = 2.0 * (k1 + q * (2.0 * k2 + q * 3.0 * k3))
+            across = twice * x * y
+            return above + twice * x * x, across, across, above + twice * y * y
         below = 1.0 + q * (k4 + q * (k5 + q * k6))
         gain = above / below
         slope = (
@@ -206,6 +213,11 @@ class Lens:
     def is_ideal(self) -> bool:
         """True where it distorts nothing."""
         return not np.any(self.distortion)
+
+    @cached_property
+    def _is_radial(self) -> bool:
+        """True where k1, k2 and k3 are all there is, as of most lenses: a fit asks them often."""
+        return not np.any(self.distortion[2:4]) and not np.any(self.distortion[5:])
 
     @cached_property
     def _coefficients(self) -> tuple[float, ...]:

@@ -17,8 +17,8 @@ from lightflight.camera.way import Way
 Floats = NDArray[np.float64]
 
 _MOST_STEPS = 60
-_STILL = 1e-15
-"""Newton's step, as a share, that changes nothing any more."""
+_STILL = 1e-10
+"""Newton's step, as a share, that is the last: the next would be its square."""
 
 
 def way_through_parallel(
@@ -56,34 +56,36 @@ def way_through_parallel(
     rho = np.linalg.norm(beside, axis=1)
     radial = beside / np.maximum(rho, 1e-300)[:, np.newaxis]
     fixed = np.diff(distances_mm, prepend=0.0)
-    layers = np.column_stack(
-        (np.broadcast_to(fixed, (len(rho), len(fixed))), depth - distances_mm[-1])
-    )
+    # A layer a row: sums over layers are then sums of rows, which NumPy is quick at.
+    layers = np.empty((len(phase), len(rho)))
+    layers[:-1], layers[-1] = fixed[:, np.newaxis], depth - distances_mm[-1]
+    phase, group = phase[:, np.newaxis], group[:, np.newaxis]
     p = _invariant(rho, layers, phase)
-    q = np.sqrt(phase**2 - p[:, np.newaxis] ** 2)
+    q = np.sqrt(phase * phase - p * p)
+    cubed = q * q * q
     # How p follows rho and the depth behind the last plane.
-    p_by_rho = 1.0 / np.sum(layers * phase**2 / q**3, axis=1)
-    slope = p / q[:, -1]
+    p_by_rho = 1.0 / np.sum(layers * phase**2 / cubed, axis=0)
+    slope = p / q[-1]
     p_by_depth = -slope * p_by_rho
 
-    out = layers[:, 0] * p / q[:, 0]
-    out_by_p = layers[:, 0] * phase[0] ** 2 / q[:, 0] ** 3
+    out = layers[0] * p / q[0]
+    out_by_p = layers[0] * phase[0] ** 2 / cubed[0]
     # The same share of rho near the axis, where rho is nothing.
-    share = (layers[:, 0] / q[:, 0]) / np.sum(layers / q, axis=1)
+    share = (layers[0] / q[0]) / np.sum(layers / q, axis=0)
     by_point = share[:, np.newaxis, np.newaxis] * (np.eye(3) - np.outer(normal, normal))
     along = (out_by_p * p_by_rho - share)[:, np.newaxis] * radial
     along += (out_by_p * p_by_depth)[:, np.newaxis] * normal
     by_point = by_point + radial[:, :, np.newaxis] * along[:, np.newaxis]
 
-    optical_by_p = np.sum(group * layers * phase * p[:, np.newaxis] / q**3, axis=1)
-    deeper = optical_by_p * p_by_depth + group[-1] * phase[-1] / q[:, -1]
-    behind = layers[:, -1]
+    optical_by_p = np.sum(group * layers * phase * p / cubed, axis=0)
+    deeper = optical_by_p * p_by_depth + group[-1] * phase[-1] / q[-1]
+    behind = layers[-1]
     return Way(
         first_mm=center_mm + fixed[0] * normal + out[:, np.newaxis] * radial,
         last_mm=points_mm
         - behind[:, np.newaxis] * normal
         - (behind * slope)[:, np.newaxis] * radial,
-        optical_mm=np.sum(group * layers * phase / q, axis=1),
+        optical_mm=np.sum(group * layers * phase / q, axis=0),
         first_by_point=by_point,
         optical_by_point=(optical_by_p * p_by_rho)[:, np.newaxis] * radial
         + deeper[:, np.newaxis] * normal,
@@ -91,24 +93,26 @@ def way_through_parallel(
 
 
 def _invariant(rho: Floats, layers: Floats, phase: Floats) -> Floats:
-    """(n,) p of the ways that end `rho` (n,) beside the normal, through layers (n, k + 1).
+    """(n,) p of the ways that end `rho` (n,) beside the normal, through layers (k + 1, n).
 
     In the tangent of the angle in the least dense layer, rho is concave and rises: Newton's method
-    finds the root from any start.
+    finds the root from any start. `phase` is (k + 1, 1).
     """
     least = int(np.argmin(phase))
-    tangent = rho / layers.sum(axis=1)
+    thinnest, squared = phase[least, 0], phase * phase
+    tangent = rho / layers.sum(axis=0)
     for _ in range(_MOST_STEPS):
-        stretch = np.sqrt(1.0 + tangent**2)
-        p = phase[least] * tangent / stretch
-        q = np.sqrt(phase**2 - p[:, np.newaxis] ** 2)
+        stretch = np.sqrt(1.0 + tangent * tangent)
+        p = thinnest * tangent / stretch
+        q = np.sqrt(squared - p * p)
         # Its own layer by its tangent, which stays exact near grazing.
-        q[:, least] = phase[least] / stretch
-        missed = rho - np.sum(layers * p[:, np.newaxis] / q, axis=1)
-        by_p = np.sum(layers * phase**2 / q**3, axis=1)
-        step = missed / (by_p * phase[least] / stretch**3)
+        q[least] = thinnest / stretch
+        ways = layers / q
+        missed = rho - p * ways.sum(axis=0)
+        by_p = np.sum(ways * squared / (q * q), axis=0)
+        step = missed / (by_p * thinnest / (stretch * stretch * stretch))
         tangent = np.maximum(tangent + step, 0.0)
         if not (np.abs(step) > _STILL * (1.0 + tangent)).any():
             break
-    found: Floats = phase[least] * tangent / np.sqrt(1.0 + tangent**2)
+    found: Floats = thinnest * tangent / np.sqrt(1.0 + tangent * tangent)
     return found

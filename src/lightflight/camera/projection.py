@@ -20,6 +20,8 @@ from lightflight.materials import Material
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 from lightflight.vectors import lengths
 
+Floats = NDArray[np.float64]
+
 
 class Projection:
     """World points, pixels, rays and ways of a camera; its fields are those of `model.Camera`."""
@@ -169,6 +171,61 @@ class Projection:
         places = np.empty(plane.shape)
         places[..., 0], places[..., 1] = pixels
         return places, jacobian
+
+    def pixels_and_speeds(
+        self, points_mm: ArrayLike, along_mm: ArrayLike
+    ) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+        """Pixels that see world points, and how they run as each point moves one way.
+
+        Parameters
+        ----------
+        points_mm : array of float, shape (..., 3)
+            World, mm.
+        along_mm : array of float, shape (..., 3)
+            Ways of the points per unit of what moves them, world, mm.
+
+        Returns
+        -------
+        pixels : (array of float, array of float), shape (...)
+            row, col, as `pixels_from_points`.
+        speeds : (array of float, array of float), shape (...)
+            px per unit: `pixel_jacobian` times `along_mm`, of which a third is worked out.
+        """
+        (x, y), (dx, dy) = self.plane_and_speeds(points_mm, along_mm)
+        if not self._lens.is_ideal:
+            bend = self._lens.jacobian(x, y)
+            dx, dy = (bend[..., k, 0] * dx + bend[..., k, 1] * dy for k in (0, 1))
+        k = self.matrix
+        return self.pixels_from_normalized(x, y), (k[1, 1] * dy, k[0, 0] * dx + k[0, 1] * dy)
+
+    def plane_and_speeds(
+        self, points_mm: ArrayLike, along_mm: ArrayLike
+    ) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+        """The same in the undistorted image plane: x, y at unit depth, and how they run.
+
+        Parameters
+        ----------
+        points_mm : array of float, shape (..., 3)
+            World, mm.
+        along_mm : array of float, shape (..., 3)
+            Ways of the points per unit of what moves them, world, mm.
+
+        Returns
+        -------
+        plane : (array of float, array of float), shape (...)
+            x, y, as `normalized_from_points`.
+        speeds : (array of float, array of float), shape (...)
+            Per unit.
+        """
+        seen, along = points_mm, np.asarray(along_mm, dtype=np.float64)
+        if self.interfaces:
+            way = self.way_back(points_mm)
+            seen, along = way.first_mm, np.einsum("...ij,...j->...i", way.first_by_point, along)
+        points, along = self._camera_points(seen), along @ self.world_from_camera[:3, :3]
+        z = np.where(points[..., 2] > 0.0, points[..., 2], np.nan)
+        x, y = points[..., 0] / z, points[..., 1] / z
+        ahead = along[..., 2]
+        return (x, y), ((along[..., 0] - x * ahead) / z, (along[..., 1] - y * ahead) / z)
 
     def plane_and_slopes(
         self, points_mm: ArrayLike, *, way: Way | None = None

@@ -24,7 +24,7 @@ from lightflight.reconstruct.model.geometry import (
 )
 from lightflight.reconstruct.model.image_plane import mean_focal_px
 from lightflight.reconstruct.model.information import ascend, covariance_from_information
-from lightflight.reconstruct.model.offsets import line_offsets
+from lightflight.reconstruct.model.offsets import offsets_and_slopes
 from lightflight.reconstruct.model.picture import LineDataInPicture
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import (
@@ -388,7 +388,6 @@ def modelled(
     """
     n, n_lines, n_state = len(times.leg), len(lines.leg), state.size
     arrival, offset, over = np.zeros(n), np.zeros(n_lines), np.zeros(n)
-    offset_by_state = np.zeros((n_lines, n_state))
     seen, parts = moved(told, errors, delta), []
     for view, camera in enumerate(seen.cameras):
         here, drawn = rows_of_view(times.view, view, n), rows_of_view(lines.view, view, n_lines)
@@ -398,25 +397,24 @@ def modelled(
             state, camera, seen.medium, times.leg[here], rows, cols, own_rays
         )
         arrival[here] = print_.arrival_ps
-        offset[drawn], offset_by_state[drawn] = _offsets(
-            state, lines, drawn, told.cameras[view], camera
-        )
+        offset[drawn], by_line = _offsets(state, lines, drawn, told.cameras[view], camera)
         over[here], over_by_state = overshoots(state, print_, camera=camera)
-        parts.append((here, drawn, print_, by_state, over_by_state))
+        parts.append((here, drawn, print_, by_state, by_line, over_by_state))
 
     def slopes() -> Slopes:
         found = Slopes(
-            np.zeros((n, n_state)), offset_by_state, np.zeros((n + n_lines, len(errors))),
-            np.zeros((n, n_state)),
+            np.zeros((n, n_state)), np.zeros((n_lines, n_state)),
+            np.zeros((n + n_lines, len(errors))), np.zeros((n, n_state)),
         )  # fmt: skip
-        for here, _, _, by_state, over_by_state in parts:
+        for here, drawn, _, by_state, by_line, over_by_state in parts:
             found.arrival_by_state[here], found.over_by_state[here] = by_state(), over_by_state()
+            found.offset_by_state[drawn] = by_line()
         for view, nudges in enumerate(nudges_of_views(told, errors, delta, seen)):
-            here, drawn, print_, _, _ = parts[view]
+            here, drawn, print_, *_ = parts[view]
             found.by_shared[here] = nudges.arrivals(
                 state, print_, found.arrival_by_state[here], seen.medium
             )
-            found.by_shared[n + drawn] = offset_by_state[drawn] @ nudges.as_moves(state)
+            found.by_shared[n + drawn] = found.offset_by_state[drawn] @ nudges.as_moves(state)
             for k, lens in nudges.lenses.items():
                 line = _offsets(state, lines, drawn, told.cameras[view], lens)[0]
                 found.by_shared[n + drawn, k] += (line - offset[drawn]) / nudges.step
@@ -429,9 +427,9 @@ def modelled(
 
 def _offsets(
     state: PathState, lines: LineDataInPicture, rows: Indices, told: Camera, seen: Camera
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Callable[[], Floats]]:
     """Line offsets of some anchors, which a moved lens puts elsewhere in the undistorted plane."""
-    return line_offsets(
+    return offsets_and_slopes(
         state,
         camera=seen,
         legs=lines.leg[rows],

@@ -372,6 +372,8 @@ def _pulse(
     changes = bool(shape.table.size)
     prompt, density = shape.at(z)
     wider = shape.widening(z) if changes else np.zeros_like(z)
+    # Most of the work is of waits, and every search begins with shares of nothing.
+    tails = [(share, wait) for share, wait in tails if share]
     if not tails:
         return prompt, density, -z * density, wider
     held = 1.0 - sum(share for share, _ in tails)

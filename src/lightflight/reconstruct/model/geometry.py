@@ -33,6 +33,12 @@ _MOST_FOOT_STEPS_BENT = 20
 a pixel lies 3 px beside a curve whose radius is 30 px."""
 
 
+def on_leg(legs: Indices | int, leg: int, n: int) -> NDArray[np.bool_]:
+    """(n,), which of the legs (n,), or of one for all, are this one."""
+    # `np.broadcast_to` would cost more than the comparison.
+    return legs == leg if isinstance(legs, np.ndarray) else np.full(n, legs == leg)
+
+
 @dataclass(frozen=True, eq=False)
 class PathState:
     """A polyline and when the pulse enters it.
@@ -104,15 +110,17 @@ class PathState:
         """Places (n, 3) on legs (n,), or one for all, at fractions (n,) of them; world, mm."""
         points: Floats = self.starts_mm[legs] + fraction[:, np.newaxis] * self.steps_mm[legs]
         for bend in self.bends:
-            here = np.broadcast_to(legs == bend.leg, len(fraction))
+            here = on_leg(legs, bend.leg, len(fraction))
             points[here] += bend.away_mm(fraction[here])
         return points
 
     def tangents_mm(self, legs: Indices | int, fraction: Floats) -> Floats:
         """d(place) / d(fraction) there, (n, 3), mm."""
-        step = np.broadcast_to(self.steps_mm[legs], (len(fraction), 3))
+        step = self.steps_mm[legs]
+        if step.ndim == 1:
+            step = np.broadcast_to(step, (len(fraction), 3))
         for bend in self.bends:
-            here = np.broadcast_to(legs == bend.leg, len(fraction))
+            here = on_leg(legs, bend.leg, len(fraction))
             step = step.copy()
             step[here] += bend.away_slopes_mm(fraction[here])
         return step
@@ -121,7 +129,7 @@ class PathState:
         """Way of the light from the start of each leg to fractions (n,) of it, mm."""
         ways: Floats = fraction * self.lengths_mm[legs]
         for course, _ in self.courses:
-            here = np.broadcast_to(legs == course.leg, len(fraction))
+            here = on_leg(legs, course.leg, len(fraction))
             ways[here] = course.ways_mm(fraction[here])
         return ways
 
@@ -129,7 +137,7 @@ class PathState:
         """Share of the time on each leg that has passed at fractions (n,) of it."""
         shares = fraction
         for course, _ in self.courses:
-            here = np.broadcast_to(legs == course.leg, len(fraction))
+            here = on_leg(legs, course.leg, len(fraction))
             shares = shares.copy()
             shares[here] = course.ways_mm(fraction[here]) / self.lengths_mm[course.leg]
         return shares
@@ -335,16 +343,15 @@ def nearest_fractions(
     # A leg along the ray has no nearest point; any will do, none counts.
     size = np.maximum(summed(across**2), 1e-12)
     fraction: Floats = summed(across * offset) / size
-    pixels = np.column_stack((rows, cols))
     bent = bool(state.is_bent(legs).any())
     for _ in range(_MOST_FOOT_STEPS_BENT if bent else 4):
         if bent:
             points, along = state.points_mm(legs, fraction), state.tangents_mm(legs, fraction)
         else:
             points, along = start + fraction[:, np.newaxis] * step, step
-        seen, slopes = camera.pixels_and_slopes(points)
-        speed = np.einsum("nij,nj->ni", slopes, along)
-        change = summed((pixels - seen) * speed) / np.maximum(summed(speed**2), 1e-12)
+        (row, col), (down, right) = camera.pixels_and_speeds(points, along)
+        towards = (rows - row) * down + (cols - col) * right
+        change = towards / np.maximum(down**2 + right**2, 1e-12)
         # Near a vanishing point the picture speeds up along the leg: keep Newton on a leash.
         change = np.clip(finite(change), -0.5, 0.5)
         fraction = fraction + change

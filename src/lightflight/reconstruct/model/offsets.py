@@ -6,6 +6,7 @@ leg, or of any leg seen through interfaces, is a curve whose nearest point is lo
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -50,22 +51,42 @@ def line_offsets(
     jacobian : array of float, shape (k, size)
         px per mm; the start time does not enter.
     """
+    offset, jacobian = offsets_and_slopes(
+        state, camera=camera, legs=legs, anchors=anchors, focal_px=focal_px
+    )
+    return offset, jacobian()
+
+
+def offsets_and_slopes(
+    state: PathState,
+    *,
+    camera: Camera,
+    legs: Indices,
+    anchors: Floats,
+    focal_px: float,
+) -> tuple[Floats, Callable[[], Floats]]:
+    """`line_offsets` whose derivatives are made when they are asked for."""
     curved = state.is_bent(legs) | bool(camera.interfaces)
     if curved.all() and len(curved):
         return _curve_offsets(state, camera, legs, anchors, focal_px)
-    offset, jacobian = _straight_offsets(state, camera, legs, anchors, focal_px)
-    if curved.any():
-        some = np.flatnonzero(curved)
-        offset[some], jacobian[some] = _curve_offsets(
-            state, camera, legs[some], anchors[some], focal_px
-        )
+    offset, by_lines = _straight_offsets(state, camera, legs, anchors, focal_px)
+    if not curved.any():
+        return offset, by_lines
+    some = np.flatnonzero(curved)
+    offset[some], by_curves = _curve_offsets(state, camera, legs[some], anchors[some], focal_px)
+
+    def jacobian() -> Floats:
+        found = by_lines()
+        found[some] = by_curves()
+        return found
+
     return offset, jacobian
 
 
 def _straight_offsets(
     state: PathState, camera: Camera, legs: Indices, anchors: Floats, focal_px: float
-) -> tuple[Floats, Floats]:
-    """`line_offsets` of straight legs, whose pictures are lines."""
+) -> tuple[Floats, Callable[[], Floats]]:
+    """`offsets_and_slopes` of straight legs, whose pictures are lines."""
     rotation = camera.world_from_camera[:3, :3]
     starts = state.leg_starts[legs]
     a = (state.vertices_mm[starts] - camera.center_mm) @ rotation
@@ -76,23 +97,26 @@ def _straight_offsets(
     # no cost with NaN is lower.
     size = np.where(size > 0, size, np.nan)[:, np.newaxis]
     points = np.column_stack((anchors / focal_px, np.ones(len(anchors))))
-    flat = np.column_stack((normal[:, :2] / size, np.zeros(len(legs))))
     value = summed(normal / size * points)
-    offset = focal_px * value
-    by_normal = focal_px * (points - value[:, np.newaxis] * flat) / size
-    # d(a x b).g = da.(b x g) + db.(g x a), then back from camera axes to world axes.
-    by_start = cross(b, by_normal) @ rotation.T
-    by_end = cross(by_normal, a) @ rotation.T
-    jacobian = np.zeros((len(legs), state.size))
-    add_vertex(jacobian, starts, by_start)
-    add_vertex(jacobian, legs + 1, by_end)
-    return offset, jacobian
+
+    def jacobian() -> Floats:
+        flat = np.column_stack((normal[:, :2] / size, np.zeros(len(legs))))
+        by_normal = focal_px * (points - value[:, np.newaxis] * flat) / size
+        # d(a x b).g = da.(b x g) + db.(g x a), then back from camera axes to world axes.
+        by_start = cross(b, by_normal) @ rotation.T
+        by_end = cross(by_normal, a) @ rotation.T
+        found = np.zeros((len(legs), state.size))
+        add_vertex(found, starts, by_start)
+        add_vertex(found, legs + 1, by_end)
+        return found
+
+    return focal_px * value, jacobian
 
 
 def _curve_offsets(
     state: PathState, camera: Camera, legs: Indices, anchors: Floats, focal_px: float
-) -> tuple[Floats, Floats]:
-    """`line_offsets` where a leg is a curve in the picture: bent, or seen through interfaces.
+) -> tuple[Floats, Callable[[], Floats]]:
+    """`offsets_and_slopes` where a leg is a curve in the picture: bent, or seen through interfaces.
 
     From the point of that curve which is nearest; to first order it does not matter where it lies.
     """
@@ -100,22 +124,37 @@ def _curve_offsets(
     rows, cols = camera.pixels_from_normalized(plane[:, 0], plane[:, 1])
     fraction = nearest_fractions(state, camera, legs, rows, cols)
     # Nearest in undistorted pixels: two steps from what is nearest in the lens's own.
-    for _ in range(3):
+    for _ in range(2):
         points, step = state.points_mm(legs, fraction), state.tangents_mm(legs, fraction)
-        plane, slopes = camera.plane_and_slopes(points)
-        seen, slopes = focal_px * plane, focal_px * slopes
-        speed = np.einsum("nij,nj->ni", slopes, step)
-        size = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
-        away = anchors - seen
-        fraction = fraction + np.nan_to_num(np.sum(away * speed, axis=1) / size**2)
+        place, run = camera.plane_and_speeds(points, step)
+        fraction = fraction + _nearer(
+            anchors - focal_px * np.stack(place, 1), focal_px * np.stack(run, 1)
+        )
+    points, step = state.points_mm(legs, fraction), state.tangents_mm(legs, fraction)
+    plane, slopes = camera.plane_and_slopes(points)
+    slopes, away = focal_px * slopes, anchors - focal_px * plane
+    speed = np.einsum("nij,nj->ni", slopes, step)
+    size = np.maximum(np.linalg.norm(speed, axis=1), 1e-12)
+    fraction = fraction + _nearer(away, speed)
     # speed = (d u, d v), v down: the right-hand normal is (-dv, du).
     right = np.column_stack((-speed[:, 1], speed[:, 0])) / size[:, np.newaxis]
     offset = np.sum(away * right, axis=1)
-    by_point = -np.einsum("ni,nij->nj", right, slopes)
-    jacobian = np.zeros((len(legs), state.size))
-    add_vertex(jacobian, state.leg_starts[legs], (1 - fraction)[:, np.newaxis] * by_point)
-    add_vertex(jacobian, legs + 1, fraction[:, np.newaxis] * by_point)
-    for course, own in state.courses:
-        here = np.flatnonzero(legs == course.leg)
-        jacobian[here, own] = course.by_bend(fraction[here], by_point[here])
+
+    def jacobian() -> Floats:
+        by_point = -np.einsum("ni,nij->nj", right, slopes)
+        found = np.zeros((len(legs), state.size))
+        add_vertex(found, state.leg_starts[legs], (1 - fraction)[:, np.newaxis] * by_point)
+        add_vertex(found, legs + 1, fraction[:, np.newaxis] * by_point)
+        for course, own in state.courses:
+            here = np.flatnonzero(legs == course.leg)
+            found[here, own] = course.by_bend(fraction[here], by_point[here])
+        return found
+
     return offset, jacobian
+
+
+def _nearer(away: Floats, speed: Floats) -> Floats:
+    """Step (n,) of Newton's method towards places `away` (n, 2) of a curve run at `speed`."""
+    size2 = np.maximum(summed(speed * speed), 1e-24)
+    step: Floats = np.nan_to_num(summed(away * speed) / size2)
+    return step

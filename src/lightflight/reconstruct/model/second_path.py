@@ -130,7 +130,7 @@ class Glow:
 
 
 Images = tuple[Glow, ...]
-"""A mirror's pictures: as it stands, and a step on and back of each of `_STEPS`."""
+"""A mirror's pictures: as it stands and, with light, a step on and back of each of `_STEPS`."""
 
 
 def glow(mirror: Mirror, places: Places, camera: Camera) -> Glow:
@@ -229,6 +229,9 @@ class SecondPath:
     def images(self) -> Images:
         """The pictures from which `light` tells counts and how they follow the unknowns."""
         mirrors = [self.mirror]
+        # Of images without light none changes as their mirror moves: a search begins with those.
+        if not self.mirror.share.any():
+            return (glow(self.mirror, self.places, self.camera),)
         for step in np.diag(np.append(_STEPS, np.zeros(self.size - 3)))[:3]:
             mirrors.extend((self.mirror.moved(step), self.mirror.moved(-step)))
         return tuple(glow(mirror, self.places, self.camera) for mirror in mirrors)
@@ -247,12 +250,10 @@ class SecondPath:
         """
         drawn = self.images() if images is None else images
         by_share, *moved = (in_cells(each.at(rows, cols), cells, reference_ps) for each in drawn)
-        share = self.mirror.share
-        columns = [
-            (ahead - back) @ share / (2.0 * size)
-            for ahead, back, size in zip(moved[::2], moved[1::2], _STEPS, strict=True)
-        ]
-        return by_share @ share, np.concatenate((np.stack(columns, axis=2), by_share), axis=2)
+        share, by_plane = self.mirror.share, np.zeros((*cells.counts.shape, len(_STEPS)))
+        for k, (ahead, back) in enumerate(zip(moved[::2], moved[1::2], strict=True)):
+            by_plane[:, :, k] = (ahead - back) @ share / (2.0 * _STEPS[k])
+        return by_share @ share, np.concatenate((by_plane, by_share), axis=2)
 
     def shows(
         self, rows: Indices, cols: Indices, arrival_ps: Floats, photons: Floats

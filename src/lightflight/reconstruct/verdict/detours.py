@@ -98,22 +98,34 @@ def detour_instead(
     # Of many places two together are a square as many: twenty passes would take an hour.
     most_gaps = _MOST_GAPS if len(places) <= _MANY_PLACES else 1
     places = _worst_of(places, fit)
-    cost = _cost_without(fit, legs, sightings, setting)
+    as_it_is = np.inf if fit is None else cost_of_pulses(fit, list(fit.sightings))
+    cost: float | None = None
     for n_gaps in range(1, min(len(places), most_gaps) + 1):
+        # As many legs as were told, with those that nobody saw or without: others are not fitted.
+        if n_legs not in (None, len(legs), len(legs) + n_gaps):
+            continue
         trials = [
             trial
             for gaps in combinations(places, n_gaps)
             for trial in fits_with_gaps(sightings, legs, gaps, setting)
-            if trial.solution.state.has_legs(n_legs) and _are_detours(trial, sightings, setting)
+            if _are_detours(trial, sightings, setting)
         ]
         best = min(trials, key=lambda one: cost_of_pulses(one, sightings), default=None)
-        if best is None:
+        # What is no better than the path as it is is none than the best without a detour, for which
+        # more must be fitted.
+        if best is None or not _is_better(best, n_gaps, as_it_is, sightings):
             continue
-        left = cost_of_pulses(best, sightings)
-        price = price_of(_PARAMETERS * n_gaps, sightings)
-        if left + price < cost and explains_all(best, sightings, cost):
+        cost = _cost_without(fit, legs, sightings, setting) if cost is None else cost
+        if _is_better(best, n_gaps, cost, sightings):
             return best
     return None
+
+
+def _is_better(best: JointFit, n_gaps: int, cost: float, sightings: list[Sighting]) -> bool:
+    """Whether a path with detours explains the recording far better than one at that cost."""
+    price = price_of(_PARAMETERS * n_gaps, sightings)
+    cheaper = cost_of_pulses(best, sightings) + price < cost
+    return cheaper and explains_all(best, sightings, cost)
 
 
 def _leaves_room(fit: JointFit, sightings: list[Sighting]) -> bool:
