@@ -383,10 +383,8 @@ def _with_alternatives(
     if estimator.of_fit is None or request.start is not None:
         return path
 
-    def path_of(other: JointFit) -> LightPath | None:
+    def told_of(other: JointFit) -> tuple[LightPath, JointFit] | None:
         told = _told(other, request, estimator)
-        return None if told is None else on_first_lap(told[0], request.sightings[0])
+        return None if told is None else (on_first_lap(told[0], request.sightings[0]), told[1])
 
-    return with_alternatives(
-        path, fit, request.sightings, request.setting, request.n_legs, path_of
-    )
+    return with_alternatives(path, fit, request.sightings, request.setting, request.n_legs, told_of)

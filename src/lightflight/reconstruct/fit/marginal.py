@@ -17,9 +17,9 @@ from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 Floats = NDArray[np.float64]
 
-ANYWHERE_MM = 1000.0
-"""Prior standard deviation of a corner or an end that nobody told, along each axis, mm: an optical
-table. Ten times as much makes a corner a thousand times less likely."""
+ANYWHERE_MM = 300.0
+"""Prior standard deviation of a corner or an end that nobody told, along each axis, mm: the paper's
+mirrors stand 375 mm apart. Ten times as much makes a corner a thousand times less likely."""
 
 
 def log_evidence(solution: Solution, freedom: Freedom) -> float:

@@ -3,6 +3,7 @@
 - A leg turned in depth: where light flies slower than it returns, two directions of a leg seem to
   run equally fast, and only the bend of its arrival curve tells which it is.
 - One bent leg in place of straight ones that meet at corners which turn by little.
+- Two straight legs in place of a bent one.
 
 A rival is fitted to the very pulses, with the same errors, and the same lines in the picture as the
 path, so that the two can be compared.
@@ -17,17 +18,20 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.errors import GeometryError
 from lightflight.flight import twin_from_direction
 from lightflight.reconstruct.fit.bent import bent_for_run, runs_of_corners
 from lightflight.reconstruct.fit.ends import freedom_at
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.least_squares import Solution, fit_path
+from lightflight.reconstruct.fit.least_squares import fit_path, rows_of_view
 from lightflight.reconstruct.fit.marginal import log_evidence
 from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.fit.revise import refitted
 from lightflight.reconstruct.fit.start import state_from_legs
 from lightflight.reconstruct.legs.find import image_leg
 from lightflight.reconstruct.model.freedom import sagitta_std_mm
-from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.geometry import Indices, PathState
+from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.setting import Setting
 
 Floats = NDArray[np.float64]
@@ -40,6 +44,9 @@ _ORDERS = (1, 2)
 _MOST_SAGITTAE = 4.0
 """Prior standard deviations of a bend beyond which it is not tried: that alone costs e^8."""
 _COUNTED = ("no", "one", "two", "three", "four", "five", "six")
+_OF_BENDS = (
+    "tell how many legs there are (n_legs, --n-legs), or that legs may bend (free, --free bend)"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,13 +74,35 @@ class Rival:
     is_other: Callable[[PathState], bool]
 
 
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A path to be tried.
+
+    Attributes
+    ----------
+    begin : callable
+        Gives it, roughly right.
+    relabelled : callable
+        Legs (n,) of that path from those of the first, which showed at places (n, 2), undistorted
+        px, to a camera.
+    says, remedy, is_other
+        As of a `Rival`.
+    """
+
+    begin: Callable[[], PathState]
+    relabelled: Callable[[PathState, Indices, Floats, int], Indices]
+    says: str
+    remedy: str
+    is_other: Callable[[PathState], bool]
+
+
 def rivals_of(fit: JointFit, setting: Setting) -> Iterator[Rival]:
     """Paths that might explain a recording instead, however well they do.
 
     Parameters
     ----------
     fit : JointFit
-        The path as it was found, of straight legs one after the other.
+        The path as it was found, of legs one after the other, all of them seen.
     setting : Setting
         Camera, source, medium and waypoints.
 
@@ -83,40 +112,63 @@ def rivals_of(fit: JointFit, setting: Setting) -> Iterator[Rival]:
         Where it is another path at its best.
     """
     state = fit.solution.state
-    if state.forks or state.unseen or state.bends:
+    if state.forks or state.unseen:
         return
-    tried = [*_turned_legs(fit, setting), *_bent_runs(state, setting)]
-    if not tried:
+    trials = [*_turned_legs(fit, setting), *_bent_runs(state, setting), *_cornered(fit, setting)]
+    if not trials:
         return
-    own = _log_evidence_of(fit, state, (), setting)
+    own = fit_or_reason(partial(_best, fit, state, fit.times.leg, fit.lines.leg, setting))
     if isinstance(own, NoFit):
         return
-    for begin, corners, says, remedy, is_other in tried:
-        begun = fit_or_reason(begin)
-        if isinstance(begun, NoFit):
-            continue
-        found = _log_evidence_of(fit, begun, corners, setting)
-        if not isinstance(found, NoFit) and is_other(found[0]):
-            yield Rival(found[0], found[1] - own[1], says, remedy, is_other)
+    for trial in trials:
+        found = fit_or_reason(partial(_fitted, fit, trial, setting))
+        if not isinstance(found, NoFit) and trial.is_other(found[0]):
+            more = found[1] - own[1]
+            yield Rival(found[0], more, trial.says, trial.remedy, trial.is_other)
 
 
-_Tried = tuple[Callable[[], PathState], tuple[int, ...], str, str, Callable[[PathState], bool]]
-"""Where it begins, corners of the first path that it has not, words, remedy, and whether it is."""
+def _fitted(fit: JointFit, trial: _Trial, setting: Setting) -> tuple[PathState, float]:
+    """Best fit of a trial to the data of a path, and its log evidence."""
+    state, times, lines = trial.begin(), fit.times, fit.lines
+    of_times, of_lines = times.leg.copy(), lines.leg.copy()
+    for view, camera in enumerate(setting.cameras):
+        here = rows_of_view(times.view, view, len(of_times))
+        places = undistorted_px(camera, times.row[here], times.col[here])
+        of_times[here] = trial.relabelled(state, times.leg[here], places, view)
+        here = rows_of_view(lines.view, view, len(of_lines))
+        of_lines[here] = trial.relabelled(state, lines.leg[here], lines.anchors[here], view)
+    return _best(fit, state, of_times, of_lines, setting)
 
 
-def _turned_legs(fit: JointFit, setting: Setting) -> Iterator[_Tried]:
-    """Each leg in the other direction that seems as fast."""
+def _best(
+    fit: JointFit, state: PathState, of_times: Indices, of_lines: Indices, setting: Setting
+) -> tuple[PathState, float]:
+    """Best fit to the data of a path, whose legs are these, and its log evidence."""
+    freedom = freedom_at(state, setting)
+    solution = fit_path(
+        state,
+        replace(fit.times, leg=of_times),
+        replace(fit.lines, leg=of_lines),
+        freedom,
+        cameras=setting.cameras,
+        medium=setting.medium,
+        floor_var=fit.floor_ps**2,
+    )
+    return solution.state, log_evidence(solution, freedom)
+
+
+def _turned_legs(fit: JointFit, setting: Setting) -> Iterator[_Trial]:
+    """Each straight leg in the other direction that seems as fast."""
     medium, state = setting.medium, fit.solution.state
-    if medium.return_group_index > _SLOWER * medium.path_group_index:
+    if state.bends or medium.return_group_index > _SLOWER * medium.path_group_index:
         return
     for leg in range(state.n_legs):
-        was_steep = _is_steep(state, leg, setting)
-        yield (
+        yield _Trial(
             partial(_turned, fit, leg, setting),
-            (),
+            lambda _, legs, *__: legs,
             f"leg {leg + 1} turned in depth",
             "tell when the pulse set out, or where a place of this leg is (waypoints)",
-            partial(_is_turned, leg, was_steep, setting),
+            partial(_is_turned, leg, _is_steep(state, leg, setting), setting),
         )
 
 
@@ -152,59 +204,82 @@ def _turned(fit: JointFit, leg: int, setting: Setting) -> PathState:
     )
 
 
-def _bent_runs(state: PathState, setting: Setting) -> Iterator[_Tried]:
-    """One bent leg for each run of legs that turn by little."""
+def _bent_runs(state: PathState, setting: Setting) -> Iterator[_Trial]:
+    """One bent leg for each run of straight legs that turn by little."""
     # Waypoints number vertices: with legs joined, others would bear the numbers.
-    if setting.waypoints:
+    if state.bends or setting.waypoints:
         return
     for corners in runs_of_corners(state):
         for orders in _ORDERS:
             bent = bent_for_run(state, corners, orders, setting.camera)
             sizes = np.linalg.norm(bent.bends[0].coefficients_mm, axis=0)
-            if (sizes > _MOST_SAGITTAE * _sagittae_mm(orders)).any():
+            usual = [sagitta_std_mm(order + 1) for order in range(orders)]
+            if (sizes > _MOST_SAGITTAE * np.array(usual)).any():
                 continue
-            n_legs = _COUNTED[len(corners) + 1] if len(corners) < 6 else str(len(corners) + 1)
-            yield (
+            yield _Trial(
                 partial(_as_it_is, bent),
-                corners,
-                f"one bent leg instead of {n_legs} straight ones",
-                "tell how many legs there are (n_legs, --n-legs), or that legs may bend (free, "
-                "--free bend)",
-                lambda found: bool(found.bends),
+                partial(_joined, corners),
+                f"one bent leg instead of {_counted(len(corners) + 1)} straight ones",
+                _OF_BENDS,
+                _has_bends,
             )
+
+
+def _counted(n: int) -> str:
+    return _COUNTED[n] if n < len(_COUNTED) else str(n)
 
 
 def _as_it_is(state: PathState) -> PathState:
     return state
 
 
-def _sagittae_mm(orders: int) -> Floats:
-    """(orders,), prior standard deviations of the shapes of a bend, mm."""
-    return np.array([sagitta_std_mm(order + 1) for order in range(orders)])
+def _has_bends(state: PathState) -> bool:
+    return bool(state.bends)
 
 
-def _log_evidence_of(
-    fit: JointFit, state: PathState, corners: tuple[int, ...], setting: Setting
-) -> tuple[PathState, float] | NoFit:
-    """Best fit of a path to the data of another, and its log evidence.
+def _joined(corners: tuple[int, ...], _: PathState, legs: Indices, *__: object) -> Indices:
+    """Numbers of legs once corners are gone."""
+    numbers: Indices = legs - np.sum([legs >= corner for corner in corners], axis=0)
+    return numbers
 
-    `corners` of the other are not in it: pulses and lines of the legs that meet there are of one.
-    """
 
-    def joined(legs: NDArray[np.int64]) -> NDArray[np.int64]:
-        return legs - np.sum([legs >= corner for corner in corners], axis=0, dtype=np.int64)
-
-    def solved() -> tuple[PathState, float]:
-        freedom = freedom_at(state, setting)
-        solution: Solution = fit_path(
-            state,
-            replace(fit.times, leg=joined(fit.times.leg)),
-            replace(fit.lines, leg=joined(fit.lines.leg)),
-            freedom,
-            cameras=setting.cameras,
-            medium=setting.medium,
-            floor_var=fit.floor_ps**2,
+def _cornered(fit: JointFit, setting: Setting) -> Iterator[_Trial]:
+    """Two straight legs for each bent one."""
+    if setting.waypoints:
+        return
+    for bend in fit.solution.state.bends:
+        yield _Trial(
+            partial(_with_corner, fit, bend.leg, setting),
+            partial(_parted, bend.leg, setting),
+            "two straight legs instead of a bent one",
+            _OF_BENDS,
+            partial(_has_fewer_bends, len(fit.solution.state.bends)),
         )
-        return solution.state, log_evidence(solution, freedom)
 
-    return fit_or_reason(solved)
+
+def _has_fewer_bends(n: int, state: PathState) -> bool:
+    return len(state.bends) < n
+
+
+def _with_corner(fit: JointFit, leg: int, setting: Setting) -> PathState:
+    """The path with two straight legs for a bent one, where the recording has its corner."""
+    state = fit.solution.state
+    corner = state.points_mm(leg, np.array([0.5]))[0]
+    # Fitted anew: pulses know their leg only once the corner is known.
+    found = refitted(list(fit.sightings), state.with_corner(leg, corner), setting)
+    if isinstance(found, NoFit):
+        raise GeometryError("no two straight legs follow this one")
+    return found.solution.state
+
+
+def _parted(
+    leg: int, setting: Setting, state: PathState, legs: Indices, places: Floats, view: int
+) -> Indices:
+    """Numbers of legs with a corner more, at the end of one: places beyond it are of the next."""
+    camera = setting.cameras[view]
+    corner = state.vertices_mm[leg + 1]
+    ahead = corner + 1e-3 * (state.vertices_mm[leg + 2] - state.vertices_mm[leg])
+    seen, along = undistorted_px(camera, *camera.pixels_from_points(np.stack((corner, ahead))))
+    beyond = (places - seen) @ (along - seen) > 0.0
+    numbers: Indices = legs + ((legs > leg) | ((legs == leg) & beyond))
+    return numbers

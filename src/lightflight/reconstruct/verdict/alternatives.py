@@ -32,7 +32,7 @@ def with_alternatives(
     sightings: list[Sighting],
     setting: Setting,
     n_legs: int | None,
-    path_of: Callable[[JointFit], LightPath | None],
+    told_of: Callable[[JointFit], tuple[LightPath, JointFit] | None],
 ) -> LightPath:
     """The path with other answers, "check" where there are some.
 
@@ -48,8 +48,9 @@ def with_alternatives(
         Camera, source, medium and waypoints.
     n_legs : int or None
         How many legs there are, where that is told.
-    path_of : callable
-        The estimator's path from a fit of pulses, None where it has none.
+    told_of : callable
+        The estimator's path from a fit of pulses, and that fit in the light as it is; None where
+        it has none.
 
     Returns
     -------
@@ -58,34 +59,55 @@ def with_alternatives(
     """
     if path.verdict.level is Level.CONTRADICTED:
         return path
-    found, findings = [], []
-    for rival in _close(fit, setting, n_legs):
-        other = refitted(sightings, rival.state, setting)
-        if isinstance(other, NoFit) or not rival.is_other(other.solution.state):
-            continue
-        its_path = path_of(other)
-        if its_path is not None:
-            found.append(Alternative(its_path, rival.log_evidence, rival.says))
-            findings.append(_finding(found[-1], rival))
-    if not found:
+    best: dict[str, tuple[Alternative, Rival]] = {}
+    for rival in rivals_of(fit, setting):
+        other = (
+            _told(rival, fit, sightings, setting, told_of) if rival.state.has_legs(n_legs) else None
+        )
+        known = best.get(rival.says)
+        if other and (known is None or other.log_evidence > known[0].log_evidence):
+            best[rival.says] = other, rival
+    if not best:
         return path
+    found = sorted(best.values(), key=lambda one: -one[0].log_evidence)
     verdict = replace(
-        path.verdict, level=Level.CHECK, findings=(*path.verdict.findings, *findings)
+        path.verdict,
+        level=Level.CHECK,
+        findings=(*path.verdict.findings, *(_finding(*one) for one in found)),
     )
-    return replace(path, alternatives=tuple(found), verdict=verdict)
+    return replace(path, alternatives=tuple(other for other, _ in found), verdict=verdict)
 
 
-def _close(fit: JointFit, setting: Setting, n_legs: int | None) -> list[Rival]:
-    """Rivals within reach, the likeliest first; of those that say the same, one."""
-    near = [
-        one
-        for one in rivals_of(fit, setting)
-        if one.log_evidence >= LEAST_LOG_EVIDENCE and one.state.has_legs(n_legs)
-    ]
-    best: dict[str, Rival] = {}
-    for one in sorted(near, key=lambda one: -one.log_evidence):
-        best.setdefault(one.says, one)
-    return list(best.values())
+def _told(
+    rival: Rival,
+    fit: JointFit,
+    sightings: list[Sighting],
+    setting: Setting,
+    told_of: Callable[[JointFit], tuple[LightPath, JointFit] | None],
+) -> Alternative | None:
+    """The rival as a path of its own, where it is likely enough.
+
+    Lines say where a leg runs at two places of its image, or few more. What the counts say against
+    the shape in between is the kinks they ask for.
+    """
+    own_kinks = _kinks_chi2(fit)
+    if rival.log_evidence + 0.5 * own_kinks < LEAST_LOG_EVIDENCE:
+        return None
+    refit = refitted(sightings, rival.state, setting)
+    if isinstance(refit, NoFit) or not rival.is_other(refit.solution.state):
+        return None
+    told = told_of(refit)
+    if told is None:
+        return None
+    log_evidence = rival.log_evidence + 0.5 * (own_kinks - _kinks_chi2(told[1]))
+    if log_evidence < LEAST_LOG_EVIDENCE:
+        return None
+    return Alternative(told[0], log_evidence, rival.says)
+
+
+def _kinks_chi2(fit: JointFit) -> float:
+    """What the counts say against the shape of each leg's image, chi-square."""
+    return float(sum(line.bend_chi2 for picture in fit.pictures for line in picture.fits))
 
 
 def _finding(other: Alternative, rival: Rival) -> Finding:
