@@ -44,9 +44,6 @@ _ORDERS = (1, 2)
 _MOST_SAGITTAE = 4.0
 """Prior standard deviations of a bend beyond which it is not tried: that alone costs e^8."""
 _COUNTED = ("no", "one", "two", "three", "four", "five", "six")
-_OF_BENDS = (
-    "tell how many legs there are (n_legs, --n-legs), or that legs may bend (free, --free bend)"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +58,6 @@ class Rival:
         Natural log of the ratio of evidences.
     says : str
         What is different.
-    remedy : str
-        What would tell the two apart.
     is_other : Callable[[PathState], bool]
         Whether a path is still this one: a fit may lead back to the first.
     """
@@ -70,7 +65,6 @@ class Rival:
     state: PathState
     log_evidence: float
     says: str
-    remedy: str
     is_other: Callable[[PathState], bool]
 
 
@@ -85,14 +79,13 @@ class _Trial:
     relabelled : callable
         Legs (n,) of that path from those of the first, which showed at places (n, 2), undistorted
         px, to a camera.
-    says, remedy, is_other
+    says, is_other
         As of a `Rival`.
     """
 
     begin: Callable[[], PathState]
     relabelled: Callable[[PathState, Indices, Floats, int], Indices]
     says: str
-    remedy: str
     is_other: Callable[[PathState], bool]
 
 
@@ -124,7 +117,7 @@ def rivals_of(fit: JointFit, setting: Setting) -> Iterator[Rival]:
         found = fit_or_reason(partial(_fitted, fit, trial, setting))
         if not isinstance(found, NoFit) and trial.is_other(found[0]):
             more = found[1] - own[1]
-            yield Rival(found[0], more, trial.says, trial.remedy, trial.is_other)
+            yield Rival(found[0], more, trial.says, trial.is_other)
 
 
 def _fitted(fit: JointFit, trial: _Trial, setting: Setting) -> tuple[PathState, float]:
@@ -167,7 +160,6 @@ def _turned_legs(fit: JointFit, setting: Setting) -> Iterator[_Trial]:
             partial(_turned, fit, leg, setting),
             lambda _, legs, *__: legs,
             f"leg {leg + 1} turned in depth",
-            "tell when the pulse set out, or where a place of this leg is (waypoints)",
             partial(_is_turned, leg, _is_steep(state, leg, setting), setting),
         )
 
@@ -220,7 +212,6 @@ def _bent_runs(state: PathState, setting: Setting) -> Iterator[_Trial]:
                 partial(_as_it_is, bent),
                 partial(_joined, corners),
                 f"one bent leg instead of {_counted(len(corners) + 1)} straight ones",
-                _OF_BENDS,
                 _has_bends,
             )
 
@@ -252,7 +243,6 @@ def _cornered(fit: JointFit, setting: Setting) -> Iterator[_Trial]:
             partial(_with_corner, fit, bend.leg, setting),
             partial(_parted, bend.leg, setting),
             "two straight legs instead of a bent one",
-            _OF_BENDS,
             partial(_has_fewer_bends, len(fit.solution.state.bends)),
         )
 

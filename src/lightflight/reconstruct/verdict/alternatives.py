@@ -21,6 +21,8 @@ from lightflight.reconstruct.fit.rivals import Rival, rivals_of
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 
+_TELL_DEPTH = "tell when the pulse set out, or where a place of this leg is (waypoints)"
+_TELL_LEGS = "tell how many legs there are (n_legs, --n-legs)"
 LEAST_LOG_EVIDENCE = -float(np.log(100.0))
 """An answer that the recording makes less likely than by this is not told: of two that one could
 choose between, the one told is then wrong once in a hundred times."""
@@ -73,7 +75,7 @@ def with_alternatives(
     verdict = replace(
         path.verdict,
         level=Level.CHECK,
-        findings=(*path.verdict.findings, *(_finding(*one) for one in found)),
+        findings=(*path.verdict.findings, *(_finding(*one, path.n_legs) for one in found)),
     )
     return replace(path, alternatives=tuple(other for other, _ in found), verdict=verdict)
 
@@ -110,11 +112,11 @@ def _kinks_chi2(fit: JointFit) -> float:
     return float(sum(line.bend_chi2 for picture in fit.pictures for line in picture.fits))
 
 
-def _finding(other: Alternative, rival: Rival) -> Finding:
+def _finding(other: Alternative, rival: Rival, n_legs: int) -> Finding:
     return Finding(
         FindingName.ALTERNATIVE,
         f"{other} explains the recording as well",
         0.0,
-        rival.remedy,
+        _TELL_DEPTH if rival.state.n_legs == n_legs else _TELL_LEGS,
         Severity.CHECK,
     )
