@@ -79,6 +79,19 @@ class TestTheTwinOfADirection:
         assert np.isnan(twin_from_direction([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])).all()
 
 
+@pytest.mark.parametrize("out", [AIR, 1.33, FIBRE, 3.0])
+def test_slope_and_bend_of_an_arrival_curve_are_those_of_one_direction(out):
+    """With nothing told of depth a leg fixes the ratio of the two: no two directions share it."""
+    angle, step = np.linspace(-1.45, 1.45, 2001), 1e-4
+
+    def arrival(psi: Any) -> Any:
+        return out * np.tan(psi) + AIR / np.cos(psi)
+
+    ahead, here, behind = (arrival(angle + k * step) for k in (1, 0, -1))
+    slope, bend = (ahead - behind) / (2.0 * step), (ahead - 2.0 * here + behind) / step**2
+    assert (np.diff(bend / slope) > 0.0).all()
+
+
 N = 8
 
 
@@ -116,6 +129,14 @@ class TestALegTurnedInDepth:
         chosen = lf.reconstruct(hist, start=other, **call)
         assert chosen.legs[0].angle_deg == pytest.approx(other.legs[0].angle_deg, abs=0.2)
         assert chosen.alternatives == ()
+
+    def test_with_nothing_told_there_is_one_answer(self):
+        scene = fibre_scene(30.0, 1000.0, 245.0)
+        hist = histograms(scene, 100)
+        call = what_the_user_tells(scene, hist) | {"source": lf.Source()}
+        path = lf.reconstruct(hist, **call)
+        assert is_true(path, scene)
+        assert path.alternatives == ()
 
     def test_bright_light_tells_by_itself(self):
         scene = fibre_scene(30.0, 40_000.0, 245.0)
