@@ -186,8 +186,10 @@ def _turned(fit: JointFit, leg: int, setting: Setting) -> PathState:
     """The path from its legs as the picture shows them, one of them turned in depth."""
     first, times, state = fit.sightings[0], fit.times, fit.solution.state
     mine = (times.weight > 0) & (fit.sighting_of == 0)
+    # In one piece, as the fit has them: a flight may run over the end of the laser's period.
+    arrivals = replace(first.arrivals, arrival_ps=first.arrival_ps)
     legs = tuple(
-        image_leg(first.arrivals, times.index[mine & (times.leg == k)], setting.camera)
+        image_leg(arrivals, times.index[mine & (times.leg == k)], setting.camera)
         for k in range(state.n_legs)
     )
     twin = twin_from_direction(*_half_way(state, leg, setting), medium=setting.medium)
