@@ -17,6 +17,7 @@ import numpy as np
 import lightflight as lf
 from lightflight.files.store import SCHEMA_VERSION
 from lightflight.flight import event_times_from_vertices
+from lightflight.path.alternative import Alternative
 from lightflight.path.tables import RESIDUAL_DTYPE, Goodness
 from lightflight.timing.clock.response import Response
 
@@ -102,6 +103,14 @@ def known_path_that_forks() -> lf.LightPath:
     )
 
 
+def known_path_with_an_alternative() -> lf.LightPath:
+    """Two legs, or one of them turned in depth: schema 4 of paths."""
+    path = known_path()
+    vertices = path.vertices_mm * [1.0, 1.0, -1.0]
+    other = replace(path, vertices_mm=vertices, statements=("Made by hand too.",))
+    return replace(path, alternatives=(Alternative(other, -1.25, "leg 1 turned in depth"),))
+
+
 def known_calibration() -> lf.TimingCalibration:
     """A nominal clock with a gain and a delay of its own in every pixel."""
     recording = lf.Recording.from_frames(known_frames(), n_codes=32, **CLOCK)
@@ -144,6 +153,7 @@ def main() -> None:
         ("path", 1, known_path()),
         ("path", 2, known_path_with_a_gap()),
         ("path", 3, known_path_that_forks()),
+        ("path", 4, known_path_with_an_alternative()),
         ("calibration", 1, known_calibration()),
         ("calibration", 2, known_calibration_with_tail()),
     ):

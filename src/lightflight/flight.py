@@ -426,6 +426,46 @@ def apparent_speed_from_direction(
     return speed
 
 
+def twin_from_direction(
+    direction: ArrayLike, towards_camera: ArrayLike, *, medium: Medium | None = None
+) -> Floats:
+    r"""The other direction of flight that looks as fast across the line of sight.
+
+    .. math:: f(\theta) = \frac{\sin\theta}{n_p - n_r \cos\theta}
+
+    is how fast light seems to run across, in c, theta from its direction to the way back to the
+    camera. Where the way out is slower than the way back, f is largest at cos(theta) = n_r / n_p,
+    and any lower value is that of two directions, whose cosines sum to
+    2 n_p n_r f^2 / (1 + n_r^2 f^2). In one medium there is no other: f = cot(theta / 2) / n.
+
+    Parameters
+    ----------
+    direction : array of float, shape (3,)
+        d, unit vector in the direction of flight, world.
+    towards_camera : array of float, shape (3,)
+        u, unit vector from the point to the camera, world.
+    medium : Medium, optional
+        None: air.
+
+    Returns
+    -------
+    array of float, shape (3,)
+        Unit, in the plane of d and u; NaN where there is no other direction.
+    """
+    medium = Medium() if medium is None else medium
+    out, back = medium.path_group_index, medium.return_group_index
+    d, u = np.asarray(direction, dtype=float), np.asarray(towards_camera, dtype=float)
+    cosine = float(d @ u)
+    across = d - cosine * u
+    sine = float(np.linalg.norm(across))
+    if out <= back or sine == 0.0:
+        return np.full(3, np.nan)
+    seems = sine / (out - back * cosine)
+    other = 2.0 * out * back * seems**2 / (1.0 + (back * seems) ** 2) - cosine
+    twin: Floats = other * u + np.sqrt(max(0.0, 1.0 - other**2)) * across / sine
+    return twin
+
+
 def elevation_from_direction(direction: ArrayLike, normal: ArrayLike) -> Floats:
     """Elevation of a leg out of the plane normal to n: alpha = asin(d.n).
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -17,6 +18,7 @@ from lightflight.path.verdict import Level, Verdict
 from tests.path.test_verdict import WORST
 from tests.path_fakes import make_path, truth_of
 from tools.make_golden_files import FOLDER
+from tools.make_schema_files import known_path_with_an_alternative
 
 TOLD = ("--lab", FOLDER / "lab.toml", "--timing", FOLDER / "calibration_full.h5")
 RECORDING = FOLDER / "histograms.h5"
@@ -57,6 +59,17 @@ def test_programs_get_all_of_it(run, tmp_path):
     assert {name: again[name] for name in ("verdict", "explained", "prices")} == {
         name: facts[name] for name in ("verdict", "explained", "prices")
     }
+
+
+def test_other_answers_are_told(run, tmp_path):
+    path = known_path_with_an_alternative()
+    path.save(tmp_path / "path.h5")
+    said = run("info", tmp_path / "path.h5").stdout
+    assert re.search(r"other answers +leg 1 turned in depth \(3 times less likely\): elev", said)
+    (other,) = json.loads(run("info", tmp_path / "path.h5", "--json").stdout)["alternatives"]
+    assert (other["says"], other["log_evidence"]) == ("leg 1 turned in depth", -1.25)
+    assert other["vertices_mm"] == path.alternatives[0].path.vertices_mm.tolist()
+    assert other["vertices_mm"] != path.vertices_mm.tolist()
 
 
 @pytest.mark.parametrize("level", Level)

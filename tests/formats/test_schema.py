@@ -23,6 +23,7 @@ from tools.make_schema_files import (
     known_path,
     known_path_that_forks,
     known_path_with_a_gap,
+    known_path_with_an_alternative,
 )
 
 read: Any = lf.read
@@ -124,8 +125,11 @@ def test_a_path_with_a_stretch_that_nobody_saw_is_read():
 
 
 def test_only_paths_that_need_it_are_of_a_newer_schema(tmp_path):
-    """Versions that know no unseen legs, or no forks, would draw these wrong."""
-    made = (known_path(), known_path_with_a_gap(), known_path_that_forks())
+    """Versions that know no unseen legs, no forks or no alternatives would tell these wrong."""
+    made = (
+        known_path(), known_path_with_a_gap(), known_path_that_forks(),
+        known_path_with_an_alternative(),
+    )  # fmt: skip
     for schema, path in enumerate(made, start=1):
         path.save(tmp_path / "path.h5")
         with unsealed(tmp_path / "path.h5") as file:
@@ -141,11 +145,23 @@ def test_a_path_that_forks_is_read():
     np.testing.assert_array_equal(found.truth.vertices_mm, expected.truth.vertices_mm)
 
 
+def test_a_path_with_an_alternative_is_read():
+    expected = known_path_with_an_alternative()
+    found = lf.LightPath.load(FOLDER / "path_schema_4.h5")
+    ((one, true),) = zip(found.alternatives, expected.alternatives, strict=True)
+    assert (one.says, one.log_evidence) == (true.says, true.log_evidence)
+    for name in ("vertices_mm", "vertex_times_ps", "covariance", "residuals"):
+        np.testing.assert_array_equal(getattr(one.path, name), getattr(true.path, name), name)
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
+    assert one.path.statements == true.path.statements
+    assert one.path.source == found.source
+
+
 def test_a_path_of_a_schema_that_is_newer_still_is_refused(tmp_path):
     known_path_with_a_gap().save(tmp_path / "path.h5")
     with unsealed(tmp_path / "path.h5") as file:
-        file.attrs["schema_version"] = 4
-    with pytest.raises(FileFormatError, match="this one reads up to 3"):
+        file.attrs["schema_version"] = 5
+    with pytest.raises(FileFormatError, match="this one reads up to 4"):
         lf.LightPath.load(tmp_path / "path.h5")
 
 

@@ -21,6 +21,7 @@ from lightflight.view.page.tables import badge_html, heading, verdict_html
 from tests.path.test_verdict import WORST
 from tests.path_fakes import make_path
 from tests.view import fakes
+from tools.make_schema_files import known_path_with_an_alternative
 
 
 def path_of(verdict: Verdict, **fields: Any) -> Any:
@@ -49,6 +50,17 @@ def test_the_page_says_it_before_all_drawings() -> None:
     payload = json.loads(re.search(r'application/json">(.*?)</script>', text, re.S)[1])  # type: ignore[index]
     assert payload["verdict"]["level"] == "contradicted"
     assert [one["name"] for one in payload["verdict"]["findings"]] == ["index", "pose"]
+
+
+def test_the_page_tells_other_answers_and_only_where_there_are_some() -> None:
+    path = known_path_with_an_alternative()
+    title = "Other paths that explain the recording"
+    text = verdict_html(payload_from_records(path))
+    said = f"<summary>{title}</summary>"
+    assert "leg 1 turned in depth (3 times less likely)" in text[text.index(said) :]
+    alone = payload_from_records(replace(path, alternatives=()))
+    assert "alternatives" not in alone["verdict"]
+    assert title not in verdict_html(alone)
 
 
 def test_what_a_finding_says_stays_text() -> None:

@@ -18,6 +18,7 @@ from lightflight.cli.errors import NotTrustedError
 from lightflight.cli.options import RECORD_SUFFIXES
 
 if TYPE_CHECKING:
+    from lightflight.path.alternative import Alternative
     from lightflight.path.light_path import LightPath
 
 
@@ -131,10 +132,19 @@ def print_verdict(path: LightPath) -> None:
     if path.explained is not None:
         facts.append(Fact("explains", "explained", path.explained, str(path.explained)))
     exact = [price.replace(" exact:", ":", 1) for price in path.prices]
-    for head, lines in (("blind to", verdict.blind_to), ("taken as exact", exact)):
+    others = [_other_answer(one) for one in path.alternatives]
+    for head, lines in (
+        ("other answers", others), ("blind to", verdict.blind_to), ("taken as exact", exact),
+    ):  # fmt: skip
         facts += [Fact("" if k else head, head, line, str(line)) for k, line in enumerate(lines)]
     if facts:
         print_facts(facts)
+
+
+def _other_answer(other: Alternative) -> str:
+    """What is different in another answer, how likely it is, and how its legs rise."""
+    angles = (with_error(one.angle_deg, one.angle_std_deg) for one in other.path.legs)
+    return f"{other}: elevation {', '.join(angles)} deg"
 
 
 def print_path(path: LightPath) -> None:
@@ -203,12 +213,24 @@ def json_from_verdict(path: LightPath) -> dict[str, Any]:
     Returns
     -------
     dict of str
-        `verdict` as path files hold it, `explained` (None where not known) and `prices`.
+        `verdict` as path files hold it, `explained` (None where not known), `prices`, and
+        `alternatives`, other paths that explain the recording.
     """
     return {
         "verdict": path.verdict.to_json(),
         "explained": None if path.explained is None else asdict(path.explained),
         "prices": path.prices,
+        "alternatives": [
+            {
+                "says": other.says,
+                "log_evidence": other.log_evidence,
+                "vertices_mm": other.path.vertices_mm,
+                "vertex_times_ps": other.path.vertex_times_ps,
+                "vertex_std_mm": other.path.vertex_std[:, :3],
+                "vertex_time_std_ps": other.path.vertex_std[:, 3],
+            }
+            for other in path.alternatives
+        ],
     }
 
 

@@ -6,6 +6,7 @@
 - legs that are curves: `bends` (`Bend`), and what follows on them: `on_bends`
 - stretches that no picture showed: `gaps` (`Gap`)
 - light to and fro between two mirrors: `cavity` (`RoundTrip`)
+- other paths that explain the recording as well: `alternative` (`Alternative`)
 - how far a path is from the truth: `error` (`path_error`)
 - points along it with both times: `trace`; `apparent_speed`
 - what another camera would see of it: `second_view` (`observe`, `camera_towards`)
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING
 from lightflight._lazy import lazy_names
 
 if TYPE_CHECKING:
+    from lightflight.path.alternative import Alternative as Alternative
     from lightflight.path.bends import Bend as Bend
     from lightflight.path.cavity import RoundTrip as RoundTrip
     from lightflight.path.error import path_error as path_error
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
+        "lightflight.path.alternative": ("Alternative",),
         "lightflight.path.bends": ("Bend",),
         "lightflight.path.cavity": ("RoundTrip",),
         "lightflight.path.error": ("path_error",),

@@ -15,6 +15,7 @@ from lightflight.errors import FileFormatError, LimitError
 from lightflight.files.filecheck import damage_as_format_error
 from lightflight.files.store import SCHEMA_VERSION, load_record, save_record
 from lightflight.flight import Medium, Source
+from lightflight.path.alternative import MOST_ALTERNATIVES, Alternative
 from lightflight.path.bends import arrays_of_bends, bends_from_arrays
 from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
 from lightflight.path.tree import Forks, checked_forks, forks_of, leg_starts
@@ -26,9 +27,9 @@ if TYPE_CHECKING:
 
 PATH_KIND = "path"
 """Kind of record in our HDF5 files."""
-_SCHEMA_OF_UNSEEN, _SCHEMA_OF_FORKS_AND_BENDS = 2, 3
-"""Of a path with legs that nobody saw, and of one that forks, or whose truth does, or that bends:
-versions that know no such schema refuse them."""
+_SCHEMA_OF_UNSEEN, _SCHEMA_OF_FORKS_AND_BENDS, _SCHEMA_OF_ALTERNATIVES = 2, 3, 4
+"""Of a path with legs that nobody saw, of one that forks, or whose truth does, or that bends, and
+of one that is not the only answer: versions that know no such schema refuse them."""
 _INDICES = ("path_group_index", "return_group_index")
 _KINDS: dict[str, tuple[type, ...]] = {
     "dof": (int,), "n_pulses": (int,), "n_rejected": (int,), "converged": (bool,),
@@ -56,6 +57,37 @@ def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
     OSError
         If the file cannot be written.
     """
+    arrays, attributes = _record_from_path(path)
+    attributes["provenance"] = attributes["provenance"] or provenance_record()
+    for number, other in enumerate(path.alternatives):
+        own_arrays, own_attributes = _record_from_path(other.path)
+        arrays |= {f"{_prefix(number)}{name}": array for name, array in own_arrays.items()}
+        told = {"says": other.says, "log_evidence": other.log_evidence, "path": own_attributes}
+        attributes.setdefault("alternatives", []).append(told)
+    schema = _schema_of_path(path)
+    save_record(file, kind=PATH_KIND, arrays=arrays, attributes=attributes, schema=schema)
+
+
+def _prefix(number: int) -> str:
+    """What the arrays of an alternative begin with."""
+    return f"alternative_{number}_"
+
+
+def _schema_of_path(path: LightPath) -> int:
+    """The least schema whose readers show all of a path."""
+    # A version that knows no unseen legs would draw them as light that was seen; one that knows no
+    # forks, an arm from the wrong vertex; one that knows no bent legs, straight ones; and one that
+    # knows no alternatives would not say that there is another answer.
+    if path.alternatives:
+        return _SCHEMA_OF_ALTERNATIVES
+    forks = path.forks or (() if path.truth is None else forks_of(path.truth))
+    if forks or path.bends:
+        return _SCHEMA_OF_FORKS_AND_BENDS
+    return _SCHEMA_OF_UNSEEN if path.unseen_legs else SCHEMA_VERSION
+
+
+def _record_from_path(path: LightPath) -> tuple[dict[str, NDArray[np.generic]], dict[str, Any]]:
+    """Arrays and attributes of one path as its file holds them, without its alternatives."""
     arrays: dict[str, NDArray[np.generic]] = {
         "vertices_mm": path.vertices_mm,
         "vertex_times_ps": path.vertex_times_ps,
@@ -75,7 +107,7 @@ def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
         "goodness": asdict(path.goodness),
         "source": asdict(path.source),
         "medium": {name: getattr(path.medium, name) for name in _INDICES},
-        "provenance": dict(path.provenance) or provenance_record(),
+        "provenance": dict(path.provenance),
         "verdict": path.verdict.to_json(),
     }
     # Apart, and only where they say something: versions that do not know them pass them over.
@@ -97,11 +129,7 @@ def save_path(path: LightPath, file: str | os.PathLike[str]) -> None:
     if path.bends:
         arrays |= arrays_of_bends(path.bends)
         arrays["bends_covariance"] = np.asarray(path.bend_covariance)
-    # A version that knows no unseen legs would draw them as light that was seen; one that knows no
-    # forks, an arm from the wrong vertex; and one that knows no bent legs, straight ones.
-    schema = _SCHEMA_OF_UNSEEN if path.unseen_legs else SCHEMA_VERSION
-    schema = _SCHEMA_OF_FORKS_AND_BENDS if path.forks or true_forks or path.bends else schema
-    save_record(file, kind=PATH_KIND, arrays=arrays, attributes=attributes, schema=schema)
+    return arrays, attributes
 
 
 class TruePath:
@@ -179,7 +207,10 @@ def load_path(
         attributes["statements"] += statements if isinstance(statements, list) else []
     with damage_as_format_error(file):
         try:
-            return make(**_fields_from_record(arrays, attributes))
+            return make(
+                **_fields_from_record(arrays, attributes),
+                alternatives=_alternatives_from_record(arrays, attributes, make),
+            )
         except KeyError as missing:
             raise FileFormatError(f"lacks {missing}: the file is damaged", path=file) from missing
 
@@ -232,6 +263,29 @@ def _fields_from_record(
         "bends": bends_from_arrays(arrays),
         "bend_covariance": arrays.get("bends_covariance"),
     }
+
+
+def _alternatives_from_record(
+    arrays: Mapping[str, NDArray[np.generic]],
+    attributes: Mapping[str, Any],
+    make: Callable[..., LightPath],
+) -> tuple[Alternative, ...]:
+    """Other paths that a file holds beside its own, each made as that one is."""
+    told = attributes.get("alternatives", [])
+    if not isinstance(told, list) or not all(isinstance(one, dict) for one in told):
+        raise ValueError(f"alternatives cannot be {told!r:.60}")
+    if len(told) > MOST_ALTERNATIVES:
+        raise LimitError(f"it holds {len(told)} alternatives, more than {MOST_ALTERNATIVES}")
+    found = []
+    for number, one in enumerate(told):
+        prefix = _prefix(number)
+        own = {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
+        says, log_evidence = one["says"], one["log_evidence"]
+        if not isinstance(says, str) or type(log_evidence) not in (int, float):
+            raise ValueError(f"an alternative cannot say {says!r:.60} with {log_evidence!r:.60}")
+        other = make(**_fields_from_record(own, one["path"]))
+        found.append(Alternative(other, float(log_evidence), says))
+    return tuple(found)
 
 
 def _forks_from_record(attributes: Mapping[str, Any], name: str) -> Forks:

@@ -22,6 +22,7 @@ from lightflight.flight import (
     Source,
     elevation_from_direction,
 )
+from lightflight.path.alternative import Alternative, checked_alternatives
 from lightflight.path.bends import Bend, checked_bend_covariance, checked_bends
 from lightflight.path.cavity import RoundTrip, round_trip_of_path
 from lightflight.path.gaps import Gap, checked_unseen, gaps_of_path
@@ -126,6 +127,8 @@ class LightPath(Drawn, Tabled, Labelled):
     bend_covariance : array of float, shape (4m + b, b)
         Of the b coefficients of all bends (mm), in their order, with x, y, z, t of every vertex and
         then with each other.
+    alternatives : tuple of Alternative
+        Other paths that explain the recording about as well, the likeliest first.
     """
 
     vertices_mm: Floats
@@ -151,6 +154,7 @@ class LightPath(Drawn, Tabled, Labelled):
     forks: tuple[tuple[int, int], ...] = field(default=(), kw_only=True)
     bends: tuple[Bend, ...] = field(default=(), kw_only=True)
     bend_covariance: Floats | None = field(default=None, kw_only=True, repr=False)
+    alternatives: tuple[Alternative, ...] = field(default=(), kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices_mm, dtype=float)
@@ -191,6 +195,7 @@ class LightPath(Drawn, Tabled, Labelled):
             )
         of_bends = checked_bend_covariance(self.bend_covariance, self.bends, 4 * m)
         object.__setattr__(self, "bend_covariance", of_bends)
+        object.__setattr__(self, "alternatives", checked_alternatives(self.alternatives))
         for array in (vertices, times, covariance):
             array.setflags(write=False)
         object.__setattr__(self, "vertices_mm", vertices)

@@ -38,6 +38,7 @@ class FindingName(StrEnum):
     UNITS = "units"
     ORIENTATION = "orientation"
     CALIBRATION = "calibration"
+    ALTERNATIVE = "alternative"
     NOT_EXAMINED = "not_examined"
 
 

@@ -27,6 +27,7 @@ from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed, freed_names
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.sightings import sighting_from_histograms
+from lightflight.reconstruct.verdict.alternatives import with_alternatives
 from lightflight.reconstruct.verdict.arms import leaves_light, take_up_most, with_arms
 from lightflight.reconstruct.verdict.asked import shares_asked_for
 from lightflight.reconstruct.verdict.bent import asks_for_bends, bent_instead
@@ -364,7 +365,7 @@ def _judged(
     # A start given by the user says the lap too: the path stays where it was put.
     path = path if request.start is not None else on_first_lap(path, request.sightings[0])
     path = replace(path, explained=explained(path, fit, request.sightings))
-    return examined(
+    path = examined(
         path,
         fit,
         request.sightings if fit is None else list(fit.sightings),
@@ -374,3 +375,18 @@ def _judged(
         may_bend=request.may_bend or _starts_bent(request),
         name_arms=not _may_fork(request, estimator),
     )
+    return path if fit is None else _with_alternatives(path, fit, request, estimator)
+
+
+def _with_alternatives(
+    path: LightPath, fit: JointFit, request: Request, estimator: Estimator
+) -> LightPath:
+    """The path with other answers; none where a start says which is wanted."""
+    if estimator.of_fit is None or request.start is not None:
+        return path
+
+    def told_of(other: JointFit) -> tuple[LightPath, JointFit] | None:
+        told = _told(other, request, estimator)
+        return None if told is None else (on_first_lap(told[0], request.sightings[0]), told[1])
+
+    return with_alternatives(path, fit, request.sightings, request.setting, request.n_legs, told_of)

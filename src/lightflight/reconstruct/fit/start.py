@@ -30,6 +30,8 @@ Floats = NDArray[np.float64]
 
 _GRID = 721
 """Directions tried per leg: every quarter degree of half a turn and back."""
+_REFINED = 4
+"""Grids of directions, each finer than the one before."""
 _SAMPLES = 24
 """Points of a leg's smoothed arrival curve that the start is fitted to."""
 _SHALLOW = np.sin(np.deg2rad(4.0))
@@ -48,11 +50,14 @@ class LegCurve:
         ps.
     plane_normal : array of float, shape (3,)
         Unit, of the viewing plane; ray x flight.
+    direction : array of float, shape (3,) or None
+        The only one that is tried, world; None: all.
     """
 
     rays: Floats
     arrival_ps: Floats
     plane_normal: Floats
+    direction: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +135,7 @@ def state_from_legs(
     source: Source,
     medium: Medium,
     depth_mm: float | None = None,
+    told: tuple[int, Floats] | None = None,
 ) -> PathState:
     """First guess of the whole path; the last vertex is the end of the last leg as seen.
 
@@ -146,6 +152,8 @@ def state_from_legs(
     depth_mm : float, optional
         How far from the camera a path from an unknown source enters the view, mm; None: as its
         times say, which few pulses do badly.
+    told : (int, array of float, shape (3,)), optional
+        A leg, by number, and the direction in which it is to fly; None: all as their times say.
 
     Returns
     -------
@@ -161,6 +169,8 @@ def state_from_legs(
         camera, curves = _as_seen_in_one_medium(legs, camera, medium)
     else:
         curves = [curve_from_leg(leg, camera) for leg in legs]
+    if told is not None:
+        curves[told[0]] = replace(curves[told[0]], direction=told[1])
     if source.position_mm is None:
         first = _blind_first_leg(curves[0], camera, medium, depth_mm)
     else:
@@ -187,6 +197,14 @@ def _directions(curve: LegCurve, angles: Floats) -> Floats:
     """Unit directions in the viewing plane; angle 0 flies across, pi/2 towards the camera."""
     along, away = _in_plane_axes(curve)
     return np.cos(angles)[:, np.newaxis] * along - np.sin(angles)[:, np.newaxis] * away
+
+
+def _first_angles(curve: LegCurve, angles: Floats) -> tuple[Floats, int]:
+    """Angles that are tried first, and how often: one once where the direction is told."""
+    if curve.direction is None:
+        return angles, _REFINED
+    along, away = _in_plane_axes(curve)
+    return np.arctan2([-curve.direction @ away], [curve.direction @ along]), 1
 
 
 def _meetings(
@@ -240,9 +258,9 @@ def _best_direction(
 ) -> Straight | None:
     """Direction (and start time, where it is not exact) that explains a leg from its start."""
     # All directions: steep legs towards and away from the camera are both possible.
-    angles = np.linspace(-np.pi, np.pi, 2 * _GRID)[:-1]
+    angles, rounds = _first_angles(curve, np.linspace(-np.pi, np.pi, 2 * _GRID)[:-1])
     best: Straight | None = None
-    for _ in range(4):
+    for _ in range(rounds):
         directions = _directions(curve, angles)
         relative = _relative_arrivals(start, directions, curve.rays, camera, medium)
         residual = curve.arrival_ps - relative
@@ -267,7 +285,7 @@ def _best_direction(
             return best
         i = int(np.nanargmin(cost))
         best = Straight(start, float(start_times[i]), directions[i], float(cost[i]))
-        angles = _refined(cost, angles)
+        angles = _refined(cost, angles) if rounds > 1 else angles
     return best
 
 
@@ -297,9 +315,9 @@ def _blind_first_leg(
     curve: LegCurve, camera: Camera, medium: Medium, depth_mm: float | None
 ) -> Straight:
     """First leg with nothing known of the source: depth and time at entry are linear unknowns."""
-    angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _GRID)[1:-1]
+    angles, rounds = _first_angles(curve, np.linspace(-0.5 * np.pi, 0.5 * np.pi, _GRID)[1:-1])
     best: Straight | None = None
-    for _ in range(4):
+    for _ in range(rounds):
         directions = _directions(curve, angles)
         # For unit depth at entry; arrival times scale with it.
         unit_start = camera.center_mm + curve.rays[0]
@@ -321,7 +339,7 @@ def _blind_first_leg(
         entry_time = mean_t - depth[i] * relative[i].mean()
         entry = camera.center_mm + depth[i] * curve.rays[0]
         best = Straight(entry, float(entry_time), directions[i], float(cost[i]))
-        angles = _refined(cost, angles)
+        angles = _refined(cost, angles) if rounds > 1 else angles
     if best is None:
         raise GeometryError(
             "the first leg's arrival times fit no straight flight: check the clock's direction "

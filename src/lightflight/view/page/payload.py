@@ -367,7 +367,13 @@ def _verdict_part(path: LightPath) -> Json:
         "blind_to": [str(spot) for spot in verdict.blind_to],
         "exact": json_value(getattr(path, "prices", ())),
         "explained": "" if explained is None else str(explained),
-    }
+    } | _other_answers(path)
+
+
+def _other_answers(path: LightPath) -> Json:
+    """Other paths that explain the recording, in words; nothing where there is none."""
+    others = [str(other) for other in getattr(path, "alternatives", ())]
+    return {"alternatives": others} if others else {}
 
 
 def _clock_part(timing: TimingCalibration | None) -> Json | None:

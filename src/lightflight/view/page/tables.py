@@ -81,6 +81,7 @@ def verdict_html(payload: Json) -> str:
             items = "".join(others)
             parts.append(f'<details><summary>{title}</summary><ol start="2">{items}</ol></details>')
     for title, said in (
+        ("Other paths that explain the recording", verdict.get("alternatives", ())),
         ("What would go unseen here, and what it moves", verdict["blind_to"]),
         ("What was taken as exact, and what that costs", verdict["exact"]),
     ):
