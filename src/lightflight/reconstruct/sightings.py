@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from lightflight import flags
@@ -19,6 +20,7 @@ from lightflight.errors import (
 )
 from lightflight.reconstruct.fit.tail import shape_with_tail
 from lightflight.reconstruct.legs.find import unwrapped_arrivals
+from lightflight.reconstruct.model.glass import looks_at_blocks
 from lightflight.reconstruct.model.setting import Setting, earliest_arrival_ps
 from lightflight.reconstruct.model.sighting import Sighting, blind_pixels
 from lightflight.timing.clock.calibration import ASSUMED_GAIN_STD, TimingCalibration
@@ -107,6 +109,9 @@ def sighting_from_histograms(
         one and no pixel shows a pulse.
     """
     clock = clock_or_nominal(hist, timing)
+    if setting.medium.blocks:
+        hidden = looks_at_blocks(setting.camera, setting.medium.blocks)
+        exclude_mask = hidden if exclude_mask is None else hidden | np.asarray(exclude_mask, bool)
     find = partial(
         find_arrivals,
         hist,

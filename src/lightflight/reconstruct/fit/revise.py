@@ -21,8 +21,10 @@ from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.fit.least_squares import Solution, fit_path
 from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.fit.start import state_from_legs
+from lightflight.reconstruct.fit.through_glass import pieces_of
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.geometry import PathState, footprints
+from lightflight.reconstruct.model.glass import faced
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
@@ -91,10 +93,8 @@ def fit_from_legs(
     first_problem: Exception | None = None
     while legs:
         try:
-            state = state_from_legs(
-                legs, camera=setting.camera, source=setting.source, medium=setting.medium
-            )
-            return fit_joint(sightings, state, setting, legs=legs)
+            state, seen = _begun(sightings[0], legs, setting)
+            return fit_joint(sightings, state, setting, legs=seen)
         except (GeometryError, NothingFoundError, np.linalg.LinAlgError) as problem:
             # The first attempt had all legs: its reason is the one worth telling.
             first_problem = first_problem or problem
@@ -112,6 +112,18 @@ def fit_from_legs(
             "mask the pixels that do not belong to the flight"
         ) from first_problem
     raise first_problem
+
+
+def _begun(
+    sighting: Sighting, legs: tuple[ImageLeg, ...], setting: Setting
+) -> tuple[PathState, tuple[ImageLeg, ...]]:
+    """A first path from legs in the picture, and those legs as cut where glass stands in them."""
+    camera, source, medium = setting.camera, setting.source, setting.medium
+    if not medium.blocks:
+        return state_from_legs(legs, camera=camera, source=source, medium=medium), legs
+    pieces = pieces_of(legs, medium.blocks, camera, sighting.arrivals)
+    state = state_from_legs(pieces.legs, camera=camera, source=source, medium=medium, pieces=pieces)
+    return faced(state, pieces.faced(state.vertices_mm), setting.cameras), pieces.legs
 
 
 def fit_from_brightest(
@@ -201,7 +213,7 @@ def with_n_legs(
     NothingFoundError
         Where no further corner can be placed.
     """
-    while fit.solution.state.n_legs < n_legs:
+    while fit.solution.state.n_told < n_legs:
         state = fit.solution.state
         bends = [sharpest_bend(sightings, fit, k, setting) for k in range(state.n_legs)]
         trials = (
@@ -212,7 +224,7 @@ def with_n_legs(
         longer = next((trial for trial in trials if not isinstance(trial, NoFit)), None)
         if longer is None:
             raise NothingFoundError(
-                f"n_legs={n_legs} was given but only {state.n_legs} show: leave n_legs out, or "
+                f"n_legs={n_legs} was given but only {state.n_told} show: leave n_legs out, or "
                 "give a starting path (start=)"
             )
         fit = longer

@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.blocks import Block
 from lightflight.camera.stand_in import meeting_point
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
+from lightflight.reconstruct.fit.through_glass import Pieces
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.image_plane import mean_focal_px
@@ -130,6 +132,7 @@ def state_from_legs(
     source: Source,
     medium: Medium,
     depth_mm: float | None = None,
+    pieces: Pieces | None = None,
 ) -> PathState:
     """First guess of the whole path; the last vertex is the end of the last leg as seen.
 
@@ -146,11 +149,14 @@ def state_from_legs(
     depth_mm : float, optional
         How far from the camera a path from an unknown source enters the view, mm; None: as its
         times say, which few pulses do badly.
+    pieces : Pieces, optional
+        Which of the legs in the picture are pieces of one, on both sides of glass.
 
     Returns
     -------
     PathState
-        Corners where one leg's line meets the next one's viewing plane.
+        Corners where one leg's line meets the next one's viewing plane; where glass stands in a
+        leg, as if the light went straight through and were not late.
 
     Raises
     ------
@@ -161,6 +167,8 @@ def state_from_legs(
         camera, curves = _as_seen_in_one_medium(legs, camera, medium)
     else:
         curves = [curve_from_leg(leg, camera) for leg in legs]
+    if pieces is not None:
+        curves = _without_glass(curves, pieces, medium, known_start=source.position_mm is not None)
     if source.position_mm is None:
         first = _blind_first_leg(curves[0], camera, medium, depth_mm)
     else:
@@ -173,6 +181,27 @@ def state_from_legs(
     end = last.start_mm + length[0, 0] * last.direction
     vertices = np.array([leg.start_mm for leg in straights] + [end])
     return PathState(vertices, first.start_time_ps)
+
+
+def _without_glass(
+    curves: list[LegCurve], pieces: Pieces, medium: Medium, *, known_start: bool
+) -> list[LegCurve]:
+    """One curve for all pieces of a leg, as if its light had met no glass square to its faces."""
+
+    def late_ps(blocks: tuple[Block, ...]) -> float:
+        ways = [(b.glass.group_index - medium.path_group_index) * b.thickness_mm for b in blocks]
+        return float(sum(ways)) / SPEED_OF_LIGHT_MM_PER_PS
+
+    late = late_ps(pieces.elsewhere) if known_start else 0.0
+    found = []
+    for group in pieces.groups:
+        times = []
+        for number in group:
+            times.append(curves[number].arrival_ps - late)
+            late += late_ps(pieces.after[number])
+        rays = np.concatenate([curves[number].rays for number in group])
+        found.append(_curve(rays, np.concatenate(times)))
+    return found
 
 
 def _in_plane_axes(curve: LegCurve) -> tuple[Floats, Floats]:

@@ -407,7 +407,7 @@ def freedom_of_path(
             found.add_prior(3 * m, source.emission_time_ps, source.emission_time_std_ps)
     # Corners are free in all directions: mirrors stand anywhere, in view or not.
     ends = state.ends[1:]
-    for vertex in (vertex for vertex in range(1, m) if vertex not in ends):
+    for vertex in sorted({*range(1, m)} - {*ends, *state.on_faces}):
         for axis in range(3):
             found.add_column(vertex, np.eye(3)[axis], f"corner {vertex} {'xyz'[axis]}")
     for vertex, basis in zip(ends, end_bases, strict=True):
@@ -429,8 +429,9 @@ def freedom_of_path(
             )
         for axis, value in enumerate(np.asarray(position_mm, dtype=float)):
             found.add_prior(3 * vertex + axis, float(value), float(std_mm))
+    basis = np.column_stack(found.columns)
     return Freedom(
-        basis=np.column_stack(found.columns),
+        basis=state.free_moves @ basis if state.glass else basis,
         prior_rows=np.array(found.rows).reshape(-1, state.size),
         prior_values=np.array(found.values),
         labels=tuple(found.labels),

@@ -17,6 +17,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight.flight import Medium
 from lightflight.path.bends import Bend, BentCourse
+from lightflight.path.glass import (
+    Glass,
+    glass_of,
+    late_jacobian,
+    late_ps,
+    on_faces,
+    seat_map,
+    seated,
+    ways_in_glass_mm,
+)
 from lightflight.path.tree import forks_of, last_legs, leg_starts, way_before
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 from lightflight.vectors import finite, lengths, summed
@@ -50,6 +60,11 @@ class PathState:
         splitter two legs leave. Every leg ends at the vertex after its own number.
     bends : tuple of Bend, optional
         Legs that are smooth curves, in their order; all others are straight.
+    glass : tuple of (int, Block), optional
+        Legs within glass, from face to face, by number: their ends follow the other vertices.
+    dark : tuple of int, optional
+        Legs that no picture shows and that are no detour either: those in glass, and what of a leg
+        through glass is out of view.
     """
 
     vertices_mm: Floats
@@ -57,6 +72,8 @@ class PathState:
     unseen: tuple[int, ...] = ()
     forks: tuple[tuple[int, int], ...] = ()
     bends: tuple[Bend, ...] = ()
+    glass: Glass = ()
+    dark: tuple[int, ...] = ()
 
     @property
     def size(self) -> int:
@@ -71,7 +88,7 @@ class PathState:
     @property
     def seen(self) -> tuple[int, ...]:
         """The legs that a picture may show, in the order of flight."""
-        return tuple(k for k in range(self.n_legs) if k not in self.unseen)
+        return tuple(k for k in range(self.n_legs) if k not in self.unseen and k not in self.dark)
 
     @cached_property
     def leg_starts(self) -> Indices:
@@ -172,7 +189,17 @@ class PathState:
         """Vertices at which one seen leg follows another: no fork, no end, no open mirror."""
         corners = {leg + 1 for leg in range(self.n_legs) if leg not in self.last_legs}
         forks = {vertex for _, vertex in self.forks}
-        return tuple(sorted(corners - forks - set(self.open_vertices)))
+        return tuple(sorted(corners - forks - set(self.open_vertices) - set(self.on_faces)))
+
+    @property
+    def on_faces(self) -> tuple[int, ...]:
+        """Vertices on faces of glass: no unknowns, light goes straight on beyond it."""
+        return on_faces(self.glass)
+
+    @property
+    def n_told(self) -> int:
+        """Legs as one counts them: one that crosses glass is one."""
+        return self.n_legs - 2 * len(self.glass)
 
     @property
     def open_vertices(self) -> tuple[int, ...]:
@@ -181,7 +208,7 @@ class PathState:
 
     def has_legs(self, n_legs: int | None) -> bool:
         """Whether it has as many legs as were told, those that nobody saw counted or not."""
-        return n_legs is None or n_legs in (self.n_legs, len(self.seen))
+        return n_legs is None or n_legs in (self.n_told, self.n_told - len(self.unseen))
 
     def with_corner(self, leg: int, corner_mm: Floats) -> PathState:
         """The path with one more corner (3,), mm, on a leg that is seen; both pieces straight."""
@@ -189,7 +216,9 @@ class PathState:
         unseen = tuple(k + (k > leg) for k in self.unseen)
         forks = tuple((k + (k > leg), v + (v > leg)) for k, v in self.forks)
         bends = tuple(replace(b, leg=b.leg + (b.leg > leg)) for b in self.bends if b.leg != leg)
-        return PathState(vertices, self.start_time_ps, unseen, forks, bends)
+        glass = tuple((k + (k > leg), block) for k, block in self.glass)
+        dark = tuple(k + (k > leg) for k in self.dark)
+        return PathState(vertices, self.start_time_ps, unseen, forks, bends, glass, dark)
 
     def without(self, corners: Sequence[int]) -> PathState:
         """The path without some of `corners_seen`; a leg that takes another's place is straight."""
@@ -203,7 +232,10 @@ class PathState:
         forks = tuple((number(k), number(vertex)) for k, vertex in self.forks)
         joined = {k for corner in corners for k in (corner - 1, corner)}
         bends = tuple(replace(b, leg=number(b.leg)) for b in self.bends if b.leg not in joined)
-        return PathState(vertices, self.start_time_ps, unseen, forks, bends)
+        glass = tuple((number(k), block) for k, block in self.glass)
+        dark = tuple(number(k) for k in self.dark)
+        vertices = seated(vertices, glass)
+        return PathState(vertices, self.start_time_ps, unseen, forks, bends, glass, dark)
 
     def prolonged(self, leg: int, fraction: float, medium: Medium, *, at_end: bool) -> PathState:
         """The same flight with a leg's end, or its start, at another fraction of it.
@@ -229,11 +261,14 @@ class PathState:
         )
 
     def moved(self, step: Floats) -> PathState:
-        """The state after adding `step` (size,): vertices in mm, start time in ps, then bends."""
+        """The state after adding `step` (size,): vertices in mm, start time in ps, then bends.
+
+        Vertices on faces of glass go where light between the others meets these.
+        """
         m = len(self.vertices_mm)
         return replace(
             self,
-            vertices_mm=self.vertices_mm + step[: 3 * m].reshape(m, 3),
+            vertices_mm=seated(self.vertices_mm + step[: 3 * m].reshape(m, 3), self.glass),
             start_time_ps=self.start_time_ps + float(step[3 * m]),
             bends=tuple(course.bend.moved(step[own]) for course, own in self.courses),
         )
@@ -243,13 +278,32 @@ class PathState:
         """(m,), way of the light from vertex 0 to each vertex."""
         return way_before(self.leg_starts, self.lengths_mm)
 
+    @cached_property
+    def in_medium_mm(self) -> Floats:
+        """(m,), the same without what lies in glass: what an index of the medium times."""
+        if not self.glass:
+            return self.travelled_mm
+        in_medium: Floats = self.travelled_mm - ways_in_glass_mm(self.vertices_mm, self.glass)
+        return in_medium
+
     def vertex_times_ps(self, medium: Medium) -> Floats:
         """Event time at each vertex, (m,), ps."""
         travelled = self.travelled_mm
         times: Floats = (
             self.start_time_ps + medium.path_group_index * travelled / SPEED_OF_LIGHT_MM_PER_PS
         )
+        if self.glass:
+            times = times + late_ps(self.vertices_mm, self.glass, medium.path_group_index)
         return times
+
+    @cached_property
+    def free_moves(self) -> Floats:
+        """(size, size), what moves of all numbers do where vertices on faces of glass follow."""
+        moves = np.eye(self.size)
+        if self.glass:
+            n = self.vertices_mm.size
+            moves[:n, :n] = seat_map(self.vertices_mm, self.glass)
+        return moves
 
 
 def state_of_path(path: LightPath) -> PathState:
@@ -259,7 +313,10 @@ def state_of_path(path: LightPath) -> PathState:
     unseen = tuple(getattr(path, "unseen_legs", ()))
     bends = tuple(getattr(path, "bends", ()))
     vertices = np.array(path.vertices_mm, dtype=float)
-    return PathState(vertices, start_time, unseen, forks_of(path), bends)
+    medium = getattr(path, "medium", None)
+    glass = () if medium is None else glass_of(vertices, medium.blocks)
+    dark = tuple(leg for leg, _ in glass)
+    return PathState(vertices, start_time, unseen, forks_of(path), bends, glass, dark)
 
 
 @dataclass(frozen=True, eq=False)
@@ -546,8 +603,8 @@ def footprints_and_slopes(
             found[here, own] = per_path * by_bend + course.by_bend(fraction[here], with_point[here])
         add_vertex(found, starts, -later_by_step)
         add_vertex(found, legs + 1, later_by_step)
-        # The way of the light before the leg.
-        found += per_path * travelled_jacobian(state)[starts]
+        # The time of the light before the leg.
+        found += _later_jacobian(state, medium)[starts]
         found[:, state.vertices_mm.size] = 1.0
         return found
 
@@ -579,13 +636,21 @@ def travelled_jacobian(state: PathState) -> Floats:
     return out
 
 
+def _later_jacobian(state: PathState, medium: Medium) -> Floats:
+    """d(time from vertex 0 to vertex k) / d(state); (m, size), ps per mm."""
+    later = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS * travelled_jacobian(state)
+    if state.glass:
+        n = state.vertices_mm.size
+        later[:, :n] += late_jacobian(state.vertices_mm, state.glass, medium.path_group_index)
+    return later
+
+
 def vertex_time_jacobian(state: PathState, medium: Medium) -> Floats:
     """d(x, y, z, t of every vertex) / d(state); (4m, size)."""
     m = len(state.vertices_mm)
-    per_path = medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
     out = np.zeros((m, 4, state.size))
     for k in range(m):
         out[k, :3, 3 * k : 3 * k + 3] = np.eye(3)
-    out[:, 3] = per_path * travelled_jacobian(state)
+    out[:, 3] = _later_jacobian(state, medium)
     out[:, 3, 3 * m] = 1.0
     return out.reshape(4 * m, state.size)
