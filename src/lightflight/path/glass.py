@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lightflight.blocks import Block, places_on_faces
 from lightflight.errors import GeometryError
+from lightflight.path.tables import Polyline
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 Floats = NDArray[np.float64]
@@ -34,6 +35,21 @@ class Faced(NamedTuple):
     """Its legs within glass."""
     of_leg: NDArray[np.int64]
     """(m - 1 + 2k,), the leg of the chain as it was that each is a piece of."""
+
+
+class Flown(NamedTuple):
+    """Where light was and when, face by face."""
+
+    vertices_mm: Floats
+    """(m, 3), world, mm."""
+    vertex_times_ps: Floats
+    """(m,), ps."""
+
+
+def flown_path(path: Polyline) -> Polyline:
+    """A path with the places where its light meets faces: of a scene its `flown`, else itself."""
+    flown: Polyline = getattr(path, "flown", path)
+    return flown
 
 
 def glass_of(vertices_mm: Floats, blocks: Sequence[Block]) -> Glass:
