@@ -47,7 +47,7 @@ from lightflight.files.whole_file import atomic_path as atomic_path  # many take
 FORMAT_NAME = "lightflight"
 SCHEMA_VERSION = 1
 """Schema of every record that needs no newer one: older versions read it as well."""
-NEWEST_SCHEMA = {"path": 3}
+NEWEST_SCHEMA = {"path": 4}
 """Highest schema this version reads, by kind of record; `SCHEMA_VERSION` where it is not named. It
 reads every lower one too."""
 

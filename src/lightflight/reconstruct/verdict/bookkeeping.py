@@ -99,8 +99,7 @@ def noticed(
                 Severity.CHECK,
             )
         )
-    in_glass = glass_of(path.vertices_mm, path.medium.blocks)
-    told = path.n_legs - 2 * len(in_glass)
+    told = path.n_legs - 2 * len(path.legs_in_glass)
     if n_legs not in (None, told, told - len(path.unseen_legs)):
         found.append(
             Finding(
