@@ -139,7 +139,7 @@ def with_faces_on(
         for block in blocks:
             height, _ = block.heights_and_radii_mm(np.stack((start, end)))
             if not (np.abs(height) >= 0.5 * block.thickness_mm).all() or height.prod() > 0.0:
-                raise _uncrossed(block)
+                raise uncrossed(block)
             glass.append((len(of_leg) + 1, block))
             of_leg += [leg, leg]
         if leg in in_glass:
@@ -195,7 +195,7 @@ def refuse_other_crossings(vertices_mm: Floats, blocks: Sequence[Block]) -> None
     for block in blocks:
         legs = [leg for leg, one in glass if one == block]
         if not legs:
-            raise _uncrossed(block)
+            raise uncrossed(block)
         for leg in legs:
             _, radius = block.heights_and_radii_mm(vertices_mm[leg : leg + 2])
             if radius.max() > 0.5 * block.diameter_mm:
@@ -206,7 +206,8 @@ def refuse_other_crossings(vertices_mm: Floats, blocks: Sequence[Block]) -> None
                 )
 
 
-def _uncrossed(block: Block) -> GeometryError:
+def uncrossed(block: Block) -> GeometryError:
+    """What is said of a block that no light crosses."""
     where = ", ".join(f"{x:.4g}" for x in np.asarray(block.center_mm))
     return GeometryError(
         f"the light that is seen does not cross the block of {block.thickness_mm:g} mm of glass "

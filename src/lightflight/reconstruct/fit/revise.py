@@ -24,7 +24,6 @@ from lightflight.reconstruct.fit.start import state_from_legs
 from lightflight.reconstruct.fit.through_glass import pieces_of
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.geometry import PathState, footprints
-from lightflight.reconstruct.model.glass import faced
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
@@ -122,8 +121,9 @@ def _begun(
     if not medium.blocks:
         return state_from_legs(legs, camera=camera, source=source, medium=medium), legs
     pieces = pieces_of(legs, medium.blocks, camera, sighting.arrivals)
-    state = state_from_legs(pieces.legs, camera=camera, source=source, medium=medium, pieces=pieces)
-    return faced(state, pieces.faced(state.vertices_mm), setting.cameras), pieces.legs
+    told = tuple(piece for shown in pieces.shown for piece in shown if piece is not None)
+    state = state_from_legs(told, camera=camera, source=source, medium=medium, pieces=pieces)
+    return pieces.through_glass(state, setting.cameras)
 
 
 def fit_from_brightest(

@@ -150,7 +150,7 @@ def state_from_legs(
         How far from the camera a path from an unknown source enters the view, mm; None: as its
         times say, which few pulses do badly.
     pieces : Pieces, optional
-        Which of the legs in the picture are pieces of one, on both sides of glass.
+        Where glass stands in the beam, which leg of the flight each of `legs` is a piece of.
 
     Returns
     -------
@@ -168,7 +168,7 @@ def state_from_legs(
     else:
         curves = [curve_from_leg(leg, camera) for leg in legs]
     if pieces is not None:
-        curves = _without_glass(curves, pieces, medium, known_start=source.position_mm is not None)
+        curves = _without_glass(pieces, curves, medium, known_start=source.position_mm is not None)
     if source.position_mm is None:
         first = _blind_first_leg(curves[0], camera, medium, depth_mm)
     else:
@@ -184,7 +184,7 @@ def state_from_legs(
 
 
 def _without_glass(
-    curves: list[LegCurve], pieces: Pieces, medium: Medium, *, known_start: bool
+    pieces: Pieces, curves: list[LegCurve], medium: Medium, *, known_start: bool
 ) -> list[LegCurve]:
     """One curve for all pieces of a leg, as if its light had met no glass square to its faces."""
 
@@ -193,14 +193,16 @@ def _without_glass(
         return float(sum(ways)) / SPEED_OF_LIGHT_MM_PER_PS
 
     late = late_ps(pieces.elsewhere) if known_start else 0.0
-    found = []
-    for group in pieces.groups:
-        times = []
-        for number in group:
-            times.append(curves[number].arrival_ps - late)
-            late += late_ps(pieces.after[number])
-        rays = np.concatenate([curves[number].rays for number in group])
-        found.append(_curve(rays, np.concatenate(times)))
+    found, left = [], iter(curves)
+    for shown, between in zip(pieces.shown, pieces.between, strict=True):
+        rays, times = [], []
+        for number, piece in enumerate(shown):
+            if piece is not None:
+                curve = next(left)
+                rays.append(curve.rays)
+                times.append(curve.arrival_ps - late - late_ps(between[:number]))
+        late += late_ps(between)
+        found.append(_curve(np.concatenate(rays), np.concatenate(times)))
     return found
 
 

@@ -1,7 +1,8 @@
-"""Legs in the picture on both sides of a block of glass: one straight leg of the flight.
+"""Legs in the picture on both sides of blocks of glass: pieces of one straight leg of the flight.
 
-The picture shows two pieces of it, and behind the block light is late. Told what stands there, the
-first path is found from both pieces as if it stood not there, and then bent.
+The picture shows a leg that crosses glass in pieces, each later than the one before it lets expect.
+Told what stands there, the first path is found from all pieces as if it stood not there, and then
+bent.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.blocks import Block
-from lightflight.path.glass import Faced, in_order, with_faces_on
+from lightflight.path.glass import in_order, uncrossed, with_faces_on
 from lightflight.reconstruct.legs.find import ImageLeg
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.glass import faced
 from lightflight.reconstruct.model.image_plane import along_across, undistorted_px
 
 if TYPE_CHECKING:
@@ -27,64 +30,69 @@ Floats = NDArray[np.float64]
 
 _SPOT_PX = 1.5
 """A leg whose line passes a block's image by no more than this may cross it, px."""
-_SLACK_PX = 2.5
-"""By which a leg must be seen on both sides of a block's middle, px."""
 _ASIDE_PX = 2.5
 """Two pieces on one line are not farther aside, px: glass moves light by less."""
 _SAME_WAY = 0.9
 """Cosine between two pieces of one leg, of which one may be short."""
+_LEAST_PIXELS = 4
+"""A piece of fewer pixels says nothing of its own."""
 _ROUGHLY = 3.0
 """How many times as wide as told a block is taken for, while the path is rough."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Legs in the picture, cut at blocks, and which of them are pieces of one.
+    """Legs of the flight as the picture shows them.
 
     Attributes
     ----------
-    legs : tuple of ImageLeg
-        In the order of flight.
-    after : tuple of tuple of Block
-        Of each leg, the blocks between it and the next, whose leg it then is; (): a corner.
+    shown : tuple of tuple of (ImageLeg or None)
+        Of each leg of the flight its pieces, in the order of flight; None: too few pulses.
+    between : tuple of tuple of Block
+        Of each leg of the flight the blocks between its pieces.
     elsewhere : tuple of Block
         Blocks that stand on no leg in the picture.
     """
 
-    legs: tuple[ImageLeg, ...]
-    after: tuple[tuple[Block, ...], ...]
-    elsewhere: tuple[Block, ...] = ()
+    shown: tuple[tuple[ImageLeg | None, ...], ...]
+    between: tuple[tuple[Block, ...], ...]
+    elsewhere: tuple[Block, ...]
 
-    @property
-    def groups(self) -> list[list[int]]:
-        """Numbers of the pieces of each leg of the flight."""
-        found: list[list[int]] = [[0]]
-        for number in range(1, len(self.legs)):
-            if self.after[number - 1]:
-                found[-1].append(number)
-            else:
-                found.append([number])
-        return found
-
-    def faced(self, vertices_mm: Floats) -> Faced:
-        """The chain (m, 3) of a first path with the vertices where it meets faces.
+    def through_glass(
+        self, state: PathState, cameras: Sequence[Camera]
+    ) -> tuple[PathState, tuple[ImageLeg, ...]]:
+        """A first path with vertices on faces, and the piece that shows each leg that is seen.
 
         Raises GeometryError where a block is crossed by none of its legs.
         """
-        between = [[b for k in group for b in self.after[k]] for group in self.groups]
-        ends = list(pairwise(vertices_mm))
+        ends = list(pairwise(state.vertices_mm))
+        crossed = [list(blocks) for blocks in self.between]
         for block in self.elsewhere:
             wide = replace(block, diameter_mm=_ROUGHLY * block.diameter_mm)
-            leg = next((k for k, two in enumerate(ends) if wide.is_between(*two)), 0)
-            between[leg].append(block)
-        met = [in_order(own, end - start) for own, (start, end) in zip(between, ends, strict=True)]
-        return with_faces_on(vertices_mm, met)
+            leg = next((k for k, two in enumerate(ends) if wide.is_between(*two)), None)
+            if leg is None:
+                raise uncrossed(block)
+            crossed[leg].append(block)
+        met = [in_order(own, end - start) for own, (start, end) in zip(crossed, ends, strict=True)]
+        chain = with_faces_on(state.vertices_mm, met)
+        state = faced(state, chain, cameras)
+        legs, dark, glass = [], set(state.dark), dict(chain.glass)
+        for leg, flown in enumerate(chain.of_leg):
+            if leg in dark:
+                continue
+            before = [b for k, b in glass.items() if k < leg and chain.of_leg[k] == flown]
+            piece = self.shown[flown][sum(block in self.between[flown] for block in before)]
+            if piece is None:
+                dark.add(leg)
+            else:
+                legs.append(piece)
+        return replace(state, dark=tuple(sorted(dark))), tuple(legs)
 
 
 def pieces_of(
     legs: Sequence[ImageLeg], blocks: Sequence[Block], camera: Camera, arrivals: Arrivals
 ) -> Pieces:
-    """Legs in the picture with those cut that run over a block's image.
+    """Legs in the picture, those on one line with a block taken as one leg and cut at it.
 
     Parameters
     ----------
@@ -95,84 +103,104 @@ def pieces_of(
     camera : Camera
         Whose picture it is.
     arrivals : Arrivals
-        The table of pulses that the legs' members are rows of.
+        The table of pulses that the legs' members are rows of, on one lap of the clock.
 
     Returns
     -------
     Pieces
-        Each block on the leg whose line passes nearest to its middle.
+        Each block on the line that passes nearest to its middle.
     """
-    found = Pieces(tuple(legs), ((),) * len(legs))
+    lines = _lines(legs)
+    on_line: list[list[tuple[float, Block]]] = [[] for _ in lines]
+    elsewhere = []
     for block in blocks:
-        found = _with_block(found, block, camera, arrivals)
-    return found
+        image, radius = _image(block, camera)
+        aside = [_along_line(line, image, radius) for line in lines]
+        best = int(np.argmin([off for _, off in aside]))
+        if np.isfinite(aside[best][1]):
+            on_line[best].append((aside[best][0], block))
+        else:
+            elsewhere.append(block)
+    shown: list[tuple[ImageLeg | None, ...]] = []
+    between: list[tuple[Block, ...]] = []
+    for line, met in zip(lines, on_line, strict=True):
+        if not met:
+            # Legs on one line that no block parts are as they were found.
+            shown += [(leg,) for leg in line]
+            between += [()] * len(line)
+            continue
+        met.sort(key=lambda one: one[0])
+        shown.append(_parted(line, [at for at, _ in met], camera, arrivals))
+        between.append(tuple(block for _, block in met))
+    return Pieces(tuple(shown), tuple(between), tuple(elsewhere))
 
 
-def _with_block(found: Pieces, block: Block, camera: Camera, arrivals: Arrivals) -> Pieces:
-    """The pieces with a block put between two of them, or on one."""
-    legs, after = list(found.legs), list(found.after)
+def _lines(legs: Sequence[ImageLeg]) -> list[list[ImageLeg]]:
+    """Legs that follow each other on one line, the same way, together."""
+    lines = [[legs[0]]]
+    for before, leg in pairwise(legs):
+        aside = along_across(leg.origin_px[np.newaxis], before.origin_px, before.direction_px)[1]
+        same_way = before.direction_px @ leg.direction_px > _SAME_WAY
+        if same_way and abs(float(aside[0])) < _ASIDE_PX:
+            lines[-1].append(leg)
+        else:
+            lines.append([leg])
+    return lines
+
+
+def _image(block: Block, camera: Camera) -> tuple[Floats, float]:
+    """Middle (1, 2) of a block's image, undistorted (u, v), and its radius; px."""
     places = np.vstack((np.asarray(block.center_mm), block.rim_mm()))
     image = undistorted_px(camera, *camera.pixels_from_points(places))
-    radius = float(np.linalg.norm(image[1:] - image[0], axis=1).max())
-    where = [along_across(image[:1], leg.origin_px, leg.direction_px) for leg in legs]
-    along = [float(one[0][0]) for one in where]
-    aside = [abs(float(one[1][0])) for one in where]
-    # The longer piece says better where its line runs; two pieces go before one that is cut.
-    pairs = [k for k in range(len(legs) - 1) if _are_one(legs[k], legs[k + 1])]
-    near = [
-        (aside[max(k, k + 1, key=lambda j: legs[j].n_pixels)], k)
-        for k in pairs
-        if along[k] > legs[k].extent_px[0] + _SLACK_PX
-        and along[k + 1] < legs[k + 1].extent_px[1] - _SLACK_PX
-    ]
-    near = [one for one in near if one[0] < radius + _SPOT_PX]
-    if near:
-        k = min(near)[1]
-        legs[k : k + 2] = _parted(legs[k], legs[k + 1], along[k], radius, camera, arrivals)
-        after[k] = (*after[k], block)
-        return replace(found, legs=tuple(legs), after=tuple(after))
-    alone = [
-        (aside[k], k)
-        for k, leg in enumerate(legs)
-        if leg.extent_px[0] + _SLACK_PX < along[k] < leg.extent_px[1] - _SLACK_PX
-        and aside[k] < radius + _SPOT_PX
-    ]
-    if not alone:
-        return replace(found, elsewhere=(*found.elsewhere, block))
-    k = min(alone)[1]
-    legs[k : k + 1] = _parted(legs[k], legs[k], along[k], radius, camera, arrivals)
-    after[k : k + 1] = [(block,), after[k]]
-    return replace(found, legs=tuple(legs), after=tuple(after))
+    return image[:1], float(np.linalg.norm(image[1:] - image[0], axis=1).max())
 
 
-def _are_one(one: ImageLeg, other: ImageLeg) -> bool:
-    """Whether two legs in the picture lie on one line and run the same way."""
-    aside = along_across(other.origin_px[np.newaxis], one.origin_px, one.direction_px)[1][0]
-    return bool(one.direction_px @ other.direction_px > _SAME_WAY and abs(aside) < _ASIDE_PX)
+def _longest(line: Sequence[ImageLeg]) -> ImageLeg:
+    """The leg that says best where a line runs."""
+    return max(line, key=lambda leg: leg.n_pixels)
+
+
+def _along_line(line: Sequence[ImageLeg], image: Floats, radius: float) -> tuple[float, float]:
+    """Where on a line a block's image (1, 2) lies, and how far aside, px; inf: not on it."""
+    longest = _longest(line)
+    along, aside = along_across(image, longest.origin_px, longest.direction_px)
+    ends = np.concatenate([leg.points_px(np.array(leg.extent_px)) for leg in line])
+    reach, _ = along_across(ends, longest.origin_px, longest.direction_px)
+    off = abs(float(aside[0]))
+    on_it = reach.min() < along[0] < reach.max() and off < radius + _SPOT_PX
+    return float(along[0]), off if on_it else np.inf
 
 
 def _parted(
-    one: ImageLeg,
-    other: ImageLeg,
-    at_px: float,
-    radius_px: float,
-    camera: Camera,
-    arrivals: Arrivals,
-) -> list[ImageLeg]:
-    """The pulses of two legs, or of one, before and behind a place on the first's line.
+    line: Sequence[ImageLeg], cuts_px: list[float], camera: Camera, arrivals: Arrivals
+) -> tuple[ImageLeg | None, ...]:
+    """Pieces of a line, each with its own pulses and their times.
 
-    A leg as found may go on a little beyond glass, where its light is late.
+    A leg as it was found may go on a little beyond glass, where its light is late: what belongs to
+    which piece is told by place alone.
     """
-    members = np.unique(np.concatenate((one.members, other.members)))
-    points = undistorted_px(camera, arrivals.row[members], arrivals.col[members])
-    found = []
-    for leg, sign in ((one, -1.0), (other, 1.0)):
-        own = members[sign * (along_across(points, one.origin_px, one.direction_px)[0] - at_px) > 0]
-        # The same place on the line of this leg.
-        gap = float((one.points_px(at_px) - leg.origin_px) @ leg.direction_px)
-        first, last = leg.extent_px
-        room = min(radius_px, 0.25 * ((gap - first) if sign < 0 else (last - gap)))
-        extent = (first, min(last, gap - room)) if sign < 0 else (max(first, gap + room), last)
-        pixels = np.unique(np.column_stack((arrivals.row[own], arrivals.col[own])), axis=0)
-        found.append(replace(leg, members=own, extent_px=extent, n_pixels=len(pixels)))
-    return found
+    longest = _longest(line)
+    members = np.unique(np.concatenate([leg.members for leg in line]))
+    pixels = np.column_stack((arrivals.row[members], arrivals.col[members]))
+    along, _ = along_across(
+        undistorted_px(camera, *pixels.T), longest.origin_px, longest.direction_px
+    )
+    found: list[ImageLeg | None] = []
+    for first, last in pairwise([-np.inf, *cuts_px, np.inf]):
+        own = np.flatnonzero((along > first) & (along < last))
+        n_pixels = len(np.unique(pixels[own], axis=0))
+        if n_pixels < _LEAST_PIXELS or np.ptp(along[own]) < 2.0:
+            found.append(None)
+            continue
+        times = arrivals.arrival_ps[members[own]]
+        curve = np.polynomial.Polynomial.fit(along[own], times, 2 if n_pixels > 6 else 1)
+        found.append(
+            replace(
+                longest,
+                members=members[own],
+                extent_px=(float(along[own].min()), float(along[own].max())),
+                time_coefficients=np.asarray(curve.convert().coef, dtype=float),
+                n_pixels=n_pixels,
+            )
+        )
+    return tuple(found)

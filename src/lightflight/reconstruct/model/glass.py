@@ -28,6 +28,8 @@ _SPOT_PX = 1.5
 """Pixels this near to the image of a block take no part, px: four stds of a usual spot."""
 _PLACES = 401
 """At which a leg is asked whether a picture shows it."""
+_LEAST_PX = 4.0
+"""A piece of a leg of which a picture shows less, px, says nothing of its own."""
 
 
 def through_blocks(
@@ -65,18 +67,45 @@ def through_blocks(
 
 
 def faced(state: PathState, chain: Faced, cameras: Sequence[Camera]) -> PathState:
-    """The path on a chain with faces; legs that no picture shows are dark."""
+    """The path on a chain with faces; legs that no picture shows, but for a tip, are dark.
+
+    Parameters
+    ----------
+    state : PathState
+        The path.
+    chain : Faced
+        Its vertices, with those on faces.
+    cameras : sequence of Camera
+        Whose pictures count.
+
+    Returns
+    -------
+    PathState
+    """
     glass = {leg for leg, _ in chain.glass}
-    share = np.linspace(0.0, 1.0, _PLACES)[:, np.newaxis]
+    blocks = [block for _, block in chain.glass]
+    hidden = [looks_at_blocks(camera, blocks) for camera in cameras]
     dark = set(glass)
     for leg in {k + side for k in glass for side in (-1, 1)} - glass:
-        start, end = chain.vertices_mm[leg : leg + 2]
-        places = start + share * (end - start)
-        if not any(camera.sees(places).any() for camera in cameras):
+        ends = chain.vertices_mm[leg : leg + 2]
+        shown = (_shown_px(ends, camera, own) for camera, own in zip(cameras, hidden, strict=True))
+        if max(shown) < _LEAST_PX:
             dark.add(leg)
     return replace(
         state, vertices_mm=chain.vertices_mm, glass=chain.glass, dark=tuple(sorted(dark))
     )
+
+
+def _shown_px(ends_mm: Floats, camera: Camera, hidden: NDArray[np.bool_]) -> float:
+    """Length of a leg in the picture, without what pixels that are hidden see; px."""
+    share = np.linspace(0.0, 1.0, _PLACES)[:, np.newaxis]
+    places = ends_mm[0] + share * (ends_mm[1] - ends_mm[0])
+    image = np.column_stack(camera.pixels_from_points(places))
+    seen = camera.sees(places)
+    pixel = np.clip(np.rint(np.nan_to_num(image)), 0, np.array(camera.shape) - 1).astype(int)
+    seen &= ~hidden[pixel[:, 0], pixel[:, 1]]
+    steps = np.linalg.norm(np.diff(image, axis=0), axis=1)
+    return float(np.sum(steps[seen[1:] & seen[:-1]]))
 
 
 def looks_at_blocks(camera: Camera, blocks: Sequence[Block]) -> NDArray[np.bool_]:
