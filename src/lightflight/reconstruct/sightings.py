@@ -40,6 +40,8 @@ _MOST_PERIODS = 2.0
 def unwrapped_sighting(sighting: Sighting, setting: Setting) -> Sighting:
     """The sighting with arrivals folded to where light can come from.
 
+    Pixels that look at a block of glass in the beam are masked.
+
     Parameters
     ----------
     sighting : Sighting
@@ -63,9 +65,15 @@ def unwrapped_sighting(sighting: Sighting, setting: Setting) -> Sighting:
         period_ps=sighting.arrivals.laser_period_ps,
         earliest_ps=earliest_arrival_ps(setting),
     )
-    return replace(
+    seen = replace(
         sighting, arrivals=replace(sighting.arrivals, arrival_ps=times), arrival_ps=times
     )
+    if not setting.medium.blocks:
+        return seen
+    hidden = looks_at_blocks(setting.camera, setting.medium.blocks)
+    masked = np.where(hidden[seen.arrivals.row, seen.arrivals.col], np.uint32(flags.MASKED), 0)
+    bits = (seen.arrivals.flags | masked).astype(np.uint32)
+    return replace(seen, arrivals=replace(seen.arrivals, flags=bits), blind=seen.blind | hidden)
 
 
 def sighting_from_histograms(
@@ -109,9 +117,6 @@ def sighting_from_histograms(
         one and no pixel shows a pulse.
     """
     clock = clock_or_nominal(hist, timing)
-    if setting.medium.blocks:
-        hidden = looks_at_blocks(setting.camera, setting.medium.blocks)
-        exclude_mask = hidden if exclude_mask is None else hidden | np.asarray(exclude_mask, bool)
     find = partial(
         find_arrivals,
         hist,

@@ -236,7 +236,8 @@ def _opened(
 ) -> JointFit | NoFit:
     """Refit with a corner more, at a fraction of a leg, or why there is no such path."""
     corner = state.points_mm(leg, np.array([fraction]))[0]
-    return refitted(sightings, state.with_corner(leg, corner), setting_with_corner(setting, leg))
+    longer = setting_with_corner(setting, state.as_told(leg))
+    return refitted(sightings, state.with_corner(leg, corner), longer)
 
 
 def refitted(sightings: list[Sighting], state: PathState, setting: Setting) -> JointFit | NoFit:
@@ -251,7 +252,7 @@ def _merged_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> 
     trials: list[tuple[float, int, PathState]] = []
     for corner in state.corners_seen:
         # A measured mirror is there, and a clear turn is no error of the model.
-        if corner in waypoint_vertices or turn_deg(state, corner) > 12.0:
+        if state.as_told(corner) in waypoint_vertices or turn_deg(state, corner) > 12.0:
             continue
         straight = _without_corner(fit, corner, setting)
         if not isinstance(straight, NoFit):
@@ -327,7 +328,7 @@ def _without_corner(fit: JointFit, corner: int, setting: Setting) -> Solution | 
     shifted = replace(fit.times, leg=fit.times.leg - (fit.times.leg >= corner))
     lines = replace(fit.lines, leg=fit.lines.leg - (fit.lines.leg >= corner))
     merged = state.without((corner,))
-    narrowed = setting_without(setting, (corner,))
+    narrowed = setting_without(setting, (state.as_told(corner),))
     try:
         return fit_path(
             merged,

@@ -201,6 +201,10 @@ class PathState:
         """Legs as one counts them: one that crosses glass is one."""
         return self.n_legs - 2 * len(self.glass)
 
+    def as_told(self, number: int) -> int:
+        """Number of a vertex, or of a leg, where vertices on faces are not counted."""
+        return number - sum(face <= number for face in self.on_faces)
+
     @property
     def open_vertices(self) -> tuple[int, ...]:
         """Vertices that end a leg which is not seen."""
