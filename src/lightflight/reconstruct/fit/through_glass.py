@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.blocks import Block
+from lightflight.errors import NothingFoundError
 from lightflight.path.glass import in_order, uncrossed, with_faces_on
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.geometry import PathState
@@ -109,6 +110,11 @@ def pieces_of(
     -------
     Pieces
         Each block on the line that passes nearest to its middle.
+
+    Raises
+    ------
+    NothingFoundError
+        Where a line that a block parts has no piece of its own.
     """
     lines = _lines(legs)
     on_line: list[list[tuple[float, Block]]] = [[] for _ in lines]
@@ -130,7 +136,13 @@ def pieces_of(
             between += [()] * len(line)
             continue
         met.sort(key=lambda one: one[0])
-        shown.append(_parted(line, [at for at, _ in met], camera, arrivals))
+        parts = _parted(line, [at for at, _ in met], camera, arrivals)
+        if not any(parts):
+            raise NothingFoundError(
+                "pixels that look at the block of glass hide all but a few of the leg that crosses "
+                "it: tell no larger diameter_mm than it has, or look from elsewhere"
+            )
+        shown.append(parts)
         between.append(tuple(block for _, block in met))
     return Pieces(tuple(shown), tuple(between), tuple(elsewhere))
 
