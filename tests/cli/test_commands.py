@@ -331,7 +331,7 @@ def test_glass_told_in_the_set_up_is_simulated_and_found(run, tmp_path):
     found = lf.LightPath.load(path)
     assert found.legs_in_glass == (1,)
     with table.open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["leg"] == "2"]
+        rows = [row for row in csv.DictReader(file) if row["leg"] == "1"]
     times = np.array([float(row["event_time_ps"]) for row in rows])
     places = np.array([[float(row[f"{axis}_mm"]) for axis in "xyz"] for row in rows])
     speed = np.linalg.norm(places[-1] - places[0]) / (times[-1] - times[0])
