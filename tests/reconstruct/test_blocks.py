@@ -231,6 +231,10 @@ def test_pixels_that_look_at_the_glass_take_no_part():
     assert 20 < hidden.sum() < 100
     assert not hidden[path.residuals["row"], path.residuals["col"]].any()
     assert set(path.residuals["leg"]) == {0, 2}
+    # One direction from an exact source: errors grow with the way, across faces as elsewhere.
+    grown = path.vertex_std[1:3, 2] / path.vertex_std[3, 2]
+    ways = np.linalg.norm(path.vertices_mm, axis=1)
+    np.testing.assert_allclose(grown, ways[1:3] / ways[3], rtol=0.1)
 
 
 def test_what_cannot_be_is_refused_in_a_sentence():
