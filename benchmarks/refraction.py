@@ -5,6 +5,8 @@
     python benchmarks/refraction.py --only tank_3 --told index
     python benchmarks/refraction.py --rows rows.jsonl       # keep rows, and go on from there
     python benchmarks/refraction.py --block 10              # glass in the beam that nobody told
+    python benchmarks/refraction.py --told-block 100        # and that was told
+    python benchmarks/refraction.py --told-block 10 --thickness 19  # too thin by a millimetre
 
 Recordings are those of `tests/oracles/refracted.py`: rays shot by Snell's law, 40,000 photons in
 the brightest pixel, ideal codes of 55 ps. `told` says what is uncertain, drawn anew for each
@@ -23,6 +25,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -41,9 +44,10 @@ from tests.oracles.refracted import (
     tank_world,
     window_world,
 )
-from tests.oracles.refracted_border import histograms, what_the_user_tells
+from tests.oracles.refracted_border import block_told, histograms, what_the_user_tells
 from tests.oracles.refracted_bound import (
     Freedom,
+    block_freedoms,
     bound,
     distance_freedom,
     emission_freedom,
@@ -62,6 +66,7 @@ WORLDS: dict[str, Callable[[], RefractedScene]] = {
     "tank_3_tilted": lambda: tank_world(3, 5.0),
 }
 INDEX_SHARE, DISTANCE_MM = 0.005, 1.0
+LEVELS = ("trust", "check", "contradicted")
 STATED: dict[str, dict[str, Any]] = {
     "known": {},
     "emission": {"emission_known": False},
@@ -140,8 +145,7 @@ def line_of(own: list[Row]) -> str:
     """A row of the table."""
     world, told = own[0]["world"], own[0]["told"]
     right = [row for row in own if "error2" in row]
-    levels = [sum(row.get("level") == level for row in own)
-              for level in ("trust", "check", "contradicted")]  # fmt: skip
+    levels = [sum(row.get("level") == level for row in own) for level in LEVELS]
     cells = [world, told, own[0]["method"], f"{len(right)}/{len(own)}"]
     if right:
         error2, stated2 = (np.array([row[key] for row in right]) for key in ("error2", "stated2"))
@@ -166,6 +170,39 @@ def tell_blocks(runs: int, first: int) -> None:
     print(f"named first: {named.count('block')} of {runs}")
 
 
+def with_told_block(tilt_deg: float, method: str, seed: int, thickness_mm: float) -> Row:
+    """One recording of a told block; every other one shows light in the glass."""
+    scene = block_world(float(seed % 2), tilt_deg)
+    hist = histograms(scene, seed)
+    call = what_the_user_tells(scene, hist)
+    block = block_told(tilt_deg, thickness_mm=thickness_mm)
+    call["medium"] = replace(call["medium"], blocks=block)
+    path = lf.reconstruct(hist, method=method, **call)
+    row = {"level": str(path.verdict.level), "named": [f.name for f in path.verdict.findings]}
+    return row | errors_in_view(path, scene)
+
+
+def told_blocks(runs: int, first: int, methods: list[str], thickness_mm: float) -> None:
+    """Print errors over the bound and pulls of one beam through 20 mm of told glass."""
+    print(
+        "| tilt of the block, deg | method | rms, mm | / bound | pull | t/c/c | named block first |"
+    )
+    print("|---:|---|---:|---:|---:|---:|---:|", flush=True)
+    for tilt in (0.0, 25.0):
+        dark = block_world(0.0, tilt)
+        least_mm = bound(dark, vertices=(), also=block_freedoms(tilt)).position_rms_mm
+        for method in methods:
+            seeds = range(first, first + runs)
+            rows = [with_told_block(tilt, method, seed, thickness_mm) for seed in seeds]
+            error2, stated2 = (np.array([r[key] for r in rows]) for key in ("error2", "stated2"))
+            levels = [row["level"] for row in rows]
+            cells = [f"{tilt:g}", method, f"{np.sqrt(error2.mean()):.4f}"]
+            cells += [interval(error2, least_mm), interval(error2 / stated2, 1.0)]
+            cells.append("/".join(str(levels.count(one)) for one in LEVELS))
+            cells.append(str(sum("block" in row["named"][:1] for row in rows)))
+            print("| " + " | ".join(cells) + " |", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -177,10 +214,15 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", default=["joint", "photon"])
     parser.add_argument("--rows", type=Path, help="JSON lines to keep, and to go on from")
     parser.add_argument("--block", type=int, metavar="N", help="N recordings of untold glass")
+    parser.add_argument("--told-block", type=int, metavar="N", help="N recordings of told glass")
+    parser.add_argument("--thickness", type=float, default=20.0, help="as told, mm; 20 is true")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
     if args.block:
         tell_blocks(args.block, args.first)
+        return
+    if args.told_block:
+        told_blocks(args.told_block, args.first, args.methods, args.thickness)
         return
     done: list[Row] = []
     if args.rows and args.rows.exists():

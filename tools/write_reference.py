@@ -149,7 +149,8 @@ def formats_page() -> str:
         'HDF5 with the root attributes `format` = "lightflight", `kind` and `schema_version`; '
         "the dataset `attributes` is a JSON text, all other datasets are arrays. Paths with legs "
         "that nobody saw (`unseen_legs`, their numbers) have schema version 2, those that fork "
-        "(`forks`, pairs of a leg and the vertex at which it begins; `truth_forks`) version 3.\n"
+        "(`forks`, pairs of a leg and the vertex at which it begins; `truth_forks`) version 3, and "
+        "those through blocks of glass (`blocks`) version 4.\n"
     )
     for kind in ("histograms", "recording"):
         lines += [f"### {kind}\n", schema[kind]["summary"], "", "| array | shape | meaning |"]

@@ -23,6 +23,7 @@ from lightflight._moved import answer_for_moved_modules
 from lightflight._version import __version__
 
 if TYPE_CHECKING:
+    from lightflight.blocks import Block as Block
     from lightflight.camera.calibration import calibrate_camera as calibrate_camera
     from lightflight.camera.model import Camera as Camera
     from lightflight.camera.refraction import Interface as Interface, window as window
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
 __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
+        "lightflight.blocks": ("Block",),
         "lightflight.camera.calibration": ("calibrate_camera",),
         "lightflight.camera.model": ("Camera",),
         "lightflight.camera.refraction": ("Interface", "window"),

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.arguments import POSITIVE, finite_number, finite_numbers
+from lightflight.blocks import Block
 from lightflight.units import AIR_GROUP_INDEX, SPEED_OF_LIGHT_MM_PER_PS
 
 Floats = NDArray[np.float64]
@@ -32,13 +33,16 @@ Floats = NDArray[np.float64]
 _ERROR = "be finite and >= 0"
 INDEX_SLACK_STDS = 5.0
 """A group index may lie below one by this many of its stated errors."""
+_SAME_MEDIUM = 0.02
+"""Two group indices nearer than this are of one medium, found or told; water is 0.36 from air."""
 
 
 @dataclass(frozen=True)
 class Medium:
-    """Uniform medium: group index on the way of the pulse, and on the way to the camera.
+    """What the light crosses: group index on the way of the pulse, and on the way to the camera.
 
-    Windows and walls of tanks between path and camera are the camera's (`Camera.interfaces`).
+    Uniform, but for blocks of glass in the beam. Windows and walls of tanks between path and camera
+    are the camera's (`Camera.interfaces`).
 
     Attributes
     ----------
@@ -52,6 +56,8 @@ class Medium:
         One-sigma error of n_r. 0: exact.
     index_correlation : float
         Of those two errors: 1, one medium both ways; 0, two that know nothing of each other.
+    blocks : tuple of Block
+        Blocks of glass that the beam crosses.
     """
 
     path_group_index: float = AIR_GROUP_INDEX
@@ -64,6 +70,8 @@ class Medium:
 
     index_correlation: float = field(default=1.0, kw_only=True)
 
+    blocks: tuple[Block, ...] = field(default=(), kw_only=True)
+
     def __post_init__(self) -> None:
         for name in ("path_group_index", "return_group_index"):
             std = finite_number(f"{name}_std", getattr(self, f"{name}_std"), _ERROR, low=0.0)
@@ -74,6 +82,22 @@ class Medium:
         correlation = self.index_correlation
         must = "lie between -1 and 1"
         finite_number("index_correlation", correlation, must, low=-1.0, high=1.0)
+        object.__setattr__(self, "blocks", self._checked_blocks())
+
+    def _checked_blocks(self) -> tuple[Block, ...]:
+        """The blocks; ValueError where they are none, or stand in another medium than this."""
+        told = (self.blocks,) if isinstance(self.blocks, Block) else self.blocks
+        if not (isinstance(told, tuple | list) and all(isinstance(one, Block) for one in told)):
+            raise ValueError(f"blocks must be a list of lightflight.Block, got {told!r:.60}")
+        slack = _SAME_MEDIUM + INDEX_SLACK_STDS * self.path_group_index_std
+        for block in told:
+            index = block.around.group_index
+            if abs(index - self.path_group_index) > slack:
+                raise ValueError(
+                    f"a block of glass stands in a medium of group index {index:g}, and the "
+                    f"path_group_index is {self.path_group_index:g}: say what it stands in (around)"
+                )
+        return tuple(told)
 
 
 def _checked_position(position: ArrayLike | None) -> tuple[float, float, float] | None:

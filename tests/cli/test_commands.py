@@ -293,3 +293,46 @@ def test_commands_keep_the_algebra_to_one_thread_unless_told_otherwise():
             check=True,
         )  # fmt: skip
         assert done.stdout.split()[-1] == expected
+
+
+def test_glass_told_in_the_set_up_is_simulated_and_found(run, tmp_path):
+    """And the path, as a file and as a table, runs through it at the speed that light has there."""
+    lab = tmp_path / "lab.toml"
+    lab.write_text(
+        """
+        [camera]
+        shape = [32, 32]
+        distance_mm = 535.0
+        field_of_view_mm = [245.0, 245.0]
+        center_mm = [187.5, 37.5]
+        [source]
+        position_mm = [0.0, 0.0, 0.0]
+        [block]
+        center_mm = [187.5, 20.0, 15.0]
+        normal = [1.0, 0.3, 0.2]
+        thickness_mm = 20.0
+        diameter_mm = 30.0
+        glass_indices = [1.5, 1.55]
+        [detector]
+        preset = "ideal"
+        [scene]
+        vertices_mm = [[0.0, 0.0, 0.0], [375.0, 40.0, 30.0]]
+        photons_per_pixel = 40000.0
+        """
+    )
+    recording, path, table = (tmp_path / name for name in ("r.h5", "p.h5", "p.csv"))
+    for args in (
+        ("simulate", "--lab", lab, "-o", recording),
+        ("reconstruct", recording, "--lab", lab, "-o", path, "-o", table),
+    ):
+        done = run(*args)
+        assert done.exit_code == 0, done.stderr
+    assert done.stdout.count("face of glass") == 2
+    found = lf.LightPath.load(path)
+    assert found.legs_in_glass == (1,)
+    with table.open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["leg"] == "1"]
+    times = np.array([float(row["event_time_ps"]) for row in rows])
+    places = np.array([[float(row[f"{axis}_mm"]) for axis in "xyz"] for row in rows])
+    speed = np.linalg.norm(places[-1] - places[0]) / (times[-1] - times[0])
+    assert speed == pytest.approx(0.299792458 / 1.55, rel=1e-3)

@@ -1,5 +1,6 @@
 import dataclasses
 import tomllib
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from lightflight.lab import (
     table_from_lab,
     toml_from_lab,
 )
+from lightflight.materials import AIR, Material
 from lightflight.simulate.detector import Detector
 
 FACING = {"distance_mm": 535.0, "field_of_view_mm": [245.0, 245.0], "center_mm": [187.5, 37.5]}
@@ -156,3 +158,46 @@ def test_what_is_wrong_is_named(table, words):
 
 def test_a_lab_without_a_detector_writes_no_detector():
     assert set(table_from_lab(Lab())) == {"source", "medium"}
+
+
+BLOCK = {"center_mm": [187.5, 20.0, 15.0], "normal": [1.0, 0.0, 0.2], "thickness_mm": 20.0,
+         "diameter_mm": 25.0, "glass": "BK7", "wavelength_nm": 532.0}  # fmt: skip
+
+
+def test_blocks_of_glass_are_read_and_written():
+    """One by its keys, several by rows, and written as rows."""
+    lab = lab_from_table({"block": BLOCK})
+    (block,) = lab.medium.blocks
+    assert block.glass == Material.named("BK7", wavelength_nm=532.0)
+    assert block.around == AIR
+    assert (block.thickness_mm, block.diameter_mm) == (20.0, 25.0)
+    written = table_from_lab(lab)
+    assert set(written["medium"]) == {"path_group_index", "return_group_index"}
+    rows: Any = written["block"]["blocks"]
+    again = lab_from_table({"block": {"blocks": [rows[0], rows[0]]}})
+    assert [one.glass.group_index for one in again.medium.blocks] == [block.glass.group_index] * 2
+    assert table_from_lab(again)["block"]["blocks"] == [rows[0], rows[0]]
+    indices = {key: value for key, value in BLOCK.items() if key not in ("glass", "wavelength_nm")}
+    told = lab_from_table({"block": indices | {"glass_indices": [1.5, 1.55]}})
+    assert told.medium.blocks[0].glass == Material(1.5, 1.55)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"thickness_mm": None}, ["thickness_mm is missing"]),
+        ({"thickness_mm": 0.0}, ["thickness_mm must be positive"]),
+        ({"glass": None, "wavelength_nm": None}, ["glass (or glass_indices) is missing"]),
+        ({"wavelength_nm": None}, ["needs wavelength_nm"]),
+        ({"glass": None, "glass_indices": [1.5, 0.9]}, ["group_index must lie between 1 and 10"]),
+        ({"glass": None, "glass_indices": [1.5]}, ["glass_indices"]),
+        ({"blocks": [[1.0] * 12]}, ["give either blocks or", "not both"]),
+        ({"around": "water"}, ["say what it stands in"]),
+    ],
+)
+def test_what_is_wrong_with_a_block_is_named(changes, words):
+    table = {key: value for key, value in (BLOCK | changes).items() if value is not None}
+    with pytest.raises(ConfigError) as caught:
+        lab_from_table({"block": table}, where="lab.toml")
+    for word in ("lab.toml", "[block]", *words):
+        assert word in str(caught.value)

@@ -568,18 +568,51 @@ def tank_world(n_legs: int = 1, tilt_deg: float = 0.0) -> RefractedScene:
     )
 
 
-def block_world(light_in_glass: float = 1.0) -> RefractedScene:
-    """One beam in air through the middle of 20 mm of BK7 in view, square to both faces.
+BLOCK_END_MM = np.array([375.0, 40.0, 30.0])
+"""Where the beam of `block_world` would end without its block; it begins at the origin."""
 
-    Four vertices on one line; the light per mm in the glass is `light_in_glass` times that in air.
-    How the block bends the view of the light in it is left out (0: none is seen).
+
+def block_faces(tilt_deg: float = 0.0) -> tuple[Plane, Plane]:
+    """Faces of 20 mm of BK7 in air, about the middle between the ends of `block_world`.
+
+    Square to the beam, or turned by `tilt_deg` about an axis across it that is neither in the
+    picture nor in depth.
     """
-    start, end = np.array([0.0, 0.0, 0.0]), np.array([375.0, 40.0, 30.0])
-    ahead = (end - start) / np.linalg.norm(end - start)
-    middle = (start + end) / 2
+    ahead = BLOCK_END_MM / np.linalg.norm(BLOCK_END_MM)
+    aside = np.array([0.0, 0.6, 0.8])
+    aside -= (aside @ ahead) * ahead
+    tilt = math.radians(tilt_deg)
+    normal = math.cos(tilt) * ahead + math.sin(tilt) * aside / np.linalg.norm(aside)
+    middle = BLOCK_END_MM / 2
+    return Plane(middle - 10.0 * normal, normal, *BK7), Plane(
+        middle + 10.0 * normal, normal, AIR, AIR
+    )
+
+
+def block_vertices_mm(
+    tilt_deg: float = 0.0, turned: tuple[float, float] = (0.0, 0.0)
+) -> np.ndarray:
+    """(4, 3) source, both faces, exit of light that is shot through the block, bent at each face.
+
+    `turned` are slopes of its direction at the source off that of `block_world`, in y and in z.
+    """
+    start = np.zeros(3)
+    ahead = BLOCK_END_MM + BLOCK_END_MM[0] * np.array([0.0, *turned])
+    hits, last = shot(start, ahead[None], block_faces(tilt_deg))
+    # As far on as the straight way would have gone.
+    left = (BLOCK_END_MM[0] - hits[-1, 0, 0]) / last[0, 0]
+    return np.concatenate([hits[:, 0], hits[-1] + left * last])
+
+
+def block_world(light_in_glass: float = 1.0, tilt_deg: float = 0.0) -> RefractedScene:
+    """One beam in air through the middle of 20 mm of BK7 in view, square to both faces or not.
+
+    The light per mm in the glass is `light_in_glass` times that in air. How the block bends the
+    view of the light in it is left out (0: none is seen).
+    """
     return replace(
         paper_scene(),
-        vertices_mm=np.array([start, middle - 10.0 * ahead, middle + 10.0 * ahead, end]),
+        vertices_mm=block_vertices_mm(tilt_deg),
         path_group_index=(AIR, BK7[1], AIR),
         brightness=(1.0, light_in_glass, 1.0),
     )

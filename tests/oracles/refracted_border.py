@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import lightflight as lf
-from tests.oracles.refracted import AIR, RefractedScene, recording
+from tests.oracles.refracted import AIR, RefractedScene, block_faces, recording
 
 
 def histograms(scene: RefractedScene, seed: int) -> lf.Histograms:
@@ -36,6 +36,19 @@ def camera_told(scene: RefractedScene, distance_std_mm: float = 0.0) -> lf.Camer
     if faces:
         faces = (replace(faces[0], distance_std_mm=distance_std_mm), *faces[1:])
     return lf.Camera(matrix, np.empty(0), pose, (seen.rows, seen.cols), interfaces=faces)
+
+
+def block_told(tilt_deg: float = 0.0, **changes: Any) -> lf.Block:
+    """The block of `block_world` as a user tells it, but for `changes`."""
+    front, back = block_faces(tilt_deg)
+    told = {
+        "center_mm": (front.point_mm + back.point_mm) / 2,
+        "normal": front.normal,
+        "thickness_mm": 20.0,
+        "diameter_mm": 25.0,
+        "glass": lf.Material(front.phase_beyond, front.group_beyond),
+    }
+    return lf.Block(**told | changes)
 
 
 def what_the_user_tells(

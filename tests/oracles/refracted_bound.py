@@ -19,6 +19,7 @@ from tests.oracles.refracted import (
     Plane,
     RefractedScene,
     Stations,
+    block_vertices_mm,
     caught,
     code_edges_ps,
     in_picture,
@@ -98,6 +99,19 @@ def distance_freedom(planes: Sequence[int], std_mm: float) -> Freedom:
         return replace(scene, planes=tuple(stack))
 
     return Freedom(f"distance_{'_'.join(map(str, planes))}", away, 0.002, std_mm)
+
+
+def block_freedoms(tilt_deg: float) -> list[Freedom]:
+    """Both slopes of the beam of a `block_world` at its source: all that is free of its path."""
+
+    def turned(axis: int) -> Callable[[RefractedScene, float], RefractedScene]:
+        def changed(scene: RefractedScene, amount: float) -> RefractedScene:
+            slopes = (amount, 0.0) if axis == 0 else (0.0, amount)
+            return replace(scene, vertices_mm=block_vertices_mm(tilt_deg, slopes))
+
+        return changed
+
+    return [Freedom(f"slope_{name}", turned(axis), 5e-6) for axis, name in enumerate("yz")]
 
 
 def _spot(scene: RefractedScene, amount: float) -> RefractedScene:

@@ -199,6 +199,8 @@ def _vertex_name(path: LightPath, i: int) -> str:
         return "0  source" if path.source.position_mm is not None else "0  entry into view"
     if i in {vertex for _, vertex in path.forks}:
         return f"{i}  splitter"
+    if {i - 1, i} & set(path.legs_in_glass):
+        return f"{i}  face of glass"
     return f"{i}  exit from view" if i in path.ends else f"{i}  corner"
 
 

@@ -14,6 +14,7 @@ from lightflight._lazy import lazy_names
 
 if TYPE_CHECKING:
     from lightflight.lab.keys import (
+        BLOCK_KEYS as BLOCK_KEYS,
         CAMERA_KEYS as CAMERA_KEYS,
         DETECTOR_KEYS as DETECTOR_KEYS,
         MEDIUM_KEYS as MEDIUM_KEYS,
@@ -43,6 +44,7 @@ __getattr__, __dir__, __all__ = lazy_names(
     __name__,
     {
         "lightflight.lab.keys": (
+            "BLOCK_KEYS",
             "CAMERA_KEYS",
             "DETECTOR_KEYS",
             "MEDIUM_KEYS",

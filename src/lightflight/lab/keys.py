@@ -154,6 +154,29 @@ WINDOW_KEYS = (
     Key("front_indices", "phase and group index of what the camera stands in", _indices),
 )
 
+BLOCK_KEYS = (
+    Key("center_mm", "middle of a block of glass in the beam, mm", config.numbers(3)),
+    Key("normal", "direction across its faces, either way", config.numbers(3)),
+    Key("thickness_mm", "from face to face, mm", config.number),
+    Key(
+        "diameter_mm",
+        "how wide its faces are, mm: pixels that look at a disc of this size take no part",
+        config.number,
+    ),
+    Key("wavelength_nm", "of the laser, nm: materials named here have its indices", config.number),
+    Key("glass", f"of the block: {', '.join(MATERIALS)}", config.choice(*MATERIALS)),
+    Key("glass_indices", "in place of glass: its phase index and its group index", _indices),
+    Key("around", "what it stands in; left out: air", config.choice(*MATERIALS)),
+    Key("around_indices", "in place of around: its phase index and its group index", _indices),
+    Key(
+        "blocks",
+        "in place of all these, any number of blocks, one row (x, y, z of the middle, x, y, z of "
+        "the normal, thickness, diameter, phase index and group index of the glass, and of what "
+        "it stands in) each, mm",
+        config.table_of_numbers(12),
+    ),
+)
+
 TIMING_KEYS = (
     Key(
         "flat_arrival_ps",
@@ -330,6 +353,7 @@ SECTIONS: Mapping[str, Sequence[Key] | None] = {
     "window": WINDOW_KEYS,
     "source": SOURCE_KEYS,
     "medium": MEDIUM_KEYS,
+    "block": BLOCK_KEYS,
     "detector": DETECTOR_KEYS,
     "recording": None,
     "timing": TIMING_KEYS,

@@ -34,6 +34,7 @@ from lightflight.display import Shown
 from lightflight.errors import ConfigError, SuspectDataWarning
 from lightflight.files import toml_tables as config
 from lightflight.flight import Medium, Source
+from lightflight.lab.block import blocks_from_table
 from lightflight.lab.keys import SECTIONS
 from lightflight.lab.window import camera_behind, medium_from_table
 from lightflight.simulate.detector import Detector
@@ -152,6 +153,8 @@ def lab_from_table(table: Mapping[str, object], *, where: str = "set-up") -> Lab
         source = Source(**sections.get("source", {}))
     with _naming(where, "medium"):
         medium = medium_from_table(sections.get("medium", {}), camera)
+    with _naming(where, "block"):
+        medium = replace(medium, blocks=blocks_from_table(sections.get("block", {})))
     with _naming(where, "detector"):
         detector = _detector_from_table(sections["detector"]) if "detector" in sections else None
     options = {name: sections.get(name, {}) for name in OPTION_SECTIONS}

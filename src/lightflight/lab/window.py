@@ -51,8 +51,8 @@ def camera_behind(camera: Camera, table: Mapping[str, Any]) -> Camera:
     normal = table.get("normal", camera.backward_axis)
     point = camera.center_mm - table["distance_mm"] * camera.backward_axis
     std = table.get("distance_std_mm", 0.0)
-    behind = _material(table, "behind") or AIR
-    glass = _material(table, "glass")
+    behind = material_of(table, "behind") or AIR
+    glass = material_of(table, "glass")
     if glass is None:
         if "thickness_mm" in table:
             raise ValueError("thickness_mm needs glass (or glass_indices): what the window is of")
@@ -69,8 +69,25 @@ def camera_behind(camera: Camera, table: Mapping[str, Any]) -> Camera:
     return replace(camera, interfaces=faces, stands_in=front)
 
 
-def _material(table: Mapping[str, Any], key: str) -> Material | None:
-    """A material by its name or by both of its indices; None: not told."""
+def material_of(table: Mapping[str, Any], key: str) -> Material | None:
+    """A material by its name or by both of its indices; None: not told.
+
+    Parameters
+    ----------
+    table : mapping of str
+        A section with `key`, and the colour, or with `key`_indices.
+    key : str
+        What is of it.
+
+    Returns
+    -------
+    Material or None
+
+    Raises
+    ------
+    ValueError
+        For both, or for a name without a colour.
+    """
     indices = f"{key}_indices"
     if key in table and indices in table:
         raise ValueError(f"give either {key} or {indices}, not both")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, replace
 from typing import Any
 
 import numpy as np
 
 from lightflight.camera.model import LENS_ERRORS, Camera
 from lightflight.flight import Medium
+from lightflight.lab.block import table_from_blocks
 from lightflight.lab.keys import WORD_FOR_NONE
 from lightflight.lab.lab import OPTION_SECTIONS, Lab
 from lightflight.lab.window import table_from_window
@@ -33,6 +34,7 @@ def table_from_lab(lab: Lab) -> dict[str, dict[str, object]]:
         table |= {"window": w} if (w := table_from_window(lab.camera)) else {}
     table["source"] = _table_from_record(lab.source)
     table["medium"] = _table_from_medium(lab.medium)
+    table |= {"block": b} if (b := table_from_blocks(lab.medium)) else {}
     if lab.detector is not None:
         table["detector"] = _table_from_record(lab.detector)
     for name in OPTION_SECTIONS:
@@ -105,10 +107,12 @@ def _table_from_camera(camera: Camera) -> dict[str, object]:
 
 def _table_from_medium(medium: Medium) -> dict[str, object]:
     """Keys of [medium]; errors only where one is stated: campaigns are known by these tables."""
-    table = _table_from_record(medium)
+    uniform = replace(medium, blocks=())
+    table = _table_from_record(uniform)
+    del table["blocks"]
     exact = Medium(medium.path_group_index, medium.return_group_index)
     known = ("path_group_index", "return_group_index")
-    return {k: v for k, v in table.items() if medium != exact or k in known}
+    return {k: v for k, v in table.items() if uniform != exact or k in known}
 
 
 def _table_from_record(record: Any) -> dict[str, object]:

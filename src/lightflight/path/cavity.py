@@ -92,7 +92,8 @@ def round_trip_of_path(path: LightPath) -> RoundTrip | None:
         does not turn it back, with branches or bent legs, or where part of the way was not seen.
     """
     n_corners = len(path.vertices_mm) - 2
-    if n_corners < _LEAST_CORNERS or path.unseen_legs or path.forks or path.bends:
+    bent = path.forks or path.bends or path.medium.blocks
+    if n_corners < _LEAST_CORNERS or path.unseen_legs or bent:
         return None
     if not _turns_back(path.vertices_mm):
         return None

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lightflight.blocks import Block
 from lightflight.camera.model import Camera
 from lightflight.errors import FileFormatError, LimitError
 from lightflight.files.filecheck import damage_as_format_error
 from lightflight.files.store import SCHEMA_VERSION, load_record, save_record
 from lightflight.flight import Medium, Source
+from lightflight.materials import Material
 from lightflight.path.alternative import MOST_ALTERNATIVES, Alternative
 from lightflight.path.bends import arrays_of_bends, bends_from_arrays
 from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
@@ -27,15 +29,18 @@ if TYPE_CHECKING:
 
 PATH_KIND = "path"
 """Kind of record in our HDF5 files."""
-_SCHEMA_OF_UNSEEN, _SCHEMA_OF_FORKS_AND_BENDS, _SCHEMA_OF_ALTERNATIVES = 2, 3, 4
+_SCHEMA_OF_UNSEEN, _SCHEMA_OF_FORKS_AND_BENDS, _SCHEMA_OF_OTHERS_AND_BLOCKS = 2, 3, 4
 """Of a path with legs that nobody saw, of one that forks, or whose truth does, or that bends, and
-of one that is not the only answer: versions that know no such schema refuse them."""
+of one that is not the only answer or runs through blocks of glass: versions that know no such
+schema refuse them."""
 _INDICES = ("path_group_index", "return_group_index")
 _KINDS: dict[str, tuple[type, ...]] = {
     "dof": (int,), "n_pulses": (int,), "n_rejected": (int,), "converged": (bool,),
 }  # fmt: skip
 _MOST = 2**62
 _LONGEST_TEXT, _MOST_SENTENCES = 10_000, 1_000
+_MOST_BLOCKS = 100
+"""Each is asked for at every leg."""
 _MOST_TRUE_VERTICES, _FARTHEST = 10_000, 1e16
 """Of what a simulation knows: of bent light, too; mm and ps."""
 _MOST_PULSES, _MOST_PIXELS = 2_000_000, 1 << 24
@@ -76,10 +81,11 @@ def _prefix(number: int) -> str:
 def _schema_of_path(path: LightPath) -> int:
     """The least schema whose readers show all of a path."""
     # A version that knows no unseen legs would draw them as light that was seen; one that knows no
-    # forks, an arm from the wrong vertex; one that knows no bent legs, straight ones; and one that
-    # knows no alternatives would not say that there is another answer.
-    if path.alternatives:
-        return _SCHEMA_OF_ALTERNATIVES
+    # forks, an arm from the wrong vertex; one that knows no bent legs, straight ones; one without
+    # alternatives would not say that there is another answer; and one without glass would take a
+    # medium that has none for what was told.
+    if path.alternatives or path.medium.blocks:
+        return _SCHEMA_OF_OTHERS_AND_BLOCKS
     forks = path.forks or (() if path.truth is None else forks_of(path.truth))
     if forks or path.bends:
         return _SCHEMA_OF_FORKS_AND_BENDS
@@ -116,9 +122,12 @@ def _record_from_path(path: LightPath) -> tuple[dict[str, NDArray[np.generic]], 
         attributes["goodness_with_floor"] = {"chi2_with_floor": path.goodness.chi2_with_floor}
     if path.explained is not None:
         attributes["explained"] = asdict(path.explained)
-    errors = {k: v for k, v in asdict(path.medium).items() if k not in _INDICES}
-    if path.medium != Medium(path.medium.path_group_index, path.medium.return_group_index):
-        attributes["medium_errors"] = errors
+    uniform = replace(path.medium, blocks=())
+    if uniform != Medium(uniform.path_group_index, uniform.return_group_index):
+        own = (*_INDICES, "blocks")
+        attributes["medium_errors"] = {k: v for k, v in asdict(uniform).items() if k not in own}
+    if path.medium.blocks:
+        attributes["blocks"] = [asdict(block) for block in path.medium.blocks]
     if path.prices:
         attributes["prices"] = list(path.prices)
     if path.unseen_legs:
@@ -246,7 +255,11 @@ def _fields_from_record(
         "covariance": arrays["covariance"],
         "camera": Camera.from_arrays(camera),
         "source": Source(**source),
-        "medium": Medium(**attributes["medium"], **attributes.get("medium_errors", {})),
+        "medium": Medium(
+            **attributes["medium"],
+            **attributes.get("medium_errors", {}),
+            blocks=_blocks_from_record(attributes),
+        ),
         "method": attributes["method"],
         "goodness": Goodness(**attributes["goodness"], **attributes.get("goodness_with_floor", {})),
         "covariance_parts": parts,
@@ -286,6 +299,19 @@ def _alternatives_from_record(
         other = make(**_fields_from_record(own, one["path"]))
         found.append(Alternative(other, float(log_evidence), says))
     return tuple(found)
+
+
+def _blocks_from_record(attributes: Mapping[str, Any]) -> tuple[Block, ...]:
+    """Blocks of glass as a file holds them; () where it holds none."""
+    told = attributes.get("blocks", [])
+    if not isinstance(told, list) or not all(isinstance(one, dict) for one in told):
+        raise ValueError(f"blocks cannot be {told!r:.60}")
+    if len(told) > _MOST_BLOCKS:
+        raise LimitError(f"it holds {len(told)} blocks, more than {_MOST_BLOCKS}")
+    return tuple(
+        Block(**{**one, **{name: Material(**one[name]) for name in ("glass", "around")}})
+        for one in told
+    )
 
 
 def _forks_from_record(attributes: Mapping[str, Any], name: str) -> Forks:

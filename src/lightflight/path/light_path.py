@@ -26,6 +26,7 @@ from lightflight.path.alternative import Alternative, checked_alternatives
 from lightflight.path.bends import Bend, checked_bend_covariance, checked_bends
 from lightflight.path.cavity import RoundTrip, round_trip_of_path
 from lightflight.path.gaps import Gap, checked_unseen, gaps_of_path
+from lightflight.path.glass import glass_of
 from lightflight.path.leg import Leg as Leg, paper_angle_from_leg as paper_angle_from_leg
 from lightflight.path.on_bends import (
     angle_variance,
@@ -76,7 +77,8 @@ class LightPath(Drawn, Tabled, Labelled):
     Vertex 0 is the source (unknown source: entry into view), the last vertex the exit from view,
     those between are the corners, in or outside the picture. At a beam splitter a path forks: every
     leg k still ends at vertex k + 1, `forks` says which begin elsewhere than where the leg before
-    ends, and each of `branches` has an exit of its own (`ends`).
+    ends, and each of `branches` has an exit of its own (`ends`). Light that crosses a block of the
+    medium flies on three legs, the middle one within the glass: its two ends follow the others.
 
     Attributes
     ----------
@@ -215,6 +217,7 @@ class LightPath(Drawn, Tabled, Labelled):
         explains = [] if self.explained is None else [f"explains {self.explained}"]
         length = sum(leg.length_mm for leg in self.legs)
         unseen = f", {len(self.unseen_legs)} of them unseen" if self.unseen_legs else ""
+        unseen += f", {len(self.legs_in_glass)} of them in glass" if self.legs_in_glass else ""
         forked = f" on {len(self.ends) - 1} branches" if self.forks else ""
         whole = f"{self.method}: {count(self.n_legs, 'leg')}{unseen}{forked}, {length:.1f} mm"
         of_fork = {leg + 1: f", from {vertex}" for leg, vertex in self.forks}
@@ -317,6 +320,11 @@ class LightPath(Drawn, Tabled, Labelled):
     def open_vertices(self) -> tuple[int, ...]:
         """Vertices that end a leg nobody saw: mirrors that may stand elsewhere."""
         return tuple(sorted({vertex for k in self.unseen_legs for vertex in (k, k + 1)}))
+
+    @property
+    def legs_in_glass(self) -> tuple[int, ...]:
+        """Legs, by number, that run through a block of the medium, from face to face."""
+        return tuple(leg for leg, _ in glass_of(self.vertices_mm, self.medium.blocks))
 
     @property
     def gaps(self) -> tuple[Gap, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.path.bends import BentCourse
+from lightflight.path.glass import flown_path
 from lightflight.path.on_legs import extrapolated_position
 from lightflight.path.tree import forks_of, leg_starts, n_legs_of, outline_mm
 
@@ -68,6 +69,7 @@ def drawn(path: Polyline) -> tuple[Floats, Floats, Indices]:
     leg : array of int, shape (k - 1,)
         The leg that each piece belongs to.
     """
+    path = flown_path(path)
     vertex_times = np.asarray(path.vertex_times_ps, dtype=float)
     bent = {bend.leg for bend in getattr(path, "bends", ())}
     if not bent:

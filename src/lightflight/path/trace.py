@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lightflight.display import Shown
 from lightflight.flight import Medium
+from lightflight.path.glass import flown_path
 from lightflight.path.on_bends import courses_of, covariance_on_bent_leg, positions_on
 from lightflight.path.on_legs import covariance_on_legs, sliding_maps
 from lightflight.path.tables import RESIDUAL_DTYPE, Polyline
@@ -129,6 +130,7 @@ def trace_from_path(
     """
     camera = getattr(path, "camera", None) if camera is None else camera
     medium = getattr(path, "medium", None) if medium is None else medium
+    path = flown_path(path)
     vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
     times = np.asarray(path.vertex_times_ps, dtype=float)
     n_legs = max(len(vertices) - 1, 0)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.path.glass import glass_of, on_faces
 from lightflight.path.tables import Polyline
 
 if TYPE_CHECKING:
@@ -244,7 +245,7 @@ def outline_mm(path: Polyline) -> NDArray[np.float64]:
 def corners_of(
     path: Polyline,
 ) -> tuple[tuple[int, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], ...]:
-    """Vertices at which light turns, each with the places before and after it, to be drawn.
+    """Mirrors and splitters, each with the places before and after it, to be drawn.
 
     Parameters
     ----------
@@ -259,15 +260,17 @@ def corners_of(
     """
     vertices = np.asarray(path.vertices_mm, dtype=float).reshape(-1, 3)
     starts, found = starts_of(path), []
+    medium = getattr(path, "medium", None)
+    straight = on_faces(glass_of(vertices, medium.blocks)) if medium is not None else ()
     for corner in range(1, len(vertices)):
         after = np.flatnonzero(starts == corner)
-        if not len(after):
+        if not len(after) or corner in straight:
             continue
         before = vertices[starts[corner - 1]]
         way = vertices[corner] - before
         steps = vertices[after + 1] - vertices[corner]
-        straight = steps @ way / np.linalg.norm(steps, axis=1)
-        found.append((corner, before, vertices[corner], vertices[after[np.argmin(straight)] + 1]))
+        on = steps @ way / np.linalg.norm(steps, axis=1)
+        found.append((corner, before, vertices[corner], vertices[after[np.argmin(on)] + 1]))
     return tuple(found)
 
 

@@ -161,10 +161,15 @@ def checked_media(setting: Setting, method: str) -> None:
     ------
     ValueError
         Where the medium is not the one behind the last interface, or the estimator knows no
-        interfaces.
+        interfaces and no blocks.
     GeometryError
         Where pixels look along rays that never get behind the interfaces.
     """
+    if setting.medium.blocks and not estimator_named(method).through_windows:
+        raise ValueError(
+            f"method={method!r} knows one medium, and a block of glass stands in the beam: use "
+            "method='joint' or 'photon'"
+        )
     for camera in setting.cameras:
         if not camera.interfaces:
             continue

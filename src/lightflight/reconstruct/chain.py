@@ -14,6 +14,7 @@ from lightflight.arguments import check_kinds
 from lightflight.camera.refraction import scene_medium
 from lightflight.errors import GeometryError, NothingFoundError, SuspectDataWarning
 from lightflight.flight import Medium, Source
+from lightflight.path.glass import refuse_other_crossings
 from lightflight.path.light_path import LightPath
 from lightflight.path.verdict import NOT_EXAMINED, FindingName, Level, Verdict, warning_of
 from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, checked_media
@@ -225,6 +226,8 @@ def path_from_sightings(
     """
     request = Request(sightings, setting, timing, n_legs, start, may_bend)
     estimator = estimator_named(method)
+    if setting.medium.blocks:
+        return _through_blocks(request, estimator)
     try:
         path, fit = estimator.fit(request)
     except (GeometryError, NothingFoundError):
@@ -241,6 +244,13 @@ def path_from_sightings(
     detour = _detour(fit, request, estimator) if weak else None
     found = _judged(*(detour or (path, fit)), request, estimator)
     return _warned(_reconsidered(found, fit, request, estimator, has_detour=detour is not None))
+
+
+def _through_blocks(request: Request, estimator: Estimator) -> LightPath:
+    """The path where glass stands in the beam: a chain of straight legs, nothing else is tried."""
+    path, fit = estimator.fit(request)
+    refuse_other_crossings(path.vertices_mm, request.setting.medium.blocks)
+    return _warned(_judged(path, fit, request, estimator))
 
 
 def _reconsidered(

@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from lightflight import flags
@@ -19,6 +20,7 @@ from lightflight.errors import (
 )
 from lightflight.reconstruct.fit.tail import shape_with_tail
 from lightflight.reconstruct.legs.find import unwrapped_arrivals
+from lightflight.reconstruct.model.glass import looks_at_blocks
 from lightflight.reconstruct.model.setting import Setting, earliest_arrival_ps
 from lightflight.reconstruct.model.sighting import Sighting, blind_pixels
 from lightflight.timing.clock.calibration import ASSUMED_GAIN_STD, TimingCalibration
@@ -37,6 +39,8 @@ _MOST_PERIODS = 2.0
 
 def unwrapped_sighting(sighting: Sighting, setting: Setting) -> Sighting:
     """The sighting with arrivals folded to where light can come from.
+
+    Pixels that look at a block of glass in the beam are masked.
 
     Parameters
     ----------
@@ -61,9 +65,15 @@ def unwrapped_sighting(sighting: Sighting, setting: Setting) -> Sighting:
         period_ps=sighting.arrivals.laser_period_ps,
         earliest_ps=earliest_arrival_ps(setting),
     )
-    return replace(
+    seen = replace(
         sighting, arrivals=replace(sighting.arrivals, arrival_ps=times), arrival_ps=times
     )
+    if not setting.medium.blocks:
+        return seen
+    hidden = looks_at_blocks(setting.camera, setting.medium.blocks)
+    masked = np.where(hidden[seen.arrivals.row, seen.arrivals.col], np.uint32(flags.MASKED), 0)
+    bits = (seen.arrivals.flags | masked).astype(np.uint32)
+    return replace(seen, arrivals=replace(seen.arrivals, flags=bits), blind=seen.blind | hidden)
 
 
 def sighting_from_histograms(

@@ -187,7 +187,7 @@ def arrival_at(scene: Scene, points: Floats, length_mm: Floats) -> Floats:
     # Two indices: the beam may run through a fibre, and its light comes back through air.
     flight = scene.medium.path_group_index * length_mm / SPEED_OF_LIGHT_MM_PER_PS
     back = scene.camera.return_times_ps(points, return_group_index=scene.medium.return_group_index)
-    arrival: Floats = scene.emission_time_ps + flight + back
+    arrival: Floats = scene.emission_time_ps + flight + back + scene.late_at(length_mm)
     return arrival
 
 
@@ -207,10 +207,10 @@ def segments_from_scene(scene: Scene) -> Segments:
     Segments
         In the order of the path; none where the camera sees nothing.
     """
-    vertices, starts = np.asarray(scene.vertices_mm), scene.leg_starts_mm
-    begun = vertices[leg_starts(scene.n_legs, scene.forks)]
+    vertices, starts = scene.flown_mm, scene.leg_starts_mm
+    begun = vertices[leg_starts(scene.n_pieces, scene.forks)]
     parts: list[tuple[Floats, ...]] = []
-    for leg in range(scene.n_legs):
+    for leg in range(scene.n_pieces):
         start, end = begun[leg], vertices[leg + 1]
         edges = _edges_of_leg(scene, start, end)
         direction = (end - start) / np.linalg.norm(end - start)
@@ -247,7 +247,7 @@ def _beam_std_px(scene: Scene) -> float:
     """Width of the beam in the picture where it is widest, pixel (one sigma)."""
     if scene.beam_diameter_mm == 0.0:
         return 0.0
-    begun = np.asarray(scene.vertices_mm)[leg_starts(scene.n_legs, scene.forks)]
+    begun = scene.flown_mm[leg_starts(scene.n_pieces, scene.forks)]
     fraction = np.linspace(0.0, 1.0, 65)[:, np.newaxis]
     points = np.concatenate(
         [start + fraction * step for start, step in zip(begun, scene.leg_steps_mm, strict=True)]
@@ -326,8 +326,8 @@ def points_on_path(scene: Scene, leg: Ints, length_mm: Floats) -> Floats:
     array of float, shape (n, 3)
         World, mm.
     """
-    vertices, steps = np.asarray(scene.vertices_mm), scene.leg_steps_mm
-    begun = vertices[leg_starts(scene.n_legs, scene.forks)]
+    vertices, steps = scene.flown_mm, scene.leg_steps_mm
+    begun = vertices[leg_starts(scene.n_pieces, scene.forks)]
     directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
     along = (length_mm - scene.leg_starts_mm[leg])[:, np.newaxis]
     points: Floats = begun[leg] + along * directions[leg]
@@ -358,7 +358,7 @@ def expected_light(scene: Scene, segments: Segments, efficiency: Floats) -> Expe
     """
     rows, cols = scene.shape
     n_pixels = rows * cols
-    size = scene.n_legs * n_pixels
+    size = scene.n_pieces * n_pixels
     counts, moment = np.zeros(size), np.zeros(size)
     catch = scene.detector.catch
     reference = scene.emission_time_ps
@@ -382,7 +382,7 @@ def expected_light(scene: Scene, segments: Segments, efficiency: Floats) -> Expe
         )
     mean = np.full(size, np.nan)
     mean[lit] = reference + moment[lit] / counts[lit]
-    shape = (scene.n_legs, rows, cols)
+    shape = (scene.n_pieces, rows, cols)
     return ExpectedLight(counts.reshape(shape) * efficiency, mean.reshape(shape))
 
 

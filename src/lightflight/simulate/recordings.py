@@ -446,8 +446,8 @@ def _truth(
     return Truth(
         kind=kind,
         seed=stage.streams.seed,
-        vertices_mm=np.asarray(scene.vertices_mm),
-        vertex_times_ps=scene.vertex_times_ps,
+        vertices_mm=scene.flown_mm,
+        vertex_times_ps=np.asarray(scene.flown.vertex_times_ps),
         expected_counts=leg_counts.sum(axis=0),
         expected_leg_counts=leg_counts,
         mean_arrival_ps=stage.expected.mean_arrival_ps,

@@ -16,6 +16,7 @@ from lightflight.arguments import check_kinds, finite_number, finite_numbers, on
 from lightflight.camera.refraction import refuse_other_medium
 from lightflight.display import Card, Shown, number, size_facts
 from lightflight.flight import Medium, Source, event_times_from_vertices
+from lightflight.path.glass import Faced, Flown, late_ps, refuse_other_crossings, with_faces
 from lightflight.path.light_path import FARTHEST_MM
 from lightflight.path.tree import (
     Forks,
@@ -76,7 +77,8 @@ class Scene(Shown):
     source : Source
         What is known of the source. Its emission time and pulse width are true where given.
     medium : Medium
-        The medium the light crosses.
+        The medium the light crosses. A leg that crosses one of its blocks of glass is bent at the
+        faces and late behind them; none of the light that is scattered within glass is seen.
     detector : Detector
         What catches the light and writes the recording.
     brightness : Brightness
@@ -187,6 +189,24 @@ class Scene(Shown):
                 )
             polarizations_from_vertices(vertices, self.polarization)
         object.__setattr__(self, "_strength", _strength_from(self.brightness, self.n_legs))
+        object.__setattr__(self, "_flown", self._with_faces(vertices))
+
+    def _with_faces(self, vertices: Floats) -> Faced:
+        """The path with the places where it meets faces of glass."""
+        blocks = self.medium.blocks
+        if not blocks:
+            return Faced(vertices, (), np.arange(len(vertices) - 1))
+        if self.forks or self.polarization is not None:
+            raise ValueError(
+                "a path through blocks of glass can neither fork nor be polarised: leave the "
+                "blocks out, or forks and polarization"
+            )
+        flown = with_faces(vertices, blocks)
+        refuse_other_crossings(flown.vertices_mm, blocks)
+        flown.vertices_mm.setflags(write=False)
+        return flown
+
+    _flown: Faced = field(default=None, init=False, repr=False)  # type: ignore[assignment]
 
     _strength: Callable[[Floats, int], Floats] = field(
         default=None,  # type: ignore[assignment]
@@ -205,16 +225,26 @@ class Scene(Shown):
         return len(np.asarray(self.vertices_mm)) - 1
 
     @property
+    def flown_mm(self) -> Floats:
+        """(m + 2 k,), the vertices, and between them the places where light meets k blocks; mm."""
+        return self._flown.vertices_mm
+
+    @property
+    def n_pieces(self) -> int:
+        """Number of straight pieces: legs, of which one that crosses a block is three."""
+        return len(self.flown_mm) - 1
+
+    @property
     def leg_starts_mm(self) -> Floats:
-        """(n_legs,), path length from the first vertex to where each leg begins, mm."""
-        starts = leg_starts(self.n_legs, self.forks)
+        """(n_pieces,), path length from the first vertex to where each piece begins, mm."""
+        starts = leg_starts(self.n_pieces, self.forks)
         return way_before(starts, np.linalg.norm(self.leg_steps_mm, axis=1))[starts]
 
     @property
     def leg_steps_mm(self) -> Floats:
-        """(n_legs, 3), from where each leg begins to its end, mm."""
-        vertices = np.asarray(self.vertices_mm)
-        steps: Floats = vertices[1:] - vertices[leg_starts(self.n_legs, self.forks)]
+        """(n_pieces, 3), from where each piece begins to its end, mm."""
+        vertices = self.flown_mm
+        steps: Floats = vertices[1:] - vertices[leg_starts(self.n_pieces, self.forks)]
         return steps
 
     @property
@@ -232,15 +262,42 @@ class Scene(Shown):
     @property
     def vertex_times_ps(self) -> Floats:
         """(m,), true event time at each vertex, ps."""
+        return self._times_ps[self._told] if self._flown.glass else self._times_ps
+
+    @property
+    def _told(self) -> NDArray[np.int64]:
+        """(m,), places of the vertices among `flown_mm`."""
+        return np.append(0, np.flatnonzero(np.diff(self._flown.of_leg, append=self.n_legs)) + 1)
+
+    @property
+    def flown(self) -> Scene | Flown:
+        """Where the light was and when, with the places where it meets faces of glass."""
+        return Flown(self.flown_mm, self._times_ps) if self._flown.glass else self
+
+    @property
+    def _times_ps(self) -> Floats:
+        """(m + 2 k,), true event time at each of `flown_mm`, ps."""
         told = {
             "emission_time_ps": self.emission_time_ps,
             "path_group_index": self.medium.path_group_index,
         }
-        vertices, times = np.asarray(self.vertices_mm), np.empty(self.n_legs + 1)
-        for way in ways(leg_starts(self.n_legs, self.forks)):
+        vertices, times = self.flown_mm, np.empty(self.n_pieces + 1)
+        for way in ways(leg_starts(self.n_pieces, self.forks)):
             on_way = [0, *(leg + 1 for leg in way)]
             times[on_way] = event_times_from_vertices(vertices[on_way], **told)
-        return times
+        return times + self._late_ps if self._flown.glass else times
+
+    @property
+    def _late_ps(self) -> Floats:
+        """(m + 2 k,), what glass before each place adds to its event time, ps."""
+        return late_ps(self.flown_mm, self._flown.glass, self.medium.path_group_index)
+
+    def late_at(self, length_mm: Floats) -> Floats | float:
+        """What glass adds to the event times at path lengths (n,) from the first vertex, ps."""
+        if not self._flown.glass:
+            return 0.0
+        places = np.append(0.0, np.cumsum(np.linalg.norm(self.leg_steps_mm, axis=1)))
+        return np.asarray(np.interp(length_mm, places, self._late_ps))
 
     def strength(self, length_mm: Floats, leg: int) -> Floats:
         """Relative scattering strength per mm at path lengths on one leg.
@@ -250,19 +307,21 @@ class Scene(Shown):
         length_mm : array of float, shape (n,)
             Path length from the first vertex, mm.
         leg : int
-            Which leg.
+            Which piece.
 
         Returns
         -------
         array of float, shape (n,)
-            As `brightness` says.
+            As `brightness` says of the leg that it is a piece of; nothing within glass.
 
         Raises
         ------
         ValueError
             Where `brightness` is negative or not finite.
         """
-        strength = self._strength(length_mm, leg)
+        if leg in dict(self._flown.glass):
+            return np.zeros_like(length_mm)
+        strength = self._strength(length_mm, int(self._flown.of_leg[leg]))
         if not (np.isfinite(strength) & (strength >= 0)).all():
             raise ValueError(f"brightness must be finite and >= 0; it is not on leg {leg}")
         return strength

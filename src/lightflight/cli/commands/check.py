@@ -163,7 +163,9 @@ def _rough_path(lab: Lab, hist: Histograms, timing: TimingCalibration | None) ->
     exact: dict[str, Any] = dict.fromkeys(LENS_ERRORS, 0.0)
     camera = replace(lab.camera, pose_covariance=None, **exact)
     source = replace(lab.source, position_std_mm=0.0, emission_time_std_ps=0.0)
-    medium = Medium(lab.medium.path_group_index, lab.medium.return_group_index)
+    medium = Medium(
+        lab.medium.path_group_index, lab.medium.return_group_index, blocks=lab.medium.blocks
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LightflightWarning)
         try:

@@ -21,6 +21,7 @@ from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.fit.least_squares import Solution, fit_path
 from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.fit.start import state_from_legs
+from lightflight.reconstruct.fit.through_glass import pieces_of
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
@@ -91,10 +92,8 @@ def fit_from_legs(
     first_problem: Exception | None = None
     while legs:
         try:
-            state = state_from_legs(
-                legs, camera=setting.camera, source=setting.source, medium=setting.medium
-            )
-            return fit_joint(sightings, state, setting, legs=legs)
+            state, seen = _begun(sightings[0], legs, setting)
+            return fit_joint(sightings, state, setting, legs=seen)
         except (GeometryError, NothingFoundError, np.linalg.LinAlgError) as problem:
             # The first attempt had all legs: its reason is the one worth telling.
             first_problem = first_problem or problem
@@ -112,6 +111,19 @@ def fit_from_legs(
             "mask the pixels that do not belong to the flight"
         ) from first_problem
     raise first_problem
+
+
+def _begun(
+    sighting: Sighting, legs: tuple[ImageLeg, ...], setting: Setting
+) -> tuple[PathState, tuple[ImageLeg, ...]]:
+    """A first path from legs in the picture, and those legs as cut where glass stands in them."""
+    camera, source, medium = setting.camera, setting.source, setting.medium
+    if not medium.blocks:
+        return state_from_legs(legs, camera=camera, source=source, medium=medium), legs
+    pieces = pieces_of(legs, medium.blocks, camera, sighting.arrivals)
+    told = tuple(piece for shown in pieces.shown for piece in shown if piece is not None)
+    state = state_from_legs(told, camera=camera, source=source, medium=medium, pieces=pieces)
+    return pieces.through_glass(state, setting.cameras)
 
 
 def fit_from_brightest(
@@ -201,7 +213,7 @@ def with_n_legs(
     NothingFoundError
         Where no further corner can be placed.
     """
-    while fit.solution.state.n_legs < n_legs:
+    while fit.solution.state.n_told < n_legs:
         state = fit.solution.state
         bends = [sharpest_bend(sightings, fit, k, setting) for k in range(state.n_legs)]
         trials = (
@@ -212,7 +224,7 @@ def with_n_legs(
         longer = next((trial for trial in trials if not isinstance(trial, NoFit)), None)
         if longer is None:
             raise NothingFoundError(
-                f"n_legs={n_legs} was given but only {state.n_legs} show: leave n_legs out, or "
+                f"n_legs={n_legs} was given but only {state.n_told} show: leave n_legs out, or "
                 "give a starting path (start=)"
             )
         fit = longer
@@ -224,7 +236,8 @@ def _opened(
 ) -> JointFit | NoFit:
     """Refit with a corner more, at a fraction of a leg, or why there is no such path."""
     corner = state.points_mm(leg, np.array([fraction]))[0]
-    return refitted(sightings, state.with_corner(leg, corner), setting_with_corner(setting, leg))
+    longer = setting_with_corner(setting, state.as_told(leg))
+    return refitted(sightings, state.with_corner(leg, corner), longer)
 
 
 def refitted(sightings: list[Sighting], state: PathState, setting: Setting) -> JointFit | NoFit:
@@ -239,7 +252,7 @@ def _merged_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> 
     trials: list[tuple[float, int, PathState]] = []
     for corner in state.corners_seen:
         # A measured mirror is there, and a clear turn is no error of the model.
-        if corner in waypoint_vertices or turn_deg(state, corner) > 12.0:
+        if state.as_told(corner) in waypoint_vertices or turn_deg(state, corner) > 12.0:
             continue
         straight = _without_corner(fit, corner, setting)
         if not isinstance(straight, NoFit):
@@ -315,7 +328,7 @@ def _without_corner(fit: JointFit, corner: int, setting: Setting) -> Solution | 
     shifted = replace(fit.times, leg=fit.times.leg - (fit.times.leg >= corner))
     lines = replace(fit.lines, leg=fit.lines.leg - (fit.lines.leg >= corner))
     merged = state.without((corner,))
-    narrowed = setting_without(setting, (corner,))
+    narrowed = setting_without(setting, (state.as_told(corner),))
     try:
         return fit_path(
             merged,

@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.blocks import Block
 from lightflight.camera.stand_in import meeting_point
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
+from lightflight.reconstruct.fit.through_glass import Pieces
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.image_plane import mean_focal_px
@@ -136,6 +138,7 @@ def state_from_legs(
     medium: Medium,
     depth_mm: float | None = None,
     told: tuple[int, Floats] | None = None,
+    pieces: Pieces | None = None,
 ) -> PathState:
     """First guess of the whole path; the last vertex is the end of the last leg as seen.
 
@@ -154,11 +157,14 @@ def state_from_legs(
         times say, which few pulses do badly.
     told : (int, array of float, shape (3,)), optional
         A leg, by number, and the direction in which it is to fly; None: all as their times say.
+    pieces : Pieces, optional
+        Where glass stands in the beam, which leg of the flight each of `legs` is a piece of.
 
     Returns
     -------
     PathState
-        Corners where one leg's line meets the next one's viewing plane.
+        Corners where one leg's line meets the next one's viewing plane; where glass stands in a
+        leg, as if the light went straight through and were not late.
 
     Raises
     ------
@@ -171,6 +177,8 @@ def state_from_legs(
         curves = [curve_from_leg(leg, camera) for leg in legs]
     if told is not None:
         curves[told[0]] = replace(curves[told[0]], direction=told[1])
+    if pieces is not None:
+        curves = _without_glass(pieces, curves, medium, known_start=source.position_mm is not None)
     if source.position_mm is None:
         first = _blind_first_leg(curves[0], camera, medium, depth_mm)
     else:
@@ -183,6 +191,29 @@ def state_from_legs(
     end = last.start_mm + length[0, 0] * last.direction
     vertices = np.array([leg.start_mm for leg in straights] + [end])
     return PathState(vertices, first.start_time_ps)
+
+
+def _without_glass(
+    pieces: Pieces, curves: list[LegCurve], medium: Medium, *, known_start: bool
+) -> list[LegCurve]:
+    """One curve for all pieces of a leg, as if its light had met no glass square to its faces."""
+
+    def late_ps(blocks: tuple[Block, ...]) -> float:
+        ways = [(b.glass.group_index - medium.path_group_index) * b.thickness_mm for b in blocks]
+        return float(sum(ways)) / SPEED_OF_LIGHT_MM_PER_PS
+
+    late = late_ps(pieces.elsewhere) if known_start else 0.0
+    found, left = [], iter(curves)
+    for shown, between in zip(pieces.shown, pieces.between, strict=True):
+        rays, times = [], []
+        for number, piece in enumerate(shown):
+            if piece is not None:
+                curve = next(left)
+                rays.append(curve.rays)
+                times.append(curve.arrival_ps - late - late_ps(between[:number]))
+        late += late_ps(between)
+        found.append(_curve(np.concatenate(rays), np.concatenate(times)))
+    return found
 
 
 def _in_plane_axes(curve: LegCurve) -> tuple[Floats, Floats]:

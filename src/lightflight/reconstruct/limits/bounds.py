@@ -11,7 +11,7 @@ recording is needed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -48,6 +48,7 @@ from lightflight.reconstruct.model.freedom import (
     with_tip,
 )
 from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.glass import through_blocks
 from lightflight.reconstruct.model.information import covariance_from_information
 from lightflight.reconstruct.model.likelihood import likelihood
 from lightflight.reconstruct.model.setting import Setting
@@ -204,6 +205,7 @@ def bounds(
     bends = tuple(getattr(subject, "bends", ()))
     vertices = np.array(subject.vertices_mm, dtype=float)
     whole = PathState(vertices, start, forks=forks, bends=bends)
+    whole = through_blocks(whole, medium.blocks, (camera,))
     # Beyond the view nothing is recorded: what lies there is a gauge, not an error.
     state, freedom, cut_ends = _state_in_view(whole, camera, medium, source, told)
     setting = Setting(camera, source, medium)
@@ -251,7 +253,7 @@ def _state_in_view(
             cut = PathState(np.array([vertices[0], entry.position_mm]), start_time)
             start_time = float(cut.vertex_times_ps(medium)[-1])
             vertices[0] = entry.position_mm
-    state = PathState(vertices, start_time, forks=whole.forks, bends=whole.bends)
+    state = replace(whole, vertices_mm=vertices, start_time_ps=start_time)
     if source.position_mm is None:
         after = _neighbour(state, 0, 1, 0)
         start_basis = _moves_of_end(camera, vertices[0], after, in_view=cut_ends[0])

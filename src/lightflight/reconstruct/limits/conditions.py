@@ -19,8 +19,14 @@ from lightflight.reconstruct.model.forward import (
     Pixels,
 )
 from lightflight.reconstruct.model.geometry import PathState, footprints
+from lightflight.reconstruct.model.glass import looks_at_blocks
 from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
-from lightflight.reconstruct.model.picture import LegInPicture, leg_in_picture, lit_by_legs
+from lightflight.reconstruct.model.picture import (
+    DARK_LEG,
+    LegInPicture,
+    leg_in_picture,
+    lit_by_legs,
+)
 from lightflight.reconstruct.model.sighting import clock_errors
 from lightflight.reconstruct.model.strength import strength_spline
 from lightflight.timing.clock.response import Response
@@ -188,10 +194,15 @@ def light_and_pixels(
     pixels : Pixels
         Those near a leg.
     """
-    lines = tuple(leg_in_picture(state, k, camera) for k in range(state.n_legs))
+    lines = tuple(
+        leg_in_picture(state, k, camera) if k in state.seen else DARK_LEG
+        for k in range(state.n_legs)
+    )
     rows, cols = (index.ravel() for index in np.indices(camera.shape))
     points = undistorted_px(camera, rows, cols)
     near = lit_by_legs(lines, points, spot_px=conditions.spot_std_px)
+    if medium.blocks:
+        near[looks_at_blocks(camera, medium.blocks).ravel()] = False
     light = _light(lines, points, near, state, whole, cut_ends, conditions, camera, medium)
     keep = near.any(axis=1)
     n = int(keep.sum())
@@ -226,6 +237,10 @@ def _light(
     knots, coefficients, brightest = [], [], 0.0
     starts = whole.travelled_mm[whole.leg_starts]
     for k, leg in enumerate(lines):
+        if k not in state.seen:
+            knots.append(np.empty(0))
+            coefficients.append(np.empty(0))
+            continue
         along, across = leg.along_across(points)
         low, high = leg.span_px
 

@@ -405,13 +405,16 @@ def _placement(
     # What light without end leaves is what the priors leave: no light reaches less.
     brightest = at(_MOST)
     photons = _photons_for(at, wanted, brightest)
+    here = at(light)
+    # A leg that crosses glass is told in its pieces.
+    legs = here.path if here.path.medium.blocks else subject
     rate = None if rate_hz is None else rate_hz * light / light_here
     return Placement(
         name=name,
         camera=camera,
-        bounds=at(light),
+        bounds=here,
         angle_deg_per_ps=angle_deg_per_ps(
-            subject, camera, conditions.get("medium") or getattr(subject, "medium", None)
+            legs, camera, conditions.get("medium") or getattr(subject, "medium", None)
         ),
         photons_per_pixel=photons,
         seconds=float("nan") if rate is None else photons / rate,

@@ -1,6 +1,7 @@
 """What every pixel should have counted: geometry, freedom of the path, light, footprints.
 
 - what a fit is told and given: `setting`, `sighting` (one recording on the clock)
+- a path in a fit, in numbers: `state`; blocks of glass on it: `glass`
 - where pixels look along a path, and when: `geometry`; on the picture's plane: `image_plane`
 - what may move, and the priors on it: `freedom`
 - lines, brightness and spot of legs as the counts show them: `picture`, `lateral`; the brightness

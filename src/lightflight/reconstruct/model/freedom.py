@@ -407,7 +407,7 @@ def freedom_of_path(
             found.add_prior(3 * m, source.emission_time_ps, source.emission_time_std_ps)
     # Corners are free in all directions: mirrors stand anywhere, in view or not.
     ends = state.ends[1:]
-    for vertex in (vertex for vertex in range(1, m) if vertex not in ends):
+    for vertex in sorted({*range(1, m)} - {*ends, *state.on_faces}):
         for axis in range(3):
             found.add_column(vertex, np.eye(3)[axis], f"corner {vertex} {'xyz'[axis]}")
     for vertex, basis in zip(ends, end_bases, strict=True):
@@ -421,16 +421,20 @@ def freedom_of_path(
             found.columns.append(np.eye(state.size)[own.start + number])
             found.labels.append(f"bend of leg {bend.leg + 1} {_BEND_AXES[axis]}, {order + 1}")
             found.add_prior(own.start + number, 0.0, sagitta_std_mm(order + 1))
-    for vertex, position_mm, std_mm in waypoints:
-        if vertex >= m:
+    # Who knows a mirror does not count faces of glass.
+    counted = [vertex for vertex in range(m) if vertex not in state.on_faces]
+    for number, position_mm, std_mm in waypoints:
+        if number >= len(counted):
             raise ValueError(
-                f"waypoint of vertex {vertex}, but the path found has vertices 0 to {m - 1}: give "
-                "n_legs, or leave the waypoint out"
+                f"waypoint of vertex {number}, but the path found has vertices 0 to "
+                f"{len(counted) - 1}: give n_legs, or leave the waypoint out"
             )
+        vertex = counted[number]
         for axis, value in enumerate(np.asarray(position_mm, dtype=float)):
             found.add_prior(3 * vertex + axis, float(value), float(std_mm))
+    basis = np.column_stack(found.columns)
     return Freedom(
-        basis=np.column_stack(found.columns),
+        basis=state.free_moves @ basis if state.glass else basis,
         prior_rows=np.array(found.rows).reshape(-1, state.size),
         prior_values=np.array(found.values),
         labels=tuple(found.labels),

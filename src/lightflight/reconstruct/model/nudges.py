@@ -97,7 +97,7 @@ class Nudges:
         """
         columns: Floats = by_state @ self.as_moves(state)
         if self.index.any():
-            before = state.travelled_mm[state.leg_starts[print_.leg]]
+            before = state.in_medium_mm[state.leg_starts[print_.leg]]
             out = before + state.ways_mm(print_.leg, print_.fraction)
             ways = np.column_stack((out, print_.distance_mm))
             columns += ways @ self.index.T / SPEED_OF_LIGHT_MM_PER_PS

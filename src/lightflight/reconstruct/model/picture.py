@@ -298,7 +298,7 @@ def measure_picture(
         Where a leg has too few pixels of its own.
     """
     legs = tuple(
-        DARK_LEG if k in state.unseen else leg_in_picture(state, k, camera)
+        leg_in_picture(state, k, camera) if k in state.seen else DARK_LEG
         for k in range(state.n_legs)
     )
     pixels = _pixels_near(legs, camera, sighting.blind)

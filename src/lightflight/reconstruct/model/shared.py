@@ -328,7 +328,7 @@ def vertex_time_columns(errors: SharedErrors, state: PathState) -> Floats:
     array of float, shape (4m, k)
         Zero but for the times, and for the indices' columns.
     """
-    travelled = state.travelled_mm
+    travelled = state.in_medium_mm
     columns = np.zeros((len(travelled), 4, len(errors)))
     own = np.flatnonzero(errors.view == MEDIUM)
     columns[:, 3, own] = np.outer(travelled, errors.sigma[own, 0]) / SPEED_OF_LIGHT_MM_PER_PS

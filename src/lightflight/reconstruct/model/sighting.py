@@ -107,20 +107,18 @@ def clock_errors(
     modes_ps : array of float, shape (n, L, k)
         One-sigma columns of the errors that all share, ps.
     """
-    modes: list[Floats] = []
+    modes: dict[int, Floats] = {}
     pixel_var = np.zeros(len(rows))
-    for k in range(near.shape[1]):
-        if k in state.unseen:
-            modes.append(np.zeros_like(modes[0]))
-            continue
+    for k in state.seen:
         print_ = footprints(state, camera=camera, medium=medium, legs=k, rows=rows, cols=cols)
         delay = print_.arrival_ps + timing.skew_ps[rows, cols]
         # A foot far off the leg has no time; any delay serves where the leg is not near.
         delay = np.where(np.isfinite(delay) & near[:, k], delay, np.nanmedian(delay[near[:, k]]))
         pixel_std, columns, _ = timing.arrival_errors_ps(rows, cols, delay)
         pixel_var = np.where(near[:, k], np.maximum(pixel_var, pixel_std**2), pixel_var)
-        modes.append(columns)
-    return pixel_var, np.stack(modes, axis=1)
+        modes[k] = columns
+    none = np.zeros_like(modes[state.seen[0]])
+    return pixel_var, np.stack([modes.get(k, none) for k in range(near.shape[1])], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

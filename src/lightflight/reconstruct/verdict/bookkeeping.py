@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import bdtrc, chdtrc, ndtr
 
 from lightflight import flags
+from lightflight.path.glass import glass_of, on_faces
 from lightflight.path.light_path import LightPath
 from lightflight.path.tree import starts_of
 from lightflight.path.verdict import Finding, FindingName, Severity
@@ -98,11 +99,12 @@ def noticed(
                 Severity.CHECK,
             )
         )
-    if n_legs not in (None, path.n_legs, path.n_legs - len(path.unseen_legs)):
+    told = path.n_legs - 2 * len(path.legs_in_glass)
+    if n_legs not in (None, told, told - len(path.unseen_legs)):
         found.append(
             Finding(
                 FindingName.LEG_COUNT,
-                f"{n_legs} legs were told and the path has {path.n_legs}",
+                f"{n_legs} legs were told and the path has {told}",
                 0.0,
                 "leave the number of legs open, or give a start",
                 Severity.CHECK,
@@ -142,6 +144,7 @@ def corners_without_a_turn(path: LightPath) -> list[int]:
     """
     corners, starts = [], starts_of(path)
     passed_over = {*path.open_vertices, *path.ends, *(vertex for _, vertex in path.forks)}
+    passed_over |= set(on_faces(glass_of(path.vertices_mm, path.medium.blocks)))
     for k in range(1, path.n_legs):
         if k in passed_over:
             continue

@@ -189,7 +189,7 @@ class Rows:
             )[1][:, : state.vertices_mm.size]
             fraction[here], distance[here] = print_.fraction, print_.distance_mm
             slope[here] = print_.slope_ps_per_px
-        before = state.travelled_mm[state.leg_starts[self.times.leg]]
+        before = state.in_medium_mm[state.leg_starts[self.times.leg]]
         out_mm = before + state.ways_mm(self.times.leg, fraction)
         return Traced(by_vertices, fraction, slope, out_mm, distance)
 

@@ -57,7 +57,11 @@ def verdict_with_doubtful_corners(
         return verdict
     told = {index for index, _, _ in setting.waypoints}
     state = fit.solution.state
-    shallow = [k for k in state.corners_seen if k not in told and turn_deg(state, k) < _SHALLOW_DEG]
+    shallow = [
+        k
+        for k in state.corners_seen
+        if state.as_told(k) not in told and turn_deg(state, k) < _SHALLOW_DEG
+    ]
     if not shallow:
         return verdict
     # In even light, as the paths without: unequal pixels would take up what a corner explains.
@@ -106,8 +110,9 @@ def _causes_instead(
     corners: tuple[int, ...], longer: JointFit, sightings: list[Sighting], setting: Setting
 ) -> list[Evidence]:
     """Causes that explain the recording without these corners as well as it is with them."""
-    narrowed = setting_without(setting, corners)
-    shorter = refitted(sightings, longer.solution.state.without(corners), narrowed)
+    state = longer.solution.state
+    narrowed = setting_without(setting, [state.as_told(corner) for corner in corners])
+    shorter = refitted(sightings, state.without(corners), narrowed)
     if isinstance(shorter, NoFit):
         return []
     longer_chi2, shorter_chi2 = (

@@ -380,8 +380,8 @@ REMEDIES: dict[FindingName, str] = {
     FindingName.DISTORTION: "calibrate the camera's lens",
     FindingName.POSE: "measure where the camera stands and looks, or state its errors",
     FindingName.WINDOW: "measure how far the window stands from the camera, or state its error",
-    FindingName.BLOCK: "take it out of the beam, or film the light ahead of it and behind it by "
-    "themselves",
+    FindingName.BLOCK: "tell where it stands and what it is of ([block]), or take it out of the "
+    "beam",
     FindingName.CALIBRATION: "calibrate the delays and codes of the pixels anew",
     FindingName.CURVED_LEG: "look for what bends the beam",
     FindingName.UNSEEN_LEG: "look for a mirror outside the picture, and say where it is",

@@ -43,6 +43,7 @@ from lightflight.reconstruct.legs.direction import (
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.legs.plausible import refuse_other_units
 from lightflight.reconstruct.model.geometry import PathState, state_of_path
+from lightflight.reconstruct.model.glass import through_blocks
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.sightings import sighting_from_histograms
@@ -107,6 +108,7 @@ def fit_of_request(request: Request) -> JointFit:
     if request.start is not None:
         period_ps = sightings[0].histograms.laser_period_ps or 0.0
         state = _at_exact_source(_state_from_start(request.start, setting), setting, period_ps)
+        state = through_blocks(state, setting.medium.blocks, setting.cameras)
         fit = fit_joint(sightings, state, setting, legs=None)
         return with_diffuse(fit, setting, nominal=request.timing is None)
     if request.timing is None and setting.source.position_mm is None:
@@ -153,7 +155,7 @@ def _fit_as_told(request: Request, n_legs: int) -> tuple[JointFit, tuple[ImageLe
     sightings, setting = request.sightings, request.setting
     try:
         found, legs = _fit_as_found(request, brightest=False)
-        if found.solution.state.n_legs <= n_legs:
+        if found.solution.state.n_told <= n_legs:
             return with_n_legs(sightings, found, setting, n_legs), legs
     except (GeometryError, NothingFoundError):
         pass
@@ -254,6 +256,7 @@ def _why_all_counts(fit: JointFit) -> str:
     used = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=n_legs)
     # Few pulses settle a leg wrongly as easily as rightly: at wrong times its light is not seen.
     weak = np.flatnonzero(used <= _RECOUNTED_UP_TO_PULSES)
+    weak = np.setdiff1d(weak, fit.solution.state.dark)
     if len(weak):
         return f"Leg {weak[0] + 1} rests on {used[weak[0]]} pulses"
     for leg, tip in zip((0, *fit.solution.state.last_legs), fit.tips, strict=False):
