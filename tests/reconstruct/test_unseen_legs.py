@@ -82,7 +82,7 @@ class TestRoofMirror:
     def test_leaves_the_mirrors_open(self, ways, paths):
         """The family is told: the first mirror's error along its leg spans what the way allows.
 
-        Where on it a fit ends is chance (the last digit moves it by 4 mm), and so is the error there.
+        Where on it a fit ends is chance (the last digit moves it by 4 mm), as is the error there.
         """
         shares, pulls = [], []
         for path, way in zip(paths, ways, strict=True):

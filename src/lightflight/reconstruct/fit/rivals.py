@@ -95,7 +95,7 @@ def rivals_of(fit: JointFit, setting: Setting) -> Iterator[Rival]:
     Parameters
     ----------
     fit : JointFit
-        The path as it was found, of legs one after the other, all of them seen.
+        The path as it was found, of legs one after the other, all of them seen, none in glass.
     setting : Setting
         Camera, source, medium and waypoints.
 
@@ -105,7 +105,7 @@ def rivals_of(fit: JointFit, setting: Setting) -> Iterator[Rival]:
         Where it is another path at its best.
     """
     state = fit.solution.state
-    if state.forks or state.unseen:
+    if state.forks or state.unseen or setting.medium.blocks:
         return
     trials = [*_turned_legs(fit, setting), *_bent_runs(state, setting), *_cornered(fit, setting)]
     if not trials:
