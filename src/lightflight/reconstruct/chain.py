@@ -28,7 +28,7 @@ from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed, freed_names
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.sightings import sighting_from_histograms
-from lightflight.reconstruct.verdict.alternatives import with_alternatives
+from lightflight.reconstruct.verdict.alternatives import Other, others_beside, with_others
 from lightflight.reconstruct.verdict.arms import leaves_light, take_up_most, with_arms
 from lightflight.reconstruct.verdict.asked import shares_asked_for
 from lightflight.reconstruct.verdict.bent import asks_for_bends, bent_instead
@@ -371,11 +371,26 @@ def _starts_bent(request: Request) -> bool:
 def _judged(
     path: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
 ) -> LightPath:
+    """The path in its lap of the clock, with what it explains, its verdict and other answers."""
+    path = _examined(path, fit, request, estimator)
+    others = () if fit is None else _others(path, fit, request, estimator)
+    if others and others[0].is_far_likelier:
+        likelier = _examined(others[0].answer.path, others[0].fit, request, estimator)
+        if likelier.verdict.level is not Level.CONTRADICTED:
+            # Two that each call the other far likelier are both told.
+            others = _others(likelier, others[0].fit, request, estimator)
+            return with_others(likelier, others)
+    return with_others(path, others)
+
+
+def _examined(
+    path: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
+) -> LightPath:
     """The path in its lap of the clock, with what it explains and its verdict."""
     # A start given by the user says the lap too: the path stays where it was put.
     path = path if request.start is not None else on_first_lap(path, request.sightings[0])
     path = replace(path, explained=explained(path, fit, request.sightings))
-    path = examined(
+    return examined(
         path,
         fit,
         request.sightings if fit is None else list(fit.sightings),
@@ -385,18 +400,17 @@ def _judged(
         may_bend=request.may_bend or _starts_bent(request),
         name_arms=not _may_fork(request, estimator),
     )
-    return path if fit is None else _with_alternatives(path, fit, request, estimator)
 
 
-def _with_alternatives(
+def _others(
     path: LightPath, fit: JointFit, request: Request, estimator: Estimator
-) -> LightPath:
-    """The path with other answers; none where a start says which is wanted."""
+) -> tuple[Other, ...]:
+    """Other answers; none where a start says which is wanted."""
     if estimator.of_fit is None or request.start is not None:
-        return path
+        return ()
 
     def told_of(other: JointFit) -> tuple[LightPath, JointFit] | None:
         told = _told(other, request, estimator)
         return None if told is None else (on_first_lap(told[0], request.sightings[0]), told[1])
 
-    return with_alternatives(path, fit, request.sightings, request.setting, request.n_legs, told_of)
+    return others_beside(path, fit, request.sightings, request.setting, request.n_legs, told_of)

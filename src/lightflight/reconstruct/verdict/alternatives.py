@@ -1,13 +1,14 @@
 """Other paths that explain a recording about as well as the one that was found.
 
 Each is fitted like the path itself and told with it, as long as the recording makes it less than
-a hundred times less likely; the verdict then says that the path is not the only answer.
+a hundred times less likely; the verdict then says that the path is not the only answer. One that
+is more than a hundred times likelier is the answer itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,15 +29,39 @@ LEAST_LOG_EVIDENCE = -float(np.log(100.0))
 choose between, the one told is then wrong once in a hundred times."""
 
 
-def with_alternatives(
+@dataclass(frozen=True, eq=False)
+class Other:
+    """Another answer, and what it rests on.
+
+    Attributes
+    ----------
+    answer : Alternative
+        As the path that holds it tells it.
+    finding : Finding
+        That says so.
+    fit : JointFit
+        Of pulses, in the light as it is.
+    """
+
+    answer: Alternative
+    finding: Finding
+    fit: JointFit
+
+    @property
+    def is_far_likelier(self) -> bool:
+        """Whether the path that was found is no answer beside it."""
+        return self.answer.log_evidence > -LEAST_LOG_EVIDENCE
+
+
+def others_beside(
     path: LightPath,
     fit: JointFit,
     sightings: list[Sighting],
     setting: Setting,
     n_legs: int | None,
     told_of: Callable[[JointFit], tuple[LightPath, JointFit] | None],
-) -> LightPath:
-    """The path with other answers, "check" where there are some.
+) -> tuple[Other, ...]:
+    """Other answers beside a path, the likeliest first.
 
     Parameters
     ----------
@@ -56,41 +81,43 @@ def with_alternatives(
 
     Returns
     -------
-    LightPath
-        The same where nothing else explains the recording.
+    tuple of Other
+        () where nothing else explains the recording.
     """
     if path.verdict.level is Level.CONTRADICTED:
-        return path
-    best: dict[str, tuple[Alternative, Rival]] = {}
+        return ()
+    best: dict[str, Other] = {}
     for rival in rivals_of(fit, setting):
-        other = (
-            _told(rival, fit, sightings, setting, told_of) if rival.state.has_legs(n_legs) else None
-        )
+        if not rival.state.has_legs(n_legs):
+            continue
+        other = _told(rival, fit, path.n_legs, sightings, setting, told_of)
         known = best.get(rival.says)
-        if other and (known is None or other.log_evidence > known[0].log_evidence):
-            best[rival.says] = other, rival
-    if not best:
+        if other and (known is None or other.answer.log_evidence > known.answer.log_evidence):
+            best[rival.says] = other
+    return tuple(sorted(best.values(), key=lambda one: -one.answer.log_evidence))
+
+
+def with_others(path: LightPath, others: Sequence[Other]) -> LightPath:
+    """The path with other answers, "check" where there are some."""
+    if not others:
         return path
-    found = sorted(best.values(), key=lambda one: -one[0].log_evidence)
-    verdict = replace(
-        path.verdict,
-        level=Level.CHECK,
-        findings=(*path.verdict.findings, *(_finding(*one, path.n_legs) for one in found)),
-    )
-    return replace(path, alternatives=tuple(other for other, _ in found), verdict=verdict)
+    findings = (*path.verdict.findings, *(one.finding for one in others))
+    verdict = replace(path.verdict, level=Level.CHECK, findings=findings)
+    return replace(path, alternatives=tuple(one.answer for one in others), verdict=verdict)
 
 
 def _told(
     rival: Rival,
     fit: JointFit,
+    n_legs: int,
     sightings: list[Sighting],
     setting: Setting,
     told_of: Callable[[JointFit], tuple[LightPath, JointFit] | None],
-) -> Alternative | None:
+) -> Other | None:
     """The rival as a path of its own, where it is likely enough.
 
     Lines say where a leg runs at two places of its image, or few more. What the counts say against
-    the shape in between is the kinks they ask for.
+    the shape in between is the kinks they ask for. `n_legs` are those of the path.
     """
     own_kinks = _kinks_chi2(fit)
     if rival.log_evidence + 0.5 * own_kinks < LEAST_LOG_EVIDENCE:
@@ -104,7 +131,8 @@ def _told(
     log_evidence = rival.log_evidence + 0.5 * (own_kinks - _kinks_chi2(told[1]))
     if log_evidence < LEAST_LOG_EVIDENCE:
         return None
-    return Alternative(told[0], log_evidence, rival.says)
+    answer = Alternative(told[0], log_evidence, rival.says)
+    return Other(answer, _finding(answer, rival, n_legs), told[1])
 
 
 def _kinks_chi2(fit: JointFit) -> float:
