@@ -111,6 +111,21 @@ def known_path_with_an_alternative() -> lf.LightPath:
     return replace(path, alternatives=(Alternative(other, -1.25, "leg 1 turned in depth"),))
 
 
+def known_path_through_glass() -> lf.LightPath:
+    """One leg that a block of glass makes three: schema 4 of paths."""
+    block = lf.Block(
+        (200.0, 0.0, 0.0), (1.0, 0.0, 0.0), thickness_mm=20.0, diameter_mm=25.0,
+        glass=lf.Material(1.5, 1.53), around=lf.Material(1.0, 1.0),
+    )  # fmt: skip
+    return replace(
+        known_path_with_a_gap(),
+        vertices_mm=np.array([(x, 0.0, 0.0) for x in (0.0, 190.0, 210.0, 400.0)]),
+        vertex_times_ps=2000.0 + np.array([0.0, 190.0, 190.0 + 30.6, 380.0 + 30.6]) / 0.299792458,
+        medium=lf.Medium(1.0, 1.0, blocks=(block,)),
+        unseen_legs=(),
+    )
+
+
 def known_calibration() -> lf.TimingCalibration:
     """A nominal clock with a gain and a delay of its own in every pixel."""
     recording = lf.Recording.from_frames(known_frames(), n_codes=32, **CLOCK)
@@ -154,6 +169,7 @@ def main() -> None:
         ("path", 2, known_path_with_a_gap()),
         ("path", 3, known_path_that_forks()),
         ("path", 4, known_path_with_an_alternative()),
+        ("path_through_glass", 4, known_path_through_glass()),
         ("calibration", 1, known_calibration()),
         ("calibration", 2, known_calibration_with_tail()),
     ):

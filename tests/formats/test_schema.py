@@ -22,6 +22,7 @@ from tools.make_schema_files import (
     known_frames,
     known_path,
     known_path_that_forks,
+    known_path_through_glass,
     known_path_with_a_gap,
     known_path_with_an_alternative,
 )
@@ -155,6 +156,15 @@ def test_a_path_with_an_alternative_is_read():
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
     assert one.path.statements == true.path.statements
     assert one.path.source == found.source
+
+
+def test_a_path_through_glass_is_read():
+    expected = known_path_through_glass()
+    found = lf.LightPath.load(FOLDER / "path_through_glass_schema_4.h5")
+    assert found.medium == expected.medium
+    assert found.legs_in_glass == expected.legs_in_glass == (1,)
+    for name in ("vertices_mm", "vertex_times_ps", "covariance", "residuals"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
 
 
 def test_a_path_of_a_schema_that_is_newer_still_is_refused(tmp_path):
