@@ -128,6 +128,6 @@ def test_a_ridge_that_winds_is_followed_to_its_top():
         by_x = np.array([[-2e3 * x[0], 1e3], [-1.0, 0.0]])
         return _Slope(-0.5 * float(rest @ rest), -by_x.T @ rest, by_x.T @ by_x)
 
-    x, _, converged = ascend(np.array([-5.0, 25.0]), slope_at, _added, most_steps=10)
+    x, _, converged = ascend(np.array([-5.0, 25.0]), slope_at, _added, most_steps=10, winds=True)
     assert converged
     np.testing.assert_allclose(x, [1.0, 1.0], atol=0.01)

@@ -92,7 +92,7 @@ def test_brightness_follows_as_a_second_look_says(camera, medium, state, off):
         there = moved(told, errors, at)
         points = undistorted_px(there.camera, pixels.rows, pixels.cols)
         return local_variables(
-            state, light, replace(pixels, points_px=points), layout_of(len(basis), 0, light),
+            state, light, pixels, layout_of(len(basis), 0, light), seen_px=points,
             basis=basis, modes=modes, camera=there.camera, medium=there.medium,
         ).log_photons  # fmt: skip
 

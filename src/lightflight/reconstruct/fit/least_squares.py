@@ -289,6 +289,8 @@ def fit_path(
         stepped,
         most_steps=_MOST_PATH_STEPS,
         gauge=_GAUGE,
+        # A ridge is a cause that another makes up for, and its prior says where on it the top is.
+        winds=len(errors) > 0,
     )
     seen = moved(told, errors, shared)
     return _solution(state, seen, modes, shared, errors, system, times, converged)

@@ -119,6 +119,7 @@ def ascend(
     most_steps: int,
     level: float = 5e-5,
     gauge: float = 0.0,
+    winds: bool = False,
 ) -> tuple[Point, SlopeHere, bool]:
     """Fisher scoring with Levenberg damping to the top of a likelihood.
 
@@ -138,6 +139,9 @@ def ascend(
         scene in four is missed.
     gauge : float, optional
         Share of the largest scaled information below which a direction is fixed by nothing.
+    winds : bool, optional
+        Whether ridges that wind are followed by undamped steps: where priors hold whatever the
+        data do not. Elsewhere damping is all that keeps what nothing is known of where it was.
 
     Returns
     -------
@@ -168,7 +172,7 @@ def ascend(
                 information, score = slope.information, slope.score
         short = length2 < _TOLERANCE**2 or abs(gained) < level
         ended = short and damping <= _FREE_DAMPING
-        if ended or number % _WINDING == 0:
+        if winds and (ended or number % _WINDING == 0):
             ahead = damped_step(information, score, _UNDAMPED + gauge)
             promised = 0.5 * float(ahead @ score) > _PROMISE
             leapt = _leapt(point, slope, ahead, slope_at, moved, gauge) if promised else None
