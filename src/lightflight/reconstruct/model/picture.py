@@ -224,7 +224,9 @@ def leg_in_picture(state: PathState, leg: int, camera: Camera) -> LegInPicture:
             "two legs"
         )
     degree = _BENT_DEGREE if bent else _BOW_DEGREE
-    return replace(line, bow=Polynomial.fit(along, across, degree), bent=bent)
+    bow, (_, rank, _, _) = Polynomial.fit(along, across, degree, full=True)
+    # A trial that looks along the glass has places upon each other: no bow is known of its image.
+    return replace(line, bow=bow, bent=bent) if rank > degree else line
 
 
 def _along_chord(state: PathState, leg: int, fraction: Floats) -> Floats:
