@@ -87,12 +87,12 @@ def others_beside(
     if path.verdict.level is Level.CONTRADICTED:
         return ()
     best: dict[str, Other] = {}
-    for rival in rivals_of(fit, setting):
-        if not rival.state.has_legs(n_legs):
+    # Of those that say the same the likeliest that stands: a fit of its own for each costs most.
+    for rival in sorted(rivals_of(fit, setting), key=lambda one: -one.log_evidence):
+        if rival.says in best or not rival.state.has_legs(n_legs):
             continue
         other = _told(rival, fit, path.n_legs, sightings, setting, told_of)
-        known = best.get(rival.says)
-        if other and (known is None or other.answer.log_evidence > known.answer.log_evidence):
+        if other is not None:
             best[rival.says] = other
     return tuple(sorted(best.values(), key=lambda one: -one.answer.log_evidence))
 
