@@ -261,8 +261,8 @@ def finely_lit(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Jo
     std = pulse_std_ps(sightings)
     pictures = tuple(
         measure_picture(
-            fit.solution.state, replace(o, found=same.found), camera=seen.cameras[o.view], medium=seen.medium, std_ps=std,
-            fine=True,
+            fit.solution.state, replace(o, found=same.found), camera=seen.cameras[o.view],
+            medium=seen.medium, std_ps=std, fine=True,
         )
         for o, same in zip(sightings, clock, strict=True)
     )  # fmt: skip

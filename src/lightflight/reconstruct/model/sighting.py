@@ -211,7 +211,8 @@ def photons_at_times(
         skew = pixels.skew_ps[:, np.newaxis]
         intervals = pixels.lower_ps - skew, pixels.upper_ps - skew
         shape = sighting.blind.shape
-        other = sighting.diffuse.counts(rows, cols, intervals, period_ps or 0.0, shape)
+        about = rows, cols, intervals, period_ps or 0.0, shape
+        other = sighting.diffuse.counts(*about) + sighting.diffuse.counts_of_second_pulse(*about)
     return amplitudes_at_times(
         pixels.counts, pixels.lower_ps, pixels.upper_ps, period_ps,
         arrival_ps + pixels.skew_ps[:, np.newaxis], std_ps, other,
