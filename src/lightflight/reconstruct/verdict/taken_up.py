@@ -1,8 +1,9 @@
 """Light that the fit has taken up: named all the same, and no contradiction any more.
 
 Tests of the counts ask whether a plain flight explains them. Where haze, a halo, glare or a second
-pulse does not let it, and the fit has measured their strengths, the counts are held against the flight with that
-light. What passes then is told, since more of it would harm; the path's errors hold.
+pulse does not let it, and the fit has measured their strengths, the counts are held against the
+flight with that light. What passes then is told, since more of it would harm; the path's errors
+hold.
 """
 
 from __future__ import annotations
