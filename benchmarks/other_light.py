@@ -50,11 +50,13 @@ WORLDS = (
     "none:0", "haze_500ps:0.05", "haze_500ps:0.2", "haze_500ps:0.5", "haze_150ps:0.05",
     "haze_150ps:0.2", "haze_150ps:0.5", "tail_200ps:0.3", "prompt_halo_8px:0.2",
     "veiling_glare:0.05", "wall_60mm:0.1", "wall_15mm:0.1",
-    "fog_8px:0.3", "fog_8px:0.6",
+    "fog_8px:0.3", "fog_8px:0.6", "second_pulse_3ns:0.1", "pulse_before_2ns:0.5",
+    "pulse_echo_300ps:0.1",
 )  # fmt: skip
 FREE = {
     "haze": ("haze",), "prompt": ("halo",), "veiling": ("glare",),
     "wall": ("wall", "wall_depth_mm"), "tail": ("tail",), "fog": ("late_halo",),
+    "second": ("second", "second_ps"), "pulse": ("second", "second_ps"),
 }  # fmt: skip
 """By the first word of a world's name: the parameters that the bound leaves free."""
 FAR_MM, FAR_STDS = 20.0, 3.0

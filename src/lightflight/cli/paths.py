@@ -215,13 +215,14 @@ def json_from_verdict(path: LightPath) -> dict[str, Any]:
     Returns
     -------
     dict of str
-        `verdict` as path files hold it, `explained` (None where not known), `prices`, and
-        `alternatives`, other paths that explain the recording.
+        `verdict` as path files hold it, `explained` (None where not known), `prices`,
+        `second_pulse` (None: none), and `alternatives`, other paths that explain the recording.
     """
     return {
         "verdict": path.verdict.to_json(),
         "explained": None if path.explained is None else asdict(path.explained),
         "prices": path.prices,
+        "second_pulse": None if path.second_pulse is None else asdict(path.second_pulse),
         "alternatives": [
             {
                 "says": other.says,

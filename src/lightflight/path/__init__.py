@@ -6,6 +6,7 @@
 - legs that are curves: `bends` (`Bend`), and what follows on them: `on_bends`
 - stretches that no picture showed: `gaps` (`Gap`)
 - light to and fro between two mirrors: `cavity` (`RoundTrip`)
+- a second pulse on the same path: `second_pulse` (`SecondPulse`)
 - other paths that explain the recording as well: `alternative` (`Alternative`)
 - how far a path is from the truth: `error` (`path_error`)
 - points along it with both times: `trace`; `apparent_speed`
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
         paper_angle_from_leg as paper_angle_from_leg,
     )
     from lightflight.path.on_legs import extrapolated_position as extrapolated_position
+    from lightflight.path.second_pulse import SecondPulse as SecondPulse
     from lightflight.path.second_view import camera_towards as camera_towards, observe as observe
     from lightflight.path.tables import (
         RESIDUAL_DTYPE as RESIDUAL_DTYPE,
@@ -51,6 +53,7 @@ __getattr__, __dir__, __all__ = lazy_names(
             "paper_angle_from_leg",
         ),
         "lightflight.path.on_legs": ("extrapolated_position",),
+        "lightflight.path.second_pulse": ("SecondPulse",),
         "lightflight.path.second_view": ("camera_towards", "observe"),
         "lightflight.path.tables": ("Explained", "Goodness", "RESIDUAL_DTYPE", "SAMPLE_DTYPE"),
     },

@@ -19,6 +19,7 @@ from lightflight.flight import Medium, Source
 from lightflight.materials import Material
 from lightflight.path.alternative import MOST_ALTERNATIVES, Alternative
 from lightflight.path.bends import arrays_of_bends, bends_from_arrays
+from lightflight.path.second_pulse import SecondPulse
 from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
 from lightflight.path.tree import Forks, checked_forks, forks_of, leg_starts
 from lightflight.path.verdict import NOT_EXAMINED, Verdict
@@ -130,6 +131,9 @@ def _record_from_path(path: LightPath) -> tuple[dict[str, NDArray[np.generic]], 
         attributes["blocks"] = [asdict(block) for block in path.medium.blocks]
     if path.prices:
         attributes["prices"] = list(path.prices)
+    if path.second_pulse is not None:
+        # The statements say it as well, to versions that pass this over.
+        attributes["second_pulse"] = asdict(path.second_pulse)
     if path.unseen_legs:
         attributes["unseen_legs"] = list(path.unseen_legs)
     for name, forks in (("forks", path.forks), ("truth_forks", true_forks)):
@@ -275,6 +279,7 @@ def _fields_from_record(
         "forks": _forks_from_record(attributes, "forks"),
         "bends": bends_from_arrays(arrays),
         "bend_covariance": arrays.get("bends_covariance"),
+        "second_pulse": SecondPulse.from_json(attributes.get("second_pulse")),
     }
 
 

@@ -36,6 +36,7 @@ from lightflight.path.on_bends import (
     whole_covariance,
 )
 from lightflight.path.on_legs import covariance_on_legs, sliding_maps
+from lightflight.path.second_pulse import SecondPulse
 from lightflight.path.tables import RESIDUAL_DTYPE, SAMPLE_DTYPE, Explained, Goodness
 from lightflight.path.tree import (
     branches_of,
@@ -131,6 +132,8 @@ class LightPath(Drawn, Tabled, Labelled):
         then with each other.
     alternatives : tuple of Alternative
         Other paths that explain the recording about as well, the likeliest first.
+    second_pulse : SecondPulse or None
+        That flew the same path, by a fitted delay apart; None: the counts show none.
     """
 
     vertices_mm: Floats
@@ -157,6 +160,7 @@ class LightPath(Drawn, Tabled, Labelled):
     bends: tuple[Bend, ...] = field(default=(), kw_only=True)
     bend_covariance: Floats | None = field(default=None, kw_only=True, repr=False)
     alternatives: tuple[Alternative, ...] = field(default=(), kw_only=True, repr=False)
+    second_pulse: SecondPulse | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices_mm, dtype=float)

@@ -20,7 +20,7 @@ _STEPS = {
     "emission": 0.5, "background": 0.05, "std_ps": 0.5, "spot_std_px": 0.005,
     "focal_length": 2e-4, "k1": 2e-3, "path_index": 2e-5, "return_index": 2e-5, "index": 2e-5,
     "offset_ps": 0.5, "scale": 2e-5, "drift_ps": 0.5, "walk_ps": 0.5,
-    "wall_depth_mm": 0.05,
+    "wall_depth_mm": 0.05, "second_ps": 0.5,
 }  # fmt: skip
 _ONE_SIDED = {
     "haze": 1e-3, "halo": 1e-3, "late_halo": 1e-3, "glare": 1e-3, "crosstalk": 1e-3,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,6 +114,7 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
     """Which legs light which pixels, and when."""
     camera = fit.solution.cameras[whole.view]
     picture, state, medium = fit.pictures[number], fit.solution.state, fit.solution.medium
+    clock = replace(whole, found=fit.solution.modes[mode_columns(list(fit.sightings))[whole.view]])
     rows, cols = (index.ravel() for index in np.indices(camera.shape))
     # A pixel without a count may be dead: it has nothing to say.
     silent = whole.histograms.photons.ravel() == 0
@@ -143,7 +144,7 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         own = near[on_line]
         away[near, k] = np.abs(print_.lateral_px[own])
         slope[near, k] = print_.slope_ps_per_px[own]
-        arrival[near, k] = _as_counted(print_.arrival_ps[own], whole, fit, rows[near], cols[near])
+        arrival[near, k] = clock.as_counted(rows[near], cols[near], print_.arrival_ps[own])
         # A path ends where the first camera's view does; others may see its light beyond.
         if whole.view > 0 and k == 0:
             beyond |= on_line & (along < first + reach)
@@ -168,20 +169,6 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         np.where(lit, np.hypot(own, transit), np.nan)[kept],
         np.take_along_axis(away, nearest, axis=1)[kept],
     )
-
-
-def _as_counted(
-    arrival_ps: Floats, whole: Sighting, fit: JointFit, rows: Indices, cols: Indices
-) -> Floats:
-    """Arrival times (n,) as the clock of these pixels counts them, with the errors that were found.
-
-    Codes that are 0.7 % longer than told, as dead ones may make them, are 200 ps in a whole period.
-    """
-    timing = whole.timing
-    delay = arrival_ps + timing.skew_ps[rows, cols]
-    columns = timing.arrival_errors_ps(rows, cols, delay)[1]
-    found = fit.solution.modes[mode_columns(list(fit.sightings))[whole.view]]
-    return arrival_ps + columns @ found[: columns.shape[1]]
 
 
 def lags_about_legs(seen: Seen, fine: Floats, std_ps: float) -> Floats:

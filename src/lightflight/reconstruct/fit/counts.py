@@ -38,6 +38,7 @@ from lightflight.reconstruct.model.geometry import (
 )
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.picture import Picture, lit_by_legs, measure_picture
+from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting, clock_errors, pixel_counts
 from lightflight.reconstruct.model.strength import span_of_knots, strength_spline
@@ -297,7 +298,7 @@ def codes_of_pixels(
         (n, codes) each.
     """
     found = pixel_counts(sighting, pixels.rows, pixels.cols)
-    response, other = sighting.timing.response, np.empty((0, 0))
+    response, other, second = sighting.timing.response, np.empty((0, 0)), None
     skew = found.skew_ps[:, np.newaxis]
     intervals = found.lower_ps - skew, found.upper_ps - skew
     open_share = open_share_of(
@@ -310,6 +311,8 @@ def codes_of_pixels(
         )  # fmt: skip
         # As in its cells: of photons of which those that came first are counted.
         other *= open_share / open_share.max(axis=1, keepdims=True)
+        if isinstance(sighting.diffuse.second, Echo):
+            second = sighting.diffuse.second.share, sighting.diffuse.second.delay_ps
     pulses = strange_pulses(sighting, state, setting, std_ps)
     whole = whole_pulses(sighting, pulses)
     if whole.any():
@@ -328,6 +331,7 @@ def codes_of_pixels(
         open_share=open_share,
         shape=np.empty((3, 0)) if response is None else response.table(),
         other=other,
+        second=second,
     )
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +25,7 @@ from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.around import (
     FINE_GROWTH,
     FINE_STDS,
+    Group,
     Seen,
     alike,
     dark_group,
@@ -41,9 +42,11 @@ from lightflight.reconstruct.fit.joint import (
     with_fine_light,
 )
 from lightflight.reconstruct.fit.second_path import LEAST_GAIN, places_of_path, second_path_in
+from lightflight.reconstruct.fit.second_pulse import lags_with, second_pulse_in
 from lightflight.reconstruct.fit.strengths import (
     Beside,
     Known,
+    Second,
     beside_dark,
     beside_in,
     of_repeat,
@@ -55,6 +58,7 @@ from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
 from lightflight.reconstruct.model.counted import Pulses, shape_of
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.second_path import Places, SecondPath
+from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.strength import span_of_knots
@@ -197,17 +201,14 @@ def without_diffuse(
         if not len(lit):
             raise NothingFoundError("no usable pixel lies on the path")
         beam = beam_of_path(fit, own[0], whole, std)
-        cells = _cells(whole, seen, lit, std, nominal)
         dark = dark_group(whole, seen, lit, far, std, nominal)
         shape = shape_of(whole.timing.response)
         pulses = Pulses(seen.arrival_ps[lit] - seen.arrival_ps[lit, :1], seen.std_ps[lit], shape)
-        beside = beside_in(whole, seen.of(lit), cells, beam)
-        solved = partial(strengths_of, pulses, beside, dark, beside_dark(whole, dark, beam))
-        # Light of a mirror is a Gaussian's, counted in photons on codes that were measured.
+        asked = _Asked(whole, seen.of(lit), pulses, beam, dark, std, nominal)
+        # What comes twice is a Gaussian's, counted in photons on codes that were measured.
         sharp = whole.histograms.poisson and not (shape.table.size or nominal)
-        known = _scattered(solved, whole) if not sharp else _with_second(
-            seen.of(lit),
-            solved,
+        known = _scattered(asked) if not sharp else _with_second(
+            asked,
             partial(
                 places_of_path, fit, own[0], whole,
                 source_told=setting.source.position_mm is not None,
@@ -223,50 +224,162 @@ def without_diffuse(
             if len(own) > 1:
                 # Each repeat by itself, in the light that all of them show.
                 part = found[number].histograms.photons.sum() / whole.histograms.photons.sum()
-                cells = _cells(found[number], seen, lit, std, nominal)
-                one = of_repeat(known, beside, cells, part)
-            bright = replace(beam, photons=part * beam.photons)
+                one = of_repeat(known, asked.cells(found[number], known.second), part)
+            bright = asked.lit_by(known.second)
+            bright = replace(bright, photons=part * bright.photons)
             clear = _without_wings(found[number], seen.of(wing))
-            found[number] = _corrected(clear, _measured(one, beside, bright, part))
+            found[number] = _corrected(clear, _measured(one, bright, part))
     return found, tuple(strengths)
 
 
-def _scattered(strengths: Callable[..., Known], whole: Sighting) -> Known:
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """The pixels of one camera and clock whose light is asked for its strengths.
+
+    Attributes
+    ----------
+    whole : Sighting
+        All recordings of that camera as one.
+    seen : Seen
+        The pixels that the legs light.
+    pulses : Pulses
+        Where their light is expected there.
+    beam : Beam
+        The light that halo and glare spread.
+    dark : Group or None
+        Pixels that no leg lights.
+    std_ps : float
+        Typical standard deviation of a pulse.
+    nominal : bool
+        Whether the widths of the codes were never measured.
+    """
+
+    whole: Sighting
+    seen: Seen
+    pulses: Pulses
+    beam: light.Beam
+    dark: Group | None
+    std_ps: float
+    nominal: bool
+
+    def strengths(
+        self,
+        second: Second | None = None,
+        *,
+        lags_ps: Floats | None = None,
+        dispersion: float = 1.0,
+        most_misfit: float = np.inf,
+    ) -> Known:
+        """Strengths, with light that comes a second time if there is any."""
+        return strengths_of(
+            self.pulses,
+            *self._beside(second, lags_ps),
+            second,
+            dispersion=dispersion,
+            most_misfit=most_misfit,
+        )
+
+    def _beside(
+        self, second: Second | None, lags_ps: Floats | None
+    ) -> tuple[Beside, Group | None, Beside | None]:
+        if lags_ps is None and not isinstance(second, Echo):
+            return self._plain
+        beam, cells = self.lit_by(second), self.cells(self.whole, second, lags_ps)
+        lit = beside_in(self.whole, self.seen, cells, beam)
+        return lit, self.dark, beside_dark(self.whole, self.dark, beam)
+
+    @cached_property
+    def _plain(self) -> tuple[Beside, Group | None, Beside | None]:
+        lit = beside_in(self.whole, self.seen, self.cells(self.whole, None), self.beam)
+        return lit, self.dark, beside_dark(self.whole, self.dark, self.beam)
+
+    def lit_by(self, second: Second | None) -> light.Beam:
+        """The light that is spread, that of a second pulse included."""
+        return self.beam.with_second(second) if isinstance(second, Echo) else self.beam
+
+    def lags_ps(self, second: Second | None) -> Floats:
+        """(m + 1,), edges of the cells about the light of the nearest leg."""
+        std, period = self.std_ps, self.whole.histograms.laser_period_ps
+        fine = lag_edges(std, FINE_STDS * std, FINE_GROWTH, period)
+        if isinstance(second, Echo):
+            fine = lags_with(fine, second.delay_ps, std, std)
+        return fine
+
+    def cells(
+        self, sighting: Sighting, second: Second | None, lags_ps: Floats | None = None
+    ) -> Cells:
+        """Counts of one recording, or of all, in the pixels about the times of their legs."""
+        fine = self.lags_ps(second) if lags_ps is None else lags_ps
+        lags, own = lags_about_legs(self.seen, fine, self.std_ps), self.seen
+        return cells_about(
+            sighting, own.rows, own.cols, own.arrival_ps[:, 0], lags, nominal=self.nominal
+        )
+
+
+def _scattered(asked: _Asked) -> Known:
     """Strengths with counts that scatter as their pixels say, where they are no photons."""
-    known = strengths(None)
-    if whole.histograms.poisson:
+    known = asked.strengths()
+    if asked.whole.histograms.poisson:
         return known
-    return strengths(None, dispersion=scatter_of(known.pixels))
+    return asked.strengths(dispersion=scatter_of(known.pixels))
 
 
 def _with_second(
-    seen: Seen,
-    strengths: Callable[..., Known],
+    asked: _Asked,
     places: Callable[[float], Places],
     so_far: light.Diffuse | None,
     camera: Camera,
 ) -> Known:
-    """Strengths with a second path where the counts show one: as found before, or looked for."""
-    if so_far is not None and so_far.second is not None:
-        here = places(so_far.second.places.std_ps)
+    """Strengths with what comes twice, where the counts show it: as found before, or looked for."""
+    before = None if so_far is None else so_far.second
+    if isinstance(before, SecondPath):
+        here = places(before.places.std_ps)
         # A leg may have left the picture since, and with it its share.
-        if here.n_legs == len(so_far.second.mirror.share):
-            return strengths(SecondPath(so_far.second.mirror, here, camera))
-    known = strengths(None)
-    here = places(float(np.median(known.pixels.std_ps[:, 0])))
+        if here.n_legs == len(before.mirror.share):
+            return asked.strengths(SecondPath(before.mirror, here, camera))
+    if isinstance(before, Echo):
+        again = asked.strengths(before)
+        if again.settled:
+            return again
+    known = asked.strengths()
+    repeated = _with_second_pulse(asked, known)
+    told, gain = repeated or (known, LEAST_GAIN)
+    here = places(float(np.median(told.pixels.std_ps[:, 0])))
     if not here.n_legs:
-        return known
-    second = second_path_in(seen, known.pixels, known.dark, here, camera)
+        return told
+    second = second_path_in(asked.seen, told.pixels, told.dark, here, camera)
     if second is None:
-        return known
-    enough = known.misfit() - LEAST_GAIN
-    more = strengths(second, most_misfit=enough)
-    assert more.second is not None
+        return told
+    # A mirror image is late by nearly the same everywhere, a second pulse nowhere aside: the one
+    # of the two that explains more is what the counts show.
+    enough = known.misfit() - gain
+    more = asked.strengths(second, most_misfit=enough)
+    assert isinstance(more.second, SecondPath)
     share = more.second.mirror.share
     std = np.sqrt(np.diagonal(more.strengths.covariance))[-len(share) :]
     # About a wrong path a mirror may help that no light would come from.
     possible = bool(np.all((share > -3.0 * std) & (share < 1.0)))
-    return more if more.settled and possible and more.misfit() < enough else known
+    return more if more.settled and possible and more.misfit() < enough else told
+
+
+def _with_second_pulse(asked: _Asked, known: Known) -> tuple[Known, float] | None:
+    """Strengths with a second pulse, and the deviance that it explains; None: there is none."""
+    lags, period = asked.lags_ps(None), asked.whole.histograms.laser_period_ps or 0.0
+    rough = second_pulse_in(known, lags, asked.std_ps, period)
+    if rough is None or rough[1] < LEAST_GAIN:
+        return None
+    # Far from the pulse cells are wide: there they are cut anew.
+    cell = np.searchsorted(lags, rough[0].delay_ps)
+    lags = lags_with(lags, rough[0].delay_ps, 0.5 * (lags[cell] - lags[cell - 1]), asked.std_ps)
+    known = asked.strengths(lags_ps=lags)
+    found = second_pulse_in(known, lags, asked.std_ps, period)
+    if found is None:
+        return None
+    more = asked.strengths(found[0], lags_ps=lags, most_misfit=known.misfit() - LEAST_GAIN)
+    gain = known.misfit() - more.misfit()
+    assert isinstance(more.second, Echo)
+    real = more.settled and more.second.share > light.LEAST_SHARE and gain > LEAST_GAIN
+    return (more, gain) if real else None
 
 
 def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> light.Beam:
@@ -327,17 +440,10 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
     return light.Beam(np.column_stack((row, col)), leg_of, arrival, photons, std_ps)
 
 
-def _cells(whole: Sighting, seen: Seen, lit: Indices, std_ps: float, nominal: bool) -> Cells:
-    """Counts of the pixels `lit` about the times of their legs."""
-    own = seen.of(lit)
-    fine = lag_edges(std_ps, FINE_STDS * std_ps, FINE_GROWTH, whole.histograms.laser_period_ps)
-    lags = lags_about_legs(own, fine, std_ps)
-    return cells_about(whole, own.rows, own.cols, own.arrival_ps[:, 0], lags, nominal=nominal)
-
-
-def _measured(known: Known, beside: Beside, beam: light.Beam, part: float) -> _Measured:
+def _measured(known: Known, beam: light.Beam, part: float) -> _Measured:
     """Times of the path's pulses, the last step after those at which the pixels were fitted."""
-    pixels, pulses, seen, strengths = known.pixels, known.pulses, beside.seen, known.strengths
+    pixels, pulses, strengths = known.pixels, known.pulses, known.strengths
+    beside, seen = known.beside, known.beside.seen
     s = pulses.late_ps.shape[1]
     own = slice(s, 2 * s)
     mine = replace(beside, cells=pixels.cells, wide=part * beside.wide)
@@ -362,11 +468,18 @@ def _measured(known: Known, beside: Beside, beam: light.Beam, part: float) -> _M
         pixels.photons,
         pixels.std_ps,
         (free[:, :, np.newaxis] * taken) @ root,
-        second=known.second,
+        second=_with_errors(known.second, strengths),
         shape=pixels.shape,
     )
     share = pixels.photons / np.maximum(pixels.photons + np.nan_to_num(other), 1e-9)
     return _Measured(seen.arrival_ps, shift * free, variance * free, share, diffuse)
+
+
+def _with_errors(second: Second | None, strengths: light.Strengths) -> Second | None:
+    """A second pulse with the covariance of its share and delay."""
+    if not isinstance(second, Echo):
+        return second
+    return replace(second, covariance=strengths.covariance[-second.size :, -second.size :])
 
 
 def _without_wings(sighting: Sighting, seen: Seen) -> Sighting:
@@ -408,6 +521,7 @@ def _corrected(sighting: Sighting, found: _Measured) -> Sighting:
     clear = found.share[at] > _LEAST_SHARE
     time[rows] = np.where(clear, found.expected_ps[at] + found.late_ps[at], np.nan)
     std[rows] = np.sqrt(found.variance_ps2[at])
+    time[_of_second_pulse(sighting, diffuse, rows)] = np.nan
     modes = np.zeros((len(time), diffuse.modes_ps.shape[2]))
     modes[rows] = diffuse.modes_ps[at]
     told = replace(
@@ -420,10 +534,31 @@ def _corrected(sighting: Sighting, found: _Measured) -> Sighting:
     return replace(sighting, arrivals=told, arrival_ps=time, diffuse=diffuse)
 
 
-def _labels_of(second: SecondPath | None) -> tuple[str, ...]:
-    """The unknowns of a second path, in words."""
+def _of_second_pulse(sighting: Sighting, diffuse: light.Diffuse, legs: Indices) -> Indices:
+    """Pulses, by row of the arrivals, that are a second one's; `legs` are the path's."""
+    second = diffuse.second
+    if not isinstance(second, Echo):
+        return np.zeros(0, dtype=np.int64)
+    rows = np.setdiff1d(sighting.usable_pulses, legs)
+    table, period = sighting.arrivals, second.period_ps
+    where = table.row[rows].astype(np.int64), table.col[rows].astype(np.int64)
+    pixel = diffuse.at_pixels(*where, sighting.blind.shape)
+    rows, pixel = rows[pixel >= 0], pixel[pixel >= 0]
+    late = sighting.arrival_ps[rows, np.newaxis] - diffuse.arrival_ps[pixel] - second.delay_ps
+    if period > 0.0:
+        late -= period * np.rint(late / period)
+    near = np.abs(late) < _GATE_STDS * diffuse.std_ps[pixel]
+    brought = second.share * np.sum(near * diffuse.photons[pixel], axis=1)
+    own: Indices = rows[brought > _LEAST_SHARE * table.photons[rows]]
+    return own
+
+
+def _labels_of(second: Second | None) -> tuple[str, ...]:
+    """The unknowns of light that comes twice, in words."""
     if second is None:
         return ()
+    if isinstance(second, Echo):
+        return ("share of a second pulse", "its delay")
     legs = range(1, len(second.mirror.share) + 1)
     plane = ("mirror turned", "mirror turned across", "mirror nearer")
     return (*plane, *(f"image of leg {k}" for k in legs))

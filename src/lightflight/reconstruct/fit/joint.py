@@ -174,7 +174,7 @@ def fit_joint(
         tips = known_tips(cut, ends.tips)
         pictures = tuple(
             measure_picture(state, o, camera=seen.cameras[o.view], medium=seen.medium, std_ps=std)
-            for o in sightings
+            for o in clock
         )
         parts = _pulses_of_legs(sightings, clock, state, seen, pictures, std, floor, members, tips)
         times = stacked(parts, mode_columns(sightings))
@@ -257,14 +257,14 @@ def finely_lit(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Jo
     GeometryError, NothingFoundError
         Where a leg does not cross the picture, or has too few pixels.
     """
-    seen, _ = _as_found(fit.solution, setting, list(fit.sightings))
+    seen, clock = _as_found(fit.solution, setting, list(fit.sightings))
     std = pulse_std_ps(sightings)
     pictures = tuple(
         measure_picture(
-            fit.solution.state, o, camera=seen.cameras[o.view], medium=seen.medium, std_ps=std,
-            fine=True,
+            fit.solution.state, replace(o, found=same.found), camera=seen.cameras[o.view],
+            medium=seen.medium, std_ps=std, fine=True,
         )
-        for o in sightings
+        for o, same in zip(sightings, clock, strict=True)
     )  # fmt: skip
     shown = replace(fit, pictures=pictures, lines=_told_lines(pictures, sightings, setting, seen))
     uneven = uneven_light(shown, sightings, setting)
@@ -429,12 +429,10 @@ def _as_found(
 ) -> tuple[Setting, list[Sighting]]:
     """Setting and recordings with the shared errors that a fit found taken off."""
     columns = mode_columns(sightings)
+    modes = [solution.modes[columns[o.view]] for o in sightings]
     corrected = [
-        replace(
-            o,
-            arrival_ps=o.arrival_ps - o.arrivals.shared_modes_ps @ solution.modes[columns[o.view]],
-        )
-        for o in sightings
+        replace(o, arrival_ps=o.arrival_ps - o.arrivals.shared_modes_ps @ own, found=own)
+        for o, own in zip(sightings, modes, strict=True)
     ]
     found = replace(
         setting, camera=solution.camera, others=solution.cameras[1:], medium=solution.medium

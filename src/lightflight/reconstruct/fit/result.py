@@ -14,6 +14,7 @@ from lightflight.flight import Source
 from lightflight.path.light_path import FARTHEST_MM, LightPath
 from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
 from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.second_pulse import second_pulse_of_fit
 from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import vertices_by_parameters
@@ -196,6 +197,9 @@ def path_from_fit(
     )
     whole = parts["photon"] + parts["pixel"] + parts["shared"]
     n = 4 * len(solution.state.vertices_mm)
+    second = second_pulse_of_fit(fit)
+    if second is not None:
+        statements = (*statements, f"A second pulse flew the same path: {second}.")
     return LightPath(
         solution.state.vertices_mm,
         solution.state.vertex_times_ps(solution.medium),
@@ -214,6 +218,7 @@ def path_from_fit(
         forks=solution.state.forks,
         bends=solution.state.bends,
         bend_covariance=whole[:, n:],
+        second_pulse=second,
     )
 
 

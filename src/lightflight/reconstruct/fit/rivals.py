@@ -4,6 +4,7 @@
   run equally fast, and only the bend of its arrival curve tells which it is.
 - One bent leg in place of straight ones that meet at corners which turn by little.
 - Two straight legs in place of a bent one.
+- The same path by the other of two pulses, where both are about as bright.
 
 A rival is fitted to the very pulses, with the same errors, and the same lines in the picture as the
 path, so that the two can be compared.
@@ -17,6 +18,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_ndtr
 
 from lightflight.errors import GeometryError
 from lightflight.flight import twin_from_direction
@@ -27,6 +29,7 @@ from lightflight.reconstruct.fit.least_squares import fit_path, rows_of_view
 from lightflight.reconstruct.fit.marginal import log_evidence
 from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.fit.revise import refitted
+from lightflight.reconstruct.fit.second_pulse import second_pulse_of_fit
 from lightflight.reconstruct.fit.start import state_from_legs
 from lightflight.reconstruct.legs.find import image_leg
 from lightflight.reconstruct.model.freedom import sagitta_std_mm
@@ -60,12 +63,15 @@ class Rival:
         What is different.
     is_other : Callable[[PathState], bool]
         Whether a path is still this one: a fit may lead back to the first.
+    bends_lines : bool
+        Whether its legs have other shapes, of which the counts may show kinks.
     """
 
     state: PathState
     log_evidence: float
     says: str
     is_other: Callable[[PathState], bool]
+    bends_lines: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +124,41 @@ def rivals_of(fit: JointFit, setting: Setting) -> Iterator[Rival]:
         if not isinstance(found, NoFit) and trial.is_other(found[0]):
             more = found[1] - own[1]
             yield Rival(found[0], more, trial.says, trial.is_other)
+
+
+def by_other_pulse(fit: JointFit, setting: Setting) -> Iterator[Rival]:
+    """The path of the other of two pulses, where the user does not tell when the first set out.
+
+    The brighter one is the path's: which that is, the share and its error tell.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path as it was found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Yields
+    ------
+    Rival
+        The same path, as much earlier or later as the pulses are apart.
+    """
+    second = second_pulse_of_fit(fit)
+    if second is None or setting.source.emission_time_ps is not None:
+        return
+    state, delay = fit.solution.state, second.delay_ps
+    brighter = (second.share - 1.0) / max(second.share_std, 1e-9)
+    yield Rival(
+        replace(state, start_time_ps=state.start_time_ps + delay),
+        float(log_ndtr(brighter) - log_ndtr(-brighter)),
+        f"the other of two pulses, {abs(delay):.0f} ps {'later' if delay > 0.0 else 'earlier'}",
+        partial(_is_nearer, state.start_time_ps + delay, 0.5 * abs(delay)),
+        bends_lines=False,
+    )
+
+
+def _is_nearer(start_ps: float, within_ps: float, state: PathState) -> bool:
+    return abs(state.start_time_ps - start_ps) < within_ps
 
 
 def _fitted(fit: JointFit, trial: _Trial, setting: Setting) -> tuple[PathState, float]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from lightflight import flags
 from lightflight.reconstruct.fit.membership import prints_of_leg
 from lightflight.reconstruct.model.geometry import Indices, PathState
+from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.timing.pulses.batch import share_and_density
@@ -77,7 +78,7 @@ def strange_pulses(
 ) -> Indices:
     """Those of them that no second path explains either; as `pulses_of_no_leg`."""
     pulses = pulses_of_no_leg(sighting, state, setting, std_ps)
-    if sighting.diffuse is None or sighting.diffuse.second is None:
+    if sighting.diffuse is None or not isinstance(sighting.diffuse.second, SecondPath):
         return pulses
     arrivals = sighting.arrivals
     rows, cols = (each[pulses].astype(np.int64) for each in (arrivals.row, arrivals.col))

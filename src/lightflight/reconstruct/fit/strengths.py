@@ -16,8 +16,16 @@ from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.around import Group, Seen
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.cells import Cells
-from lightflight.reconstruct.model.counted import Pixels, Pulses, Tails, dark_pixels, lit_pixels
+from lightflight.reconstruct.model.counted import (
+    Pixels,
+    Pulses,
+    Tails,
+    dark_pixels,
+    light_of_second_pulse,
+    lit_pixels,
+)
 from lightflight.reconstruct.model.second_path import Images, SecondPath
+from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 
@@ -40,16 +48,16 @@ _WAIT_STD = 0.6
 _TELLING = 0.01
 """Of the light: shares well below this leave how long they wait where the table has it. Waits of
 light that is hardly there sway about each other for ever; what they do to a path is a hundredth."""
-_PLANE_PRIOR = (1.0, 1.0, 1e-6)
-"""Precision of what is known of a mirror beforehand: turns to 1 rad, its distance to 1 m."""
 _PATIENCE = 6
 """Rounds after which a second path is given up that cannot explain as much as is asked of it:
 shares of light that is not there leave the plane free, and it wanders on and on. The light of a
 wall is there after five."""
 _HOPES = 4.0
 """How many times as much as a round promises may still come, where it is asked whether any can."""
-_FAR_PLANE = (0.05, 0.05, 5.0)
-"""Most that a mirror turns, rad, and moves, mm, in a round: its image stays on the same pulses."""
+
+
+Second = SecondPath | Echo
+"""Light that comes a second time: by way of a mirror, or of another pulse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,15 +78,18 @@ class Beside:
     wide: Floats
 
     def other(
-        self, strengths: light.Strengths, second: SecondPath | None, images: Images | None = None
+        self, strengths: light.Strengths, second: Second | None, images: Images | None = None
     ) -> tuple[Floats, Floats]:
-        """Counts of light that is no leg's (n, m), and how they follow a second path's unknowns.
+        """Counts of light that is no leg's (n, m), and how they follow the second light's unknowns.
 
         `images` are those of the second path, where they are drawn already.
         """
         spread: Floats = self.wide @ strengths.wide
         if second is None:
             return spread, np.zeros((*spread.shape, 0))
+        if isinstance(second, Echo):
+            # Light of the legs, which their pixels fit with the rest of it.
+            return spread, np.zeros((*spread.shape, second.size))
         seen = self.seen
         more, columns = second.light(
             self.cells, seen.rows, seen.cols, seen.arrival_ps[:, 0], images
@@ -86,8 +97,10 @@ class Beside:
         return spread + more, columns
 
     def columns(self, pixels: Pixels, strengths: light.Strengths, by_second: Floats) -> Floats:
-        """How the counts of lit pixels follow all unknowns (n, m, k): strengths, second path."""
+        """How the counts of lit pixels follow all unknowns (n, m, k): strengths, second light."""
         own = light.diffuse_light(pixels, self.wide, strengths.tails)
+        if pixels.second is not None:
+            by_second = light_of_second_pulse(pixels, pixels.second, strengths.tails)
         return np.concatenate((own, by_second), axis=2)
 
 
@@ -115,8 +128,8 @@ class Known:
     Attributes
     ----------
     strengths : Strengths
-        Of diffuse light; the covariance also of the second path's unknowns.
-    second : SecondPath or None
+        Of diffuse light; the covariance also of the second light's unknowns.
+    second : SecondPath, Echo or None
     pixels : Pixels
         Those that the legs light.
     dark : Group or None
@@ -129,16 +142,19 @@ class Known:
         Variance of counts over that of Poisson's.
     pulses : Pulses
         Where and how wide light was expected when the pixels were fitted.
+    beside : Beside
+        What else they see.
     """
 
     strengths: light.Strengths
-    second: SecondPath | None
+    second: Second | None
     pixels: Pixels
     dark: Group | None
     step: Floats
     settled: bool
     dispersion: float
     pulses: Pulses
+    beside: Beside
 
     def misfit(self) -> float:
         """Deviance of the counts: twice what the log-likelihood lacks, up to a constant."""
@@ -158,13 +174,13 @@ def strengths_of(
     beside: Beside,
     dark: Group | None,
     unlit: Beside | None,
-    second: SecondPath | None = None,
+    second: Second | None = None,
     *,
     dispersion: float = 1.0,
     rough: bool = False,
     most_misfit: float = np.inf,
 ) -> Known:
-    """Strengths of diffuse light, and of a second path if there is one.
+    """Strengths of diffuse light, and of light that comes a second time if there is any.
 
     Parameters
     ----------
@@ -176,8 +192,8 @@ def strengths_of(
         Pixels that they do not.
     unlit : Beside or None
         Halo and glare in those.
-    second : SecondPath, optional
-        Where its mirror is, roughly.
+    second : SecondPath or Echo, optional
+        Where its mirror is, or when it comes, roughly.
     dispersion : float, optional
         Variance of counts over that of Poisson's.
     rough : bool, optional
@@ -189,7 +205,7 @@ def strengths_of(
     Returns
     -------
     Known
-        Unknowns in the order of `light.LABELS`, then the second path's.
+        Unknowns in the order of `light.LABELS`, then those of the second light.
     """
     n_late, size = light.N_LATE, 2 * light.N_LATE + beside.wide.shape[2]
     free = 0 if second is None else second.size
@@ -198,11 +214,12 @@ def strengths_of(
     for number in range(_MOST_ROUNDS):
         now = light.Strengths(value, np.zeros((size, size)))
         # The images fall on lit pixels and on dark ones: they are drawn once for both.
-        images = None if second is None else second.images()
+        images = second.images() if isinstance(second, SecondPath) else None
         expected, (other, by_second) = pulses, beside.other(now, second, images)
         pixels = lit_pixels(
-            beside.cells, pulses, dispersion=dispersion, tails=now.tails, other=other
-        )
+            beside.cells, pulses, dispersion=dispersion, tails=now.tails, other=other,
+            second=_pulse_of(second),
+        )  # fmt: skip
         score, information, _ = pixels.said_of(beside.columns(pixels, now, by_second))
         if dark is not None and unlit is not None:
             other, more = unlit.other(now, second, images)
@@ -211,17 +228,16 @@ def strengths_of(
             said = empty.said_of(np.concatenate((unlit.wide, more), axis=2))
             score[at_dark] += said[0]
             information[np.ix_(at_dark, at_dark)] += said[1]
-        prior = _precision(value, free, rough=rough)
+        prior = _precision(value, second, rough=rough)
         total = information + np.diag(prior)
-        # A plane is as likely as any other; shares of light are not.
-        shares = np.zeros(0) if second is None else np.append(np.zeros(3), second.mirror.share)
-        step = np.linalg.solve(total, score - prior * np.append(value, shares))
+        held = np.zeros(0) if second is None else second.value
+        step = np.linalg.solve(total, score - prior * np.append(value, held))
         moved = float(step @ total @ step)
         # A shape's width and what flight adds to it sway about each other: half as far, then.
         swayed = float(before @ total @ step) < 0.0
         damping = max(0.5 * damping, _LEAST_STEP) if swayed else min(1.4 * damping, 1.0)
         before = step
-        step = damping * step / max(1.0, _length(step, size) / _LONGEST)
+        step = damping * step / max(1.0, _length(step, second))
         value = value + step[:size]
         second = None if second is None else second.moved(step[size:])
         small = second is None and np.abs(value[:-n_late]).max() < _LINEAR
@@ -238,7 +254,12 @@ def strengths_of(
             second = second.of_width(float(np.median(pixels.std_ps[:, 0])))
     covariance: Floats = np.linalg.inv(total).astype(np.float64, copy=False)
     found = light.Strengths(value, covariance)
-    return Known(found, second, pixels, dark, step, settled, dispersion, expected)
+    return Known(found, second, pixels, dark, step, settled, dispersion, expected, beside)
+
+
+def _pulse_of(second: Second | None) -> Echo | None:
+    """What comes with every pulse of a pixel."""
+    return second if isinstance(second, Echo) else None
 
 
 def tails_of(cells: Cells, pulses: Pulses) -> tuple[Tails, Pixels]:
@@ -272,34 +293,36 @@ def tails_of(cells: Cells, pulses: Pulses) -> tuple[Tails, Pixels]:
     return known.strengths.tails, known.pixels
 
 
-def _precision(value: Floats, free: int, *, rough: bool) -> Floats:
+def _precision(value: Floats, second: Second | None, *, rough: bool) -> Floats:
     """Of what would surprise nobody: the same for all kinds of diffuse light, and for shares."""
     size, n = len(value), light.N_LATE
-    prior = np.full(size + free, PLAUSIBLE[FindingName.HAZE].size ** -2.0)
+    prior = np.full(size, PLAUSIBLE[FindingName.HAZE].size ** -2.0)
     here = value[:n] ** 2
     freedom = 1.0 if rough else (here + 1e-8) / (here + _TELLING**2)
-    prior[size - n : size] = (_WAIT_STD * freedom) ** -2.0
-    prior[size : size + 3] = _PLANE_PRIOR[:free]
-    return prior
+    prior[size - n :] = (_WAIT_STD * freedom) ** -2.0
+    return prior if second is None else np.append(prior, second.precision)
 
 
-def _length(step: Floats, size: int) -> float:
-    """Of a step: its largest share of light; turns and shifts of a plane by what is far for it."""
-    scaled = step.copy()
-    scaled[size : size + 3] *= _LONGEST / np.array(_FAR_PLANE)[: len(step) - size]
-    return float(np.abs(scaled).max())
+def _length(step: Floats, second: Second | None) -> float:
+    """Of a step, in the longest that its parts may be."""
+    free = 0 if second is None else second.size
+    longest = np.full(len(step), _LONGEST)
+    if second is not None:
+        longest[len(step) - free :] = second.longest
+    return float(np.abs(step / longest).max())
 
 
-def of_repeat(known: Known, beside: Beside, cells: Cells, part: float) -> Known:
+def of_repeat(known: Known, cells: Cells, part: float) -> Known:
     """One repeat, in the light that all of them show: `part` of it."""
     second = None if known.second is None else known.second.times(part)
-    mine = replace(beside, cells=cells, wide=part * beside.wide)
+    mine = replace(known.beside, cells=cells, wide=part * known.beside.wide)
     pixels = lit_pixels(
         cells,
         known.pulses,
         dispersion=known.dispersion,
         tails=known.strengths.tails,
         other=mine.other(known.strengths, second)[0],
+        second=_pulse_of(second),
     )
     return replace(known, second=second, pixels=pixels, step=np.zeros_like(known.step))
 

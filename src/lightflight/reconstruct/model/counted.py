@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from lightflight.reconstruct.model.cells import Cells
+from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.timing.pulses.batch import share_and_density
 
 if TYPE_CHECKING:
@@ -154,6 +155,8 @@ class Pixels:
     background_per_ps : array of float, shape (n,)
     shape : Shape
         Of their pulses.
+    second : Echo or None
+        That comes with each of them.
     """
 
     cells: Cells
@@ -167,6 +170,7 @@ class Pixels:
     std_ps: Floats
     background_per_ps: Floats
     shape: Shape
+    second: Echo | None = None
 
     def of(self, kept: NDArray[np.bool_]) -> Pixels:
         """Some of the pixels."""
@@ -243,6 +247,7 @@ def lit_pixels(
     dispersion: float = 1.0,
     tails: Tails = (),
     other: Floats | float = 0.0,
+    second: Echo | None = None,
 ) -> Pixels:
     """Fit the unknowns of each pixel to its own counts.
 
@@ -258,6 +263,8 @@ def lit_pixels(
         Shares of every pulse that are late.
     other : array of float, shape (n, m), optional
         Counts that are expected of light which is no leg's.
+    second : Echo, optional
+        That comes with every pulse; None: there is none.
 
     Returns
     -------
@@ -293,7 +300,9 @@ def lit_pixels(
     most = came.sum(axis=1)[:, np.newaxis] + 1.0
     steps = _STEPS if s else 2
     for step in range(steps):
-        mean, slopes = _expected(cells, width, late, std, unknown, pulses.shape, tails, other)
+        mean, slopes = _expected(
+            cells, width, late, std, unknown, pulses.shape, tails, other, second
+        )
         variance = dispersion * mean + (cells.width_error * mean) ** 2
         weight = np.divide(1.0, variance, out=np.zeros_like(mean), where=cells.live & (mean > 0.0))
         pull = (center - unknown) * prior
@@ -323,6 +332,7 @@ def lit_pixels(
         std * np.exp(unknown[:, -2:-1] - center[:, -2:-1]),
         unknown[:, -1],
         pulses.shape,
+        second,
     )
 
 
@@ -335,6 +345,7 @@ def _expected(
     shape: Shape,
     tails: Tails,
     other: Floats | float,
+    second: Echo | None,
 ) -> tuple[Floats, Floats]:
     """Mean counts (n, m) and their derivatives by the unknowns (n, m, q)."""
     s = late.shape[1]
@@ -345,8 +356,15 @@ def _expected(
     for k in range(s):
         lit = np.flatnonzero(unknown[:, k] > 0.0)
         own = std[lit, k : k + 1] * np.exp(unknown[lit, -2:-1])
-        z = (cells.edges_ps[lit] - late[lit, k : k + 1] - unknown[lit, s + k : s + k + 1]) / own
+        place = late[lit, k : k + 1] + unknown[lit, s + k : s + k + 1]
+        z = (cells.edges_ps[lit] - place) / own
         come, density, bend, wider = _pulse(z, own, shape, tails)
+        if second is not None:
+            again = _pulse(z - second.later(cells.edges_ps[lit], place) / own, own, shape, tails)
+            come, density, bend, wider = (
+                first + second.share * more
+                for first, more in zip((come, density, bend, wider), again, strict=True)
+            )
         photons = unknown[lit, k : k + 1]
         if changes:
             come = come + unknown[lit, -3:-2] * wider
@@ -359,6 +377,25 @@ def _expected(
     slopes[:, :, -1] = width
     slopes *= (cells.live * cells.open_share)[:, :, np.newaxis]
     return mean * cells.open_share, slopes
+
+
+def light_of_second_pulse(pixels: Pixels, second: Echo, tails: Tails) -> Floats:
+    """(n, m, 2): how the counts of lit pixels follow share and delay of a second pulse.
+
+    `tails` as the pixels were fitted with them.
+    """
+    cells = pixels.cells
+    out = np.zeros((*cells.counts.shape, 2))
+    for k in range(pixels.photons.shape[1]):
+        lit = np.flatnonzero(pixels.photons[:, k] > 0.0)
+        late, std = pixels.late_ps[lit, k : k + 1], pixels.std_ps[lit, k : k + 1]
+        z = (cells.edges_ps[lit] - late - second.later(cells.edges_ps[lit], late)) / std
+        come, density = _pulse(z, std, pixels.shape, tails)[:2]
+        photons = pixels.photons[lit, k : k + 1]
+        out[lit, :, 0] += photons * np.diff(come, axis=1)
+        out[lit, :, 1] -= second.share * photons / std * np.diff(density, axis=1)
+    out *= (cells.live * cells.open_share)[:, :, np.newaxis]
+    return out
 
 
 def _pulse(

@@ -133,6 +133,8 @@ class CodeCounts:
         Shape of a pulse (`timing.response.Response.table`); (3, 0): a Gaussian.
     other : array of float, shape (n, codes) or (0, 0)
         Counts expected of light that is no leg's.
+    second : (float, float) or None
+        Share and delay, ps, of a second pulse, whose light comes as that of the first does.
     """
 
     counts: Floats
@@ -143,6 +145,7 @@ class CodeCounts:
     open_share: Floats | None = None
     shape: Floats = field(default_factory=lambda: np.empty((3, 0)))
     other: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    second: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from scipy.special import ndtr
 from lightflight.reconstruct.model.cells import Cells
 from lightflight.reconstruct.model.counted import GAUSSIAN, Pixels, Shape, Tails, cumulated
 from lightflight.reconstruct.model.second_path import SecondPath
+from lightflight.reconstruct.model.second_pulse import Echo
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -30,6 +31,10 @@ GLARE_LATE_PS = 3000.0
 """Mean delay of light that a room throws back to all of the picture, ps."""
 EARLIEST_PS, LATEST_PS = -3000.0, 6000.0
 """Where another pulse is looked for about a pixel's own, ps."""
+LEAST_SHARE = 0.005
+"""Of the path's light: less is less than is known of the shape of pulses. It may move a path by
+more than its error all the same, which `blind_to` says. With a third more the same recordings are
+trusted, and the same causes named."""
 _NEAREST_STDS = 1.5
 """Nearer to the own pulse than this another one only moves and widens it."""
 _STEPS_OF_TIME = 120
@@ -118,6 +123,16 @@ class Beam:
             self.std_ps,
         )
 
+    def with_second(self, second: Echo) -> Beam:
+        """The light of both pulses; the second's is that of further legs."""
+        return Beam(
+            np.concatenate((self.points_px, self.points_px)),
+            np.concatenate((self.leg, self.leg + int(self.leg.max(initial=0)) + 1)),
+            np.concatenate((self.arrival_ps, self.arrival_ps + second.delay_ps)),
+            np.concatenate((self.photons, second.share * self.photons)),
+            self.std_ps,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Diffuse:
@@ -138,7 +153,7 @@ class Diffuse:
         Light of each, late light and all, and the width of its pulse, ps.
     modes_ps : array of float, shape (n, s, k)
         How those times follow what is left unknown of the strengths, one-sigma columns.
-    second : SecondPath or None
+    second : SecondPath, Echo or None
         Whose light comes with it; None: there is none.
     shape : Shape
         Of the pulses, without late light.
@@ -153,7 +168,7 @@ class Diffuse:
     photons: Floats
     std_ps: Floats
     modes_ps: Floats
-    second: SecondPath | None = None
+    second: SecondPath | Echo | None = None
     shape: Shape = field(default=GAUSSIAN, kw_only=True)
 
     def times(self, factor: float) -> Diffuse:
@@ -208,9 +223,10 @@ class Diffuse:
             own = np.flatnonzero((at >= 0) & (self.photons[at, k] > 0.0))
             late = self.arrival_ps[at[own], k] - reference[own]
             std, photons = self.std_ps[at[own], k], self.photons[at[own], k, np.newaxis]
-            for share, wait in self.strengths.tails:
-                by_edge = cumulated(edges[own], late, std, wait, self.shape)
-                found[own] += share * photons * np.diff(by_edge, axis=1)
+            for again, delay in ((1.0, 0.0), *self._second):
+                for share, wait in self.strengths.tails:
+                    by_edge = cumulated(edges[own], late + delay, std, wait, self.shape)
+                    found[own] += again * share * photons * np.diff(by_edge, axis=1)
         before = np.concatenate((np.zeros((len(rows), 1)), np.cumsum(found, axis=1)), axis=1)
         out = np.empty(intervals_ps[0].shape)
         for i in range(len(rows)):
@@ -219,8 +235,43 @@ class Diffuse:
                 lap = period_ps * np.floor((low + _GRID_PS[0]) / period_ps)
                 low, up = low - lap, up - lap
             out[i] = np.interp(up, lags, before[i]) - np.interp(low, lags, before[i])
-        if self.second is not None:
+        if isinstance(self.second, SecondPath):
             out += self.second.counts(rows, cols, intervals_ps, period_ps)
+        return out
+
+    @property
+    def _second(self) -> tuple[tuple[float, float], ...]:
+        """Share and delay, ps, of a second pulse; (): there is none."""
+        second = self.second
+        return ((second.share, second.delay_ps),) if isinstance(second, Echo) else ()
+
+    def counts_of_second_pulse(
+        self,
+        rows: Indices,
+        cols: Indices,
+        intervals_ps: tuple[Floats, Floats],
+        period_ps: float,
+        shape: tuple[int, int],
+    ) -> Floats:
+        """(m, codes), what a second pulse brings at once; as `counts`, of which it is no part.
+
+        It tells as well as the first when it left, so who fits counts has it in the model.
+        """
+        out = np.zeros(intervals_ps[0].shape)
+        at = self.at_pixels(rows, cols, shape)
+        prompt = 1.0 - sum(share for share, _ in self.strengths.tails)
+        for again, delay in self._second:
+            for k in range(self.leg.shape[1]):
+                own = np.flatnonzero((at >= 0) & (self.photons[at, k] > 0.0))
+                late = self.arrival_ps[at[own], k, np.newaxis] + delay
+                low, up = (each[own] - late for each in intervals_ps)
+                if period_ps > 0.0:
+                    lap = period_ps * np.rint(0.5 * (low + up) / period_ps)
+                    low, up = low - lap, up - lap
+                std = self.std_ps[at[own], k, np.newaxis]
+                come = self.shape.come(up / std) - self.shape.come(low / std)
+                light = again * prompt * self.photons[at[own], k, np.newaxis]
+                out[own] += light * np.maximum(come, 0.0)
         return out
 
 
@@ -257,16 +308,20 @@ def spread_light(
 
 def late_light(pixels: Pixels, waits_ps: Sequence[float] = LATE_PS) -> Floats:
     """(n, m, k): the light of a pixel's legs late by k mean waits, their own taken off."""
-    edges = pixels.cells.edges_ps
+    edges, second = pixels.cells.edges_ps, pixels.second
     out = np.zeros((*pixels.cells.counts.shape, len(waits_ps)))
     for k in range(pixels.photons.shape[1]):
         lit = np.flatnonzero(pixels.photons[:, k] > 0.0)
         late, std = pixels.late_ps[lit, k : k + 1], pixels.std_ps[lit, k : k + 1]
-        z = (edges[lit] - late) / std
-        prompt = pixels.shape.come(z)
-        for j, wait in enumerate(waits_ps):
-            by_edge = prompt - pixels.shape.kept_back(z, std / wait) - prompt
-            out[lit, :, j] += pixels.photons[lit, k : k + 1] * np.diff(by_edge, axis=1)
+        come = [(pixels.photons[lit, k : k + 1], (edges[lit] - late) / std)]
+        if second is not None:
+            again = (edges[lit] - late - second.later(edges[lit], late)) / std
+            come.append((second.share * come[0][0], again))
+        for photons, z in come:
+            prompt = pixels.shape.come(z)
+            for j, wait in enumerate(waits_ps):
+                by_edge = prompt - pixels.shape.kept_back(z, std / wait) - prompt
+                out[lit, :, j] += photons * np.diff(by_edge, axis=1)
     return _in_cells(pixels.cells, out)
 
 
@@ -281,11 +336,13 @@ def diffuse_light(pixels: Pixels, wide: Floats, tails: Tails) -> Floats:
     return np.concatenate((late, wide, shares / _NUDGE * (later - late)), axis=2)
 
 
-def other_lags(lags_ps: Floats, std_ps: float) -> Floats:
+def other_lags(
+    lags_ps: Floats, std_ps: float, between_ps: tuple[float, float] = (EARLIEST_PS, LATEST_PS)
+) -> Floats:
     """(k,) times of other pulses that are tried: the middle of each cell beside the pulse."""
     middle = 0.5 * (lags_ps[1:] + lags_ps[:-1])
     far = np.abs(middle) > _NEAREST_STDS * std_ps
-    tried: Floats = middle[far & (middle > EARLIEST_PS) & (middle < LATEST_PS)]
+    tried: Floats = middle[far & (middle > between_ps[0]) & (middle < between_ps[1])]
     return tried
 
 

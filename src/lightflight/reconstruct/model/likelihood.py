@@ -94,28 +94,17 @@ def likelihood(
     information left is A - C B^-1 C^T (method.md, What the counts say).
     """
     n, n_legs = pixels.near.shape
-    n_local = 3 * n_legs + 1
-    score, information = np.zeros((n, n_local)), np.zeros((n, n_local, n_local))
     if log_photons_shift is None:
         log_photons_shift = np.zeros((n, n_legs))
     scatter = np.broadcast_to(np.asarray(log_scatter, dtype=float), (n, n_legs))
     delays = local.arrival_ps + (pixels.skew_ps + delay_shift_ps)[:, np.newaxis]
-    value = photon_score(
-        codes.counts,
-        codes.lower_ps,
-        codes.upper_ps,
-        np.ones((n, 1)) if codes.open_share is None else codes.open_share,
-        codes.other,
-        codes.period_ps,
-        codes.shape,
+    value, score, information = _scored(
+        codes,
         local.log_photons + log_photons_shift,
         delays,
         local.std_ps,
         log_background,
-        codes.use_outside,
-        expected_only,
-        score,
-        information,
+        expected_only=expected_only,
     )
     own = _pixels_own(score, information, pixels, delay_shift_ps, log_photons_shift, scatter)
     outer = local.jacobian
@@ -134,6 +123,49 @@ def likelihood(
         nuisance_std=np.sqrt(np.maximum(np.diagonal(own.inverse, axis1=1, axis2=2), 0.0)),
         fisher=information,
     )
+
+
+def _scored(
+    codes: CodeCounts,
+    log_photons: Floats,
+    delays: Floats,
+    stds: Floats,
+    log_background: Floats,
+    *,
+    expected_only: bool,
+) -> tuple[float, Floats, Floats]:
+    """Log-likelihood, score (n, 3 L + 1) and information of each pixel's local variables."""
+    if codes.second is not None:
+        # The second pulse of a leg is one leg more, whose variables are those of the first.
+        share, later = codes.second
+        log_photons = np.hstack((log_photons, log_photons + np.log(share)))
+        delays, stds = np.hstack((delays, delays + later)), np.hstack((stds, stds))
+    n, n_local = len(delays), 3 * delays.shape[1] + 1
+    score, information = np.zeros((n, n_local)), np.zeros((n, n_local, n_local))
+    value = photon_score(
+        codes.counts,
+        codes.lower_ps,
+        codes.upper_ps,
+        np.ones((n, 1)) if codes.open_share is None else codes.open_share,
+        codes.other,
+        codes.period_ps,
+        codes.shape,
+        log_photons,
+        delays,
+        stds,
+        log_background,
+        codes.use_outside,
+        expected_only,
+        score,
+        information,
+    )
+    if codes.second is None:
+        return value, score, information
+    once = (n_local - 1) // 2
+    to_own = np.zeros((n_local, once + 1))
+    to_own[np.arange(n_local - 1), np.arange(n_local - 1) % once] = 1.0
+    to_own[-1, -1] = 1.0
+    return value, score @ to_own, to_own.T @ information @ to_own
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from lightflight.path.verdict import FindingName
+from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
@@ -29,6 +31,11 @@ _FAINT = 1e-3
 """Fewer photons than this in a pixel are none."""
 _GATE_STDS = 4.0
 """A pulse this near to the time of an image may be the image's, in standard deviations."""
+_PLANE_PRIOR = (1.0, 1.0, 1e-6)
+"""Precision of what is known of a mirror beforehand: turns to 1 rad, its distance to 1 m."""
+_FAR_PLANE, _LONGEST_SHARE = (0.05, 0.05, 5.0), 0.3
+"""Most that a mirror turns, rad, and moves, mm, in a round: its image stays on the same pulses; and
+most that a share moves."""
 _STEPS = (1e-4, 1e-4, 0.02)
 """Steps of derivatives by the plane: two turns, rad, and its distance, mm."""
 
@@ -213,6 +220,22 @@ class SecondPath:
     def size(self) -> int:
         """Unknowns: two turns, the distance, and a share for each leg."""
         return 3 + len(self.mirror.share)
+
+    @property
+    def value(self) -> Floats:
+        """(3 + L,), what priors hold: a plane is as likely as any other, shares are not."""
+        return np.append(np.zeros(3), self.mirror.share)
+
+    @property
+    def precision(self) -> Floats:
+        """(3 + L,), of what is known of them beforehand."""
+        of_share = PLAUSIBLE[FindingName.HAZE].size ** -2.0
+        return np.append(_PLANE_PRIOR, np.full(len(self.mirror.share), of_share))
+
+    @property
+    def longest(self) -> Floats:
+        """(3 + L,), most that they move in a round."""
+        return np.append(_FAR_PLANE, np.full(len(self.mirror.share), _LONGEST_SHARE))
 
     def moved(self, step: Floats) -> SecondPath:
         """After a step of the unknowns."""

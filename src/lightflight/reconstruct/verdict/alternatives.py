@@ -18,7 +18,7 @@ from lightflight.path.verdict import Finding, FindingName, Level, Severity
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.outcome import NoFit
 from lightflight.reconstruct.fit.revise import refitted
-from lightflight.reconstruct.fit.rivals import Rival, rivals_of
+from lightflight.reconstruct.fit.rivals import Rival, by_other_pulse, rivals_of
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 
@@ -88,7 +88,8 @@ def others_beside(
         return ()
     best: dict[str, Other] = {}
     # Of those that say the same the likeliest that stands: a fit of its own for each costs most.
-    for rival in sorted(rivals_of(fit, setting), key=lambda one: -one.log_evidence):
+    rivals = (*rivals_of(fit, setting), *by_other_pulse(fit, setting))
+    for rival in sorted(rivals, key=lambda one: -one.log_evidence):
         if rival.says in best or not rival.state.has_legs(n_legs):
             continue
         other = _told(rival, fit, path.n_legs, sightings, setting, told_of)
@@ -119,7 +120,7 @@ def _told(
     Lines say where a leg runs at two places of its image, or few more. What the counts say against
     the shape in between is the kinks they ask for. `n_legs` are those of the path.
     """
-    own_kinks = _kinks_chi2(fit)
+    own_kinks = _kinks_chi2(fit) if rival.bends_lines else 0.0
     if rival.log_evidence + 0.5 * own_kinks < LEAST_LOG_EVIDENCE:
         return None
     refit = refitted(sightings, rival.state, setting)
@@ -128,7 +129,8 @@ def _told(
     told = told_of(refit)
     if told is None:
         return None
-    log_evidence = rival.log_evidence + 0.5 * (own_kinks - _kinks_chi2(told[1]))
+    kinks = _kinks_chi2(told[1]) if rival.bends_lines else 0.0
+    log_evidence = rival.log_evidence + 0.5 * (own_kinks - kinks)
     if log_evidence < LEAST_LOG_EVIDENCE:
         return None
     answer = Alternative(told[0], log_evidence, rival.says)

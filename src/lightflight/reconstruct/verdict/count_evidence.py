@@ -32,6 +32,8 @@ from lightflight.reconstruct.model.counted import (
     dark_pixels,
     lit_pixels,
 )
+from lightflight.reconstruct.model.second_path import SecondPath
+from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.verdict.count_tests import (
@@ -56,10 +58,6 @@ Indices = NDArray[np.int64]
 
 _BRIGHT = 0.02
 """Share of the brightest pixel's light from which a pixel is bright."""
-_LEAST_SHARE = 0.005
-"""Of the path's light: less is less than is known of the shape of pulses. It may move a path by
-more than its error all the same, which `blind_to` says. With a third more the same recordings are
-trusted, and the same causes named."""
 _TABLE_PS = (-1e9, -700.0, 700.0, 3000.0, 1e9)
 """Stretches of time that the table of classes of pixels is summed over, ps."""
 _N_CLASSES = 4
@@ -108,14 +106,14 @@ def evidence_from_counts(
     if not held:
         raise NothingFoundError("no two usable pixels lie on the path")
     asked, sums = causes(lags), summed([(one.group.pixels, one.columns) for one in held])
-    tested = evidence_from_sums(sums, asked, least_size=_LEAST_SHARE)
+    tested = evidence_from_sums(sums, asked, least_size=light.LEAST_SHARE)
     explained = np.zeros(len(sums.score))
     named = [(one.gain, sizes) for one, sizes in tested if one.gain > 0.0 and not one.symptom]
     if named:
         explained = max(named, key=lambda pair: pair[0])[1]
     said = _told(fit, sightings)
     groups = [one.group for one in held]
-    blind = blind_to_light(held, sums, asked, fit, least_size=_LEAST_SHARE)
+    blind = blind_to_light(held, sums, asked, fit, least_size=light.LEAST_SHARE)
     return (
         *(one for one, _ in tested),
         replace(_elsewhere(groups, sums, explained, said), blind=tuple(blind.values())),
@@ -153,12 +151,14 @@ def _held(
     points = np.column_stack((seen.rows[near], seen.cols[near]))
     dark, dispersion = _dark(whole, seen, near, far, std_ps, nominal)
     tails = () if whole.diffuse is None else whole.diffuse.strengths.tails
+    second = None if whole.diffuse is None else whole.diffuse.second
     lit = lit_pixels(
         about,
         pulses,
         dispersion=dispersion,
         tails=tails,
         other=_spread(whole, about, points, reference),
+        second=second if isinstance(second, Echo) else None,
     )
     bright = lit.photons[:, 0] > _BRIGHT * float(lit.photons[:, 0].max())
     groups = [
@@ -207,7 +207,7 @@ def _spread(
         return 0.0
     wide = light.spread_light(cells, points_px, reference_ps, diffuse.beam, whole.blind.shape)
     counts: Floats = wide @ diffuse.strengths.wide
-    if diffuse.second is not None:
+    if isinstance(diffuse.second, SecondPath):
         rows, cols = points_px.astype(np.int64).T
         counts = counts + diffuse.second.light(cells, rows, cols, reference_ps)[0]
     return counts

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lightflight.path.verdict import BlindSpot, FindingName
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import Solution, TimeData, fit_path
+from lightflight.reconstruct.fit.membership import mode_columns
 from lightflight.reconstruct.model.geometry import (
     Indices,
     footprints,
@@ -136,8 +137,9 @@ def stated_solution(fit: JointFit, setting: Setting) -> Solution:
 
 def examined_fit(fit: JointFit, solution: Solution, setting: Setting) -> Examined:
     """A solution taken apart for the tests."""
-    scale = np.sqrt(np.sum(solution.columns**2, axis=0)) + 1e-300
-    left, values, right = np.linalg.svd(solution.columns / scale, full_matrices=False)
+    columns = _with_clock_of_model(fit, solution)
+    scale = np.sqrt(np.sum(columns**2, axis=0)) + 1e-300
+    left, values, right = np.linalg.svd(columns / scale, full_matrices=False)
     kept = values > 1e-9 * values[0]
     n_free = fit.freedom.basis.shape[1]
     gain = ((right[kept].T / values[kept]) @ left[:, kept].T) / scale[:, np.newaxis]
@@ -153,6 +155,25 @@ def examined_fit(fit: JointFit, solution: Solution, setting: Setting) -> Examine
         vertex_mm=vertex_mm,
         vertex_std_mm=np.sqrt(np.maximum(np.diag(covariance), 0.0)),
     )
+
+
+def _with_clock_of_model(fit: JointFit, solution: Solution) -> Floats:
+    """(N, p), the solution's columns, errors of clocks as they are at the times of the model.
+
+    At those that were measured a scale's column holds their noise. Where all else of it is taken up
+    (a clock known to 0.7 %, a camera that fixes its scale) that is left, and explains itself.
+    """
+    columns, first = solution.columns.copy(), fit.freedom.basis.shape[1]
+    sqrt_weight, own = np.sqrt(fit.times.weights(0.0)), mode_columns(list(fit.sightings))
+    for number, sighting in enumerate(fit.sightings):
+        here = np.flatnonzero(fit.sighting_of == number)
+        rows, cols = (each[here].astype(np.int64) for each in (fit.times.row, fit.times.col))
+        expected = fit.times.arrival_ps[here] - solution.residual_ps[here]
+        delay = expected + sighting.timing.skew_ps[rows, cols]
+        of_clock = sighting.timing.arrival_errors_ps(rows, cols, delay)[1]
+        at = first + own[sighting.view].start + np.arange(of_clock.shape[1])
+        columns[here[:, np.newaxis], at] = sqrt_weight[here, np.newaxis] * of_clock
+    return columns
 
 
 def _score_test(candidate: Candidate, examined: Examined) -> Evidence | None:

@@ -1,8 +1,9 @@
-"""Diffuse light that the fit has taken up: named all the same, and no contradiction any more.
+"""Light that the fit has taken up: named all the same, and no contradiction any more.
 
-Tests of the counts ask whether a plain flight explains them. Where haze, a halo or glare does not
-let it, and the fit has measured their strengths, the counts are held against the flight with that
-light. What passes then is told, since more of it would harm; the path's errors hold.
+Tests of the counts ask whether a plain flight explains them. Where haze, a halo, glare or a second
+pulse does not let it, and the fit has measured their strengths, the counts are held against the
+flight with that light. What passes then is told, since more of it would harm; the path's errors
+hold.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.second_pulse import second_pulse_of_fit
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
@@ -56,8 +58,7 @@ def verdict_with_light_taken_up(
     Verdict
         `plain`, unless diffuse light of a plausible strength is all that contradicts the path.
     """
-    first = plain.findings[0].name if plain.findings else None
-    if plain.level is not Level.CONTRADICTED or first not in _DIFFUSE or not _plausible(fit):
+    if plain.level is not Level.CONTRADICTED or not _has_place(plain, fit):
         return plain
     try:
         counts = evidence_from_counts(fit, sightings, nominal=nominal, taken_up=True)
@@ -68,10 +69,35 @@ def verdict_with_light_taken_up(
         return plain
     told = tuple(
         replace(one, sentence=f"{one.sentence}: taken into the fit", severity=Severity.CHECK)
-        for one in plain.findings
-        if one.name in _DIFFUSE
+        for one in (
+            *_second_pulse(plain, fit),
+            *(one for one in plain.findings if one.name in _DIFFUSE),
+        )
     )
     return replace(left, level=Level.CHECK, findings=(*told, *left.findings))
+
+
+def _has_place(plain: Verdict, fit: JointFit) -> bool:
+    """Whether light that the fit found, of a plausible strength, may be all that is wrong."""
+    first = plain.findings[0].name if plain.findings else None
+    # A second pulse is light of the path: all that its counts are called may be it.
+    return _plausible(fit) and (first in _DIFFUSE or second_pulse_of_fit(fit) is not None)
+
+
+def _second_pulse(plain: Verdict, fit: JointFit) -> tuple[Finding, ...]:
+    """What is said of a second pulse as it was fitted; () where there is none."""
+    found = second_pulse_of_fit(fit)
+    if found is None:
+        return ()
+    return (
+        Finding(
+            FindingName.OTHER_PULSE,
+            f"a second pulse of {found}",
+            max((one.sigma for one in plain.findings), default=0.0),
+            "look for a reflection in windows and filters, or a second pulse of the laser",
+            Severity.CHECK,
+        ),
+    )
 
 
 def _plausible(fit: JointFit) -> bool:
