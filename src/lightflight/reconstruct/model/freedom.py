@@ -416,7 +416,7 @@ def freedom_of_path(
             found.add_column(vertex, direction, f"{which} {name}")
         found.hold_tip(vertex, basis)
     for bend, (_, own) in zip(state.bends, state.courses, strict=True):
-        for number in range(bend.size):
+        for number in bend.fitted:
             axis, order = divmod(number, bend.orders)
             found.columns.append(np.eye(state.size)[own.start + number])
             found.labels.append(f"bend of leg {bend.leg + 1} {_BEND_AXES[axis]}, {order + 1}")
