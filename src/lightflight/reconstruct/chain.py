@@ -358,9 +358,21 @@ def _bent(
         return None
     if not request.may_bend and not asks_for_bends(verdict):
         return None
-    setting = request.setting
-    found = bent_instead(fit, request.sightings, setting, request.n_legs, may_bend=request.may_bend)
+    found = bent_instead(
+        fit, request.sightings, request.setting, request.n_legs,
+        cut=_as_cut(fit, request), may_bend=request.may_bend,
+    )  # fmt: skip
     return None if found is None else _told(found, request, estimator)
+
+
+def _as_cut(fit: JointFit, request: Request) -> JointFit:
+    """The fit with as many legs as the data show: a search cuts one curve into several."""
+    if request.n_legs is None:
+        return fit
+    try:
+        return fit_of_request(replace(request, n_legs=None))
+    except (GeometryError, NothingFoundError):
+        return fit
 
 
 def _starts_bent(request: Request) -> bool:
