@@ -151,7 +151,7 @@ class Bend:
         return replace(self, coefficients_mm=self.coefficients_mm + by)
 
     def with_orders(self, orders: int, more_in_picture: int = 0) -> Bend:
-        """The same curve with as many shapes, further ones at zero; the last of the picture alone."""
+        """The same curve with as many shapes, further ones at zero; some of the picture alone."""
         grown = np.zeros((2, orders))
         kept = np.minimum(self.orders, (orders, orders - more_in_picture))
         for axis, n in enumerate(kept):

@@ -16,7 +16,7 @@ from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.shared import vertices_by_parameters
+from lightflight.reconstruct.model.shared import group_index_std, vertices_by_parameters
 from lightflight.reconstruct.model.sighting import Sighting
 
 Floats = NDArray[np.float64]
@@ -196,6 +196,7 @@ def path_from_fit(
     )
     whole = parts["photon"] + parts["pixel"] + parts["shared"]
     n = 4 * len(solution.state.vertices_mm)
+    first = len(solution.covariance) - len(solution.shared)
     return LightPath(
         solution.state.vertices_mm,
         solution.state.vertex_times_ps(solution.medium),
@@ -214,6 +215,7 @@ def path_from_fit(
         forks=solution.state.forks,
         bends=solution.state.bends,
         bend_covariance=whole[:, n:],
+        group_index_std=group_index_std(solution.errors, solution.covariance[first:, first:]),
     )
 
 

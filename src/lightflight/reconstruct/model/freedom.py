@@ -13,10 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import block_diag
 
 from lightflight.arguments import POSITIVE, finite_number, finite_numbers, shown
+from lightflight.curves import DrawnCurve
 from lightflight.errors import GeometryError
 from lightflight.flight import Source
+from lightflight.reconstruct.model.drawn import told_of_curve
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 
@@ -112,12 +115,16 @@ class Freedom:
         In units of the prior's standard deviation.
     labels : tuple of str
         (p,), what each column moves, in words.
+    curve_moves : array of float, shape (q, 6 k)
+        By how much the values of the priors change where each of k drawn curves stands elsewhere;
+        (q, 0): none is told.
     """
 
     basis: Floats
     prior_rows: Floats
     prior_values: Floats
     labels: tuple[str, ...]
+    curve_moves: Floats = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def prior_information(self) -> Floats:
@@ -373,6 +380,7 @@ def freedom_of_path(
     waypoints: tuple[Waypoint, ...],
     start_basis: Floats | None,
     end_bases: tuple[Floats, ...],
+    curves: tuple[DrawnCurve, ...] = (),
 ) -> Freedom:
     """Freedom of a whole path.
 
@@ -384,6 +392,8 @@ def freedom_of_path(
     end_bases : tuple of array of float, shape (3, 2)
         Plane in which the exit moves; (3, 3) where the light stops in view. Of a path with arms
         one for each, in the order of `PathState.last_legs`.
+    curves : tuple of DrawnCurve
+        That legs are told to run along.
     """
     m = len(state.vertices_mm)
     found = _Gathered(state_vector(state))
@@ -415,12 +425,15 @@ def freedom_of_path(
         for direction, name in zip(basis.T, _END_MOVES, strict=False):
             found.add_column(vertex, direction, f"{which} {name}")
         found.hold_tip(vertex, basis)
+    drawn = {curve.leg for curve in curves}
     for bend, (_, own) in zip(state.bends, state.courses, strict=True):
         for number in bend.fitted:
             axis, order = divmod(number, bend.orders)
             found.columns.append(np.eye(state.size)[own.start + number])
             found.labels.append(f"bend of leg {bend.leg + 1} {_BEND_AXES[axis]}, {order + 1}")
-            found.add_prior(own.start + number, 0.0, sagitta_std_mm(order + 1))
+            # A told curve is not straight by itself: what no place on it tells stays as it is.
+            usual = float(bend.coefficients_mm[axis, order]) if bend.leg in drawn else 0.0
+            found.add_prior(own.start + number, usual, sagitta_std_mm(order + 1))
     # Who knows a mirror does not count faces of glass.
     counted = [vertex for vertex in range(m) if vertex not in state.on_faces]
     for number, position_mm, std_mm in waypoints:
@@ -433,9 +446,16 @@ def freedom_of_path(
         for axis, value in enumerate(np.asarray(position_mm, dtype=float)):
             found.add_prior(3 * vertex + axis, float(value), float(std_mm))
     basis = np.column_stack(found.columns)
+    moves = np.zeros((len(found.rows), 0))
+    for curve in curves:
+        told = told_of_curve(state, curve)
+        found.rows.extend(told.rows)
+        found.values.extend(told.values)
+        moves = block_diag(moves, told.moves)
     return Freedom(
         basis=state.free_moves @ basis if state.glass else basis,
         prior_rows=np.array(found.rows).reshape(-1, state.size),
         prior_values=np.array(found.values),
         labels=tuple(found.labels),
+        curve_moves=moves,
     )

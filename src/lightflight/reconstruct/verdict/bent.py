@@ -26,13 +26,13 @@ from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.verdict.evidence import WITHIN
-from lightflight.units import MEDIAN_CHI2
 from lightflight.reconstruct.verdict.lost import (
     cost_of_pulses,
     explains_all,
     freed_one_by_one,
     price_of,
 )
+from lightflight.units import MEDIAN_CHI2
 
 Floats = NDArray[np.float64]
 
@@ -113,6 +113,27 @@ def bent_instead(
     return bent if clean and _told_apart(bent, cost, sightings, setting) else None
 
 
+def bent_more(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
+    """The path with more shapes on legs whose curve is told, as long as each is worth its price.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path along these curves.
+    sightings : list of Sighting
+        Its recordings.
+    setting : Setting
+        As told.
+
+    Returns
+    -------
+    JointFit
+        The fit itself where places and counts have no use for more.
+    """
+    grown = _grown(fit, sightings, setting)
+    return fit if grown is fit else _finer_in_picture(grown, sightings, setting)
+
+
 def cost_with_kinks(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> float:
     """`cost_of_pulses`, and what the counts say against the shape of each leg's image."""
     kinks = sum(line.bend_chi2 for picture in fit.pictures for line in picture.fits)
@@ -157,9 +178,10 @@ def _gained(better: JointFit, fit: JointFit, sightings: list[Sighting]) -> float
 def _joined(state: PathState, setting: Setting) -> list[PathState]:
     """Paths with a bent leg for each run of legs that turn by little.
 
-    None where waypoints say which vertex is which: with legs joined, others would bear the numbers.
+    None where waypoints or curves say which is which: with legs joined, others would bear their
+    numbers.
     """
-    if setting.waypoints:
+    if setting.waypoints or setting.curves:
         return []
     return [
         bent_for_run(state, corners, orders, setting.camera)
@@ -191,13 +213,24 @@ def _grown(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointF
 
 
 def _pruned(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
-    """The path without the last shapes of its bends that are not worth their price."""
+    """The path without the last shapes of its bends, or in depth, that are not worth their price.
+
+    The first of each bend stays, in the picture and in depth.
+    """
     while True:
         state = fit.solution.state
-        shorter = [
-            with_bend(state, bend.leg, bend.orders - 1, setting.camera)
+        fewer = [
+            (bend.leg, orders, alone)
             for bend in state.bends
-            if bend.orders > 1
+            for orders, alone in (
+                (bend.orders - 1, max(bend.more_in_picture - 1, 0)),
+                (bend.orders, bend.more_in_picture + 1),
+            )
+            if orders > alone
+        ]
+        shorter = [
+            with_bend(state, leg, orders, setting.camera, more_in_picture=alone)
+            for leg, orders, alone in fewer
         ]
         better = _cheapest(shorter, sightings, setting)
         if better is None or _gained(better, fit, sightings) < 0.0:
@@ -214,7 +247,7 @@ def _finer_in_picture(fit: JointFit, sightings: list[Sighting], setting: Setting
     state = fit.solution.state
     for bend in state.bends:
         orders = min(bend.orders + 1, MOST_ORDERS)
-        alone = orders - bend.orders
+        alone = bend.more_in_picture + orders - bend.orders
         state = with_bend(state, bend.leg, orders, setting.camera, more_in_picture=alone)
     finer = _fitted(sightings, state, setting)
     return fit if isinstance(finer, NoFit) else finer
