@@ -180,7 +180,7 @@ class DrawnCurve:
         )  # fmt: skip
 
 
-def checked_curves(curves: object, n_legs: int | None) -> tuple[DrawnCurve, ...]:
+def checked_curves(curves: object, n_legs: int | None, *, begun: bool) -> tuple[DrawnCurve, ...]:
     """Curves of a call, in the order of their legs.
 
     Parameters
@@ -189,21 +189,30 @@ def checked_curves(curves: object, n_legs: int | None) -> tuple[DrawnCurve, ...]
         As given: one DrawnCurve, or a list.
     n_legs : int or None
         How many legs there are, where that is told.
+    begun : bool
+        Whether a starting path says where legs without a curve are.
 
     Returns
     -------
     tuple of DrawnCurve
+        As given.
 
     Raises
     ------
     ValueError
-        For anything else, two of one leg, or one of a leg that there is not.
+        For anything else, two of one leg, or legs without one that nothing says where to look for.
     """
     given = (curves,) if isinstance(curves, DrawnCurve) else curves
     if not isinstance(given, list | tuple) or not all(isinstance(c, DrawnCurve) for c in given):
         raise ValueError(f"curves must be a list of lightflight.DrawnCurve, got {curves!r:.60}")
-    legs = [curve.leg for curve in given]
+    legs = sorted(curve.leg for curve in given)
     if len(set(legs)) < len(legs) or (n_legs is not None and max(legs, default=0) >= n_legs):
         there = "" if n_legs is None else f" of the {n_legs} that there are"
         raise ValueError(f"curves must each be of a leg of its own{there}, got legs {legs!r:.60}")
+    whole = legs == list(range(len(legs))) and n_legs in (None, len(legs))
+    if legs and not (begun or whole):
+        raise ValueError(
+            f"curves are told of legs {legs}, and nothing says where the others are: give a "
+            "starting path (start=), or a curve for each leg from 0"
+        )
     return tuple(sorted(given, key=lambda curve: curve.leg))

@@ -32,7 +32,7 @@ from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.reconstruct.verdict.alternatives import Other, others_beside, with_others
 from lightflight.reconstruct.verdict.arms import leaves_light, take_up_most, with_arms
 from lightflight.reconstruct.verdict.asked import shares_asked_for
-from lightflight.reconstruct.verdict.bent import asks_for_bends, bent_instead, bent_more
+from lightflight.reconstruct.verdict.bent import asks_for_bends, bent_instead
 from lightflight.reconstruct.verdict.detours import detour_instead, has_weak_leg
 from lightflight.reconstruct.verdict.examine import examined
 from lightflight.reconstruct.ways.joint import fit_of_request
@@ -130,7 +130,7 @@ def reconstruct(
     medium = scene_medium(views[0]) if medium is None else medium
     setting = Setting(
         views[0], source, medium, checked_waypoints(waypoints, n_legs), tuple(views[1:]),
-        checked_curves(curves, n_legs),
+        checked_curves(curves, n_legs, begun=start is not None),
     )  # fmt: skip
     checked_media(setting, method)
     told, wanted = clocks[0], freed_names(free)
@@ -262,11 +262,8 @@ def _through_blocks(request: Request, estimator: Estimator) -> LightPath:
 
 
 def _along_curves(request: Request, estimator: Estimator) -> LightPath:
-    """The path where curves are told: which legs there are is known, how they bend is not all."""
-    path, fit = estimator.fit(request)
-    finer = None if fit is None else bent_more(fit, request.sightings, request.setting)
-    told = None if finer is None or finer is fit else _told(finer, request, estimator)
-    return _warned(_judged(*(told or (path, fit)), request, estimator))
+    """The path where curves are told: which legs there are is known, nothing else is tried."""
+    return _warned(_judged(*estimator.fit(request), request, estimator))
 
 
 def _reconsidered(

@@ -19,7 +19,7 @@ from lightflight.flight import Source
 from lightflight.path.bends import MOST_ORDERS, Bend, shapes_at
 from lightflight.reconstruct.fit.bent import axes_across
 from lightflight.reconstruct.model.drawn import course_on, told_of_curve
-from lightflight.reconstruct.model.freedom import state_vector
+from lightflight.reconstruct.model.freedom import sagitta_std_mm, state_vector
 from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import MEDIUM, SharedErrors, shared_errors
@@ -63,19 +63,11 @@ def begun_along(sightings: list[Sighting], setting: Setting) -> tuple[PathState,
 
     Raises
     ------
-    ValueError
-        Where a leg between them has no curve.
     GeometryError
         Where a curve is not in view, is no smooth leg, or light runs the other way.
     NothingFoundError
         Where too few pulses lie on them.
     """
-    legs = [curve.leg for curve in setting.curves]
-    if legs != list(range(len(legs))):
-        raise ValueError(
-            f"curves are told of legs {legs}, and nothing says where the others begin: give a "
-            "starting path (start=), or a curve for each leg from 0"
-        )
     laid = [_laid(curve, setting.camera, setting.source) for curve in setting.curves]
     ends = [0.5 * (one[1] + other[0]) for one, other in pairwise(laid)]
     vertices = np.array([laid[0][0], *ends, laid[-1][1]])
@@ -99,8 +91,8 @@ def with_curves(state: PathState, setting: Setting) -> PathState:
 def _laid(curve: DrawnCurve, camera: Camera, source: Source) -> tuple[Floats, Floats, Bend]:
     """Ends (3,), mm, and the bend of a leg through the places of a curve that are in view.
 
-    With as many shapes as the places are worth (ln n for each number), and one more: what is not
-    worth its price is not zero, and the places hold it.
+    With all shapes that there are: what places do not tell, a prior holds, and the times of the
+    light know of shapes that no single place shows.
     """
     places = _places_in_view(curve, camera, source)
     start, end = places[0], places[-1]
@@ -113,24 +105,21 @@ def _laid(curve: DrawnCurve, camera: Camera, source: Source) -> tuple[Floats, Fl
         )
     axes = axes_across(start, end, camera)
     off = (places - start - np.outer(fraction, step)) @ axes.T
-    n = off.size
-    best, found = np.inf, None
-    for orders in range(1, min(MOST_ORDERS, len(places) - 3) + 1):
-        columns = np.column_stack((1.0 - fraction, fraction, shapes_at(fraction, orders)))
-        fitted = np.linalg.lstsq(columns, off, rcond=None)[0]
-        chi2 = float(np.sum((off - columns @ fitted) ** 2)) / curve.point_std_mm**2
-        if chi2 + 2 * orders * np.log(n) < best:
-            best, found = chi2 + 2 * orders * np.log(n), (orders, fitted, chi2)
-    orders, fitted, chi2 = found or (1, np.zeros((3, 2)), 0.0)
-    if chdtrc(max(n - fitted.size, 1), chi2) < _FALSE_REFUSAL:
+    columns = np.column_stack((1.0 - fraction, fraction, shapes_at(fraction, MOST_ORDERS)))
+    # Held as they will be in the fit, so that few places tell of them, too.
+    hold = [0.0, 0.0, *(1.0 / sagitta_std_mm(k + 1) for k in range(MOST_ORDERS))]
+    wide = np.vstack((columns / curve.point_std_mm, np.diag(hold)))
+    aims = np.vstack((off / curve.point_std_mm, np.zeros((len(hold), 2))))
+    fitted = np.linalg.lstsq(wide, aims, rcond=None)[0]
+    dof = max(0, off.size - fitted.size)
+    chi2 = float(np.sum((off - columns @ fitted) ** 2)) / curve.point_std_mm**2
+    if dof and chdtrc(dof, chi2) < _FALSE_REFUSAL:
         raise GeometryError(
             f"the places of the curve of leg {curve.leg + 1} scatter by "
-            f"{np.sqrt(chi2 / max(n - fitted.size, 1)):.2g} times their point_std_mm about any leg "
-            f"of at most {MOST_ORDERS} shapes: cut it into several legs, or state a larger error"
+            f"{np.sqrt(chi2 / dof):.2g} times their point_std_mm about any leg of at most "
+            f"{MOST_ORDERS} shapes: cut it into several legs, or state a larger error"
         )
-    bend = Bend(curve.leg, axes, fitted[2:].T)
-    finer = bend.with_orders(min(orders + 1, MOST_ORDERS))
-    return start + fitted[0] @ axes, end + fitted[1] @ axes, finer
+    return start + fitted[0] @ axes, end + fitted[1] @ axes, Bend(curve.leg, axes, fitted[2:].T)
 
 
 def _places_in_view(curve: DrawnCurve, camera: Camera, source: Source) -> Floats:

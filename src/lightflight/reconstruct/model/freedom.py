@@ -19,6 +19,7 @@ from lightflight.arguments import POSITIVE, finite_number, finite_numbers, shown
 from lightflight.curves import DrawnCurve
 from lightflight.errors import GeometryError
 from lightflight.flight import Source
+from lightflight.path.bends import Bend
 from lightflight.reconstruct.model.drawn import told_of_curve
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
@@ -96,9 +97,22 @@ def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tupl
     return tuple(checked)
 
 
-def sagitta_std_mm(order: int) -> float:
-    """Prior standard deviation of a bend's coefficient of an order, counted from 1; mm."""
-    return float(PLAUSIBLE["curved_leg"].size / order**_BEND_FALL)
+def sagitta_std_mm(order: int, size_mm: float = PLAUSIBLE["curved_leg"].size) -> float:
+    """Prior standard deviation of a bend's coefficient of an order, counted from 1; mm.
+
+    `size_mm` is that of the first, the sagitta.
+    """
+    return float(size_mm / order**_BEND_FALL)
+
+
+def _told_sagitta_mm(bend: Bend) -> float:
+    """Plausible sagitta of a leg whose curve is told: the usual one, or that of its own curvature.
+
+    In no shape is there more than in all others: what no place tells of a curve is as smooth as it.
+    """
+    falls = np.arange(1, bend.orders + 1) ** _BEND_FALL
+    own = float(np.max(np.linalg.norm(bend.coefficients_mm, axis=0) * falls))
+    return max(PLAUSIBLE["curved_leg"].size, own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -425,15 +439,14 @@ def freedom_of_path(
         for direction, name in zip(basis.T, _END_MOVES, strict=False):
             found.add_column(vertex, direction, f"{which} {name}")
         found.hold_tip(vertex, basis)
-    drawn = {curve.leg for curve in curves}
     for bend, (_, own) in zip(state.bends, state.courses, strict=True):
+        told = bend.leg in {curve.leg for curve in curves}
+        size = _told_sagitta_mm(bend) if told else PLAUSIBLE["curved_leg"].size
         for number in bend.fitted:
             axis, order = divmod(number, bend.orders)
             found.columns.append(np.eye(state.size)[own.start + number])
             found.labels.append(f"bend of leg {bend.leg + 1} {_BEND_AXES[axis]}, {order + 1}")
-            # A told curve is not straight by itself: what no place on it tells stays as it is.
-            usual = float(bend.coefficients_mm[axis, order]) if bend.leg in drawn else 0.0
-            found.add_prior(own.start + number, usual, sagitta_std_mm(order + 1))
+            found.add_prior(own.start + number, 0.0, sagitta_std_mm(order + 1, size))
     # Who knows a mirror does not count faces of glass.
     counted = [vertex for vertex in range(m) if vertex not in state.on_faces]
     for number, position_mm, std_mm in waypoints:
@@ -448,10 +461,10 @@ def freedom_of_path(
     basis = np.column_stack(found.columns)
     moves = np.zeros((len(found.rows), 0))
     for curve in curves:
-        told = told_of_curve(state, curve)
-        found.rows.extend(told.rows)
-        found.values.extend(told.values)
-        moves = block_diag(moves, told.moves)
+        of_curve = told_of_curve(state, curve)
+        found.rows.extend(of_curve.rows)
+        found.values.extend(of_curve.values)
+        moves = block_diag(moves, of_curve.moves)
     return Freedom(
         basis=state.free_moves @ basis if state.glass else basis,
         prior_rows=np.array(found.rows).reshape(-1, state.size),

@@ -113,27 +113,6 @@ def bent_instead(
     return bent if clean and _told_apart(bent, cost, sightings, setting) else None
 
 
-def bent_more(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
-    """The path with more shapes on legs whose curve is told, as long as each is worth its price.
-
-    Parameters
-    ----------
-    fit : JointFit
-        The path along these curves.
-    sightings : list of Sighting
-        Its recordings.
-    setting : Setting
-        As told.
-
-    Returns
-    -------
-    JointFit
-        The fit itself where places and counts have no use for more.
-    """
-    grown = _grown(fit, sightings, setting)
-    return fit if grown is fit else _finer_in_picture(grown, sightings, setting)
-
-
 def cost_with_kinks(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> float:
     """`cost_of_pulses`, and what the counts say against the shape of each leg's image."""
     kinks = sum(line.bend_chi2 for picture in fit.pictures for line in picture.fits)
@@ -178,10 +157,9 @@ def _gained(better: JointFit, fit: JointFit, sightings: list[Sighting]) -> float
 def _joined(state: PathState, setting: Setting) -> list[PathState]:
     """Paths with a bent leg for each run of legs that turn by little.
 
-    None where waypoints or curves say which is which: with legs joined, others would bear their
-    numbers.
+    None where waypoints say which vertex is which: with legs joined, others would bear the numbers.
     """
-    if setting.waypoints or setting.curves:
+    if setting.waypoints:
         return []
     return [
         bent_for_run(state, corners, orders, setting.camera)
