@@ -12,6 +12,7 @@ from lightflight.lab import (
     Lab,
     lab_from_table,
     lab_from_toml,
+    reconstruct_options,
     table_from_lab,
     toml_from_lab,
 )

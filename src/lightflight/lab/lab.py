@@ -61,8 +61,6 @@ class Lab(Shown):
         What the light crosses.
     detector : Detector or None
         The detector to simulate.
-    curve : mapping of str
-        Fields of the `DrawnCurve` that a leg runs along.
     recording : mapping of str
         What recordings do not say themselves: hints for `lightflight.read`.
     timing : mapping of str
@@ -73,18 +71,20 @@ class Lab(Shown):
         The path to simulate, and its light.
     camera_needs : tuple of str
         Keys of [camera] that are missing before there is a camera.
+    curve : mapping of str
+        Fields of the `DrawnCurve` that a leg runs along.
     """
 
     camera: Camera | None = None
     source: Source = field(default_factory=Source)
     medium: Medium = field(default_factory=Medium)
     detector: Detector | None = None
-    curve: Mapping[str, Any] = field(default_factory=dict)
     recording: Mapping[str, Any] = field(default_factory=dict)
     timing: Mapping[str, Any] = field(default_factory=dict)
     reconstruct: Mapping[str, Any] = field(default_factory=dict)
     scene: Mapping[str, Any] = field(default_factory=dict)
     camera_needs: tuple[str, ...] = ()
+    curve: Mapping[str, Any] = field(default_factory=dict, kw_only=True)
 
 
 def lab_from_toml(path: str | os.PathLike[str] | None, *, assignments: Iterable[str] = ()) -> Lab:
