@@ -5,6 +5,7 @@
     python benchmarks/bends.py --only 3_picture --sagitta 1
     python benchmarks/bends.py --straight 400             # straight legs: how many are called bent
     python benchmarks/bends.py --airy 10                  # the paper's self-bending beam, in depth
+    python benchmarks/bends.py --drawn 20                 # a drawn fibre, and the index along it
     python benchmarks/bends.py --rows rows.jsonl          # keep rows, and go on from there
 
 Scenes are those of `tests/oracles/bent.py`: one leg, or the paper's three whose first is bent, by
@@ -15,6 +16,7 @@ of the true curve (an independent forward model, differentiated; the plausible s
 with its 95 % interval (bootstrap over recordings); stated error over the bound; rms pull of the
 place in the middle of the bent leg's view; verdicts; CPU seconds of the middle one. `--told start`
 begins at 0.85 of the true sagitta and 2 mm beside the true vertices, `--told "may bend"` says so.
+`--drawn` tells the curve by 21 measured places, and an index of 1.44 +- 0.05 for one of 1.47.
 """
 
 from __future__ import annotations
@@ -37,7 +39,14 @@ from benchmarks.refraction import Row, interval
 from lightflight.path.bends import Bend
 from lightflight.path.tables import Goodness
 from lightflight.reconstruct.model.geometry import PathState
-from tests.oracles.bent import BentScene, axes_of_leg, bent_scene, bow_freedoms
+from tests.oracles.bent import (
+    BentScene,
+    arc_scene,
+    axes_of_leg,
+    bent_scene,
+    bow_freedoms,
+    measured_places,
+)
 from tests.oracles.refracted import in_picture, paper_scene, positions_at
 from tests.oracles.refracted_border import histograms, what_the_user_tells
 from tests.oracles.refracted_bound import bound
@@ -187,6 +196,61 @@ def airy(n: int, bend_mm: float) -> None:
     print(f"error / bound {ratio}")
 
 
+DRAWN = {
+    "0.3": ({"std_mm": 0.3}, "exact"),
+    "0.3, source unknown": ({"std_mm": 0.3}, "unknown"),
+    "0.3, of a whole 2 mm and 3 deg off": (
+        {"std_mm": 0.3, "shift_mm": 2.0, "turn_deg": 3.0}, "unknown",
+    ),
+    "0.001": ({"std_mm": 0.001}, "exact"),
+}  # fmt: skip
+"""Errors of measured places, mm, and what is known of the source."""
+
+
+def drawn(n: int) -> None:
+    """Print what is found of a fibre on a circle, drawn from 21 places, its index told +- 0.05."""
+    index = 1.47
+    print("| places, mm | curve | n | error / stated of the index | stated | rms error in view, mm "
+          "| stated | pull | trust/check/contradicted |")  # fmt: skip
+    print("|---|---|---|---|---|---|---|---|---|")
+    for name, (errors, source) in DRAWN.items():
+        for way in ("depth", "picture"):
+            scene, rows = arc_scene(sagitta_mm=20.0, way=way, index=index), []
+            for seed in range(2000, 2000 + n):
+                hist = histograms(scene, seed)
+                call = what_the_user_tells(scene, hist)
+                back = call["medium"].return_group_index
+                call["medium"] = lf.Medium(
+                    1.44, back, path_group_index_std=0.05, index_correlation=0.0
+                )
+                if source == "unknown":
+                    call["source"] = lf.Source()
+                curve = lf.DrawnCurve(
+                    measured_places(scene, 0, seed, **errors), point_std_mm=errors["std_mm"],
+                    position_std_mm=errors.get("shift_mm", 0.0),
+                    turn_std_deg=errors.get("turn_deg", 0.0),
+                )  # fmt: skip
+                path = lf.reconstruct(hist, curves=[curve], **call)
+                off = path.medium.path_group_index - index
+                rows.append(
+                    errors_of(path, scene)
+                    | {"index2": (off / path.group_index_std) ** 2, "std": path.group_index_std}
+                    | {"level": str(path.verdict.level)}
+                )
+            told = {key: np.array([row[key] for row in rows]) for key in rows[0]}
+            levels = "/".join(
+                str(np.count_nonzero(told["level"] == one))
+                for one in ("trust", "check", "contradicted")
+            )
+            rms = {key: np.sqrt(told[key].mean()) for key in ("error2", "stated2")}
+            cells = [
+                name, way, str(n), interval(told["index2"], 1.0), f"{np.median(told['std']):.5f}",
+                f"{rms['error2']:.3f}", f"{rms['stated2']:.3f}", interval(told["pull2"], 1.0),
+                levels,
+            ]  # fmt: skip
+            print("| " + " | ".join(cells) + " |", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -199,11 +263,15 @@ def main() -> None:
     parser.add_argument("--told", choices=("nothing", "may bend", "start"), default="nothing")
     parser.add_argument("--straight", type=int, metavar="N", help="N recordings of straight legs")
     parser.add_argument("--airy", type=int, metavar="N", help="N recordings of the Airy beam")
+    parser.add_argument("--drawn", type=int, metavar="N", help="N recordings of a drawn fibre")
     parser.add_argument("--rows", type=Path)
     chosen = parser.parse_args()
     warnings.simplefilter("ignore")
     if chosen.straight:
         straight(chosen.straight, chosen.photons)
+        return
+    if chosen.drawn:
+        drawn(chosen.drawn)
         return
     if chosen.airy:
         airy(chosen.airy, 5.0)

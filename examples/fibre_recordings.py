@@ -27,6 +27,8 @@ ASSUMED_BIN_WIDTH_PS = 1.5  # sweeps of 1 and 2 ns over 1,016 rows would be 0.98
 ASSUMED_DISTANCE_MM = 400.0
 ASSUMED_FIELD_MM = (60.0, 60.0)
 FIBRE = lf.Medium(path_group_index=1.47, return_group_index=1.00027)
+LAID_IN_AN_ARCH = ("CurveFiber",)
+"""Of these it is known that one fibre runs on one smooth curve."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,16 @@ def path_on_assumptions(file: Path, name: str) -> lf.LightPath:
     camera = lf.Camera.facing_plane(
         shape=hist.shape, distance_mm=ASSUMED_DISTANCE_MM, field_of_view_mm=ASSUMED_FIELD_MM
     )
-    return lf.reconstruct(hist, camera=camera, source=lf.Source(), medium=FIBRE)
+    told = {"n_legs": 1, "free": ("bend",)} if name in LAID_IN_AN_ARCH else {}
+    return lf.reconstruct(hist, camera=camera, source=lf.Source(), medium=FIBRE, **told)
+
+
+def distance_to_path_px(track: Track, path: lf.LightPath) -> np.ndarray:
+    """Distance of every point of the track from the picture of the path, slit pixels."""
+    times_ps = np.linspace(*path.vertex_times_ps[[0, -1]], 2000)
+    row, col = path.camera.pixels_from_points(path.position_at(times_ps))
+    away = track.uv[:, np.newaxis] - np.column_stack((col, row))
+    return np.hypot(away[..., 0], away[..., 1]).min(axis=1) * track.cell_px
 
 
 def main() -> None:
@@ -122,7 +133,9 @@ def main() -> None:
             path = path_on_assumptions(args.file, name)
         print(
             f"  assuming {ASSUMED_BIN_WIDTH_PS} ps per row and {ASSUMED_DISTANCE_MM:g} mm: "
-            f"{path.n_legs} leg(s), " + ", ".join(f"{leg.angle_deg:+.0f}°" for leg in path.legs)
+            f"{path.n_legs} leg(s), {len(path.bends)} bent, "
+            + ", ".join(f"{leg.angle_deg:+.0f}°" for leg in path.legs)
+            + f", median {np.median(distance_to_path_px(track, path)):.2f} px from the track"
         )
         for statement in path.statements:
             print(f"    {statement}")

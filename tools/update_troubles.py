@@ -31,8 +31,10 @@ sys.path.insert(0, str(ROOT))
 
 import lightflight as lf  # noqa: E402  # the checkout's
 from lightflight.camera.refraction import interface_moved  # noqa: E402
+from lightflight.path.on_bends import drawn  # noqa: E402
 from lightflight.view import style  # noqa: E402
 from tests.oracles import refracted_border  # noqa: E402
+from tests.oracles.bent import arc_scene, measured_places  # noqa: E402
 from tests.oracles.refracted import AIR, RefractedScene, block_world, tank_world  # noqa: E402
 from tests.oracles.refracted_border import histograms  # noqa: E402
 from tests.oracles.worlds.border import record, what_the_user_tells  # noqa: E402
@@ -69,6 +71,7 @@ TROUBLES = {
     "distortion": Trouble("barrel", -1.0, "a lens that moves the corner by 1 px, told as none"),
     "window": Trouble("window", 3.0, "a tank whose window stands 3 mm farther away than told"),
     "block": Trouble("block", 20.0, "20 mm of glass in the middle of one beam, not told"),
+    "drawn_curve": Trouble("drawn_curve", 2.0, "a fibre on a circle, drawn 2 mm too far up"),
     "index": Trouble("index_to_the_camera", 0.33, "water between path and camera, told as air"),
     "units": Trouble("metres", 2.0, "the source told in metres, all else in mm"),
     "orientation": Trouble("swapped_field", 1.3, "width and height of the field swapped, 1.3 : 1"),
@@ -126,14 +129,24 @@ def case_of_beam(*, with_block: bool) -> Case:
     return case_of_scene(block if with_block else replace(block, path_group_index=AIR))
 
 
+def case_of_fibre(up_mm: float) -> Case:
+    """A fibre on a circle, whose drawn places stand so much too far up."""
+    scene = arc_scene(sagitta_mm=20.0, way="depth", index=1.47, photons=PHOTONS)
+    places = measured_places(scene, 0, 1, std_mm=0.3) + np.array([0.0, up_mm, 0.0])
+    curve = lf.DrawnCurve(places, point_std_mm=0.3)
+    return case_of_scene(scene, source=lf.Source(), curves=[curve])
+
+
 def case_of_scene(
-    scene: RefractedScene, mistaken: Callable[[lf.Camera], lf.Camera] = lambda camera: camera
+    scene: RefractedScene,
+    mistaken: Callable[[lf.Camera], lf.Camera] = lambda camera: camera,
+    **more: Any,
 ) -> Case:
     """A scene of the refracting oracle, reconstructed with what is mistaken of its camera."""
     scene = replace(scene, photons=PHOTONS)
     hist = histograms(scene, 1)
     told = refracted_border.what_the_user_tells(scene, hist)
-    told["camera"] = mistaken(told["camera"])
+    told |= {"camera": mistaken(told["camera"]), **more}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         path = lf.reconstruct(hist, **told)
@@ -146,6 +159,8 @@ def cases_of(trouble: Trouble, start: World, plain: dict[str, Case]) -> tuple[Ca
         return case_of_tank(0.0), case_of_tank(trouble.strength)
     if trouble.defect == "block":
         return case_of_beam(with_block=False), case_of_beam(with_block=True)
+    if trouble.defect == "drawn_curve":
+        return case_of_fibre(0.0), case_of_fibre(trouble.strength)
     base = trouble.base(start)
     key = base.clock.__class__.__name__ + str(base.clock.edges_ps is None)
     plain.setdefault(key, case_of(base))
@@ -157,7 +172,7 @@ def draw_light(case: Case, ax: Axes) -> None:
     photons = np.asarray(case.hist.photons, dtype=float)
     dark = max(1.0, 0.8 * float(np.median(photons)))
     ax.imshow(np.maximum(photons, dark), cmap="Greys", norm=LogNorm(dark, None))
-    ends = np.asarray(case.path.vertices_mm)
+    ends = drawn(case.path)[0]
     line = np.concatenate([np.linspace(a, b, 60) for a, b in pairwise(ends)])
     line = line[case.told["camera"].sees(line)]
     row, col = case.told["camera"].pixels_from_points(line)

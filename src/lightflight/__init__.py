@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from lightflight.camera.calibration import calibrate_camera as calibrate_camera
     from lightflight.camera.model import Camera as Camera
     from lightflight.camera.refraction import Interface as Interface, window as window
+    from lightflight.curves import DrawnCurve as DrawnCurve
     from lightflight.flight import Medium as Medium, Source as Source
     from lightflight.formats.registry import read as read, write as write
     from lightflight.materials import Material as Material
@@ -60,6 +61,7 @@ __getattr__, __dir__, __all__ = lazy_names(
         "lightflight.camera.calibration": ("calibrate_camera",),
         "lightflight.camera.model": ("Camera",),
         "lightflight.camera.refraction": ("Interface", "window"),
+        "lightflight.curves": ("DrawnCurve",),
         "lightflight.flight": ("Medium", "Source"),
         "lightflight.formats.registry": ("read", "write"),
         "lightflight.materials": ("Material",),

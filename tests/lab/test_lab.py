@@ -12,6 +12,7 @@ from lightflight.lab import (
     Lab,
     lab_from_table,
     lab_from_toml,
+    reconstruct_options,
     table_from_lab,
     toml_from_lab,
 )
@@ -180,6 +181,36 @@ def test_blocks_of_glass_are_read_and_written():
     indices = {key: value for key, value in BLOCK.items() if key not in ("glass", "wavelength_nm")}
     told = lab_from_table({"block": indices | {"glass_indices": [1.5, 1.55]}})
     assert told.medium.blocks[0].glass == Material(1.5, 1.55)
+
+
+CURVE = {"points_mm": [[0.0, 0.0, 0.0], [1.0, 0.1, 0.0], [2.0, 0.1, 0.0], [3.0, 0.0, 0.0]],
+         "point_std_mm": 0.3}  # fmt: skip
+
+
+def test_a_told_curve_is_read_and_written():
+    lab = lab_from_table({"curve": CURVE | {"leg": 1, "turn_std_deg": 2.0}})
+    (curve,) = reconstruct_options(lab)["curves"]
+    assert (curve.leg, curve.point_std_mm, curve.turn_std_deg) == (1, 0.3, 2.0)
+    assert curve.places_mm.tolist() == CURVE["points_mm"]
+    assert reconstruct_options(lab_from_table(table_from_lab(lab)))["curves"] == (curve,)
+    assert reconstruct_options(lab_from_table({}))["curves"] == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"points_mm": None}, ["points_mm is missing"]),
+        ({"point_std_mm": None}, ["point_std_mm is missing"]),
+        ({"point_std_mm": 0.0}, ["point_std_mm must be positive"]),
+        ({"points_mm": [[0.0, 0.0, 0.0]]}, ["4 to 200 rows"]),
+    ],
+)
+def test_what_is_wrong_with_a_curve_is_named(changes, words):
+    table = {key: value for key, value in (CURVE | changes).items() if value is not None}
+    with pytest.raises(ConfigError) as caught:
+        lab_from_table({"curve": table}, where="lab.toml")
+    for word in ("lab.toml", "[curve]", *words):
+        assert word in str(caught.value)
 
 
 @pytest.mark.parametrize(

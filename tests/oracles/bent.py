@@ -59,6 +59,70 @@ class BentScene(RefractedScene):
         return np.where((passed < 0.0) | (passed > 1.0), passed, inside)
 
 
+@dataclass(frozen=True, eq=False)
+class ArcScene(BentScene):
+    """A scene whose first leg is part of a circle; its vertices are the ends of that."""
+
+    arc_center_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def points_on(self, leg: int, shares: np.ndarray) -> np.ndarray:
+        if leg:
+            return super().points_on(leg, shares)
+        # Turned from start to end, in the plane of both radii; straight on beyond them.
+        first, last = np.asarray(self.vertices_mm[:2], dtype=float) - self.arc_center_mm
+        radius = np.linalg.norm(first)
+        angle = np.arccos(first @ last / (radius * np.linalg.norm(last)))
+        ahead = last - (last @ first) * first / radius**2
+        ahead *= radius / np.linalg.norm(ahead)
+        inside = np.clip(shares, 0.0, 1.0)
+        turn = (angle * inside)[:, None]
+        along = angle * (np.cos(turn) * ahead - np.sin(turn) * first)
+        on_circle = np.cos(turn) * first + np.sin(turn) * ahead
+        return self.arc_center_mm + on_circle + (shares - inside)[:, None] * along
+
+
+def arc_scene(*, sagitta_mm: float, way: str, index: float, photons: float = 40_000.0) -> ArcScene:
+    """One leg of a medium of its own across the field, on a circle; parameters as `bent_scene`."""
+    base = bent_scene(legs=1, sagitta_mm=sagitta_mm, way=way, photons=photons)
+    start, end = np.asarray(base.vertices_mm, dtype=float)
+    bow = base.bows_mm[0][0]
+    half, size = 0.5 * np.linalg.norm(end - start), np.linalg.norm(bow)
+    radius = (half**2 + size**2) / (2.0 * size)
+    center = 0.5 * (start + end) + bow - radius * bow / size
+    return ArcScene(
+        base.vertices_mm, base.camera, clock=base.clock, emission_time_ps=base.emission_time_ps,
+        photons=photons, path_group_index=index, arc_center_mm=tuple(center),
+    )  # fmt: skip
+
+
+def measured_places(
+    scene: BentScene,
+    leg: int,
+    seed: int,
+    *,
+    n: int = 21,
+    std_mm: float,
+    shift_mm: float = 0.0,
+    turn_deg: float = 0.0,
+) -> np.ndarray:
+    """(n, 3), places measured on a leg: each by itself, all shifted and turned on each axis."""
+    rng = np.random.default_rng([seed, 61])
+    places = scene.points_on(leg, np.linspace(0.0, 1.0, n))
+    middle = places.mean(axis=0)
+    turn = np.deg2rad(turn_deg) * rng.standard_normal(3)
+    size = np.linalg.norm(turn)
+    away = places - middle
+    if size > 0.0:
+        # Rodrigues.
+        axis = turn / size
+        away = (
+            np.cos(size) * away + np.sin(size) * np.cross(axis, away)
+            + (1.0 - np.cos(size)) * np.outer(away @ axis, axis)
+        )  # fmt: skip
+    whole = middle + away + shift_mm * rng.standard_normal(3)
+    return whole + std_mm * rng.standard_normal(places.shape)
+
+
 def bow_freedom(leg: int, order: int, axis: np.ndarray, name: str) -> Freedom:
     """The size of a dome of a leg along an axis, mm, as plausible as the package takes it."""
 

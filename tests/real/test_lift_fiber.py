@@ -80,9 +80,13 @@ def test_without_a_scale_the_chain_stops_with_a_sentence(file):
 @pytest.mark.usefixtures("unexamined")
 def test_with_assumed_scale_it_goes_to_four_dimensions(example, file):
     """The straight fibre is on the page about real recordings, which tests/docs runs with its
-    verdict; of this one that takes a minute and is not asked."""
+    verdict; of this one that is not asked. Told as one fibre it is one curve, along the track."""
     with pytest.warns(LightflightWarning):
         path = example.path_on_assumptions(file, "CurveFiber")
+    assert path.n_legs == 1
+    assert [bend.leg for bend in path.bends] == [0]
+    track = example.read_track(file, "CurveFiber")
+    assert np.median(example.distance_to_path_px(track, path)) <= 1.0
     assert path.medium.path_group_index == 1.47
     assert path.goodness.converged
     assert np.isfinite(path.covariance).all()

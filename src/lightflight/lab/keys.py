@@ -177,6 +177,19 @@ BLOCK_KEYS = (
     ),
 )
 
+CURVE_KEYS = (
+    Key(
+        "points_mm",
+        "places on the curve that a leg runs along, in the order of flight, one row (x, y, z) "
+        "each, mm",
+        config.table_of_numbers(3),
+    ),
+    Key("leg", "which leg, from 0; 0", config.integer),
+    Key("point_std_mm", "one-sigma error of each place by itself, mm", config.number),
+    Key("position_std_mm", "of the whole curve on each axis, mm; 0", config.number),
+    Key("turn_std_deg", "of the whole curve about each axis, deg; 0", config.number),
+)
+
 TIMING_KEYS = (
     Key(
         "flat_arrival_ps",
@@ -354,6 +367,7 @@ SECTIONS: Mapping[str, Sequence[Key] | None] = {
     "source": SOURCE_KEYS,
     "medium": MEDIUM_KEYS,
     "block": BLOCK_KEYS,
+    "curve": CURVE_KEYS,
     "detector": DETECTOR_KEYS,
     "recording": None,
     "timing": TIMING_KEYS,

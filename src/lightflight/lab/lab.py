@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from lightflight.arguments import shown
 from lightflight.camera.model import LENS_ERRORS, Camera
 from lightflight.camera.rigid import pose_covariance_from_stds
+from lightflight.curves import DrawnCurve
 from lightflight.display import Shown
 from lightflight.errors import ConfigError, SuspectDataWarning
 from lightflight.files import toml_tables as config
@@ -42,8 +43,8 @@ from lightflight.simulate.detector import Detector
 _CLOCK_KEYS = {"n_codes", "bin_width_ps", "code_width_ps", "laser_period_ps", "reversed_codes"}
 """Who writes one of these in [detector] describes a camera of his own."""
 
-OPTION_SECTIONS = ("recording", "timing", "reconstruct", "scene")
-"""Sections that are kept as they were written, as options of the functions they are named after."""
+OPTION_SECTIONS = ("curve", "recording", "timing", "reconstruct", "scene")
+"""Sections that are kept as they were written, as options of what they are named after."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -70,6 +71,8 @@ class Lab(Shown):
         The path to simulate, and its light.
     camera_needs : tuple of str
         Keys of [camera] that are missing before there is a camera.
+    curve : mapping of str
+        Fields of the `DrawnCurve` that a leg runs along.
     """
 
     camera: Camera | None = None
@@ -81,6 +84,7 @@ class Lab(Shown):
     reconstruct: Mapping[str, Any] = field(default_factory=dict)
     scene: Mapping[str, Any] = field(default_factory=dict)
     camera_needs: tuple[str, ...] = ()
+    curve: Mapping[str, Any] = field(default_factory=dict, kw_only=True)
 
 
 def lab_from_toml(path: str | os.PathLike[str] | None, *, assignments: Iterable[str] = ()) -> Lab:
@@ -158,6 +162,8 @@ def lab_from_table(table: Mapping[str, object], *, where: str = "set-up") -> Lab
     with _naming(where, "detector"):
         detector = _detector_from_table(sections["detector"]) if "detector" in sections else None
     options = {name: sections.get(name, {}) for name in OPTION_SECTIONS}
+    with _naming(where, "curve"):
+        _curves_from_table(options["curve"])
     return Lab(camera, source, medium, detector, camera_needs=needs, **options)
 
 
@@ -172,11 +178,19 @@ def reconstruct_options(lab: Lab) -> dict[str, Any]:
     Returns
     -------
     dict of str
-        Its keys; `waypoints` as (vertex, (x, y, z), std) each, mm.
+        Its keys; `waypoints` as (vertex, (x, y, z), std) each, mm; and the curve of [curve].
     """
     options = dict(lab.reconstruct)
     waypoints = [(int(row[0]), row[1:4], row[4]) for row in options.pop("waypoints", ())]
-    return {**options, "waypoints": waypoints}
+    return {**options, "waypoints": waypoints, "curves": _curves_from_table(lab.curve)}
+
+
+def _curves_from_table(table: Mapping[str, Any]) -> tuple[DrawnCurve, ...]:
+    """The curve of [curve]; () where the table is empty."""
+    for key in ("points_mm", "point_std_mm"):
+        if table and key not in table:
+            raise ValueError(f"{key} is missing: where the curve runs, and how well that is known")
+    return (DrawnCurve(**table),) if table else ()
 
 
 def _with_camera_file(table: Mapping[str, Any], where: str) -> Mapping[str, object]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lightflight.errors import LimitError
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 MOST_ORDERS = 8
 """Shapes of a bend: a curve that needs more is no smooth leg, and ten places fix no more."""
@@ -96,11 +97,14 @@ class Bend:
         picture, w in depth.
     coefficients_mm : array of float, shape (2, J)
         a_j, then b_j. Those of the first shape are the sagitta, mm.
+    more_in_picture : int, optional
+        How many of the last shapes are of the picture alone: their b_j are zero, and not fitted.
     """
 
     leg: int
     axes: Floats
     coefficients_mm: Floats
+    more_in_picture: int = 0
 
     @property
     def orders(self) -> int:
@@ -111,6 +115,11 @@ class Bend:
     def size(self) -> int:
         """Numbers of the bend."""
         return int(self.coefficients_mm.size)
+
+    @property
+    def fitted(self) -> Indices:
+        """Which of the numbers are fitted: all but those of the shapes of the picture alone."""
+        return np.arange(self.size - self.more_in_picture)
 
     @cached_property
     def vectors_mm(self) -> Floats:
@@ -141,12 +150,13 @@ class Bend:
         by = step.reshape(self.coefficients_mm.shape)
         return replace(self, coefficients_mm=self.coefficients_mm + by)
 
-    def with_orders(self, orders: int) -> Bend:
-        """The same curve with as many shapes, further ones at zero."""
+    def with_orders(self, orders: int, more_in_picture: int = 0) -> Bend:
+        """The same curve with as many shapes, further ones at zero; some of the picture alone."""
         grown = np.zeros((2, orders))
-        kept = min(orders, self.orders)
-        grown[:, :kept] = self.coefficients_mm[:, :kept]
-        return replace(self, coefficients_mm=grown)
+        kept = np.minimum(self.orders, (orders, orders - more_in_picture))
+        for axis, n in enumerate(kept):
+            grown[axis, :n] = self.coefficients_mm[axis, :n]
+        return replace(self, coefficients_mm=grown, more_in_picture=more_in_picture)
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +271,10 @@ class BentCourse:
         curve = self.start_mm + np.outer(places, step) + _at(shapes, places) @ self.bend.vectors_mm
         away = curve - (curve[0] + np.outer(inside, curve[-1] - curve[0]))
         vectors = np.linalg.lstsq(_at(shapes, inside), away, rcond=None)[0]
-        bend = replace(self.bend, coefficients_mm=(vectors @ self.bend.axes.T).T)
+        coefficients = (vectors @ self.bend.axes.T).T
+        # Shapes of the picture alone stay so to the last bit.
+        coefficients[1, orders - self.bend.more_in_picture :] = 0.0
+        bend = replace(self.bend, coefficients_mm=coefficients)
         return BentCourse(curve[0], curve[-1], bend)
 
 
@@ -332,9 +345,12 @@ def arrays_of_bends(bends: tuple[Bend, ...]) -> dict[str, NDArray[np.generic]]:
     -------
     dict of str to array
         `bends_leg` (k,), `bends_axes` (k, 2, 3), `bends_orders` (k,), and `bends_coefficients_mm`,
-        all coefficients of one bend after those of another.
+        all coefficients of one bend after those of another; `bends_more_in_picture` (k,) where a
+        bend has shapes of the picture alone.
     """
+    more = np.array([bend.more_in_picture for bend in bends], dtype=np.int64)
     return {
+        **({"bends_more_in_picture": more} if more.any() else {}),
         "bends_leg": np.array([bend.leg for bend in bends], dtype=np.int64),
         "bends_axes": np.array([bend.axes for bend in bends]),
         "bends_orders": np.array([bend.orders for bend in bends], dtype=np.int64),
@@ -373,9 +389,13 @@ def bends_from_arrays(arrays: Mapping[str, NDArray[np.generic]]) -> tuple[Bend, 
     if not known or axes.shape != (n, 2, 3) or flat.shape != (2 * int(orders.sum()),):
         raise ValueError("its bends are damaged: their arrays do not belong together")
     parts = np.split(flat, np.cumsum(2 * orders)[:-1])
+    # Files of earlier versions have none.
+    more = np.asarray(arrays.get("bends_more_in_picture", np.zeros(n, dtype=np.int64)))
+    if more.shape != (n,) or more.dtype.kind != "i":
+        raise ValueError("its bends are damaged: their arrays do not belong together")
     return tuple(
-        Bend(int(leg), own, part.reshape(2, -1))
-        for leg, own, part in zip(legs, axes, parts, strict=True)
+        Bend(int(leg), own, part.reshape(2, -1), int(alone))
+        for leg, own, part, alone in zip(legs, axes, parts, more, strict=True)
     )
 
 
@@ -420,6 +440,12 @@ def _checked(bend: Bend) -> Bend:
         raise LimitError(f"a bend has at most {MOST_ORDERS} shapes, got {coefficients.shape[1]}")
     if not np.isfinite(coefficients).all():
         raise ValueError(f"coefficients_mm of a bend must be finite, got {coefficients}")
+    alone = bend.more_in_picture
+    if not 0 <= alone < len(coefficients.T) or coefficients[1, len(coefficients.T) - alone :].any():
+        raise ValueError(
+            "more_in_picture of a bend must be 0 or less than its shapes, whose coefficients in "
+            f"depth are zero; got {alone} of {coefficients.shape[1]}"
+        )
     if np.abs(coefficients).max() > _FARTHEST_MM:
         raise LimitError(f"coefficients_mm of a bend must lie within {_FARTHEST_MM:g} mm")
     # NaN is near to nothing.
@@ -427,4 +453,4 @@ def _checked(bend: Bend) -> Bend:
         raise ValueError(f"axes of a bend must be two unit vectors across each other, got {axes}")
     axes.setflags(write=False)
     coefficients.setflags(write=False)
-    return Bend(bend.leg, axes, coefficients)
+    return Bend(bend.leg, axes, coefficients, bend.more_in_picture)

@@ -129,6 +129,8 @@ def _record_from_path(path: LightPath) -> tuple[dict[str, NDArray[np.generic]], 
         attributes["medium_errors"] = {k: v for k, v in asdict(uniform).items() if k not in own}
     if path.medium.blocks:
         attributes["blocks"] = [asdict(block) for block in path.medium.blocks]
+    if path.group_index_std:
+        attributes["group_index_std"] = path.group_index_std
     if path.prices:
         attributes["prices"] = list(path.prices)
     if path.second_pulse is not None:
@@ -277,6 +279,7 @@ def _fields_from_record(
         "explained": _explained_from_record(attributes),
         "unseen_legs": tuple(attributes.get("unseen_legs", ())),
         "forks": _forks_from_record(attributes, "forks"),
+        "group_index_std": attributes.get("group_index_std", 0.0),
         "bends": bends_from_arrays(arrays),
         "bend_covariance": arrays.get("bends_covariance"),
         "second_pulse": SecondPulse.from_json(attributes.get("second_pulse")),

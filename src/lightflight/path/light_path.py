@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightflight.arguments import shown, whole_number
+from lightflight.arguments import finite_number, shown, whole_number
 from lightflight.display import Card, Drawn, Labelled, Tabled, at_most, count, with_error
 from lightflight.errors import LimitError
 from lightflight.flight import (
@@ -94,7 +94,7 @@ class LightPath(Drawn, Tabled, Labelled):
     source : Source
         What was known of the source.
     medium : Medium
-        The medium assumed.
+        The medium as it was found: its indices moved within the errors that were told of them.
     method : str
         "paper", "joint" or "photon".
     goodness : Goodness
@@ -130,6 +130,8 @@ class LightPath(Drawn, Tabled, Labelled):
     bend_covariance : array of float, shape (4m + b, b)
         Of the b coefficients of all bends (mm), in their order, with x, y, z, t of every vertex and
         then with each other.
+    group_index_std : float
+        One-sigma error of `medium.path_group_index` as it was found; 0: it was told as exact.
     alternatives : tuple of Alternative
         Other paths that explain the recording about as well, the likeliest first.
     second_pulse : SecondPulse or None
@@ -159,6 +161,7 @@ class LightPath(Drawn, Tabled, Labelled):
     forks: tuple[tuple[int, int], ...] = field(default=(), kw_only=True)
     bends: tuple[Bend, ...] = field(default=(), kw_only=True)
     bend_covariance: Floats | None = field(default=None, kw_only=True, repr=False)
+    group_index_std: float = field(default=0.0, kw_only=True)
     alternatives: tuple[Alternative, ...] = field(default=(), kw_only=True, repr=False)
     second_pulse: SecondPulse | None = field(default=None, kw_only=True)
 
@@ -199,6 +202,7 @@ class LightPath(Drawn, Tabled, Labelled):
             raise ValueError(
                 "a path with branches has straight legs: give forks or bends, not both"
             )
+        finite_number("group_index_std", self.group_index_std, "be finite and >= 0", low=0.0)
         of_bends = checked_bend_covariance(self.bend_covariance, self.bends, 4 * m)
         object.__setattr__(self, "bend_covariance", of_bends)
         object.__setattr__(self, "alternatives", checked_alternatives(self.alternatives))

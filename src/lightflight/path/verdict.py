@@ -19,6 +19,7 @@ class FindingName(StrEnum):
     SCATTER = "scatter"
     UNSEEN_LEG = "unseen_leg"
     CURVED_LEG = "curved_leg"
+    DRAWN_CURVE = "drawn_curve"
     LEG_COUNT = "leg_count"
     HAZE = "haze"
     HALO = "halo"

@@ -161,7 +161,7 @@ def checked_media(setting: Setting, method: str) -> None:
     ------
     ValueError
         Where the medium is not the one behind the last interface, or the estimator knows no
-        interfaces and no blocks.
+        interfaces, blocks or curves; for curves beside blocks.
     GeometryError
         Where pixels look along rays that never get behind the interfaces.
     """
@@ -169,6 +169,16 @@ def checked_media(setting: Setting, method: str) -> None:
         raise ValueError(
             f"method={method!r} knows one medium, and a block of glass stands in the beam: use "
             "method='joint' or 'photon'"
+        )
+    if setting.curves and estimator_named(method).of_fit is None:
+        raise ValueError(
+            f"method={method!r} knows straight legs, and a curve is told: use method='joint' or "
+            "'photon'"
+        )
+    if setting.curves and setting.medium.blocks:
+        raise ValueError(
+            "a curve is told, and a block of glass stands in the beam: legs through glass are "
+            "straight, leave one of both out"
         )
     for camera in setting.cameras:
         if not camera.interfaces:

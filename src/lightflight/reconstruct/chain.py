@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from lightflight.arguments import check_kinds
 from lightflight.camera.refraction import scene_medium
+from lightflight.curves import DrawnCurve, checked_curves
 from lightflight.errors import GeometryError, NothingFoundError, SuspectDataWarning
 from lightflight.flight import Medium, Source
 from lightflight.path.glass import refuse_other_crossings
@@ -57,6 +58,7 @@ def reconstruct(
     exclude_mask: ArrayLike | None = None,
     start: LightPath | ArrayLike | None = None,
     free: Iterable[str] = (),
+    curves: Sequence[DrawnCurve] = (),
 ) -> LightPath:
     """Path of the pulse in space and time from what the camera recorded.
 
@@ -97,6 +99,9 @@ def reconstruct(
         the optical axis meets the picture), "distortion", "decentering", "index", "window" (its
         distance), "clock_offset", "clock_scale", "clock_drift", "calibration" (delays that grow
         across the picture), "bend" (legs may be curves).
+    curves : sequence of DrawnCurve, optional
+        Curves that legs are known to run along (a fibre, a circle, a parabola). Without a `start`
+        one for each leg: none is looked for in the picture.
 
     Raises
     ------
@@ -124,8 +129,9 @@ def reconstruct(
     ]
     medium = scene_medium(views[0]) if medium is None else medium
     setting = Setting(
-        views[0], source, medium, checked_waypoints(waypoints, n_legs), tuple(views[1:])
-    )
+        views[0], source, medium, checked_waypoints(waypoints, n_legs), tuple(views[1:]),
+        checked_curves(curves, n_legs, begun=start is not None),
+    )  # fmt: skip
     checked_media(setting, method)
     told, wanted = clocks[0], freed_names(free)
 
@@ -228,6 +234,8 @@ def path_from_sightings(
     estimator = estimator_named(method)
     if setting.medium.blocks:
         return _through_blocks(request, estimator)
+    if setting.curves:
+        return _along_curves(request, estimator)
     try:
         path, fit = estimator.fit(request)
     except (GeometryError, NothingFoundError):
@@ -251,6 +259,11 @@ def _through_blocks(request: Request, estimator: Estimator) -> LightPath:
     path, fit = estimator.fit(request)
     refuse_other_crossings(path.vertices_mm, request.setting.medium.blocks)
     return _warned(_judged(path, fit, request, estimator))
+
+
+def _along_curves(request: Request, estimator: Estimator) -> LightPath:
+    """The path where curves are told: which legs there are is known, nothing else is tried."""
+    return _warned(_judged(*estimator.fit(request), request, estimator))
 
 
 def _reconsidered(
@@ -358,9 +371,21 @@ def _bent(
         return None
     if not request.may_bend and not asks_for_bends(verdict):
         return None
-    setting = request.setting
-    found = bent_instead(fit, request.sightings, setting, request.n_legs, may_bend=request.may_bend)
+    found = bent_instead(
+        fit, request.sightings, request.setting, request.n_legs,
+        cut=_as_cut(fit, request), may_bend=request.may_bend,
+    )  # fmt: skip
     return None if found is None else _told(found, request, estimator)
+
+
+def _as_cut(fit: JointFit, request: Request) -> JointFit:
+    """The fit with as many legs as the data show: a search cuts one curve into several."""
+    if request.n_legs is None:
+        return fit
+    try:
+        return fit_of_request(replace(request, n_legs=None))
+    except (GeometryError, NothingFoundError):
+        return fit
 
 
 def _starts_bent(request: Request) -> bool:
@@ -397,7 +422,7 @@ def _examined(
         request.setting,
         nominal_clock=request.timing is None,
         n_legs=request.n_legs,
-        may_bend=request.may_bend or _starts_bent(request),
+        may_bend=request.may_bend or _starts_bent(request) or bool(request.setting.curves),
         name_arms=not _may_fork(request, estimator),
     )
 
@@ -406,7 +431,7 @@ def _others(
     path: LightPath, fit: JointFit, request: Request, estimator: Estimator
 ) -> tuple[Other, ...]:
     """Other answers; none where a start says which is wanted."""
-    if estimator.of_fit is None or request.start is not None:
+    if estimator.of_fit is None or request.start is not None or request.setting.curves:
         return ()
 
     def told_of(other: JointFit) -> tuple[LightPath, JointFit] | None:

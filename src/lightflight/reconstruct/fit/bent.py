@@ -54,7 +54,9 @@ def axes_across(start_mm: Floats, end_mm: Floats, camera: Camera) -> Floats:
     return np.stack((np.cross(along, depth), depth))
 
 
-def with_bend(state: PathState, leg: int, orders: int, camera: Camera) -> PathState:
+def with_bend(
+    state: PathState, leg: int, orders: int, camera: Camera, *, more_in_picture: int = 0
+) -> PathState:
     """The path with so many shapes of a bend on a leg; what the leg had of them stays.
 
     Parameters
@@ -67,6 +69,8 @@ def with_bend(state: PathState, leg: int, orders: int, camera: Camera) -> PathSt
         Shapes of each axis.
     camera : Camera
         Whose picture says what is depth.
+    more_in_picture : int, optional
+        How many of the last shapes are of the picture alone.
 
     Returns
     -------
@@ -78,7 +82,8 @@ def with_bend(state: PathState, leg: int, orders: int, camera: Camera) -> PathSt
         axes = axes_across(state.starts_mm[leg], state.vertices_mm[leg + 1], camera)
         had = Bend(leg, axes, np.zeros((2, orders)))
     others = [bend for bend in state.bends if bend.leg != leg]
-    bends = sorted((*others, had.with_orders(orders)), key=lambda bend: bend.leg)
+    own = had.with_orders(orders, more_in_picture)
+    bends = sorted((*others, own), key=lambda bend: bend.leg)
     return replace(state, bends=tuple(bends))
 
 

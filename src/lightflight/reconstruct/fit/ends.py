@@ -263,6 +263,7 @@ def freedom_at(
         waypoints=setting.waypoints,
         start_basis=start if setting.source.position_mm is None else None,
         end_bases=lasts,
+        curves=setting.curves,
     )
     return with_detours_level(freedom, state, camera)
 

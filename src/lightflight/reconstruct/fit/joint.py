@@ -44,7 +44,7 @@ from lightflight.reconstruct.model.picture import (
     measure_picture,
 )
 from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.shared import undistorted_as_moved
+from lightflight.reconstruct.model.shared import moved, shared_errors, undistorted_as_moved
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.units import MEDIAN_CHI2, std_from_mad
 
@@ -142,6 +142,7 @@ def fit_joint(
     setting: Setting,
     *,
     legs: tuple[ImageLeg, ...] | None,
+    shared: Floats | None = None,
 ) -> JointFit:
     """Refine a path that is roughly right.
 
@@ -152,6 +153,8 @@ def fit_joint(
     legs : tuple of ImageLeg or None
         Legs of the first recording as found in the picture; they say which pulses belong to which
         leg while the start is still rough. None: the start itself says so.
+    shared : array of float, shape (j,), optional
+        Shared errors of cameras and medium that the start was found with, in standard deviations.
 
     Raises
     ------
@@ -159,9 +162,10 @@ def fit_joint(
         Where fewer pulses lie on the path than it has unknowns.
     """
     std = pulse_std_ps(sightings)
-    members, shared = None, None
+    members = None
     # Shared errors found so far: pulses are told apart on the clock and by the camera as they are.
-    seen, clock = setting, sightings
+    seen = setting if shared is None else moved(setting, shared_errors(setting), shared)
+    clock = sightings
     if legs is not None:
         rough = _rough_fit(sightings, state, setting, legs)
         state, shared = rough.state, rough.shared

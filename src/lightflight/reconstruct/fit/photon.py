@@ -38,7 +38,12 @@ from lightflight.reconstruct.model.geometry import (
 )
 from lightflight.reconstruct.model.information import covariance_from_information
 from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.shared import moved, shared_errors, vertices_by_parameters
+from lightflight.reconstruct.model.shared import (
+    group_index_std,
+    moved,
+    shared_errors,
+    vertices_by_parameters,
+)
 from lightflight.reconstruct.model.sighting import Sighting
 
 Floats = NDArray[np.float64]
@@ -158,7 +163,7 @@ def _path_from_climb(ended: Climb, rough: LightPath) -> LightPath:
         own = told.result.nuisance_gain[:, 1]
         own = own / np.sqrt(np.maximum(view.pixels.pixel_var, 1e-12))[:, np.newaxis]
         by_delay[np.ix_(places, places)] += own.T @ own
-    seen, n_free = ended.seen, ended.order.n_free
+    seen, n_free, shared_at = ended.seen, ended.order.n_free, ended.order.shared
     rows, to_vertices = vertices_by_parameters(
         ended.state,
         seen.medium,
@@ -206,6 +211,7 @@ def _path_from_climb(ended: Climb, rough: LightPath) -> LightPath:
         prior=prior_in_words(seen.source),
         bends=ended.state.bends,
         bend_covariance=with_bends[:, n:],
+        group_index_std=group_index_std(ended.errors, covariance[shared_at, shared_at]),
     )
 
 

@@ -17,7 +17,7 @@ from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.second_pulse import second_pulse_of_fit
 from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.shared import vertices_by_parameters
+from lightflight.reconstruct.model.shared import group_index_std, vertices_by_parameters
 from lightflight.reconstruct.model.sighting import Sighting
 
 Floats = NDArray[np.float64]
@@ -200,6 +200,7 @@ def path_from_fit(
     second = second_pulse_of_fit(fit)
     if second is not None:
         statements = (*statements, f"A second pulse flew the same path: {second}.")
+    first = len(solution.covariance) - len(solution.shared)
     return LightPath(
         solution.state.vertices_mm,
         solution.state.vertex_times_ps(solution.medium),
@@ -219,6 +220,7 @@ def path_from_fit(
         bends=solution.state.bends,
         bend_covariance=whole[:, n:],
         second_pulse=second,
+        group_index_std=group_index_std(solution.errors, solution.covariance[first:, first:]),
     )
 
 

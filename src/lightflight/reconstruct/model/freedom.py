@@ -13,10 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import block_diag
 
 from lightflight.arguments import POSITIVE, finite_number, finite_numbers, shown
+from lightflight.curves import DrawnCurve
 from lightflight.errors import GeometryError
 from lightflight.flight import Source
+from lightflight.path.bends import Bend
+from lightflight.reconstruct.model.drawn import told_of_curve
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 
@@ -93,9 +97,22 @@ def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tupl
     return tuple(checked)
 
 
-def sagitta_std_mm(order: int) -> float:
-    """Prior standard deviation of a bend's coefficient of an order, counted from 1; mm."""
-    return float(PLAUSIBLE["curved_leg"].size / order**_BEND_FALL)
+def sagitta_std_mm(order: int, size_mm: float = PLAUSIBLE["curved_leg"].size) -> float:
+    """Prior standard deviation of a bend's coefficient of an order, counted from 1; mm.
+
+    `size_mm` is that of the first, the sagitta.
+    """
+    return float(size_mm / order**_BEND_FALL)
+
+
+def _told_sagitta_mm(bend: Bend) -> float:
+    """Plausible sagitta of a leg whose curve is told: the usual one, or that of its own curvature.
+
+    In no shape is there more than in all others: what no place tells of a curve is as smooth as it.
+    """
+    falls = np.arange(1, bend.orders + 1) ** _BEND_FALL
+    own = float(np.max(np.linalg.norm(bend.coefficients_mm, axis=0) * falls))
+    return max(PLAUSIBLE["curved_leg"].size, own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,12 +129,16 @@ class Freedom:
         In units of the prior's standard deviation.
     labels : tuple of str
         (p,), what each column moves, in words.
+    curve_moves : array of float, shape (q, 6 k)
+        By how much the values of the priors change where each of k drawn curves stands elsewhere;
+        (q, 0): none is told.
     """
 
     basis: Floats
     prior_rows: Floats
     prior_values: Floats
     labels: tuple[str, ...]
+    curve_moves: Floats = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def prior_information(self) -> Floats:
@@ -373,6 +394,7 @@ def freedom_of_path(
     waypoints: tuple[Waypoint, ...],
     start_basis: Floats | None,
     end_bases: tuple[Floats, ...],
+    curves: tuple[DrawnCurve, ...] = (),
 ) -> Freedom:
     """Freedom of a whole path.
 
@@ -384,6 +406,8 @@ def freedom_of_path(
     end_bases : tuple of array of float, shape (3, 2)
         Plane in which the exit moves; (3, 3) where the light stops in view. Of a path with arms
         one for each, in the order of `PathState.last_legs`.
+    curves : tuple of DrawnCurve
+        That legs are told to run along.
     """
     m = len(state.vertices_mm)
     found = _Gathered(state_vector(state))
@@ -416,11 +440,13 @@ def freedom_of_path(
             found.add_column(vertex, direction, f"{which} {name}")
         found.hold_tip(vertex, basis)
     for bend, (_, own) in zip(state.bends, state.courses, strict=True):
-        for number in range(bend.size):
+        told = bend.leg in {curve.leg for curve in curves}
+        size = _told_sagitta_mm(bend) if told else PLAUSIBLE["curved_leg"].size
+        for number in bend.fitted:
             axis, order = divmod(number, bend.orders)
             found.columns.append(np.eye(state.size)[own.start + number])
             found.labels.append(f"bend of leg {bend.leg + 1} {_BEND_AXES[axis]}, {order + 1}")
-            found.add_prior(own.start + number, 0.0, sagitta_std_mm(order + 1))
+            found.add_prior(own.start + number, 0.0, sagitta_std_mm(order + 1, size))
     # Who knows a mirror does not count faces of glass.
     counted = [vertex for vertex in range(m) if vertex not in state.on_faces]
     for number, position_mm, std_mm in waypoints:
@@ -433,9 +459,16 @@ def freedom_of_path(
         for axis, value in enumerate(np.asarray(position_mm, dtype=float)):
             found.add_prior(3 * vertex + axis, float(value), float(std_mm))
     basis = np.column_stack(found.columns)
+    moves = np.zeros((len(found.rows), 0))
+    for curve in curves:
+        of_curve = told_of_curve(state, curve)
+        found.rows.extend(of_curve.rows)
+        found.values.extend(of_curve.values)
+        moves = block_diag(moves, of_curve.moves)
     return Freedom(
         basis=state.free_moves @ basis if state.glass else basis,
         prior_rows=np.array(found.rows).reshape(-1, state.size),
         prior_values=np.array(found.values),
         labels=tuple(found.labels),
+        curve_moves=moves,
     )

@@ -13,6 +13,7 @@ from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
+    from lightflight.curves import DrawnCurve
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +32,8 @@ class Setting:
         Vertices measured otherwise.
     others : tuple of Camera
         Further cameras; `Sighting.view` counts `camera` as 0 and these from 1.
+    curves : tuple of DrawnCurve
+        That legs are told to run along.
     """
 
     camera: Camera
@@ -38,6 +41,7 @@ class Setting:
     medium: Medium
     waypoints: tuple[Waypoint, ...] = ()
     others: tuple[Camera, ...] = ()
+    curves: tuple[DrawnCurve, ...] = ()
 
     @property
     def cameras(self) -> tuple[Camera, ...]:

@@ -335,6 +335,24 @@ def vertex_time_columns(errors: SharedErrors, state: PathState) -> Floats:
     return columns.reshape(4 * len(travelled), len(errors))
 
 
+def group_index_std(errors: SharedErrors, covariance: Floats) -> float:
+    """One-sigma error of the group index along a path; 0 where it is exact.
+
+    Parameters
+    ----------
+    errors : SharedErrors
+        k of them.
+    covariance : array of float, shape (k, k)
+        Of their sizes in standard deviations, as a fit found them.
+
+    Returns
+    -------
+    float
+    """
+    by_error = np.where(errors.view == MEDIUM, errors.sigma[:, 0], 0.0)
+    return float(np.sqrt(max(float(by_error @ covariance @ by_error), 0.0)))
+
+
 def vertices_by_parameters(
     state: PathState, medium: Medium, basis: Floats, errors: SharedErrors, *, first: int
 ) -> tuple[NDArray[np.int64], Floats]:

@@ -63,6 +63,8 @@ PLAUSIBLE: dict[str, Plausible] = {
     "walk": Plausible(50.0, "ps"),
     # A beam that a lens of air (a heat haze, a jet) or a bent fibre turns.
     "curved_leg": Plausible(20.0, "mm sagitta"),
+    # A fibre that was moved after it was measured.
+    "drawn_curve": Plausible(20.0, "mm"),
     # A mirror outside the picture.
     "unseen_leg": Plausible(200.0, "mm"),
     "unseen_leg time": Plausible(1000.0, "ps"),

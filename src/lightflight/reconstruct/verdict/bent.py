@@ -8,6 +8,10 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.path.bends import MOST_ORDERS
 from lightflight.path.verdict import FindingName, Level, Verdict
 from lightflight.reconstruct.fit.bent import (
     bent_for_run,
@@ -28,6 +32,9 @@ from lightflight.reconstruct.verdict.lost import (
     freed_one_by_one,
     price_of,
 )
+from lightflight.units import MEDIAN_CHI2
+
+Floats = NDArray[np.float64]
 
 _MOST_ORDERS = 5
 """Shapes of a bend that are tried."""
@@ -62,6 +69,7 @@ def bent_instead(
     setting: Setting,
     n_legs: int | None,
     *,
+    cut: JointFit | None = None,
     may_bend: bool = False,
 ) -> JointFit | None:
     """A path with bent legs that explains the recording far better; None where there is none.
@@ -76,6 +84,8 @@ def bent_instead(
         Camera, source, medium and waypoints.
     n_legs : int or None
         How many legs there are, where that is told.
+    cut : JointFit, optional
+        The path with more straight legs, pieces of curves that are joined; None: `fit`.
     may_bend : bool, optional
         Whether it is told that legs may be curves: then nothing else that was told is in doubt.
 
@@ -84,15 +94,17 @@ def bent_instead(
     JointFit or None
         With as many shapes as the counts ask for.
     """
-    begun = _joined(fit.solution.state, setting) + _bent_more(fit, sightings, setting)
+    pieces = (fit if cut is None else cut).solution.state
+    begun = _joined(pieces, setting) + _bent_more(fit, sightings, setting)
     bent = _cheapest([one for one in begun if one.has_legs(n_legs)], sightings, setting)
     if bent is None:
         return None
     bent = _pruned(_grown(bent, sightings, setting), sightings, setting)
+    bent = _finer_in_picture(bent, sightings, setting)
     cost, without = cost_with_kinks(bent, sightings), cost_with_kinks(fit, list(fit.sightings))
     # In light as the straight path has it: what differs then are bends.
     fine = with_fine_light(bent, setting)
-    if priced(fine, sightings) + price_of(0, sightings) > priced(fit, list(fit.sightings)):
+    if _gained(fine, fit, sightings) < price_of(0, sightings):
         return None
     if may_bend:
         # Told: what else may be wrong is no reason for corners where there are none.
@@ -101,10 +113,10 @@ def bent_instead(
     return bent if clean and _told_apart(bent, cost, sightings, setting) else None
 
 
-def cost_with_kinks(fit: JointFit, sightings: list[Sighting]) -> float:
+def cost_with_kinks(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> float:
     """`cost_of_pulses`, and what the counts say against the shape of each leg's image."""
     kinks = sum(line.bend_chi2 for picture in fit.pictures for line in picture.fits)
-    return cost_of_pulses(fit, sightings) + kinks
+    return cost_of_pulses(fit, sightings, scatter) + kinks / scatter
 
 
 def priced(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> float:
@@ -114,21 +126,31 @@ def priced(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> fl
     small must not pay for corners.
     """
     state = fit.solution.state
-    numbers = _OF_A_CORNER * len(state.corners_seen) + sum(bend.size for bend in state.bends)
+    numbers = _OF_A_CORNER * len(state.corners_seen) + sum(len(bend.fitted) for bend in state.bends)
     own = price_of(numbers, sightings) - price_of(0, sightings)
-    return cost_with_kinks(fit, sightings) / scatter + own
+    return cost_with_kinks(fit, sightings, scatter) + own
 
 
-def _scatter(fits: list[JointFit], sightings: list[Sighting]) -> float:
-    """Chi-square per pulse that the best of some paths leaves, at least one."""
-    n = sum(len(one.usable_pulses) for one in sightings)
-    least = min((cost_with_kinks(fit, sightings) for fit in fits), default=0.0)
-    return max(1.0, least / max(n, 1))
+def _scatter(fits: list[JointFit]) -> float:
+    """Chi-square of the middle pulse of that of some paths which takes most of them, at least one.
+
+    A path that takes few, and these well, has nothing to say of all others.
+    """
+    squared = max((_squared_pulls(fit) for fit in fits), key=len, default=np.empty(0))
+    return max(1.0, float(np.median(squared)) / MEDIAN_CHI2) if len(squared) else 1.0
+
+
+def _squared_pulls(fit: JointFit) -> Floats:
+    """(k,), of the pulses that take part, by their stated errors."""
+    used, times = fit.times.weight > 0, fit.times
+    stated = (times.photon_var + times.pixel_var)[used]
+    squared: Floats = fit.solution.residual_ps[used] ** 2 / stated
+    return squared
 
 
 def _gained(better: JointFit, fit: JointFit, sightings: list[Sighting]) -> float:
     """By how much one path is to be preferred to another, in chi-square."""
-    scatter = _scatter([better, fit], sightings)
+    scatter = _scatter([better, fit])
     return priced(fit, sightings, scatter) - priced(better, sightings, scatter)
 
 
@@ -169,18 +191,44 @@ def _grown(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointF
 
 
 def _pruned(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
-    """The path without the last shapes of its bends that are not worth their price."""
+    """The path without the last shapes of its bends, or in depth, that are not worth their price.
+
+    The first of each bend stays, in the picture and in depth.
+    """
     while True:
         state = fit.solution.state
-        shorter = [
-            with_bend(state, bend.leg, bend.orders - 1, setting.camera)
+        fewer = [
+            (bend.leg, orders, alone)
             for bend in state.bends
-            if bend.orders > 1
+            for orders, alone in (
+                (bend.orders - 1, max(bend.more_in_picture - 1, 0)),
+                (bend.orders, bend.more_in_picture + 1),
+            )
+            if orders > alone
+        ]
+        shorter = [
+            with_bend(state, leg, orders, setting.camera, more_in_picture=alone)
+            for leg, orders, alone in fewer
         ]
         better = _cheapest(shorter, sightings, setting)
         if better is None or _gained(better, fit, sightings) < 0.0:
             return fit
         fit = better
+
+
+def _finer_in_picture(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
+    """The path with a shape more of each bend in the picture than the counts are worth.
+
+    What is not worth its price is not zero: left out, it moved places by twice their errors. In the
+    picture it costs one percent of the stated errors, in depth a quarter and more.
+    """
+    state = fit.solution.state
+    for bend in state.bends:
+        orders = min(bend.orders + 1, MOST_ORDERS)
+        alone = bend.more_in_picture + orders - bend.orders
+        state = with_bend(state, bend.leg, orders, setting.camera, more_in_picture=alone)
+    finer = _fitted(sightings, state, setting)
+    return fit if isinstance(finer, NoFit) else finer
 
 
 def _cheapest(
@@ -189,7 +237,7 @@ def _cheapest(
     """The fit from one of some paths that costs least; None where none can be fitted."""
     trials = [_fitted(sightings, state, setting) for state in begun]
     fits = [fit for fit in trials if not isinstance(fit, NoFit)]
-    scatter = _scatter(fits, sightings)
+    scatter = _scatter(fits)
     return min(fits, key=lambda one: priced(one, sightings, scatter), default=None)
 
 

@@ -290,6 +290,30 @@ def geometry_candidates(
     return found
 
 
+def drawn_curve_candidate(rows: Rows, curve_moves: Floats) -> Candidate | None:
+    """Curves that were told and stand elsewhere: a shift and a turn of each, beyond their errors.
+
+    Parameters
+    ----------
+    rows : Rows
+        The model.
+    curve_moves : array of float, shape (q, 6 k)
+        Of the freedom's q priors, which follow the times and lines (`Freedom.curve_moves`).
+
+    Returns
+    -------
+    Candidate or None
+        None where no curve is told.
+    """
+    if not curve_moves.shape[1]:
+        return None
+    first = len(rows.times.leg) + len(rows.lines.leg)
+    columns = np.zeros((rows.size, curve_moves.shape[1]))
+    columns[first : first + len(curve_moves)] = curve_moves
+    one = (PLAUSIBLE["drawn_curve"],) * 3 + (PLAUSIBLE["pose turn"],) * 3
+    return Candidate(FindingName.DRAWN_CURVE, columns, one * (curve_moves.shape[1] // 6))
+
+
 def _brightness(photons: Floats) -> tuple[Floats, Floats]:
     """Share of the brightest pulse's light, and its log per decade: both ways delays may go."""
     share = np.maximum(photons, 1.0) / max(float(photons.max(initial=1.0)), 1.0)

@@ -29,6 +29,7 @@ from lightflight.reconstruct.verdict.candidates import (
     LEAST_SIGNAL,
     Candidate,
     Rows,
+    drawn_curve_candidate,
     geometry_candidates,
 )
 from lightflight.reconstruct.verdict.evidence import SEEN_AT, Evidence
@@ -114,7 +115,11 @@ def evidence_from_geometry(
         for candidate, one in tested
     ]
     clock = _of_single_pixels(fit, times, solution, sightings)
-    return (*weighed, _scatter(fit, times, solution), *clock)
+    # Of priors alone, which a fit with a cause freed in times and lines knows nothing of.
+    drawn = drawn_curve_candidate(rows, fit.freedom.curve_moves)
+    told = None if drawn is None else _score_test(drawn, examined)
+    curves = () if told is None else (told,)
+    return (*weighed, *curves, _scatter(fit, times, solution), *clock)
 
 
 def stated_solution(fit: JointFit, setting: Setting) -> Solution:
@@ -405,6 +410,7 @@ REMEDIES: dict[FindingName, str] = {
     "beam",
     FindingName.CALIBRATION: "calibrate the delays and codes of the pixels anew",
     FindingName.CURVED_LEG: "look for what bends the beam",
+    FindingName.DRAWN_CURVE: "measure the told curve anew, or state larger errors of its place",
     FindingName.UNSEEN_LEG: "look for a mirror outside the picture, and say where it is",
     FindingName.TREND: "look at the residuals along the legs",
 }

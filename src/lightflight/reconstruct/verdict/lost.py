@@ -120,17 +120,19 @@ def _with_mode(sighting: Sighting, column_ps: Floats | float) -> Sighting:
     return replace(sighting, arrivals=replace(arrivals, shared_modes_ps=modes))
 
 
-def cost_of_pulses(fit: JointFit, sightings: list[Sighting]) -> float:
+def cost_of_pulses(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> float:
     """Chi-square of all pulses by their stated errors, of lines and of what is shared.
 
-    A pulse that takes no part costs what it may at most.
+    A pulse that takes no part costs what it may at most. `scatter` is the chi-square per pulse that
+    there is in any case: by so much stated errors are too small.
     """
     times, solution = fit.times, fit.solution
     used = times.weight > 0
     squared = solution.residual_ps[used] ** 2 / (times.photon_var + times.pixel_var)[used]
     left = sum(len(o.usable_pulses) for o in sightings) - np.count_nonzero(used)
     shared = np.concatenate((solution.modes, solution.shared))
-    return float(squared.sum() + OUTLIER**2 * left + solution.line_chi2 + shared @ shared)
+    taken = squared.sum() + solution.line_chi2 + shared @ shared
+    return float(taken / scatter + OUTLIER**2 * left)
 
 
 def explains_all(fit: JointFit, sightings: list[Sighting], cost: float) -> bool:

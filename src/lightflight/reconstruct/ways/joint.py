@@ -19,6 +19,7 @@ from lightflight.errors import (
     NothingFoundError,
 )
 from lightflight.path.light_path import LightPath
+from lightflight.reconstruct.fit.along import begun_along, statements_of_curves, with_curves
 from lightflight.reconstruct.fit.diffuse import with_diffuse
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.fit.prices import prices_of_fit
@@ -109,7 +110,13 @@ def fit_of_request(request: Request) -> JointFit:
         period_ps = sightings[0].histograms.laser_period_ps or 0.0
         state = _at_exact_source(_state_from_start(request.start, setting), setting, period_ps)
         state = through_blocks(state, setting.medium.blocks, setting.cameras)
-        fit = fit_joint(sightings, state, setting, legs=None)
+        fit = fit_joint(sightings, with_curves(state, setting), setting, legs=None)
+        return with_diffuse(fit, setting, nominal=request.timing is None)
+    if setting.curves:
+        state, shared = begun_along(sightings, setting)
+        period_ps = sightings[0].histograms.laser_period_ps or 0.0
+        state = _at_exact_source(state, setting, period_ps)
+        fit = fit_joint(sightings, state, setting, legs=None, shared=shared)
         return with_diffuse(fit, setting, nominal=request.timing is None)
     if request.timing is None and setting.source.position_mm is None:
         refuse_if_clock_scatters(sightings[0], pulse_std_ps(sightings))
@@ -215,7 +222,10 @@ def path_of_fit(fit: JointFit, request: Request) -> LightPath:
         list(fit.sightings),
         request.setting,
         method="joint",
-        statements=_statements_of_path(fit, request.timing),
+        statements=(
+            *_statements_of_path(fit, request.timing),
+            *statements_of_curves(fit.solution.state, request.setting.curves),
+        ),
         truth=request.sightings[0].histograms.truth,
     )
     return replace(path, prices=prices_of_fit(fit, request.setting))
