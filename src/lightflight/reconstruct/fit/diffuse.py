@@ -30,6 +30,7 @@ from lightflight.reconstruct.fit.around import (
     dark_group,
     lags_about_legs,
     pixels_about_path,
+    pulses_expected,
 )
 from lightflight.reconstruct.fit.joint import (
     JointFit,
@@ -52,7 +53,7 @@ from lightflight.reconstruct.fit.strengths import (
 )
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
-from lightflight.reconstruct.model.counted import Pulses, shape_of
+from lightflight.reconstruct.model.counted import shape_of
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.second_path import Places, SecondPath
 from lightflight.reconstruct.model.setting import Setting
@@ -200,7 +201,7 @@ def without_diffuse(
         cells = _cells(whole, seen, lit, std, nominal)
         dark = dark_group(whole, seen, lit, far, std, nominal)
         shape = shape_of(whole.timing.response)
-        pulses = Pulses(seen.arrival_ps[lit] - seen.arrival_ps[lit, :1], seen.std_ps[lit], shape)
+        pulses = pulses_expected(seen.of(lit), shape)
         beside = beside_in(whole, seen.of(lit), cells, beam)
         solved = partial(strengths_of, pulses, beside, dark, beside_dark(whole, dark, beam))
         # Light of a mirror is a Gaussian's, counted in photons on codes that were measured.

@@ -122,6 +122,9 @@ class Pulses:
     late_ps: Floats
     std_ps: Floats
     shape: Shape = GAUSSIAN
+    flight: Floats | None = None
+    """(n,), half the variance that flight through the footprint adds, in the pulse's own, where the
+    shape is tabulated: stretched it would have the longer tail. None: nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,6 +290,8 @@ def lit_pixels(
     prior[:, -1] = start**-2.0
     center = np.zeros_like(unknown)
     center[:, -1] = start
+    if changes and pulses.flight is not None:
+        unknown[:, -3] = center[:, -3] = pulses.flight
     # Two pulses at one place may trade light without end.
     seen = cells.open_share
     came = np.divide(cells.counts, seen, out=np.zeros_like(cells.counts), where=seen > 0.0)
