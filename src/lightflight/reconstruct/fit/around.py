@@ -198,7 +198,10 @@ def pulses_expected(seen: Seen, shape: Shape) -> Pulses:
     if not shape.table.size:
         return Pulses(late, seen.std_ps, shape)
     own = np.sqrt(seen.std_ps**2 - seen.flight_ps**2)
-    return Pulses(late, own, shape, 0.5 * (seen.flight_ps[:, 0] / own[:, 0]) ** 2)
+    flight = 0.5 * (seen.flight_ps[:, 0] / own[:, 0]) ** 2
+    # The shape is spread once, for a usual pixel; the pixels' own flight differs by little.
+    usual = float(np.median(flight))
+    return Pulses(late, own, shape.drawn_out(usual), flight - usual)
 
 
 def lags_about_legs(seen: Seen, fine: Floats, std_ps: float) -> Floats:
