@@ -55,7 +55,15 @@ def seen_with(arrival_ps: list[list[float]]) -> Seen:
     arrival = np.array(arrival_ps)
     leg = np.where(np.isfinite(arrival), np.arange(arrival.shape[1]), -1)
     at = np.arange(len(arrival))
-    return Seen(at, at, leg, arrival, np.full_like(arrival, 64.0), np.ones_like(arrival))
+    return Seen(
+        at,
+        at,
+        leg,
+        arrival,
+        np.full_like(arrival, 64.0),
+        np.zeros_like(arrival),
+        np.ones_like(arrival),
+    )
 
 
 def test_cells_are_fine_about_every_leg_of_a_crowded_pixel():

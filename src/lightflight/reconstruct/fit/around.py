@@ -15,7 +15,7 @@ from lightflight.reconstruct.fit.counts import merged
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.membership import mode_columns
 from lightflight.reconstruct.model.cells import CORE_STDS, cells_about, lag_edges
-from lightflight.reconstruct.model.counted import Pixels, dark_pixels
+from lightflight.reconstruct.model.counted import Pixels, Pulses, Shape, dark_pixels
 from lightflight.reconstruct.model.geometry import footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.sighting import Sighting
@@ -58,6 +58,8 @@ class Seen:
         When their light comes, ps on the clock; NaN: none.
     std_ps : array of float, shape (n, s)
         Standard deviation of its pulse, ps.
+    flight_ps : array of float, shape (n, s)
+        The part of it that flight through the footprint makes, ps.
     away_px : array of float, shape (n, s)
         Distance from its line, px.
     """
@@ -67,6 +69,7 @@ class Seen:
     leg: Indices
     arrival_ps: Floats
     std_ps: Floats
+    flight_ps: Floats
     away_px: Floats
 
     def of(self, kept: Indices) -> Seen:
@@ -167,8 +170,25 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         np.where(lit, nearest, -1)[kept],
         np.where(lit, np.take_along_axis(arrival, nearest, axis=1), np.nan)[kept],
         np.where(lit, np.hypot(own, transit), np.nan)[kept],
+        np.where(lit, np.abs(transit), np.nan)[kept],
         np.take_along_axis(away, nearest, axis=1)[kept],
     )
+
+
+def pulses_expected(seen: Seen, shape: Shape) -> Pulses:
+    """Pulses of pixels that legs light, after the light of the nearest one.
+
+    A Gaussian that flight through the footprint draws out is a wider one. Any other shape must not
+    be stretched for it: its tail stays as long as the detector makes it.
+    """
+    late = seen.arrival_ps - seen.arrival_ps[:, :1]
+    if not shape.table.size:
+        return Pulses(late, seen.std_ps, shape)
+    own = np.sqrt(seen.std_ps**2 - seen.flight_ps**2)
+    flight = 0.5 * (seen.flight_ps[:, 0] / own[:, 0]) ** 2
+    # The shape is spread once, for a usual pixel; the pixels' own flight differs by little.
+    usual = float(np.median(flight))
+    return Pulses(late, own, shape.drawn_out(usual), flight - usual)
 
 
 def lags_about_legs(seen: Seen, fine: Floats, std_ps: float) -> Floats:

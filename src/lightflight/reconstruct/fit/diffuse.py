@@ -31,6 +31,7 @@ from lightflight.reconstruct.fit.around import (
     dark_group,
     lags_about_legs,
     pixels_about_path,
+    pulses_expected,
 )
 from lightflight.reconstruct.fit.joint import (
     JointFit,
@@ -203,7 +204,7 @@ def without_diffuse(
         beam = beam_of_path(fit, own[0], whole, std)
         dark = dark_group(whole, seen, lit, far, std, nominal)
         shape = shape_of(whole.timing.response)
-        pulses = Pulses(seen.arrival_ps[lit] - seen.arrival_ps[lit, :1], seen.std_ps[lit], shape)
+        pulses = pulses_expected(seen.of(lit), shape)
         asked = _Asked(whole, seen.of(lit), pulses, beam, dark, std, nominal)
         # What comes twice is a Gaussian's, counted in photons on codes that were measured.
         sharp = whole.histograms.poisson and not (shape.table.size or nominal)

@@ -20,17 +20,16 @@ from lightflight.reconstruct.fit.around import (
     dispersion_of,
     lags_about_legs,
     pixels_about_path,
+    pulses_expected,
 )
 from lightflight.reconstruct.fit.joint import JointFit, pulse_std_in_view
 from lightflight.reconstruct.fit.result import explained_by_fit
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
 from lightflight.reconstruct.model.counted import (
-    GAUSSIAN,
-    Pulses,
-    Shape,
     dark_pixels,
     lit_pixels,
+    shape_of,
 )
 from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
@@ -142,12 +141,7 @@ def _held(
     reference = seen.arrival_ps[near, 0]
     cut = lags_about_legs(seen.of(near), fine, std_ps)
     about = cells_about(whole, seen.rows[near], seen.cols[near], reference, cut, nominal=nominal)
-    response = whole.timing.response
-    pulses = Pulses(
-        seen.arrival_ps[near] - reference[:, np.newaxis],
-        seen.std_ps[near],
-        GAUSSIAN if response is None else Shape(response.table()),
-    )
+    pulses = pulses_expected(seen.of(near), shape_of(whole.timing.response))
     points = np.column_stack((seen.rows[near], seen.cols[near]))
     dark, dispersion = _dark(whole, seen, near, far, std_ps, nominal)
     tails = () if whole.diffuse is None else whole.diffuse.strengths.tails
