@@ -22,7 +22,7 @@ class Setting:
     Attributes
     ----------
     camera : Camera
-        The camera that recorded; of several, the one whose view the path's ends belong to.
+        The camera that recorded; of several, the one whose clock all others are told against.
     source : Source
         What is known of the source.
     medium : Medium
