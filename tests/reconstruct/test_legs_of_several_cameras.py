@@ -27,6 +27,11 @@ def inner(path, scenes):
     return float(off @ np.linalg.solve(stated, off)), stated
 
 
+def between(degrees):
+    """What a chi-square passes on either side with the chance of a false alarm."""
+    return chi2.ppf(FALSE_ALARM, degrees), chi2.ppf(1.0 - FALSE_ALARM, degrees)
+
+
 def found(scenes, seed, *, offsets=(0.0, 0.0), std_ps=0.0, **options):
     recordings = several_views.recorded(several_views.late(scenes, offsets), seed)
     call = several_views.told(scenes, recordings, emission_known=False, offset_std_ps=std_ps)
@@ -46,7 +51,7 @@ class TestLegsThatOneCameraSees:
             path = found(scenes, seed)
             assert path.n_legs == 3
             total += inner(path, scenes)[0]
-        low, high = chi2.ppf([FALSE_ALARM, 1.0 - FALSE_ALARM], 6 * RUNS)
+        low, high = between(6 * RUNS)
         assert low < total < high
 
     def test_the_order_of_cameras_does_not_change_the_path(self, unexamined):
@@ -68,7 +73,7 @@ class TestLegsThatOneCameraSees:
         """
         scenes = several_views.parted(photons=4_000.0)
         squared, stated = inner(found(scenes, 76, method="photon"), scenes)
-        low, high = chi2.ppf([FALSE_ALARM, 1.0 - FALSE_ALARM], 6)
+        low, high = between(6)
         assert low < squared < high
         least = bound(scenes[0], others=scenes[1:], also=(emission_freedom(),)).block(
             ["x1", "y1", "z1", "x2", "y2", "z2"]
@@ -89,7 +94,7 @@ class TestClocksThatAreApart:
             path = found(scenes, seed, offsets=late, std_ps=std_ps, method=method)
             assert path.n_legs == 3
             total += inner(path, scenes)[0]
-        low, high = chi2.ppf([FALSE_ALARM, 1.0 - FALSE_ALARM], 6 * RUNS)
+        low, high = between(6 * RUNS)
         assert low < total < high
 
     def test_not_knowing_costs_something(self, unexamined):

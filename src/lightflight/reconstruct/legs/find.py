@@ -11,7 +11,7 @@ in t_a and their order is that of their times.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -87,7 +87,7 @@ class ImageLeg:
     n_pixels: int
     residual_rms_ps: float
     breadth_px: float
-    view: int = 0
+    view: int = field(default=0, kw_only=True)
 
     def __repr__(self) -> str:
         (u0, v0), (u1, v1) = self.points_px(self.extent_px)
