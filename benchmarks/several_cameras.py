@@ -3,10 +3,15 @@
     python benchmarks/several_cameras.py                       # 12 recordings a cell
     python benchmarks/several_cameras.py --runs 200 --photons 40 --methods photon
     python benchmarks/several_cameras.py --rows rows.jsonl     # keep rows, and go on from there
+    python benchmarks/several_cameras.py --scenes parted beside --cameras 2      # legs seen by one
+    python benchmarks/several_cameras.py --offset-std-ps 50 inf --cameras 2      # clocks apart
 
 Recordings are those of `tests/oracles/refracted.py` with nothing before the cameras: the paper's
 three legs, source known, emission time known or fitted, ideal codes of 55 ps, a stated number of
-photons in the brightest pixel of each camera. Printed: recordings with three legs (untold), rms
+photons in the brightest pixel of each camera. `parted`: the first of two cameras sees legs 1 and 2,
+the other 2 and 3; `beside`: the first sees nothing of leg 2; `_turned`: the cameras the other way
+round. With `--offset-std-ps` each further camera's clock is off by a draw of that size, or by one
+of 500 ps where nothing is told of it (inf). Printed: recordings with three legs (untold), rms
 error of the position in the first camera's view over the bound of all cameras with its 95 %
 interval (bootstrap), rms pull of that position, verdicts, and the CPU seconds of the middle one.
 """
@@ -18,6 +23,7 @@ import json
 import sys
 import time
 import warnings
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -27,26 +33,59 @@ import lightflight as lf
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.refraction import Row, errors_in_view, interval
+from tests.oracles.refracted import RefractedScene
 from tests.oracles.refracted_bound import bound, emission_freedom
-from tests.oracles.several_views import recorded, told, views
+from tests.oracles.several_views import (
+    beside,
+    late,
+    late_freedom,
+    parted,
+    recorded,
+    told,
+    views,
+)
 
-KEYS = ("cameras", "photons", "emission_known", "method", "seed")
+KEYS = ("scene", "cameras", "photons", "emission_known", "offset_std_ps", "method", "seed")
+UNKNOWN_PS = 500.0
+"""Of what clocks are drawn to be apart where nothing is told of it."""
+SCENES: dict[str, Callable[[int, float], list[RefractedScene]]] = {
+    "paper": lambda cameras, photons: views(cameras, photons=photons),
+    "parted": lambda _, photons: parted(photons=photons),
+    "parted_turned": lambda _, photons: parted(photons=photons, turned=True),
+    "beside": lambda _, photons: beside(photons=photons),
+    "beside_turned": lambda _, photons: beside(photons=photons, turned=True),
+}
 
 
 @cache
-def bound_mm(cameras: int, photons: float, emission_known: bool) -> float:
+def bound_mm(
+    scene: str, cameras: int, photons: float, emission_known: bool, offset_std_ps: float
+) -> float:
     """Least rms error of the position in the first camera's view."""
-    first, *others = views(cameras, photons=photons)
-    free = () if emission_known else (emission_freedom(),)
+    first, *others = SCENES[scene](cameras, photons)
+    free = [] if emission_known else [emission_freedom()]
+    if offset_std_ps > 0.0:
+        free += [late_freedom(other.camera, offset_std_ps) for other in others]
     return bound(first, others=others, also=free).position_rms_mm
 
 
-def result_of(cameras: int, photons: float, emission_known: bool, method: str, seed: int) -> Row:
+def result_of(
+    scene: str,
+    cameras: int,
+    photons: float,
+    emission_known: bool,
+    offset_std_ps: float,
+    method: str,
+    seed: int,
+) -> Row:
     """One flight before all cameras."""
-    scenes = views(cameras, photons=photons)
-    recordings = recorded(scenes, seed)
-    call = told(scenes, recordings, emission_known=emission_known)
-    row: Row = dict(zip(KEYS, (cameras, photons, emission_known, method, seed), strict=True))
+    key = (scene, cameras, photons, emission_known, offset_std_ps, method, seed)
+    scenes = SCENES[scene](cameras, photons)
+    drawn = np.random.default_rng(seed).normal(size=len(scenes)) * (np.arange(len(scenes)) > 0)
+    offsets = drawn * min(offset_std_ps, UNKNOWN_PS)
+    recordings = recorded(late(scenes, offsets), seed)
+    call = told(scenes, recordings, emission_known=emission_known, offset_std_ps=offset_std_ps)
+    row: Row = dict(zip(KEYS, key, strict=True))
     start = time.process_time()
     try:
         path = lf.reconstruct(recordings, method=method, **call)
@@ -61,11 +100,12 @@ def line_of(own: list[Row]) -> str:
     """A row of the table."""
     first = own[0]
     right = [row for row in own if "error2" in row]
-    cells = [str(first["cameras"]), f"{first['photons']:g}", first["method"]]
+    cells = [first["scene"], str(first["cameras"]), f"{first['photons']:g}", first["method"]]
+    cells += [f"{first['offset_std_ps']:g}"]
     cells += ["known" if first["emission_known"] else "fitted", f"{len(right)}/{len(own)}"]
     if right:
         error2, stated2 = (np.array([row[key] for row in right]) for key in ("error2", "stated2"))
-        least = bound_mm(first["cameras"], first["photons"], first["emission_known"])
+        least = bound_mm(*(first[name] for name in KEYS[:5]))
         cells += [f"{np.sqrt(error2.mean()):.4f}", interval(error2, least)]
         cells += [interval(error2 / stated2, 1.0)]
     else:
@@ -86,6 +126,8 @@ def main() -> None:
     parser.add_argument("--photons", type=float, nargs="+", default=[40.0, 40_000.0])
     parser.add_argument("--methods", nargs="+", default=["joint", "photon"])
     parser.add_argument("--emission", nargs="+", choices=["known", "fitted"], default=["fitted"])
+    parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=["paper"])
+    parser.add_argument("--offset-std-ps", type=float, nargs="+", default=[0.0])
     parser.add_argument("--rows", type=Path, help="JSON lines to keep, and to go on from")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -93,11 +135,13 @@ def main() -> None:
     if args.rows and args.rows.exists():
         done = [json.loads(line) for line in args.rows.read_text().splitlines()]
     kept = {tuple(row[name] for name in KEYS): row for row in done}
-    print("| cameras | photons | method | emission | right | rms, mm | / bound | pull "
-          "| t/c/c | CPU, s |")  # fmt: skip
-    print("|---:|---:|---|---|---:|---:|---:|---:|---:|---:|", flush=True)
+    print("| scene | cameras | photons | method | offset std, ps | emission | right | rms, mm "
+          "| / bound | pull | t/c/c | CPU, s |")  # fmt: skip
+    print("|---|---:|---:|---|---:|---|---:|---:|---:|---:|---:|---:|", flush=True)
     cells = [
-        (cameras, photons, emission == "known", method)
+        (scene, cameras, photons, emission == "known", offset, method)
+        for scene in args.scenes
+        for offset in args.offset_std_ps
         for photons in args.photons
         for emission in args.emission
         for cameras in args.cameras

@@ -34,7 +34,12 @@ from lightflight.camera.rigid import (
     read_only,
     rotation_from_vector,
 )
-from lightflight.camera.stored import LENS_ERRORS as LENS_ERRORS, arrays_of_camera, fields_of_arrays
+from lightflight.camera.stored import (
+    CLOCK_FIELDS as CLOCK_FIELDS,
+    LENS_ERRORS as LENS_ERRORS,
+    arrays_of_camera,
+    fields_of_arrays,
+)
 from lightflight.display import Card, Shown, number, size_facts
 from lightflight.errors import GeometryError
 from lightflight.materials import AIR, Material
@@ -99,6 +104,11 @@ class Camera(Projection, Shown):
         pane); an error of the pose is one of camera and interfaces together.
     stands_in : Material
         What it stands in, before the first interface.
+    clock_offset_ps : float
+        How much later than all others its clock tells the same instant, ps: a longer cable from the
+        trigger; of several cameras before one flight, against the first one's.
+    clock_offset_std_ps : float
+        One-sigma error of that, ps; inf: nothing is known of it. 0: exact.
     """
 
     matrix: NDArray[np.float64]
@@ -127,6 +137,10 @@ class Camera(Projection, Shown):
 
     stands_in: Material = field(default=AIR, kw_only=True)
 
+    clock_offset_ps: float = field(default=0.0, kw_only=True)
+
+    clock_offset_std_ps: float = field(default=0.0, kw_only=True)
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "shape", pixels_of_shape(self.shape))
         object.__setattr__(self, "matrix", _checked_matrix(self.matrix))
@@ -144,6 +158,12 @@ class Camera(Projection, Shown):
             object.__setattr__(self, "intrinsics_per_pose", slopes)
         for name in LENS_ERRORS:
             std = finite_number(name, getattr(self, name), "be finite and >= 0", low=0.0)
+            object.__setattr__(self, name, std)
+        offset = finite_number("clock_offset_ps", self.clock_offset_ps)
+        object.__setattr__(self, "clock_offset_ps", offset)
+        if self.clock_offset_std_ps != np.inf:
+            name, must = "clock_offset_std_ps", "be >= 0, inf where nothing is known of it"
+            std = finite_number(name, self.clock_offset_std_ps, must, low=0.0)
             object.__setattr__(self, name, std)
         if not isinstance(self.stands_in, Material):
             raise ValueError("stands_in must be a Material: Material(phase_index, group_index)")
@@ -301,6 +321,9 @@ class Camera(Projection, Shown):
             through = (self.stands_in, *(face.beyond for face in self.interfaces))
             said = " | ".join(one.name or f"n = {number(one.phase_index, 5)}" for one in through)
             facts.append(("looks through", said))
+        if self.clock_offset_ps or self.clock_offset_std_ps:
+            offset = f"{number(self.clock_offset_ps, 5)} ± {number(self.clock_offset_std_ps, 2)} ps"
+            facts.append(("clock is late by", offset))
         return Card("Camera", facts)
 
     # ---- pose and storage -----------------------------------------------------------------

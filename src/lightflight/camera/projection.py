@@ -6,6 +6,7 @@ v = row, y down, z forward) live here and in `lens`, and nowhere else.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -32,6 +33,7 @@ class Projection:
     shape: tuple[int, int]
     interfaces: tuple[Interface, ...]
     stands_in: Material
+    clock_offset_ps: float
 
     @property
     def center_mm(self) -> NDArray[np.float64]:
@@ -394,12 +396,17 @@ class Projection:
             )
         else:
             way = straight_way(points, self.center_mm, index)
+        if self.clock_offset_ps:
+            late_mm = self.clock_offset_ps * SPEED_OF_LIGHT_MM_PER_PS
+            way = replace(way, optical_mm=way.optical_mm + late_mm)
         return way.shaped(np.shape(points_mm)[:-1])
 
     def return_times_ps(
         self, points_mm: ArrayLike, *, return_group_index: float
     ) -> NDArray[np.float64]:
         """Time that light scattered at world points needs to the camera (method.md, Flight).
+
+        As its clock counts it: later by `clock_offset_ps`.
 
         Parameters
         ----------
@@ -414,9 +421,10 @@ class Projection:
             ps.
         """
         if not self.interfaces:
-            return return_time_from_points(
+            times = return_time_from_points(
                 points_mm, camera_center_mm=self.center_mm, return_group_index=return_group_index
             )
+            return times + self.clock_offset_ps if self.clock_offset_ps else times
         way = self.way_back(points_mm, return_group_index=return_group_index)
         return np.asarray(way.optical_mm / SPEED_OF_LIGHT_MM_PER_PS)
 

@@ -21,6 +21,8 @@ LENS_ERRORS = (
     "focal_std_fraction", "aspect_std", "axis_std_px", "distortion_std", "decentering_std",
 )  # fmt: skip
 """Stated errors of a camera's lens."""
+CLOCK_FIELDS = ("clock_offset_ps", "clock_offset_std_ps")
+"""What is said of a camera's clock."""
 _NEEDED = ("matrix", "distortion", "world_from_camera", "shape")
 _ERRORS = ("pose_covariance", "intrinsics_per_pose")
 
@@ -38,6 +40,9 @@ def arrays_of_camera(camera: Camera) -> dict[str, NDArray[np.generic]]:
             arrays[name] = np.array(getattr(camera, name))
     for name in LENS_ERRORS:
         if getattr(camera, name) > 0.0:
+            arrays[name] = np.array(getattr(camera, name))
+    for name in CLOCK_FIELDS:
+        if getattr(camera, name) != 0.0:
             arrays[name] = np.array(getattr(camera, name))
     if camera.interfaces:
         arrays["interfaces"] = np.array([row_of_interface(face) for face in camera.interfaces])
@@ -71,7 +76,8 @@ def fields_of_arrays(arrays: Mapping[str, ArrayLike]) -> dict[str, object]:
     for name in (*_NEEDED[:3], *_ERRORS):
         if name in arrays:
             found[name] = np.asarray(arrays[name], dtype=np.float64)
-    found |= {name: float(np.asarray(arrays[name])) for name in LENS_ERRORS if name in arrays}
+    single = (*LENS_ERRORS, *CLOCK_FIELDS)
+    found |= {name: float(np.asarray(arrays[name])) for name in single if name in arrays}
     if "interfaces" in arrays:
         table = np.asarray(arrays["interfaces"], dtype=np.float64).reshape(-1, 10)
         found["interfaces"] = tuple(interface_of_row(row) for row in table)

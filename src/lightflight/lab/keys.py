@@ -8,6 +8,7 @@ be, the Attributes section of its docstring what it means.
 from __future__ import annotations
 
 import inspect
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -26,6 +27,12 @@ WORD_FOR_NONE = "none"
 
 # One number for all three axes, or one for each.
 _per_axis = config.either(config.number, config.numbers(3))
+
+
+def _number_or_inf(value: object) -> float:
+    """Accept any number and inf."""
+    return math.inf if value == math.inf else config.number(value)
+
 
 CAMERA_KEYS = (
     Key(
@@ -88,6 +95,16 @@ CAMERA_KEYS = (
     ),
     Key("distortion_std", "one-sigma error of the radial distortion k1", config.number),
     Key("decentering_std", "one-sigma error of the decentring p1 and p2", config.number),
+    Key(
+        "clock_offset_ps",
+        "how much later its clock tells the same instant than all others (the first camera's), ps",
+        config.number,
+    ),
+    Key(
+        "clock_offset_std_ps",
+        "its one-sigma error, ps; inf: nothing is known of it; 0: exact",
+        _number_or_inf,
+    ),
 )
 
 SOURCE_KEYS = (

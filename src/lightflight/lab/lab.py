@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.arguments import shown
-from lightflight.camera.model import LENS_ERRORS, Camera
+from lightflight.camera.model import CLOCK_FIELDS, LENS_ERRORS, Camera
 from lightflight.camera.rigid import pose_covariance_from_stds
 from lightflight.curves import DrawnCurve
 from lightflight.display import Shown
@@ -232,7 +232,8 @@ def _camera_from_table(table: Mapping[str, Any]) -> Camera:
     """Camera from a matrix and a pose, or as one that faces the plane z = 0."""
     given = dict(table)
     covariance = _pose_covariance(given)  # first: `facing_plane` takes the other keys alone
-    lens: dict[str, Any] = {name: float(given.pop(name)) for name in LENS_ERRORS if name in given}
+    single = (*LENS_ERRORS, *CLOCK_FIELDS)
+    lens: dict[str, Any] = {name: float(given.pop(name)) for name in single if name in given}
     if "matrix" in given:
         stray = {"distance_mm", "field_of_view_mm", "center_mm", "field_of_view_std_mm"}
         stray &= given.keys()

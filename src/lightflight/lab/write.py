@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lightflight.camera.model import LENS_ERRORS, Camera
+from lightflight.camera.model import CLOCK_FIELDS, LENS_ERRORS, Camera
 from lightflight.flight import Medium
 from lightflight.lab.block import table_from_blocks
 from lightflight.lab.keys import WORD_FOR_NONE
@@ -101,8 +101,8 @@ def _table_from_camera(camera: Camera) -> dict[str, object]:
     }
     if camera.pose_covariance is not None:
         table["pose_covariance"] = camera.pose_covariance.tolist()
-    stated = {name: getattr(camera, name) for name in LENS_ERRORS}
-    return table | {name: std for name, std in stated.items() if std > 0.0}
+    stated = {name: getattr(camera, name) for name in (*LENS_ERRORS, *CLOCK_FIELDS)}
+    return table | {name: value for name, value in stated.items() if value != 0.0}
 
 
 def _table_from_medium(medium: Medium) -> dict[str, object]:

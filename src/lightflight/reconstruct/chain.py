@@ -69,15 +69,16 @@ def reconstruct(
     camera : Camera or sequence of Camera, optional
         Where every pixel looks; needed for anything beyond (u, v, t_a). One for all recordings, or
         a list of one for each: the same flight seen from several places, fitted at once (`joint`
-        and `photon`). Legs are looked for in the first camera's picture, and where that one's view
-        ends the path ends.
+        and `photon`). Legs are looked for in all pictures, and the path ends where the camera that
+        follows it farthest sees it leave.
     source : Source, optional
         Where and when the pulse starts, as far as known; None: nothing is known.
     medium : Medium, optional
         Group indices out and back; None: air, or what fills the scene behind the camera's window.
     timing : TimingCalibration or sequence of TimingCalibration, optional
         Calibrated clock; None: nominal codes, with a warning. With several cameras, a list of one
-        for each: all clocks count from the same zero (the trigger, or one flat).
+        for each: all clocks count from the same zero (the trigger, or one flat) but for what each
+        camera says of its own (`clock_offset_ps`, `clock_offset_std_ps`).
     background : Histograms, optional
         Recording without the pulse, same clock; enters the likelihood, is not subtracted.
     method : str, optional

@@ -160,7 +160,7 @@ def _rough_path(lab: Lab, hist: Histograms, timing: TimingCalibration | None) ->
     from lightflight.reconstruct import reconstruct
 
     assert lab.camera is not None
-    exact: dict[str, Any] = dict.fromkeys(LENS_ERRORS, 0.0)
+    exact: dict[str, Any] = dict.fromkeys((*LENS_ERRORS, "clock_offset_std_ps"), 0.0)
     camera = replace(lab.camera, pose_covariance=None, **exact)
     source = replace(lab.source, position_std_mm=0.0, emission_time_std_ps=0.0)
     medium = Medium(

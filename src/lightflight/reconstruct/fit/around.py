@@ -11,13 +11,15 @@ from scipy.ndimage import binary_dilation
 
 from lightflight import flags
 from lightflight.errors import NothingFoundError
+from lightflight.flight import Source
 from lightflight.reconstruct.fit.counts import merged
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.membership import mode_columns
+from lightflight.reconstruct.fit.membership import mode_columns, tips_in_view
 from lightflight.reconstruct.model.cells import CORE_STDS, cells_about, lag_edges
 from lightflight.reconstruct.model.counted import Pixels, Pulses, Shape, dark_pixels
 from lightflight.reconstruct.model.geometry import footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 
 Floats = NDArray[np.float64]
@@ -118,6 +120,7 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
     camera = fit.solution.cameras[whole.view]
     picture, state, medium = fit.pictures[number], fit.solution.state, fit.solution.medium
     clock = replace(whole, found=fit.solution.modes[mode_columns(list(fit.sightings))[whole.view]])
+    several = len(fit.solution.cameras) > 1
     rows, cols = (index.ravel() for index in np.indices(camera.shape))
     # A pixel without a count may be dead: it has nothing to say.
     silent = whole.histograms.photons.ravel() == 0
@@ -148,10 +151,10 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         away[near, k] = np.abs(print_.lateral_px[own])
         slope[near, k] = print_.slope_ps_per_px[own]
         arrival[near, k] = clock.as_counted(rows[near], cols[near], print_.arrival_ps[own])
-        # A path ends where the first camera's view does; others may see its light beyond.
-        if whole.view > 0 and k == 0:
+        # A path ends where light was found; one of several cameras may see dimmer light beyond.
+        if several and k == 0:
             beyond |= on_line & (along < first + reach)
-        if whole.view > 0 and k in state.last_legs:
+        if several and k in state.last_legs:
             beyond |= on_line & (along > last - reach)
     most = int(np.isfinite(away).sum(axis=1).max(initial=0))
     nearest = np.argsort(away, axis=1)[:, : max(_USUAL_LEGS, most)]
@@ -161,7 +164,8 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
     own = _own_std_ps(std_ps, transit[lit])
     steep = lit & (np.abs(np.nan_to_num(transit)) > _STEEP * own)
     kept = ~(beyond | steep.any(axis=1))
-    tips = any(tip is not None for tip in fit.tips) and bool(steep.any())
+    # Of several cameras another sees the same light whole.
+    tips = not several and any(tip is not None for tip in fit.tips) and bool(steep.any())
     n_lit = int(np.count_nonzero(lit[:, 0] | beyond) + np.count_nonzero(cut))
     _check_enough(0 if tips else int(np.count_nonzero(lit[:, 0] & kept)), n_lit)
     return Seen(
@@ -252,16 +256,30 @@ def _own_std_ps(std_ps: float, transit_ps: Floats) -> float:
 
 def _at_ends(fit: JointFit, view: int, rows: Indices, cols: Indices) -> NDArray[np.bool_]:
     """True for pixels about a corner or a tip in the picture: they see cut footprints."""
-    state = fit.solution.state
+    state, cameras = fit.solution.state, fit.solution.cameras
     corners = np.delete(state.vertices_mm, state.ends, axis=0)
-    places = [tip for tip in fit.tips if tip is not None and view == 0]
+    places = _tips_seen(fit, view)
     if len(corners):
-        row, col = fit.solution.cameras[view].pixels_from_points(corners)
+        row, col = cameras[view].pixels_from_points(corners)
         places += list(np.column_stack((row, col)))
     near = np.zeros(len(rows), dtype=bool)
     for row, col in places:
         near |= np.hypot(rows - row, cols - col) < _CLEAR_PX
     return near
+
+
+def _tips_seen(fit: JointFit, view: int) -> list[Floats]:
+    """(row, col) of each tip in one camera's picture, those of other cameras if they lie in it."""
+    cameras = fit.solution.cameras
+    seen = Setting(cameras[0], Source(), fit.solution.medium, others=cameras[1:])
+    tips = tips_in_view(fit.tips, fit.solution.state, seen, view)
+    most = np.array(cameras[view].shape) - 0.5
+    return [
+        tip[:2]
+        for tip, found in zip(tips, fit.tips, strict=True)
+        if tip is not None and found is not None
+        if int(found[2]) == view or bool(((tip[:2] > -0.5) & (tip[:2] < most)).all())
+    ]
 
 
 def dark_group(

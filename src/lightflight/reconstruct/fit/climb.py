@@ -7,7 +7,7 @@ what the likelihood knows there. Which pixels take part is for `counts` to say.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +69,8 @@ class View:
         Counts and code intervals of those pixels.
     uneven : array of bool, shape (n, L)
         True where a pixel's light may depart freely from its leg's.
+    dark : tuple of int
+        Legs that the camera does not show, by number.
     """
 
     number: int
@@ -76,6 +78,7 @@ class View:
     pixels: Pixels
     codes: CodeCounts
     uneven: NDArray[np.bool_]
+    dark: tuple[int, ...]
 
     @property
     def scatter(self) -> Floats:
@@ -320,8 +323,9 @@ class _Hill:
 
     def _told(self, view: View, at: ViewPoint, layout: Layout, point: _Point) -> Told:
         """What one camera's counts say at a point."""
+        state = point.state
         local = local_with_shared(
-            point.state,
+            state if state.dark == view.dark else replace(state, dark=view.dark),
             at.light,
             view.pixels,
             layout,

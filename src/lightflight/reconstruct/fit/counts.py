@@ -7,6 +7,7 @@ picture, the pixels near it and the codes of these.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,9 @@ from lightflight.reconstruct.fit.climb import Climb, View, uneven_pixels
 from lightflight.reconstruct.fit.membership import (
     Tips,
     roughly_on_leg,
+    tips_in_view,
 )
+from lightflight.reconstruct.fit.pictures import as_shown, state_in_view
 from lightflight.reconstruct.fit.strangers import (
     counts_of_pulses,
     further_pulses,
@@ -37,12 +40,21 @@ from lightflight.reconstruct.model.geometry import (
     state_of_path,
 )
 from lightflight.reconstruct.model.image_plane import undistorted_px
-from lightflight.reconstruct.model.picture import Picture, lit_by_legs, measure_picture
+from lightflight.reconstruct.model.picture import (
+    LegInPicture,
+    Picture,
+    leg_in_picture,
+    lit_by_legs,
+    measure_picture,
+)
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting, clock_errors, pixel_counts
 from lightflight.reconstruct.model.strength import span_of_knots, strength_spline
 from lightflight.timing.pulses.pile_up import open_share_of
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
 
 Floats = NDArray[np.float64]
 
@@ -102,7 +114,7 @@ def without_outliers(
     std_ps : float
         Typical standard deviation of a pulse, ps.
     tips : Tips
-        (row, col) where the light begins and stops in the picture; None: it does not.
+        (row, col, camera) where the light begins and stops in the picture; None: it does not.
     setting : Setting
         Camera, source, medium and waypoints.
 
@@ -140,7 +152,7 @@ def pixels_off_the_path(
     std_ps : float
         Typical standard deviation of a pulse, ps.
     tips : Tips
-        (row, col) where the light begins and stops in the picture; None: it does not.
+        (row, col, camera) where the light begins and stops in the picture; None: it does not.
     setting : Setting
         Camera, source, medium and waypoints.
 
@@ -368,7 +380,7 @@ def clean_counts(
     std_ps : float
         Typical standard deviation of a pulse, ps.
     tips : Tips
-        (row, col) where the light begins and stops in the first picture; None: it does not.
+        (row, col, camera) where the light begins and stops in a picture; None: it does not.
     setting : Setting
         Cameras, source, medium and waypoints.
 
@@ -377,22 +389,12 @@ def clean_counts(
     list of Sighting
         In the order of the cameras.
     """
-    wholes = []
+    wholes, state = [], state_of_path(rough)
     for view in sorted({one.view for one in sightings}):
         whole = merged([one for one in sightings if one.view == view])
-        own = setting.at(view)
-        wholes.append(without_outliers(whole, rough, std_ps, _tips_in(own, rough, tips, view), own))
+        seen = tips_in_view(tips, state, setting, view)
+        wholes.append(without_outliers(whole, rough, std_ps, seen, setting.at(view)))
     return wholes
-
-
-def _tips_in(setting: Setting, rough: LightPath, tips: Tips, view: int) -> Tips:
-    """The tips of the first camera's picture in that of another."""
-    if view == 0:
-        return tips
-    state = state_of_path(rough)
-    ends = state.vertices_mm[list(state.ends)]
-    places = np.column_stack(setting.camera.pixels_from_points(ends))
-    return tuple(None if tip is None else place for tip, place in zip(tips, places, strict=False))
 
 
 def view_of_counts(
@@ -431,10 +433,11 @@ def view_of_counts(
         Where its picture loses the path, or hardly a pixel lies near it.
     """
     whole, own = counts.whole, seen.at(counts.whole.view)
+    in_view = state_in_view(state, seen, whole.view)
     try:
         picture = measure_picture(
-            state, whole, camera=own.camera, medium=own.medium, std_ps=counts.intrinsic_ps,
-            fine=True,
+            in_view, whole, camera=own.camera, medium=own.medium, std_ps=counts.intrinsic_ps,
+            fine=True, may_miss=in_view.seen if seen.others else (),
         )  # fmt: skip
     except GeometryError as lost:
         raise NothingFoundError(
@@ -442,13 +445,28 @@ def view_of_counts(
             "give a starting path (start=)"
         ) from lost
     light = replace(light_from_picture(picture, counts.intrinsic_ps), cut_ends=cut_ends)
+    # Light of a leg that the picture says too little of is not expected: its pixels are left out.
+    few = tuple(leg_in_picture(state, k, own.camera) for k in in_view.seen if picture.legs[k].dark)
+    if few:
+        whole = replace(whole, blind=whole.blind | _lit_pixels(few, own.camera, picture))
+    state = as_shown(in_view, picture)
     pixels = pixels_near_path(light, own, whole, state)
     # The floor that the pulses asked for is a clock error of each pixel.
     pixels = replace(pixels, pixel_var=pixels.pixel_var + floor_ps**2)
-    if len(pixels.rows) < 3:
+    if len(pixels.rows) < 3 and not seen.others:
         raise NothingFoundError("fewer than three usable pixels lie near the path")
     codes = codes_of_pixels(pixels, whole, state, own, std_ps)
-    return View(whole.view, light, pixels, codes, counts.uneven[pixels.rows, pixels.cols])
+    uneven = counts.uneven[pixels.rows, pixels.cols]
+    return View(whole.view, light, pixels, codes, uneven, state.dark)
+
+
+def _lit_pixels(
+    lines: tuple[LegInPicture, ...], camera: Camera, picture: Picture
+) -> NDArray[np.bool_]:
+    """(rows, cols), True where the light of some lines reaches a pixel."""
+    rows, cols = (index.ravel() for index in np.indices(camera.shape))
+    lit = lit_by_legs(lines, undistorted_px(camera, rows, cols), spot_px=picture.spot_std_px)
+    return lit.any(axis=1).reshape(camera.shape)
 
 
 def with_uneven(counts: list[Counts], ended: Climb) -> tuple[list[Counts], bool]:

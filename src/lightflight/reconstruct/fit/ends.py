@@ -34,13 +34,13 @@ from lightflight.reconstruct.model.freedom import (
     view_plane,
     with_tip,
 )
-from lightflight.reconstruct.model.geometry import PathState, footprints
+from lightflight.reconstruct.model.geometry import Indices, PathState, footprints
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
-    from lightflight.camera.model import Camera
+    pass
 
 Floats = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def known_tips(one: Tips, other: Tips) -> Tips:
     Returns
     -------
     Tips
-        (row, col), of first and last, or None.
+        (row, col, camera), of first and last, or None.
     """
     return tuple(a if a is not None else b for a, b in zip_longest(one, other))
 
@@ -130,14 +130,14 @@ def with_ends(
     state, bent = _with_bent_ends(state, sightings, setting, std), state.is_bent
     vertices, start_time = state.vertices_mm.copy(), state.start_time_ps
     ends_seen = [
-        _visible_end(state, leg, sightings, setting, std, outwards=1.0) for leg in state.last_legs
+        _outermost_end(state, leg, sightings, setting, std, outwards=1.0) for leg in state.last_legs
     ]
     for leg, (end, _) in zip(state.last_legs, ends_seen, strict=True):
         if end is not None and not bent(np.array([leg])):
             vertices[leg + 1] = end.position_mm
     entry = None
     if setting.source.position_mm is None:
-        entry, first_tip = _visible_end(state, 0, sightings, setting, std, outwards=-1.0)
+        entry, first_tip = _outermost_end(state, 0, sightings, setting, std, outwards=-1.0)
         if entry is not None and not bent(np.array([0])):
             direction = vertices[1] - vertices[0]
             length = float(np.linalg.norm(direction))
@@ -147,14 +147,14 @@ def with_ends(
             start_time += moved * setting.medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
     else:
         # A source in view begins the light: its pixel's footprint is cut there.
-        seen = bool(setting.camera.sees(vertices[0]))
-        first_tip = np.array(setting.camera.pixels_from_points(vertices[0])) if seen else None
+        view = _view_of(setting, vertices[0])
+        first_tip = None if view is None else _tip(setting, vertices[0], view)
     ends = Ends(
-        _start_plane(replace(state, vertices_mm=vertices), setting.camera)
+        _start_plane(replace(state, vertices_mm=vertices), setting)
         if entry is None
         else entry.basis,
         tuple(
-            _end_plane(replace(state, vertices_mm=vertices), leg, setting.camera)
+            _end_plane(replace(state, vertices_mm=vertices), leg, setting)
             if end is None
             else end.basis
             for leg, (end, _) in zip(state.last_legs, ends_seen, strict=True)
@@ -162,6 +162,16 @@ def with_ends(
         (first_tip, *(tip for _, tip in ends_seen)),
     )
     return replace(state, vertices_mm=vertices, start_time_ps=float(start_time)), ends
+
+
+def _view_of(setting: Setting, place: Floats) -> int | None:
+    """The first camera, by number, that sees a place (3,); None: no camera does."""
+    return next((n for n, camera in enumerate(setting.cameras) if camera.sees(place)), None)
+
+
+def _tip(setting: Setting, place: Floats, view: int) -> Floats:
+    """(row, col, camera) of a place (3,) in a camera's picture."""
+    return np.array([*setting.cameras[view].pixels_from_points(place), view], dtype=float)
 
 
 def _with_bent_ends(
@@ -174,10 +184,10 @@ def _with_bent_ends(
     for leg, outwards in legs:
         if not state.is_bent(np.array([leg])):
             continue
-        lit = _last_lit_place(state, leg, sightings, setting, std, outwards)
+        lit = _outermost_lit(state, leg, sightings, setting, std, outwards)
         if lit is None:
             continue
-        last = _fraction_at_edge(state, leg, lit.fraction, outwards, setting)
+        last = _fraction_at_edge(state, leg, lit.fraction, outwards, setting.at(lit.view))
         if last is not None:
             state = state.prolonged(leg, last, setting.medium, at_end=outwards > 0)
     return state
@@ -197,17 +207,19 @@ def _fraction_at_edge(
     return last_in_view(setting.camera, place, at)
 
 
-def _end_plane(state: PathState, leg: int, camera: Camera) -> Floats:
+def _end_plane(state: PathState, leg: int, setting: Setting) -> Floats:
     """(3, 2), the plane in which the end of a last leg moves: across it."""
     end = state.vertices_mm[leg + 1]
+    camera = setting.cameras[_view_of(setting, end) or 0]
     if not state.bends:
         return view_plane(camera, end, state.starts_mm[leg])
     return view_plane(camera, end, end - state.tangents_mm(leg, np.ones(1))[0])
 
 
-def _start_plane(state: PathState, camera: Camera) -> Floats:
+def _start_plane(state: PathState, setting: Setting) -> Floats:
     """(3, 2), the plane in which the start of the path moves: across its first leg."""
     start = state.vertices_mm[0]
+    camera = setting.cameras[_view_of(setting, start) or 0]
     if not state.bends:
         return view_plane(camera, start, state.vertices_mm[1])
     return view_plane(camera, start, start + state.tangents_mm(0, np.zeros(1))[0])
@@ -241,20 +253,23 @@ def freedom_at(
     GeometryError
         Where a leg at an end points straight at the camera.
     """
-    camera, vertices = setting.camera, state.vertices_mm
     if ends is None:
         ends = Ends(
-            _start_plane(state, camera),
-            tuple(_end_plane(state, leg, camera) for leg in state.last_legs),
+            _start_plane(state, setting),
+            tuple(_end_plane(state, leg, setting) for leg in state.last_legs),
         )
     tips: Tips = ends.tips if tips_move else (None,)
-    start = ends.start_basis
-    if tips[0] is not None:
-        start = with_tip(start, vertices[0], state.tangents_mm(0, np.zeros(1))[0], camera)
+
+    def end_basis(basis: Floats, leg: int, at: float, tip: Floats | None) -> Floats:
+        if tip is None:
+            return basis
+        fraction, camera = np.array([at]), setting.cameras[int(tip[2])]
+        end = state.vertices_mm[leg + 1 if at else 0]
+        return with_tip(basis, end, state.tangents_mm(leg, fraction)[0], camera)
+
+    start = end_basis(ends.start_basis, 0, 0.0, tips[0])
     lasts = tuple(
-        basis
-        if tip_of_leg(tips, leg, state) is None
-        else with_tip(basis, vertices[leg + 1], state.tangents_mm(leg, np.ones(1))[0], camera)
+        end_basis(basis, leg, 1.0, tip_of_leg(tips, leg, state))
         for leg, basis in zip(state.last_legs, ends.end_bases, strict=True)
     )
     freedom = freedom_of_path(
@@ -265,7 +280,7 @@ def freedom_at(
         end_bases=lasts,
         curves=setting.curves,
     )
-    return with_detours_level(freedom, state, camera)
+    return with_detours_level(freedom, state, setting.camera)
 
 
 def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Setting) -> Tips:
@@ -288,7 +303,7 @@ def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Sett
     Returns
     -------
     Tips
-        (row, col), of the outermost pulse of an end that is cut; None: the end is whole.
+        (row, col, camera), of the outermost pulse of an end that is cut; None: the end is whole.
 
     Notes
     -----
@@ -306,28 +321,39 @@ def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Sett
     for end, (leg, sign) in enumerate(zip((0, *state.last_legs), signs, strict=True)):
         if end == 0 and setting.source.position_mm is not None:
             continue
-        own = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == 0)
-        here = np.flatnonzero(own)
-        print_ = footprints(
-            state,
-            camera=solution.camera,
-            medium=solution.medium,
-            legs=leg,
-            rows=times.row[here],
-            cols=times.col[here],
-        )
-        outwards = sign * print_.fraction * print_.px_per_leg
+        # Where several cameras see the leg, that which sees most of its end.
+        seen = [_towards_end(solution, times, leg, sign, n) for n in range(len(solution.cameras))]
+        view = int(np.argmax([share for share, _, _ in seen]))
+        _, here, outwards = seen[view]
         # Judged together: a cut shifts all pixels of the last column, each by little.
         outer = outwards > outwards.max(initial=-np.inf) - _OUTER_PX
         if not outer.any() or np.count_nonzero(~outer) < _FEW_INNER:
             continue
         if pulls[here][outer].sum() > chdtri(np.count_nonzero(outer), _FALSE_CUT):
             outermost = here[int(np.argmax(outwards))]
-            found[end] = np.array([times.row[outermost], times.col[outermost]])
+            found[end] = np.array([times.row[outermost], times.col[outermost], view])
     return tuple(found)
 
 
-def _visible_end(
+def _towards_end(
+    solution: Solution, times: TimeData, leg: int, sign: float, view: int
+) -> tuple[float, Indices, Floats]:
+    """Of one camera's pulses on a leg: how far out the outermost is, which, and how far, px."""
+    own = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == view)
+    here = np.flatnonzero(own)
+    print_ = footprints(
+        solution.state,
+        camera=solution.cameras[view],
+        medium=solution.medium,
+        legs=leg,
+        rows=times.row[here],
+        cols=times.col[here],
+    )
+    outermost = float((sign * print_.fraction).max(initial=-np.inf))
+    return outermost, here, sign * print_.fraction * print_.px_per_leg
+
+
+def _outermost_end(
     state: PathState,
     leg: int,
     sightings: list[Sighting],
@@ -336,14 +362,29 @@ def _visible_end(
     *,
     outwards: float,
 ) -> tuple[ViewEnd | None, Floats | None]:
+    """Where the camera that sees most of a leg's end sees it leave or stop; and the light's tip."""
+    lit = _outermost_lit(state, leg, sightings, setting, std, outwards)
+    if lit is None:
+        return None, None
+    own = [o for o in sightings if o.view == lit.view]
+    return _visible_end(state, leg, own, setting.at(lit.view), std, lit, outwards=outwards)
+
+
+def _visible_end(
+    state: PathState,
+    leg: int,
+    sightings: list[Sighting],
+    setting: Setting,
+    std: float,
+    lit: _Lit,
+    *,
+    outwards: float,
+) -> tuple[ViewEnd | None, Floats | None]:
     """Where a leg leaves the picture, or where its light stops within it; and the light's tip.
 
     The tip is None where the light reaches the edge, or is too dim to tell.
     """
     camera = setting.camera
-    lit = _last_lit_place(state, leg, sightings, setting, std, outwards)
-    if lit is None:
-        return None, None
     inside = state.points_mm(leg, np.array([lit.fraction]))[0]
     step = state.tangents_mm(leg, np.array([lit.fraction]))[0]
     direction = step / np.linalg.norm(step)
@@ -355,8 +396,8 @@ def _visible_end(
     else:
         edge = view_end(camera, inside, outwards * direction)
     tip, places, photons = lit.tip_px, lit.places_px, lit.photons
-    own = [o for o in sightings if o.view == 0]
-    dark = all(_recorded_beyond(o, state, setting, leg, tip, std, outwards) for o in own)
+    dark = all(_recorded_beyond(o, state, setting, leg, tip, std, outwards) for o in sightings)
+    seen_tip = np.append(tip, lit.view) if dark else None
     away = np.hypot(*(places - tip).T)
     # A tip is believed only on a bright leg, lit at five places and more behind it.
     sharp = np.median(photons[away < 4.0]) > 50.0 and len(np.unique(np.rint(away[away < 6.0]))) >= 5
@@ -364,11 +405,11 @@ def _visible_end(
         gap = float(np.hypot(*(np.array(camera.pixels_from_points(edge.position_mm)) - tip)))
         # Near the edge, or with a dim leg, the edge is the better guess of the end.
         if gap < 4.0 or not sharp:
-            return edge, tip if dark and sharp and gap > _DARK_PX else None
+            return edge, seen_tip if sharp and gap > _DARK_PX else None
     along = camera.pixel_jacobian(inside) @ direction
     along = along / max(float(np.hypot(*along)), 1e-9)
     across = float(-along[1]), float(along[0])
-    return end_in_picture(camera, inside, across), tip if dark else None
+    return end_in_picture(camera, inside, across), seen_tip
 
 
 @dataclass(frozen=True, eq=False)
@@ -385,12 +426,35 @@ class _Lit:
         Of all.
     photons : array of float, shape (n,)
         Of all.
+    view : int
+        The camera that saw it.
     """
 
     fraction: float
     tip_px: Floats
     places_px: Floats
     photons: Floats
+    view: int
+
+
+def _outermost_lit(
+    state: PathState,
+    leg: int,
+    sightings: list[Sighting],
+    setting: Setting,
+    std: float,
+    outwards: float,
+) -> _Lit | None:
+    """The outermost light of a leg in any camera's picture; None where no camera shows any."""
+    seen = (
+        _last_lit_place(state, leg, sightings, setting, std, outwards, view)
+        for view in range(len(setting.cameras))
+    )
+    return max(
+        (lit for lit in seen if lit is not None),
+        key=lambda lit: outwards * lit.fraction,
+        default=None,
+    )
 
 
 def _last_lit_place(
@@ -400,9 +464,11 @@ def _last_lit_place(
     setting: Setting,
     std: float,
     outwards: float,
+    view: int,
 ) -> _Lit | None:
-    """The outermost light of a leg in the first camera's picture; None where there is none."""
-    camera, own = setting.camera, [o for o in sightings if o.view == 0]
+    """The outermost light of a leg in one camera's picture; None where there is none."""
+    setting = setting.at(view)
+    camera, own = setting.camera, [o for o in sightings if o.view == view]
     seen = [_footprints_of_pulses(o, state, setting, leg, std) for o in own]
     fraction, photons, strength = (np.concatenate(column) for column in zip(*seen, strict=True))
     if not len(fraction):
@@ -413,7 +479,7 @@ def _last_lit_place(
     # The outermost foot may lie a hair beyond the edge; the middle of the light is in view.
     if not bool(camera.sees(state.points_mm(leg, np.array([inside]))[0])):
         inside = float(np.median(fraction))
-    return _Lit(inside, places[extreme], places, photons)
+    return _Lit(inside, places[extreme], places, photons, view)
 
 
 def _recorded_beyond(

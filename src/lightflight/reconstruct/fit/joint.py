@@ -8,6 +8,7 @@ measured from the residuals and stated.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.reconstruct.fit.clocks import (
+    clocks_as_shown,
+    shared_as_stated,
+    with_doubtful_clocks,
+)
 from lightflight.reconstruct.fit.ends import cut_tips, freedom_at, known_tips, with_ends
 from lightflight.reconstruct.fit.least_squares import (
     OUTLIER,
@@ -30,9 +36,11 @@ from lightflight.reconstruct.fit.membership import (
     stacked,
     stacked_lines,
     time_data,
+    tips_in_view,
 )
+from lightflight.reconstruct.fit.pictures import as_shown, pictures_of
 from lightflight.reconstruct.fit.uneven import uneven_light
-from lightflight.reconstruct.legs.find import ImageLeg
+from lightflight.reconstruct.legs.find import Images
 from lightflight.reconstruct.model.freedom import Freedom, state_vector
 from lightflight.reconstruct.model.geometry import Indices, PathState, footprints
 from lightflight.reconstruct.model.light import Strengths
@@ -41,11 +49,10 @@ from lightflight.reconstruct.model.picture import (
     Picture,
     footprint_corrections,
     lines_from_picture,
-    measure_picture,
 )
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import moved, shared_errors, undistorted_as_moved
-from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.sighting import Sighting, first_of_each_view
 from lightflight.units import MEDIAN_CHI2, std_from_mad
 
 if TYPE_CHECKING:
@@ -141,7 +148,7 @@ def fit_joint(
     state: PathState,
     setting: Setting,
     *,
-    legs: tuple[ImageLeg, ...] | None,
+    legs: Sequence[Images] | None,
     shared: Floats | None = None,
 ) -> JointFit:
     """Refine a path that is roughly right.
@@ -150,9 +157,10 @@ def fit_joint(
     ----------
     state : PathState
         Start, from `start.state_from_legs` or the user.
-    legs : tuple of ImageLeg or None
-        Legs of the first recording as found in the picture; they say which pulses belong to which
-        leg while the start is still rough. None: the start itself says so.
+    legs : sequence of tuple of ImageLeg, or None
+        Of each leg that is seen, as found in the picture of each camera that shows it: they say
+        which pulses belong to which leg while the start is still rough. None: the start itself says
+        so.
     shared : array of float, shape (j,), optional
         Shared errors of cameras and medium that the start was found with, in standard deviations.
 
@@ -167,19 +175,17 @@ def fit_joint(
     seen = setting if shared is None else moved(setting, shared_errors(setting), shared)
     clock = sightings
     if legs is not None:
-        rough = _rough_fit(sightings, state, setting, legs)
-        state, shared = rough.state, rough.shared
+        rough = _rough_fit(sightings, state, with_doubtful_clocks(setting), legs)
+        state, shared = rough.state, shared_as_stated(rough, setting)
         seen, clock = _as_found(rough, setting, sightings)
-        members = _members_of_legs(legs, state, len(sightings[0].arrivals.row))
+        members = _members_of_legs(legs, state, sightings)
     floor, result = 0.0, None
     cut: Tips = (None, None)
     for passed in range(_PASSES):
+        seen = clocks_as_shown(state, clock, seen, std)
         state, ends = with_ends(state, clock, seen, std)
         tips = known_tips(cut, ends.tips)
-        pictures = tuple(
-            measure_picture(state, o, camera=seen.cameras[o.view], medium=seen.medium, std_ps=std)
-            for o in clock
-        )
+        pictures = pictures_of(state, clock, seen, std_ps=std)
         parts = _pulses_of_legs(sightings, clock, state, seen, pictures, std, floor, members, tips)
         times = stacked(parts, mode_columns(sightings))
         lines = _told_lines(pictures, sightings, setting, seen)
@@ -263,13 +269,8 @@ def finely_lit(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Jo
     """
     seen, clock = _as_found(fit.solution, setting, list(fit.sightings))
     std = pulse_std_ps(sightings)
-    pictures = tuple(
-        measure_picture(
-            fit.solution.state, replace(o, found=same.found), camera=seen.cameras[o.view],
-            medium=seen.medium, std_ps=std, fine=True,
-        )
-        for o, same in zip(sightings, clock, strict=True)
-    )  # fmt: skip
+    as_found = [replace(o, found=same.found) for o, same in zip(sightings, clock, strict=True)]
+    pictures = pictures_of(fit.solution.state, as_found, seen, std_ps=std, fine=True)
     shown = replace(fit, pictures=pictures, lines=_told_lines(pictures, sightings, setting, seen))
     uneven = uneven_light(shown, sightings, setting)
     # What was known of uneven light before stands behind the errors of the clock.
@@ -368,11 +369,20 @@ def moved_stds(before: JointFit, after: JointFit) -> float:
     return float(np.max(_step_stds(before.solution.state, after.solution, after.freedom)))
 
 
-def _members_of_legs(legs: tuple[ImageLeg, ...], state: PathState, n_pulses: int) -> Indices:
-    """(n_pulses,), leg of the path that each row of the arrivals belongs to; -1: none."""
-    members = np.full(n_pulses, -1)
-    for k, leg in zip(state.seen, legs, strict=True):
-        members[leg.members] = k
+def _members_of_legs(
+    legs: Sequence[Images], state: PathState, sightings: list[Sighting]
+) -> dict[int, Indices]:
+    """Leg of the path that each row of the arrivals belongs to, -1: none, by number of recording.
+
+    Of the recordings that were searched: of repeats the first.
+    """
+    first = {o.view: number for number, o in reversed(list(enumerate(sightings)))}
+    members: dict[int, Indices] = {}
+    for k, images in zip(state.seen, legs, strict=True):
+        for image in images:
+            number = first[image.view]
+            nobodys = np.full(len(sightings[number].arrivals.row), -1)
+            members.setdefault(number, nobodys)[image.members] = k
     return members
 
 
@@ -384,7 +394,7 @@ def _pulses_of_legs(
     pictures: tuple[Picture, ...],
     std: float,
     floor: float,
-    members: Indices | None,
+    members: dict[int, Indices] | None,
     tips: Tips,
 ) -> list[TimeData]:
     """Pulses that belong to the path, one table per recording, on the clock as recorded.
@@ -394,14 +404,13 @@ def _pulses_of_legs(
     parts = [
         assigned(
             o,
-            state,
+            as_shown(state, picture),
             seen.at(o.view),
             picture,
             std,
             floor,
-            # Only the first recording's picture was searched, only the first camera sees the ends.
-            members if not number else None,
-            tips if o.view == 0 else (None, None),
+            None if members is None else members.get(number),
+            tips_in_view(tips, state, seen, o.view),
         )
         for number, (o, picture) in enumerate(zip(clock, pictures, strict=True))
     ]
@@ -453,21 +462,29 @@ def _rough_fit(
     sightings: list[Sighting],
     state: PathState,
     setting: Setting,
-    legs: tuple[ImageLeg, ...],
+    legs: Sequence[Images],
 ) -> Solution:
     """One fit with the legs' own pulses and their lines as found, errors kept generous."""
-    first = sightings[0]
-    index = np.concatenate([leg.members for leg in legs])
-    leg_of = np.repeat(state.seen, [len(leg.members) for leg in legs])
-    times = time_data(first, index, leg_of, np.zeros(len(index)))
-    times = stacked([times], mode_columns(sightings))
-    anchors = np.concatenate([leg.points_px(np.array(leg.extent_px)) for leg in legs])
-    lines = LineDataInPicture(
+    told, times_of, lines_of = [], [], []
+    for first in first_of_each_view(sightings):
+        own = [
+            (k, image)
+            for k, images in zip(state.seen, legs, strict=True)
+            for image in images
+            if image.view == first.view
+        ]
+        if not own:
+            continue
+        index = np.concatenate([image.members for _, image in own])
+        leg_of = np.repeat([k for k, _ in own], [len(image.members) for _, image in own])
+        told.append(first)
+        times_of.append(time_data(first, index, leg_of, np.zeros(len(index))))
+        anchors = np.concatenate([image.points_px(np.array(image.extent_px)) for _, image in own])
         # Lines as found in the picture hold to about a third of a pixel.
-        np.repeat(state.seen, 2),
-        anchors,
-        np.eye(2 * len(legs)) / 0.3,
-    )
+        stiff = np.eye(2 * len(own)) / 0.3
+        lines_of.append(LineDataInPicture(np.repeat([k for k, _ in own], 2), anchors, stiff))
+    times = stacked(times_of, mode_columns(sightings))
+    lines = stacked_lines(lines_of, told)
     # 3 ps: the start's own errors exceed those of bright pulses by far.
     floor_var, shared = 3.0**2, None
     for _ in range(3):

@@ -179,7 +179,7 @@ class Solution:
 
     @property
     def camera(self) -> Camera:
-        """The first camera, whose picture the path's ends belong to."""
+        """The first camera."""
         return self.cameras[0]
 
 

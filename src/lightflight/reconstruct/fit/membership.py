@@ -30,8 +30,9 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 Tips = tuple[Floats | None, ...]
-"""(row, col) where the light of a path begins, and where it stops, within the picture; None: it
-does not. A path with arms has an end for each, in the order of `PathState.last_legs`.
+"""(row, col, camera) where the light of a path begins, and where it stops, within the picture of a
+camera by number; None: it does not. A path with arms has an end for each, in the order of
+`PathState.last_legs`.
 
 In the picture, not in space: how deep a path lies may still move a lot when its ends are known."""
 
@@ -183,7 +184,7 @@ def assigned(
         where the corner of the moment would cut it off, so that a misplaced corner is pulled back
         instead of eating its leg. None: the path alone says.
     tips : Tips, optional
-        (row, col) where the light begins and stops in the picture; None: it does not.
+        (row, col, camera) where the light begins and stops in the picture; None: it does not.
 
     Returns
     -------
@@ -297,7 +298,7 @@ def clear_of_tips(
     state : PathState
         The path as it is now.
     tips : Tips
-        (row, col) where the light begins and stops in the picture; None: it does not.
+        (row, col, camera) where the light begins and stops in the picture; None: it does not.
     setting : Setting
         Camera, source, medium and waypoints.
 
@@ -317,15 +318,48 @@ def clear_of_tips(
 
 
 def print_at(pixel: Floats, leg: int, state: PathState, setting: Setting) -> Footprint:
-    """Footprint on a leg of one place (row, col) of the picture."""
+    """Footprint on a leg of one place (row, col, ...) of the picture."""
     return footprints(
         state,
         camera=setting.camera,
         medium=setting.medium,
         legs=leg,
         rows=pixel[:1],
-        cols=pixel[1:],
+        cols=pixel[1:2],
     )
+
+
+def tips_in_view(tips: Tips, state: PathState, setting: Setting, view: int) -> Tips:
+    """The tips in the picture of one of several cameras, whichever saw them.
+
+    Parameters
+    ----------
+    tips : Tips
+        Of the path.
+    state : PathState
+        The path.
+    setting : Setting
+        Cameras, source, medium and waypoints.
+    view : int
+        The camera, by number.
+
+    Returns
+    -------
+    Tips
+        Perhaps beside the picture; None where that camera sees no such place.
+    """
+    if not setting.others:
+        return tips
+    found: list[Floats | None] = []
+    for tip, leg in zip(tips, (0, *state.last_legs), strict=False):
+        if tip is None or int(tip[2]) == view:
+            found.append(tip)
+            continue
+        share = fraction_at(tip, leg, state, setting.at(int(tip[2])))
+        place = state.points_mm(leg, np.array([share]))[0]
+        there = np.array([*setting.cameras[view].pixels_from_points(place), view], dtype=float)
+        found.append(there if np.isfinite(there).all() else None)
+    return tuple(found)
 
 
 def fraction_at(pixel: Floats, leg: int, state: PathState, setting: Setting) -> float:

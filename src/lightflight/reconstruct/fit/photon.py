@@ -76,7 +76,7 @@ def photon_path(
     std_ps : float
         Typical standard deviation of a pulse, ps.
     tips : Tips, optional
-        (row, col) where the light begins and stops in the picture; None: it does not.
+        (row, col, camera) where the light begins and stops in the picture; None: it does not.
     shared : array of float, shape (j,), optional
         Shared errors of the setting that the rough path was found with; None: none.
 
@@ -140,7 +140,7 @@ def _ending_at_tips(
         if climbed is not None:
             vertices[0], start_time = climbed.vertices_mm[0], climbed.start_time_ps
         else:
-            where = fraction_at(first, 0, state, setting)
+            where = fraction_at(first, 0, state, setting.at(int(first[2])))
             vertices[0] += where * (vertices[1] - vertices[0])
             start_time += where * float(np.diff(state.vertex_times_ps(setting.medium))[0])
     for leg in state.last_legs:
@@ -150,7 +150,8 @@ def _ending_at_tips(
         if climbed is not None:
             vertices[leg + 1] = climbed.vertices_mm[leg + 1]
         else:
-            where, start = fraction_at(last, leg, state, setting), state.leg_starts[leg]
+            where = fraction_at(last, leg, state, setting.at(int(last[2])))
+            start = state.leg_starts[leg]
             vertices[leg + 1] = vertices[start] + where * (vertices[leg + 1] - vertices[start])
     return replace(state, vertices_mm=vertices, start_time_ps=start_time)
 

@@ -18,6 +18,7 @@ from lightflight.reconstruct.fit.least_squares import Rays, Slopes, modelled
 from lightflight.reconstruct.model.geometry import vertex_time_jacobian
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import (
+    CLOCK,
     FOCAL,
     INTERFACES,
     MEDIUM,
@@ -46,7 +47,7 @@ class _Unit:
 
 
 def _units(setting: Setting) -> list[_Unit]:
-    """Things of camera and medium that are told as exact, first camera only."""
+    """Things of camera and medium that are told as exact; of further cameras the clocks."""
     camera, medium = setting.camera, setting.medium
     pose = np.zeros(6) if camera.pose_covariance is None else np.diag(camera.pose_covariance)
     found, width = [], width_of_errors(setting)
@@ -64,6 +65,10 @@ def _units(setting: Setting) -> list[_Unit]:
         found.append(_Unit("distortion", "0.01 of k1", 0, tuple(np.eye(width)[RADIAL] * 0.01)))
     if camera.interfaces and not any(face.distance_std_mm for face in camera.interfaces):
         found.append(_Unit("window", "1 mm", 0, tuple(np.eye(width)[INTERFACES])))
+    for view, other in enumerate(setting.others, start=1):
+        if other.clock_offset_std_ps == 0.0:
+            late = tuple(np.eye(width)[CLOCK] * 10.0)
+            found.append(_Unit(f"clock of camera {view + 1}", "10 ps", view, late))
     if medium.path_group_index_std == 0.0 and medium.return_group_index_std == 0.0:
         both = (np.eye(width)[0] + np.eye(width)[1]) * 1e-3
         found.append(_Unit("group index", "0.001", MEDIUM, tuple(both)))

@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.ends import freedom_at
+from lightflight.reconstruct.fit.images import state_from_images
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.fit.least_squares import Solution, fit_path
 from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.fit.start import state_from_legs
 from lightflight.reconstruct.fit.through_glass import pieces_of
-from lightflight.reconstruct.legs.find import ImageLeg
+from lightflight.reconstruct.legs.find import ImageLeg, Images
 from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.setting import Setting
@@ -92,7 +93,7 @@ def fit_from_legs(
     first_problem: Exception | None = None
     while legs:
         try:
-            state, seen = _begun(sightings[0], legs, setting)
+            state, seen = _begun(sightings, legs, setting)
             return fit_joint(sightings, state, setting, legs=seen)
         except (GeometryError, NothingFoundError, np.linalg.LinAlgError) as problem:
             # The first attempt had all legs: its reason is the one worth telling.
@@ -114,16 +115,24 @@ def fit_from_legs(
 
 
 def _begun(
-    sighting: Sighting, legs: tuple[ImageLeg, ...], setting: Setting
-) -> tuple[PathState, tuple[ImageLeg, ...]]:
-    """A first path from legs in the picture, and those legs as cut where glass stands in them."""
+    sightings: list[Sighting], legs: tuple[ImageLeg, ...], setting: Setting
+) -> tuple[PathState, Sequence[Images]]:
+    """A first path from legs in the pictures, and of each leg its images.
+
+    Where glass stands in the beam only the first picture is searched, its legs cut at the glass.
+    """
     camera, source, medium = setting.camera, setting.source, setting.medium
+    if setting.others and not medium.blocks:
+        return state_from_images(legs, setting, std_ps=pulse_std_ps(sightings))
+    legs = tuple(leg for leg in legs if leg.view == 0)
     if not medium.blocks:
-        return state_from_legs(legs, camera=camera, source=source, medium=medium), legs
-    pieces = pieces_of(legs, medium.blocks, camera, sighting.arrivals)
+        state = state_from_legs(legs, camera=camera, source=source, medium=medium)
+        return state, [(leg,) for leg in legs]
+    pieces = pieces_of(legs, medium.blocks, camera, sightings[0].arrivals)
     told = tuple(piece for shown in pieces.shown for piece in shown if piece is not None)
     state = state_from_legs(told, camera=camera, source=source, medium=medium, pieces=pieces)
-    return pieces.through_glass(state, setting.cameras)
+    state, told = pieces.through_glass(state, setting.cameras)
+    return state, [(leg,) for leg in told]
 
 
 def fit_from_brightest(
@@ -148,8 +157,9 @@ def fit_from_brightest(
     JointFit or None
         None where not even one leg makes a path.
     """
-    photons = sightings[0].arrivals.photons
-    order = np.argsort([-float(photons[leg.members].sum()) for leg in legs], kind="stable")
+    seen = {one.view: one.arrivals.photons for one in reversed(sightings)}
+    light = [-float(seen[leg.view][leg.members].sum()) for leg in legs]
+    order = np.argsort(light, kind="stable")
     for n in range(len(legs) - 1, 0, -1):
         chain = tuple(legs[k] for k in sorted(order[:n]))
         fit = fit_or_reason(partial(fit_from_legs, sightings, chain, setting, drop=False))
@@ -381,15 +391,23 @@ def sharpest_bend(
 ) -> tuple[float, float]:
     """(chi-square, fraction of the leg) of the most significant kink in times and lines.
 
-    A score test: what cannot be seen by a kink, no further corner or shape explains.
+    A score test: what cannot be seen by a kink, no further corner or shape explains. The camera
+    that sees it best tells.
     """
+    views = range(len(setting.cameras))
+    return max(_sharpest_in_view(sightings, fit, leg, setting.at(view), view) for view in views)
+
+
+def _sharpest_in_view(
+    sightings: list[Sighting], fit: JointFit, leg: int, setting: Setting, view: int
+) -> tuple[float, float]:
+    """The same as one camera sees it."""
     times, solution = fit.times, fit.solution
-    # The first camera's picture tells; the others follow the path.
-    mine = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == 0)
+    mine = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == view)
     here = np.flatnonzero(mine & (times.weight > 0))
     if len(here) < 6:
         return 0.0, 0.5
-    picture = fit.pictures[0]
+    picture = fit.pictures[next(k for k, o in enumerate(sightings) if o.view == view)]
     line, line_fit = picture.legs[leg], picture.fits[leg]
     points = undistorted_px(setting.camera, times.row, times.col)
     along = line.along_across(points)[0]

@@ -9,7 +9,9 @@ viewing plane (Zheng et al. 2020, Fig. 4).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,6 +54,8 @@ class LegCurve:
         ps.
     plane_normal : array of float, shape (3,)
         Unit, of the viewing plane; ray x flight.
+    center_mm : array of float, shape (3,)
+        World, mm: where the rays come together.
     direction : array of float, shape (3,) or None
         The only one that is tried, world; None: all.
     """
@@ -59,7 +63,12 @@ class LegCurve:
     rays: Floats
     arrival_ps: Floats
     plane_normal: Floats
+    center_mm: Floats
     direction: Floats | None = None
+
+    def earlier(self, by_ps: float) -> LegCurve:
+        """The same on a clock that is less late."""
+        return replace(self, arrival_ps=self.arrival_ps - by_ps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,18 +105,43 @@ def world_rays(camera: Camera, points_px: Floats) -> Floats:
 def curve_from_leg(leg: ImageLeg, camera: Camera) -> LegCurve:
     """Rays and smoothed arrival times along a leg seen in the picture."""
     s = np.linspace(*leg.extent_px, _SAMPLES)
-    return _curve(world_rays(camera, leg.points_px(s)), leg.arrival_ps(s))
+    return _curve(world_rays(camera, leg.points_px(s)), leg.arrival_ps(s), camera.center_mm)
 
 
-def _curve(rays: Floats, arrival_ps: Floats) -> LegCurve:
+def _curve(rays: Floats, arrival_ps: Floats, center_mm: Floats) -> LegCurve:
     normal = np.cross(rays[0], rays[-1])
-    return LegCurve(rays, arrival_ps, normal / np.linalg.norm(normal))
+    return LegCurve(rays, arrival_ps, normal / np.linalg.norm(normal), center_mm)
+
+
+def curves_of_legs(legs: tuple[ImageLeg, ...], camera: Camera, medium: Medium) -> list[LegCurve]:
+    """What each leg showed to one camera, on the clock that all count on.
+
+    Parameters
+    ----------
+    legs : tuple of ImageLeg
+        Legs as found in its picture.
+    camera : Camera
+        The camera.
+    medium : Medium
+        Group indices out and back.
+
+    Returns
+    -------
+    list of LegCurve
+        In their order, as seen in the scene's own medium.
+    """
+    if camera.interfaces:
+        curves = _as_seen_in_one_medium(legs, camera, medium)
+    else:
+        curves = [curve_from_leg(leg, camera) for leg in legs]
+    late_ps = camera.clock_offset_ps
+    return [curve.earlier(late_ps) for curve in curves] if late_ps else curves
 
 
 def _as_seen_in_one_medium(
     legs: tuple[ImageLeg, ...], camera: Camera, medium: Medium
-) -> tuple[Camera, list[LegCurve]]:
-    """A camera without interfaces that sees nearly the same, and what each leg showed to it.
+) -> list[LegCurve]:
+    """What each leg showed to a camera without interfaces that sees nearly the same.
 
     It stands where these legs' rays come from, and what their light needed more up to the
     interface is taken off the times.
@@ -119,15 +153,13 @@ def _as_seen_in_one_medium(
     origins, rays, optical = (np.concatenate(part) for part in zip(*sights, strict=True))
     center = meeting_point(origins, rays)
     early = optical - medium.return_group_index * np.sum((origins - center) * rays, axis=1)
-    pose = camera.world_from_camera.copy()
-    pose[:3, 3] = center
     curves = []
     for leg, own, more in zip(
         legs, np.split(rays, len(legs)), np.split(early, len(legs)), strict=True
     ):
         times = leg.arrival_ps(np.linspace(*leg.extent_px, _SAMPLES))
-        curves.append(_curve(own, times - more / SPEED_OF_LIGHT_MM_PER_PS))
-    return replace(plain, world_from_camera=pose), curves
+        curves.append(_curve(own, times - more / SPEED_OF_LIGHT_MM_PER_PS, center))
+    return curves
 
 
 def state_from_legs(
@@ -171,26 +203,54 @@ def state_from_legs(
     GeometryError
         Where a leg cannot follow the one before it.
     """
-    if camera.interfaces:
-        camera, curves = _as_seen_in_one_medium(legs, camera, medium)
-    else:
-        curves = [curve_from_leg(leg, camera) for leg in legs]
+    curves = curves_of_legs(legs, camera, medium)
     if told is not None:
         curves[told[0]] = replace(curves[told[0]], direction=told[1])
     if pieces is not None:
         curves = _without_glass(pieces, curves, medium, known_start=source.position_mm is not None)
+    return state_from_curves(curves, source=source, medium=medium, depth_mm=depth_mm)[0]
+
+
+def state_from_curves(
+    curves: Sequence[LegCurve], *, source: Source, medium: Medium, depth_mm: float | None = None
+) -> tuple[PathState, float]:
+    """The same from what each leg showed, to one camera or to several.
+
+    Parameters
+    ----------
+    curves : sequence of LegCurve
+        One for each leg, in the order of flight.
+    source : Source
+        What is known of where and when the pulse starts.
+    medium : Medium
+        Group indices out and back.
+    depth_mm : float, optional
+        As `state_from_legs`.
+
+    Returns
+    -------
+    state : PathState
+        As `state_from_legs`.
+    cost : float
+        By how much it misses the arrival times: sum over legs of the mean square, ps^2.
+
+    Raises
+    ------
+    GeometryError
+        Where a leg cannot follow the one before it.
+    """
     if source.position_mm is None:
-        first = _blind_first_leg(curves[0], camera, medium, depth_mm)
+        first = _blind_first_leg(curves[0], medium, depth_mm)
     else:
-        first = _first_leg_from_source(curves[0], camera, source, medium)
+        first = _first_leg_from_source(curves[0], source, medium)
     straights = [first]
-    for number, curve in enumerate(curves[1:], start=2):
-        straights.append(_following_leg(straights[-1], curves[number - 2], curve, camera, medium))
+    for seen, curve in pairwise(curves):
+        straights.append(_following_leg(straights[-1], seen, curve, medium))
     last = straights[-1]
-    length, _ = _meetings(last.start_mm, last.direction[np.newaxis], curves[-1].rays[-1:], camera)
-    end = last.start_mm + length[0, 0] * last.direction
+    ended, final = replace(curves[-1], rays=curves[-1].rays[-1:]), last.direction[np.newaxis]
+    end = last.start_mm + _meetings(last.start_mm, final, ended)[0][0, 0] * last.direction
     vertices = np.array([leg.start_mm for leg in straights] + [end])
-    return PathState(vertices, first.start_time_ps)
+    return PathState(vertices, first.start_time_ps), sum(leg.cost for leg in straights)
 
 
 def _without_glass(
@@ -212,7 +272,7 @@ def _without_glass(
                 rays.append(curve.rays)
                 times.append(curve.arrival_ps - late - late_ps(between[:number]))
         late += late_ps(between)
-        found.append(_curve(np.concatenate(rays), np.concatenate(times)))
+        found.append(_curve(np.concatenate(rays), np.concatenate(times), curve.center_mm))
     return found
 
 
@@ -238,14 +298,37 @@ def _first_angles(curve: LegCurve, angles: Floats) -> tuple[Floats, int]:
     return np.arctan2([-curve.direction @ away], [curve.direction @ along]), 1
 
 
-def _meetings(
-    start: Floats, directions: Floats, rays: Floats, camera: Camera
-) -> tuple[Floats, Floats]:
+def _meetings(start: Floats, directions: Floats, curve: LegCurve) -> tuple[Floats, Floats]:
     """Where each ray meets each direction: (directions, rays) mm from the start, and on the ray.
 
     NaN where the meeting point is behind the start or behind the camera.
     """
-    baseline = start - camera.center_mm
+    length, depth = line_meetings(start, directions, curve)
+    behind = (length <= 0) | (depth <= 0)
+    length[behind] = depth[behind] = np.nan
+    return length, depth
+
+
+def line_meetings(start: Floats, directions: Floats, curve: LegCurve) -> tuple[Floats, Floats]:
+    """The same along whole lines and rays, before and behind.
+
+    Parameters
+    ----------
+    start : array of float, shape (3,)
+        World, mm.
+    directions : array of float, shape (d, 3)
+        Unit, world.
+    curve : LegCurve
+        With r rays.
+
+    Returns
+    -------
+    length : array of float, shape (d, r)
+        From the start, mm.
+    depth : array of float, shape (d, r)
+        From where the rays come together, mm.
+    """
+    baseline, rays = start - curve.center_mm, curve.rays
     # Both lines lie in one plane up to noise: solve start + l d = center + m r in least squares.
     dr = directions @ rays.T
     db = directions @ baseline
@@ -254,16 +337,14 @@ def _meetings(
     determinant = np.maximum(1.0 - dr**2, 1e-15)
     length = (dr * rb - db[:, np.newaxis]) / determinant
     depth = (rb - dr * db[:, np.newaxis]) / determinant
-    behind = (length <= 0) | (depth <= 0)
-    length[behind] = depth[behind] = np.nan
     return length, depth
 
 
 def _relative_arrivals(
-    start: Floats, directions: Floats, rays: Floats, camera: Camera, medium: Medium
+    start: Floats, directions: Floats, curve: LegCurve, medium: Medium
 ) -> Floats:
     """Arrival time of light from each ray's meeting point, counted from the start's event time."""
-    length, depth = _meetings(start, directions, rays, camera)
+    length, depth = _meetings(start, directions, curve)
     arrival: Floats = (
         medium.path_group_index * length + medium.return_group_index * depth
     ) / SPEED_OF_LIGHT_MM_PER_PS
@@ -281,7 +362,6 @@ def _refined(cost: Floats, angles: Floats) -> Floats:
 def _best_direction(
     start: Floats,
     curve: LegCurve,
-    camera: Camera,
     medium: Medium,
     *,
     start_time_ps: float | None,
@@ -293,7 +373,7 @@ def _best_direction(
     best: Straight | None = None
     for _ in range(rounds):
         directions = _directions(curve, angles)
-        relative = _relative_arrivals(start, directions, curve.rays, camera, medium)
+        relative = _relative_arrivals(start, directions, curve, medium)
         residual = curve.arrival_ps - relative
         # A corner in the picture may come out a little beyond the first rays: do without them.
         met = np.isfinite(residual)
@@ -320,16 +400,12 @@ def _best_direction(
     return best
 
 
-def _first_leg_from_source(
-    curve: LegCurve, camera: Camera, source: Source, medium: Medium
-) -> Straight:
+def _first_leg_from_source(curve: LegCurve, source: Source, medium: Medium) -> Straight:
     start = np.asarray(source.position_mm, dtype=float)
     # Directions are searched in the plane through the source that the picture shows best.
-    flattened = start - ((start - camera.center_mm) @ curve.plane_normal) * curve.plane_normal
     found = _best_direction(
-        flattened,
+        _flattened(start, curve),
         curve,
-        camera,
         medium,
         start_time_ps=source.emission_time_ps,
         start_time_std_ps=source.emission_time_std_ps,
@@ -342,19 +418,23 @@ def _first_leg_from_source(
     return Straight(start, found.start_time_ps, found.direction, found.cost)
 
 
-def _blind_first_leg(
-    curve: LegCurve, camera: Camera, medium: Medium, depth_mm: float | None
-) -> Straight:
+def _flattened(place: Floats, curve: LegCurve) -> Floats:
+    """The nearest point (3,) of a leg's viewing plane, world, mm."""
+    off = float((place - curve.center_mm) @ curve.plane_normal)
+    in_plane: Floats = place - off * curve.plane_normal
+    return in_plane
+
+
+def _blind_first_leg(curve: LegCurve, medium: Medium, depth_mm: float | None) -> Straight:
     """First leg with nothing known of the source: depth and time at entry are linear unknowns."""
     angles, rounds = _first_angles(curve, np.linspace(-0.5 * np.pi, 0.5 * np.pi, _GRID)[1:-1])
     best: Straight | None = None
     for _ in range(rounds):
         directions = _directions(curve, angles)
         # For unit depth at entry; arrival times scale with it.
-        unit_start = camera.center_mm + curve.rays[0]
-        relative = _relative_arrivals(
-            unit_start + 1e-9 * directions[0], directions, curve.rays[1:], camera, medium
-        )
+        unit_start = curve.center_mm + curve.rays[0]
+        after = replace(curve, rays=curve.rays[1:])
+        relative = _relative_arrivals(unit_start + 1e-9 * directions[0], directions, after, medium)
         at_entry = medium.return_group_index / SPEED_OF_LIGHT_MM_PER_PS
         relative = np.column_stack((np.full(len(angles), at_entry), relative))
         mean_t = curve.arrival_ps.mean()
@@ -368,7 +448,7 @@ def _blind_first_leg(
             break
         i = int(np.nanargmin(cost))
         entry_time = mean_t - depth[i] * relative[i].mean()
-        entry = camera.center_mm + depth[i] * curve.rays[0]
+        entry = curve.center_mm + depth[i] * curve.rays[0]
         best = Straight(entry, float(entry_time), directions[i], float(cost[i]))
         angles = _refined(cost, angles) if rounds > 1 else angles
     if best is None:
@@ -379,29 +459,26 @@ def _blind_first_leg(
     return best
 
 
-def _following_leg(
-    previous: Straight, seen: LegCurve, curve: LegCurve, camera: Camera, medium: Medium
-) -> Straight:
+def _following_leg(previous: Straight, seen: LegCurve, curve: LegCurve, medium: Medium) -> Straight:
     """Leg that starts on the line of the one before it, after that was last seen."""
-    last_seen = _meetings(
-        previous.start_mm, previous.direction[np.newaxis], seen.rays[-1:], camera
-    )[0][0, 0]
+    ended = replace(seen, rays=seen.rays[-1:])
+    last_seen = _meetings(previous.start_mm, previous.direction[np.newaxis], ended)[0][0, 0]
     if not np.isfinite(last_seen):
         last_seen = 0.0
     approach = float(previous.direction @ curve.plane_normal)
-    gap = float((camera.center_mm - previous.start_mm) @ curve.plane_normal)
+    gap = float((curve.center_mm - previous.start_mm) @ curve.plane_normal)
     candidates = []
     if abs(approach) > 1e-9:
         candidates.append(gap / approach)
     # Light cannot turn later than it still arrives in time for the next leg.
-    latest = _latest_corner(previous, curve, camera, medium, last_seen)
+    latest = _latest_corner(previous, curve, medium, last_seen)
     # Three percent of the way and 5 mm: the leg before is known only roughly yet.
     slack = 0.03 * max(last_seen, 1.0) + 5.0
     usable = [x for x in candidates if last_seen - slack < x < latest + slack]
     # Along the plane the meeting is anywhere: try many corners and let the times decide.
     if not usable or abs(approach) < _SHALLOW:
         usable = usable + list(np.linspace(max(last_seen - slack, 1e-3), latest + slack, 60))
-    found = [_leg_from_corner(previous, x, curve, camera, medium) for x in usable]
+    found = [_leg_from_corner(previous, x, curve, medium) for x in usable]
     finite = [leg for leg in found if leg is not None]
     if not finite:
         raise GeometryError(
@@ -411,26 +488,23 @@ def _following_leg(
     return min(finite, key=lambda leg: leg.cost)
 
 
-def _latest_corner(
-    previous: Straight, curve: LegCurve, camera: Camera, medium: Medium, last_seen: float
-) -> float:
+def _latest_corner(previous: Straight, curve: LegCurve, medium: Medium, last_seen: float) -> float:
     """Farthest corner from which light still reaches the next leg in time, mm along the line."""
     lengths = last_seen + np.linspace(0.0, 5000.0, 2001)
     corners = previous.start_mm + lengths[:, np.newaxis] * previous.direction
     event = previous.start_time_ps + medium.path_group_index * lengths / SPEED_OF_LIGHT_MM_PER_PS
-    back = np.linalg.norm(corners - camera.center_mm, axis=1)
+    back = np.linalg.norm(corners - curve.center_mm, axis=1)
     arrival = event + medium.return_group_index * back / SPEED_OF_LIGHT_MM_PER_PS
     early = arrival <= curve.arrival_ps[0] + 5.0
     return float(lengths[early][-1]) if early.any() else last_seen
 
 
 def _leg_from_corner(
-    previous: Straight, length: float, curve: LegCurve, camera: Camera, medium: Medium
+    previous: Straight, length: float, curve: LegCurve, medium: Medium
 ) -> Straight | None:
     corner = previous.start_mm + length * previous.direction
     time = previous.start_time_ps + medium.path_group_index * length / SPEED_OF_LIGHT_MM_PER_PS
-    flattened = corner - ((corner - camera.center_mm) @ curve.plane_normal) * curve.plane_normal
-    found = _best_direction(flattened, curve, camera, medium, start_time_ps=float(time))
+    found = _best_direction(_flattened(corner, curve), curve, medium, start_time_ps=float(time))
     if found is None:
         return None
     return Straight(corner, float(time), found.direction, found.cost)

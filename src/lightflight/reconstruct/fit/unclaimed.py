@@ -25,7 +25,7 @@ from lightflight.reconstruct.legs.find import ImageLeg, image_leg, is_flash, leg
 from lightflight.reconstruct.model.geometry import Indices
 from lightflight.reconstruct.model.image_plane import along_across, undistorted_px
 from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.sighting import Sighting, first_of_each_view
 
 Floats = NDArray[np.float64]
 
@@ -59,24 +59,25 @@ def with_unclaimed_legs(
     Parameters
     ----------
     legs : tuple of ImageLeg
-        Of the first recording as found in the picture, which the fit began with.
+        As found in the pictures, which the fit began with.
     """
-    left = unclaimed_by_path(sightings[0], fit, setting)
-    if len(left) < _LEAST_PULSES:
+    left = unclaimed_in_pictures(sightings, fit, setting)
+    n_left = sum(map(len, left.values()))
+    if n_left < _LEAST_PULSES:
         return fit
-    chains = _longer_chains(sightings[0], legs, left, setting)
+    chains = _longer_chains(sightings, legs, left, setting)
     trials = [partial(_fitted, sightings, chain, setting) for chain in chains]
-    if len(left) > _MUCH_LEFT * np.count_nonzero(fit.times.weight > 0):
+    if n_left > _MUCH_LEFT * np.count_nonzero(fit.times.weight > 0):
         # A line that misses so much may be two, the one too short to be found by itself.
         trials.append(partial(_opened_once, sightings, fit, setting))
     for attempt in trials:
         trial = attempt()
         if isinstance(trial, NoFit) or trial.floor_ps > fit.floor_ps + 1e-9:
             continue
-        still = unclaimed_by_path(sightings[0], trial, setting)
+        still = sum(map(len, unclaimed_in_pictures(sightings, trial, setting).values()))
         # Explaining the rest must not cost the fit of the others.
         fits = trial.solution.chi2 < _WORST_CHI2 * max(trial.solution.dof, 1)
-        if fits and trial.solution.converged and len(still) <= len(left) - _LEAST_PULSES:
+        if fits and trial.solution.converged and still <= n_left - _LEAST_PULSES:
             return trial
     return fit
 
@@ -100,11 +101,18 @@ def from_unclaimed_legs(
     JointFit or None
         None where no chain makes a path.
     """
-    for chain in _longer_chains(sightings[0], legs, np.empty(0, dtype=np.int64), setting):
+    for chain in _longer_chains(sightings, legs, {}, setting):
         trial = _fitted(sightings, chain, setting)
         if not isinstance(trial, NoFit):
             return trial
     return None
+
+
+def unclaimed_in_pictures(
+    sightings: list[Sighting], fit: JointFit, setting: Setting
+) -> dict[int, Indices]:
+    """By camera, rows of the arrivals of its first recording that no leg of a path explains."""
+    return {one.view: unclaimed_by_path(one, fit, setting) for one in first_of_each_view(sightings)}
 
 
 def unclaimed_by_path(sighting: Sighting, fit: JointFit, setting: Setting) -> Indices:
@@ -117,25 +125,34 @@ def unclaimed_by_path(sighting: Sighting, fit: JointFit, setting: Setting) -> In
     fit : JointFit
         The joint fit.
     setting : Setting
-        Camera, source, medium and waypoints.
+        Cameras, source, medium and waypoints.
 
     Returns
     -------
     array of int, shape (n,)
     """
     pulses, errors, std = _telling_pulses(sighting)
+    number = next(k for k, one in enumerate(fit.sightings) if one.view == sighting.view)
     state, reach = (
         fit.solution.state,
-        max(EXPLAINED_REACH_PX, EXPLAINED_REACH_SPOTS * fit.pictures[0].spot_std_px),
+        max(EXPLAINED_REACH_PX, EXPLAINED_REACH_SPOTS * fit.pictures[number].spot_std_px),
     )
+    seen = setting.at(sighting.view)
+    if setting.others:
+        # On its clock as it was found to be.
+        camera = fit.solution.cameras[sighting.view]
+        seen = replace(seen, camera=replace(seen.camera, clock_offset_ps=camera.clock_offset_ps))
     gap = np.full((len(pulses), state.n_legs), np.nan)
     for k in state.seen:
-        print_ = prints_of_leg(sighting, state, setting, pulses, k)
+        print_ = prints_of_leg(sighting, state, seen, pulses, k)
         near = np.abs(print_.lateral_px) < reach
         near &= on_leg(print_, k, state, margin_px=_MARGIN_PX)
         gap[near, k] = (sighting.arrival_ps[pulses] - print_.arrival_ps)[near]
     # Pulses that the fit used are its own, whatever the gates say.
-    taken = np.isin(pulses, fit.times.index[fit.times.weight > 0])
+    used = fit.times.weight > 0
+    if setting.others:
+        used &= fit.sighting_of == number
+    taken = np.isin(pulses, fit.times.index[used])
     return pulses[~(taken | _explained(gap, errors, std))]
 
 
@@ -190,9 +207,26 @@ def _explained(gap: Floats, errors: Floats, std: float) -> NDArray[np.bool_]:
 
 
 def _longer_chains(
+    sightings: list[Sighting],
+    legs: tuple[ImageLeg, ...],
+    left: dict[int, Indices],
+    setting: Setting,
+) -> list[tuple[ImageLeg, ...]]:
+    """The legs with what may be missing among them in one of the pictures, in each way."""
+    chains: list[tuple[ImageLeg, ...]] = []
+    for one in first_of_each_view(sightings):
+        own = tuple(leg for leg in legs if leg.view == one.view)
+        others = tuple(leg for leg in legs if leg.view != one.view)
+        here = left.get(one.view, np.empty(0, dtype=np.int64))
+        longer = _longer_in_picture(one, own, here, setting.at(one.view))
+        chains += [(*chain, *others) for chain in longer]
+    return chains
+
+
+def _longer_in_picture(
     sighting: Sighting, legs: tuple[ImageLeg, ...], left: Indices, setting: Setting
 ) -> list[tuple[ImageLeg, ...]]:
-    """The legs with what may be missing among them, in each way that can be told.
+    """The legs of one picture with what may be missing among them, in each way that can be told.
 
     `left` are the pulses that the path does not explain; those that the legs in the picture do
     not explain are others, where a leg was dropped or cut short by a false corner.
@@ -265,7 +299,8 @@ def _clusters(sighting: Sighting, left: Indices, setting: Setting) -> list[Image
     for k in range(n):
         members = left[label == k]
         if len(members) >= _LEAST_PULSES:
-            legs.append(image_leg(arrivals, members, setting.camera))
+            leg = image_leg(arrivals, members, setting.camera)
+            legs.append(replace(leg, view=sighting.view) if sighting.view else leg)
     return [leg for leg in legs if not is_flash(leg, std_ps=std)]
 
 

@@ -78,7 +78,7 @@ def _fit_from_runs(
             depth_mm=away if is_level else None,
         )
         state = _joined(state, after, setting)
-    return fit_joint(sightings, state, setting, legs=legs)
+    return fit_joint(sightings, state, setting, legs=[(leg,) for leg in legs])
 
 
 def _joined(before: PathState, after: PathState, setting: Setting) -> PathState:

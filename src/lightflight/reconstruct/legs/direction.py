@@ -7,6 +7,7 @@ is fitted, and where nothing tells its direction the user is asked.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from lightflight.flight import Medium
 from lightflight.reconstruct.legs.bend import bend_significance
 from lightflight.reconstruct.legs.find import ImageLeg, find_legs
 from lightflight.reconstruct.model.setting import Setting, earliest_arrival_ps
-from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.sighting import Sighting, first_of_each_view
 from lightflight.timing.pulses.same_camera import scatter_of_neighbours
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def search_legs(
         Where no straight leg stands out.
     """
     folded = arrivals.laser_period_ps is not None
-    return find_legs(
+    legs = find_legs(
         arrivals,
         camera=setting.camera,
         n_legs=n_legs,
@@ -80,6 +81,7 @@ def search_legs(
         convex=_one_medium(setting.medium) if convex is None else convex,
         computed_cube=not sighting.histograms.poisson,
     )
+    return tuple(replace(leg, view=sighting.view) for leg in legs) if sighting.view else legs
 
 
 def legs_of_straight_light(
@@ -121,6 +123,57 @@ def legs_of_straight_light(
     if bend_significance(legs, sighting, setting.camera) < -6.0:
         refuse_if_clearer_backwards(legs, sighting, setting, n_legs)
     return legs
+
+
+def legs_in_all_pictures(
+    sightings: Sequence[Sighting],
+    setting: Setting,
+    n_legs: int | None = None,
+    *,
+    either_way: bool = False,
+) -> tuple[ImageLeg, ...]:
+    """Legs in the picture of each camera, in the order of flight within each.
+
+    Parameters
+    ----------
+    sightings : sequence of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+    setting : Setting
+        Cameras, source, medium and waypoints.
+    n_legs : int, optional
+        How many legs there are, where the user knows it; None: as many as the data show.
+    either_way : bool, optional
+        Whether the way in which a clock runs is not asked again.
+
+    Returns
+    -------
+    tuple of ImageLeg
+        Of repeats the first is searched; none of a camera in whose picture no leg stands out.
+
+    Raises
+    ------
+    NothingFoundError
+        Where none stands out in any picture.
+    CalibrationError
+        Where a clock runs backwards.
+    """
+
+    def legs_of(seen: Sighting, own: Setting) -> tuple[ImageLeg, ...]:
+        if either_way:
+            return search_legs(seen.arrivals, seen, own, n_legs)
+        return legs_of_straight_light(seen, own, n_legs)
+
+    found: list[ImageLeg] = []
+    problem: NothingFoundError | None = None
+    for seen in first_of_each_view(sightings):
+        try:
+            found += legs_of(seen, setting.at(seen.view))
+        except NothingFoundError as none:
+            problem = problem or none
+    if not found:
+        assert problem is not None
+        raise problem
+    return tuple(found)
 
 
 def refuse_if_clearer_backwards(

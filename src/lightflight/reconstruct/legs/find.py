@@ -11,7 +11,7 @@ in t_a and their order is that of their times.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,6 +75,8 @@ class ImageLeg:
         rms of arrival times about the polynomial.
     breadth_px : float
         rms distance of its light from the line, px.
+    view : int
+        Which camera's picture shows it, where there are several.
     """
 
     members: NDArray[np.int64]
@@ -85,6 +87,7 @@ class ImageLeg:
     n_pixels: int
     residual_rms_ps: float
     breadth_px: float
+    view: int = field(default=0, kw_only=True)
 
     def __repr__(self) -> str:
         (u0, v0), (u1, v1) = self.points_px(self.extent_px)
@@ -122,6 +125,10 @@ class ImageLeg:
         """Arrival times at the first and the last point seen, ps."""
         first, last = self.arrival_ps(np.array(self.extent_px))
         return float(first), float(last)
+
+
+Images = tuple[ImageLeg, ...]
+"""Of one leg: one in each picture that shows it."""
 
 
 def unwrapped_arrivals(

@@ -43,6 +43,8 @@ class Nudges:
         Of the centre, world.
     index : array of float, shape (k, 2)
         Of the medium, out and back.
+    late_ps : array of float, shape (k,)
+        Of the clock's zero.
     lenses : dict of int to Camera
         For errors that change the lens, or what the camera looks through: the same pose, seen
         through them after `step` of the error.
@@ -54,6 +56,7 @@ class Nudges:
     turn_rad: Floats
     shift_mm: Floats
     index: Floats
+    late_ps: Floats
     lenses: dict[int, Camera]
     step: float
 
@@ -96,6 +99,8 @@ class Nudges:
             ps per standard deviation.
         """
         columns: Floats = by_state @ self.as_moves(state)
+        if self.late_ps.any():
+            columns += self.late_ps
         if self.index.any():
             before = state.in_medium_mm[state.leg_starts[print_.leg]]
             out = before + state.ways_mm(print_.leg, print_.fraction)

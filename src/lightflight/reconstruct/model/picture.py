@@ -6,6 +6,7 @@ legs to and the corrections that turn a pixel's time into that of its weighted f
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -43,8 +44,12 @@ _BOW_PLACES = 33
 """That it is fitted to, evenly along the leg."""
 _LEAST_BOWED_PX = 2.0
 """A shorter image is straight to 1e-3 px."""
+_USUAL_SPOT_PX = 0.4
+"""Std of the spot in a picture that shows none of the path, px: of a usual lens."""
 _LEAST_PIXELS = 4
-"""Fewer pixels than this do not say where a leg's line runs."""
+"""Fewer pixels than this do not say where a leg's line runs; on it within half a spot, places."""
+_ON_LINE_PX = 0.75
+"""A pixel this near to a leg's line shows a place of it, px: one at each of a slanting line's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,13 +200,7 @@ def leg_in_picture(state: PathState, leg: int, camera: Camera) -> LegInPicture:
     GeometryError
         Where the leg does not cross the picture.
     """
-    # A leg may enter and leave the view anywhere: steps, not a formula, see every lens.
-    fraction = np.linspace(0, 1, 801)
-    points = _along_chord(state, leg, fraction)
-    row, col = camera.pixels_from_points(points)
-    rows, cols = camera.shape
-    with np.errstate(invalid="ignore"):
-        inside = (row > -2.5) & (row < rows + 1.5) & (col > -2.5) & (col < cols + 1.5)
+    fraction, (row, col), inside = _places_in_picture(state, leg, camera)
     if inside.sum() < 2:
         raise GeometryError(
             f"leg {leg + 1} of the path does not cross the picture: check start, source and camera "
@@ -229,6 +228,24 @@ def leg_in_picture(state: PathState, leg: int, camera: Camera) -> LegInPicture:
     return replace(line, bow=bow, bent=bent) if rank > degree else line
 
 
+def crosses_picture(state: PathState, leg: int, camera: Camera) -> bool:
+    """Whether a camera's picture, with a margin of two pixels, shows any of a leg."""
+    return bool(_places_in_picture(state, leg, camera)[2].sum() >= 2)
+
+
+def _places_in_picture(
+    state: PathState, leg: int, camera: Camera
+) -> tuple[Floats, tuple[Floats, Floats], Bools]:
+    """Fractions (n,) of a leg, (row, col) of these, and which lie in the picture or just beside."""
+    # A leg may enter and leave the view anywhere: steps, not a formula, see every lens.
+    fraction = np.linspace(0, 1, 801)
+    row, col = camera.pixels_from_points(_along_chord(state, leg, fraction))
+    rows, cols = camera.shape
+    with np.errstate(invalid="ignore"):
+        inside = (row > -2.5) & (row < rows + 1.5) & (col > -2.5) & (col < cols + 1.5)
+    return fraction, (row, col), inside
+
+
 def _along_chord(state: PathState, leg: int, fraction: Floats) -> Floats:
     """Places (n, 3) on a leg, world, mm."""
     start, end, f = state.starts_mm[leg], state.vertices_mm[leg + 1], fraction[:, np.newaxis]
@@ -247,7 +264,7 @@ class _NearPixels:
     across: Floats
 
 
-def _pixels_near(legs: tuple[LegInPicture, ...], camera: Camera, blind: Bools) -> _NearPixels:
+def _pixels_near(legs: Sequence[LegInPicture], camera: Camera, blind: Bools) -> _NearPixels:
     rows, cols = (index.ravel() for index in np.indices(camera.shape))
     points = undistorted_px(camera, rows, cols)
     along, across = np.empty((len(rows), len(legs))), np.empty((len(rows), len(legs)))
@@ -268,6 +285,7 @@ def measure_picture(
     medium: Medium,
     std_ps: float,
     fine: bool = False,
+    may_miss: Collection[int] = (),
 ) -> Picture:
     """Lines, spot and strength of all legs of a path that is roughly right.
 
@@ -286,6 +304,8 @@ def measure_picture(
     fine : bool, optional
         Whether each leg has a spot of its own and pixels are unequal: once the legs are known, and
         only of photons.
+    may_miss : collection of int, optional
+        Legs that another camera may show better: dark where too few places along them are in view.
 
     Returns
     -------
@@ -299,10 +319,13 @@ def measure_picture(
     NothingFoundError
         Where a leg has too few pixels of its own.
     """
-    legs = tuple(
+    legs = [
         leg_in_picture(state, k, camera) if k in state.seen else DARK_LEG
         for k in range(state.n_legs)
-    )
+    ]
+    if not state.seen:
+        dark = (dark_line(_USUAL_SPOT_PX),) * state.n_legs
+        return Picture(tuple(legs), dark, _USUAL_SPOT_PX)
     pixels = _pixels_near(legs, camera, sighting.blind)
     arrival = np.full(pixels.near.shape, np.nan)
     width = np.full(pixels.near.shape, std_ps)
@@ -321,12 +344,16 @@ def measure_picture(
         width[here, k] = np.hypot(std_ps, 0.35 * print_.slope_ps_per_px)
     photons, empty, _ = photons_at_times(sighting, pixels.rows, pixels.cols, arrival, width)
     blended = _blended(arrival, width)
-    data = []
+    told, data = [], []
     for k in state.seen:
         margin = _corner_margin(legs[k], k, state)
         clear = (pixels.along[:, k] > margin[0]) & (pixels.along[:, k] < margin[1])
         seen = pixels.near[:, k] & np.isfinite(empty[:, k])
         own = seen & ~blended[:, k]
+        on_line = own & clear & (np.abs(pixels.across[:, k]) < _ON_LINE_PX)
+        if k in may_miss and len(np.unique(np.rint(pixels.along[on_line, k]))) < _LEAST_PIXELS:
+            legs[k] = DARK_LEG
+            continue
         # A leg of few pixels takes those it shares as well: better a rough line than none.
         use = next((some for some in (own & clear, own, seen) if some.sum() >= _LEAST_PIXELS), own)
         if use.sum() < _LEAST_PIXELS:
@@ -336,15 +363,16 @@ def measure_picture(
             )
         of_bend = sum(bend.orders for bend in state.bends if bend.leg == k)
         places = pixels.along[use, k], pixels.across[use, k]
+        told.append(k)
         data.append(LineData(*places, photons[use, k], empty[use, k], n_offsets=2 + of_bend))
     # All legs at once, because they share the spot. Scaled intensities do not scatter as photons
     # do: of them nobody knows what is a pixel's own.
-    found = fit_lines(data, fine=fine and sighting.histograms.poisson)
-    spot = found[0].spot_std_px
+    found = fit_lines(data, fine=fine and sighting.histograms.poisson) if data else []
+    spot = found[0].spot_std_px if found else _USUAL_SPOT_PX
     fits = [dark_line(spot)] * len(legs)
-    for k, line in zip(state.seen, found, strict=True):
+    for k, line in zip(told, found, strict=True):
         fits[k] = line
-    return Picture(legs, tuple(fits), spot)
+    return Picture(tuple(legs), tuple(fits), spot)
 
 
 def lit_by_legs(legs: tuple[LegInPicture, ...], points_px: Floats, *, spot_px: float) -> Bools:
@@ -427,7 +455,9 @@ def lines_from_picture(picture: Picture) -> LineDataInPicture:
         own = slice(first, first + len(block))
         whitening[own, own] = block
         first = own.stop
-    return LineDataInPicture(np.array(legs), np.array(anchors), whitening)
+    return LineDataInPicture(
+        np.array(legs, dtype=np.int64), np.array(anchors).reshape(-1, 2), whitening
+    )
 
 
 def footprint_corrections(

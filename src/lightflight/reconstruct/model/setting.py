@@ -23,7 +23,7 @@ class Setting:
     Attributes
     ----------
     camera : Camera
-        The camera that recorded; of several, the one whose view the path's ends belong to.
+        The camera that recorded; of several, the one whose clock all others are told against.
     source : Source
         What is known of the source.
     medium : Medium
@@ -77,5 +77,9 @@ def earliest_arrival_ps(setting: Setting) -> float | None:
     index = min(medium.path_group_index, medium.return_group_index)
     if setting.camera.interfaces:
         index = min(index, setting.camera.stands_in.group_index)
-    slack = 1000.0 + 5.0 * source.emission_time_std_ps
-    return float(source.emission_time_ps + index * gap / SPEED_OF_LIGHT_MM_PER_PS - slack)
+    camera = setting.camera
+    slack = 1000.0 + 5.0 * source.emission_time_std_ps + 5.0 * camera.clock_offset_std_ps
+    sent_ps = source.emission_time_ps + camera.clock_offset_ps
+    earliest = float(sent_ps + index * gap / SPEED_OF_LIGHT_MM_PER_PS - slack)
+    # Of a clock of which nothing is known no time is too early.
+    return earliest if np.isfinite(earliest) else None

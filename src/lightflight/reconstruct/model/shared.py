@@ -2,7 +2,8 @@
 
 Each is one number in its own standard deviations, zero where the user's record is right.
 `shared_errors` reads them off the records, `moved` is the setting with some of them. Errors of the
-clock are columns of its calibration (`timing`), those of source and emission time are priors on
+clock are columns of its calibration (`timing`), but for what its zero is off against another
+camera's, which is told of the camera; those of source and emission time are priors on
 the path (`freedom`). `freed` widens what a check names to its plausible size.
 """
 
@@ -55,8 +56,12 @@ POSE, FOCAL, ASPECT, AXIS, RADIAL, DECENTERING = (
     slice(0, 6), 6, 7, slice(8, 10), 10, slice(11, 13)
 )  # fmt: skip
 """Where each error of a camera stands among its numbers."""
-INTERFACES = 13
+CLOCK = 13
+"""Where that of its clock's zero stands."""
+INTERFACES = 14
 """Where those of its interfaces begin, two of each."""
+_UNKNOWN_PS = 1e6
+"""Stands for the error of a zero of which nothing is known: twenty periods of a usual laser."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,13 +72,13 @@ class SharedErrors:
     ----------
     names : tuple of str
         (k,), the cause that each belongs to ("pose", "focal_length", "aspect", "axis",
-        "distortion", "decentering", "window", "index").
+        "distortion", "decentering", "clock_offset", "window", "index").
     view : array of int, shape (k,)
         The camera it moves; -1: the medium.
-    sigma : array of float, shape (k, 13 + 2 f)
+    sigma : array of float, shape (k, 14 + 2 f)
         What one standard deviation moves: pose (rad, rad, rad, mm, mm, mm), focal length (share),
-        fy / fx (share), cx, cy (px), k1, p1, p2, distance (mm) and phase index of each of the
-        camera's f interfaces; of the medium index out and back, then zeros.
+        fy / fx (share), cx, cy (px), k1, p1, p2, zero of the clock (ps), distance (mm) and phase
+        index of each of the camera's f interfaces; of the medium index out and back, then zeros.
     """
 
     names: tuple[str, ...]
@@ -122,6 +127,8 @@ def shared_errors(setting: Setting) -> SharedErrors:
             if std > 0:
                 for place in places:
                     add(name, view, place, [std])
+        if camera.clock_offset_std_ps > 0:
+            add("clock_offset", view, CLOCK, [min(camera.clock_offset_std_ps, _UNKNOWN_PS)])
         for number, face in enumerate(camera.interfaces):
             if face.distance_std_mm > 0:
                 add("window", view, INTERFACES + 2 * number, [face.distance_std_mm])
@@ -216,13 +223,15 @@ def _camera_moved_by(
 
 
 def _camera_moved(camera: Camera, by: Floats) -> Camera:
-    """The camera moved by the numbers (13 + 2 f,) of `SharedErrors.sigma`."""
+    """The camera moved by the numbers (14 + 2 f,) of `SharedErrors.sigma`."""
     # A pose that is exact stays, bit for bit.
     camera = camera.perturbed(by[POSE]) if by[POSE].any() else camera
     camera = camera.with_lens_moved(
         focal_share=float(by[FOCAL]), aspect=float(by[ASPECT]), axis_px=tuple(by[AXIS]),
         radial=float(by[RADIAL]), decentering=tuple(by[DECENTERING]),
     )  # fmt: skip
+    if by[CLOCK]:
+        camera = replace(camera, clock_offset_ps=camera.clock_offset_ps + float(by[CLOCK]))
     for number, (farther_mm, denser) in enumerate(by[INTERFACES:].reshape(-1, 2)):
         camera = interface_moved(camera, number, farther_mm) if farther_mm else camera
         camera = phase_index_moved(camera, number, denser) if denser else camera
@@ -268,6 +277,7 @@ def nudges_of_views(
             turn_rad=np.zeros((len(errors), 3)),
             shift_mm=np.zeros((len(errors), 3)),
             index=np.zeros((len(errors), 2)),
+            late_ps=np.zeros(len(errors)),
             lenses={},
             step=NUDGE,
         )
@@ -283,6 +293,8 @@ def nudges_of_views(
             continue
         turn, shift, lens = nudge_between(seen.cameras[view], cameras[view])
         found[view].turn_rad[k], found[view].shift_mm[k] = turn / NUDGE, shift / NUDGE
+        late_ps = cameras[view].clock_offset_ps - seen.cameras[view].clock_offset_ps
+        found[view].late_ps[k] = late_ps / NUDGE
         if lens is not None:
             found[view].lenses[k] = lens
     return tuple(found)
@@ -525,12 +537,24 @@ def freed(
             medium, path_group_index_std=out, return_group_index_std=back, index_correlation=0.0
         )
     cameras = [_freed_camera(camera, wanted) for camera in setting.cameras]
+    if "clock_offset" in wanted:
+        # The first camera's clock is freed against the laser, others against it: below, and here.
+        size = wanted["clock_offset"] * PLAUSIBLE["clock_offset"].size
+        cameras[1:] = [
+            replace(camera, clock_offset_std_ps=max(camera.clock_offset_std_ps, size))
+            for camera in cameras[1:]
+        ]
     widened = replace(
         setting, camera=cameras[0], others=tuple(cameras[1:]), source=source, medium=medium
     )
     pairs = enumerate(zip(clocks, recordings, strict=True))
     n = len(recordings)
-    return widened, [_freed_clock(c, hist, wanted, (k + 0.5) / n) for k, (c, hist) in pairs]
+    others = {name: share for name, share in wanted.items() if name != "clock_offset"}
+    freed_clocks = [
+        _freed_clock(c, hist, wanted if not (k and setting.others) else others, (k + 0.5) / n)
+        for k, (c, hist) in pairs
+    ]
+    return widened, freed_clocks
 
 
 def _freed_camera(camera: Camera, wanted: Mapping[str, float]) -> Camera:

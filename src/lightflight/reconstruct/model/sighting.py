@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -82,6 +83,14 @@ class Sighting:
         """(n,), rows of `arrivals` that no flag excludes and that have a time."""
         usable = flags.is_usable(self.arrivals.flags) & np.isfinite(self.arrival_ps)
         return np.flatnonzero(usable)
+
+
+def first_of_each_view(sightings: Sequence[Sighting]) -> list[Sighting]:
+    """Of the recordings of each camera the first: one picture shows what all repeats do."""
+    first: dict[int, Sighting] = {}
+    for one in sightings:
+        first.setdefault(one.view, one)
+    return list(first.values())
 
 
 def blind_pixels(arrivals: Arrivals, timing: CodeClock) -> NDArray[np.bool_]:

@@ -7,7 +7,7 @@ rows of the joint fit (`least_squares.Solution.rows`) by that parameter.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -260,7 +260,7 @@ def geometry_candidates(
         return Candidate(name, np.column_stack(columns), sizes, symptom, frees=_freed_by(name))
 
     found = [
-        of_times(FindingName.CLOCK_OFFSET, np.ones(len(counted_ps))),
+        _late_clocks(rows),
         of_times(FindingName.CLOCK_SCALE, counted_ps),
         of_times(FindingName.WALK, *_brightness(photons)),
         _index(rows),
@@ -312,6 +312,25 @@ def drawn_curve_candidate(rows: Rows, curve_moves: Floats) -> Candidate | None:
     columns[first : first + len(curve_moves)] = curve_moves
     one = (PLAUSIBLE["drawn_curve"],) * 3 + (PLAUSIBLE["pose turn"],) * 3
     return Candidate(FindingName.DRAWN_CURVE, columns, one * (curve_moves.shape[1] // 6))
+
+
+def _late_clocks(rows: Rows) -> Candidate:
+    """The zero of all clocks, and of several cameras that of each further one against the first."""
+    n, still = len(rows.times.leg), np.zeros(len(rows.lines.leg))
+    parts = [("clock_offset", (np.ones(n), still))]
+    for view in range(1, len(rows.cameras)):
+        late = np.zeros(n)
+        late[rows_of_view(rows.times.view, view, n)] = 1.0
+        parts.append(("clock_offset", (late, still)))
+    candidate = _candidate(rows, FindingName.CLOCK_OFFSET, parts)
+    return candidate if len(parts) == 1 else replace(candidate, says=_which_clock)
+
+
+def _which_clock(sizes: Floats) -> str:
+    """Of several cameras, whose clock is farthest off."""
+    view, unit = int(np.argmax(np.abs(sizes))), PLAUSIBLE["clock_offset"]
+    whose = f"clock of camera {view + 1}, against the first," if view else "clock offset"
+    return f"{whose} off by {sizes[view] * unit.size:.2g} {unit.unit}"
 
 
 def _brightness(photons: Floats) -> tuple[Floats, Floats]:

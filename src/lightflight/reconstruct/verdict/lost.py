@@ -22,7 +22,7 @@ from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.fit.result import explained_by_fit
 from lightflight.reconstruct.fit.revise import fit_from_legs
-from lightflight.reconstruct.legs.direction import search_legs
+from lightflight.reconstruct.legs.direction import legs_in_all_pictures
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed
 from lightflight.reconstruct.model.sighting import Sighting
@@ -63,7 +63,7 @@ def evidence_from_lost_legs(
     if pulses_of_legs(fit).all():
         return ()
     try:
-        legs = search_legs(sightings[0].arrivals, sightings[0], setting, None)
+        legs = legs_in_all_pictures(sightings, setting, either_way=True)
     except NothingFoundError:
         return ()
     found, before = [], cost_of_pulses(fit, sightings)

@@ -35,7 +35,7 @@ from lightflight.reconstruct.fit.unclaimed import from_unclaimed_legs, with_uncl
 from lightflight.reconstruct.legs.direction import (
     MUCH_SCATTER,
     ask_which_way,
-    legs_of_straight_light,
+    legs_in_all_pictures,
     refuse_if_clearer_backwards,
     refuse_if_clock_scatters,
     search_legs,
@@ -135,8 +135,8 @@ def _fit_as_found(request: Request, *, brightest: bool) -> tuple[JointFit, tuple
     `brightest`: without the dimmer ones where all of them make no path.
     """
     sightings, setting = request.sightings, request.setting
-    legs = legs_of_straight_light(sightings[0], setting, None)
-    refuse_other_units(setting.camera, setting.source, setting.medium, legs)
+    legs = legs_in_all_pictures(sightings, setting)
+    _refuse_other_units(legs, setting)
     try:
         fit = fit_from_legs(sightings, legs, setting, drop=True)
     except (GeometryError, NothingFoundError) as problem:
@@ -166,14 +166,22 @@ def _fit_as_told(request: Request, n_legs: int) -> tuple[JointFit, tuple[ImageLe
             return with_n_legs(sightings, found, setting, n_legs), legs
     except (GeometryError, NothingFoundError):
         pass
-    legs = legs_of_straight_light(sightings[0], setting, n_legs)
-    refuse_other_units(setting.camera, setting.source, setting.medium, legs)
+    legs = legs_in_all_pictures(sightings, setting, n_legs)
+    _refuse_other_units(legs, setting)
     try:
         fit = fit_from_legs(sightings, legs, setting, drop=False)
     except (GeometryError, NothingFoundError) as problem:
         _ask_of_the_clock(legs, request, problem)
         raise
     return with_n_legs(sightings, fit, setting, n_legs), legs
+
+
+def _refuse_other_units(legs: tuple[ImageLeg, ...], setting: Setting) -> None:
+    """Refuse a camera or a source told in other units, by the legs of each picture."""
+    for view, camera in enumerate(setting.cameras):
+        own = tuple(leg for leg in legs if leg.view == view)
+        if own:
+            refuse_other_units(camera, setting.source, setting.medium, own)
 
 
 def _ask_of_the_clock(legs: tuple[ImageLeg, ...], request: Request, problem: Exception) -> None:
