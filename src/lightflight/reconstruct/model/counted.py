@@ -74,7 +74,6 @@ class Shape:
     def drawn_out(self, flight: float) -> Shape:
         """The shape after flight of half a variance `flight`, in its own: spread, not stretched."""
         # As in `kept_back`: few clocks have a table.
-        from scipy.integrate import cumulative_trapezoid
         from scipy.ndimage import gaussian_filter1d
 
         place, _, density = self.table
@@ -84,7 +83,7 @@ class Shape:
         spread = gaussian_filter1d(
             np.pad(density, more), wider / step, mode="constant", truncate=_FLIGHT_REACH
         )
-        come = cumulative_trapezoid(spread, place, initial=0.0)
+        come = np.append(0.0, np.cumsum(0.5 * step * (spread[1:] + spread[:-1])))
         return Shape(np.stack((place, come / come[-1], spread / come[-1])))
 
     def kept_back(self, z: Floats, ratio: Floats) -> Floats:
