@@ -337,17 +337,13 @@ def _with_second(
         # A leg may have left the picture since, and with it its share.
         if here.n_legs == len(before.mirror.share):
             return asked.strengths(SecondPath(before.mirror, here, camera))
-    if isinstance(before, Echo):
-        again = asked.strengths(before)
-        if again.settled:
-            return again
     known = asked.strengths()
     repeated = _with_second_pulse(asked, known)
     told, gain = repeated or (known, LEAST_GAIN)
-    here = places(float(np.median(told.pixels.std_ps[:, 0])))
+    here = places(float(np.median(known.pixels.std_ps[:, 0])))
     if not here.n_legs:
         return told
-    second = second_path_in(asked.seen, told.pixels, told.dark, here, camera)
+    second = second_path_in(asked.seen, known.pixels, known.dark, here, camera)
     if second is None:
         return told
     # A mirror image is late by nearly the same everywhere, a second pulse nowhere aside: the one
