@@ -338,22 +338,18 @@ def _with_second(
         # A leg may have left the picture since, and with it its share.
         if here.n_legs == len(before.mirror.share):
             return asked.strengths(SecondPath(before.mirror, here, camera))
-    if isinstance(before, Echo):
-        again = asked.strengths(before)
-        if again.settled:
-            return again
     known = asked.strengths()
     repeated = _with_second_pulse(asked, known)
-    told, gain = repeated or (known, LEAST_GAIN)
-    here = places(float(np.median(told.pixels.std_ps[:, 0])))
+    told = known if repeated is None else repeated
+    here = places(float(np.median(known.pixels.std_ps[:, 0])))
     if not here.n_legs:
         return told
-    second = second_path_in(asked.seen, told.pixels, told.dark, here, camera)
+    second = second_path_in(asked.seen, known.pixels, known.dark, here, camera)
     if second is None:
         return told
-    # A mirror image is late by nearly the same everywhere, a second pulse nowhere aside: the one
-    # of the two that explains more is what the counts show.
-    enough = known.misfit() - gain
+    # The image of a mirror near by is late by nearly the same everywhere: where one fits, a second
+    # pulse would pull the path.
+    enough = known.misfit() - LEAST_GAIN
     more = asked.strengths(second, most_misfit=enough)
     assert isinstance(more.second, SecondPath)
     share = more.second.mirror.share
@@ -363,8 +359,8 @@ def _with_second(
     return more if more.settled and possible and more.misfit() < enough else told
 
 
-def _with_second_pulse(asked: _Asked, known: Known) -> tuple[Known, float] | None:
-    """Strengths with a second pulse, and the deviance that it explains; None: there is none."""
+def _with_second_pulse(asked: _Asked, known: Known) -> Known | None:
+    """Strengths with a second pulse; None: there is none."""
     lags, period = asked.lags_ps(None), asked.whole.histograms.laser_period_ps or 0.0
     rough = second_pulse_in(known, lags, asked.std_ps, period)
     if rough is None or rough[1] < LEAST_GAIN:
@@ -380,7 +376,7 @@ def _with_second_pulse(asked: _Asked, known: Known) -> tuple[Known, float] | Non
     gain = known.misfit() - more.misfit()
     assert isinstance(more.second, Echo)
     real = more.settled and more.second.share > light.LEAST_SHARE and gain > LEAST_GAIN
-    return (more, gain) if real else None
+    return more if real else None
 
 
 def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> light.Beam:
