@@ -353,7 +353,7 @@ def other_pulses(pixels: Pixels, lags_ps: Floats) -> Floats:
     std, photons = pixels.std_ps[:, :1], pixels.photons[:, :1]
     z = (cells.edges_ps - pixels.late_ps[:, :1]) / std
     for j, lag in enumerate(lags_ps):
-        out[:, :, j] = photons * np.diff(pixels.shape.at(z - lag / std)[0], axis=1)
+        out[:, :, j] = photons * np.diff(pixels.shape.come(z - lag / std), axis=1)
     return _in_cells(cells, out)
 
 
