@@ -44,7 +44,7 @@ def test_names_are_those_that_stay():
         "curved_leg", "leg_count", "haze", "halo", "glare", "other_pulse", "index",
         "focal_length", "distortion", "pose", "clock_offset", "clock_scale", "clock_drift", "walk",
         "pile_up", "window", "block", "units", "orientation", "calibration", "alternative",
-        "not_examined",
+        "drawn_curve", "not_examined",
     }  # fmt: skip
     assert [str(level) for level in Level] == ["trust", "check", "contradicted"]
 

@@ -83,6 +83,15 @@ def test_it_is_told_and_no_contradiction(case):
     assert any("second pulse" in one for one in path.statements)
 
 
+def test_repeats_show_the_same_one():
+    """Four repeats, each fitted by itself in the cells of all."""
+    world = random_world(501, 1).but(second=0.1, second_ps=3_000.0, repeats=4)
+    with pytest.warns(SuspectDataWarning, match="taken into the fit"):
+        path = lf.reconstruct(record(world, 501), **what_the_user_tells(world))
+    assert abs(path.second_pulse.share - 0.1) < 4.5 * path.second_pulse.share_std
+    assert abs(path.second_pulse.delay_ps - 3_000.0) < 4.5 * path.second_pulse.delay_std_ps
+
+
 def test_without_one_there_is_none():
     path = found(501, 1, 0.0, 0.0, "joint")[1]
     assert path.second_pulse is None

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.camera.refraction import scene_medium
+from lightflight.curves import DrawnCurve, checked_curves
 from lightflight.flight import Medium, Source
 from lightflight.reconstruct.calls import checked_call, checked_media
 from lightflight.reconstruct.chain import path_from_sightings
@@ -36,6 +37,7 @@ def path_from_arrivals(
     timing: CodeClock | None = None,
     n_legs: int | None = None,
     waypoints: Sequence[Waypoint] = (),
+    curves: Sequence[DrawnCurve] = (),
 ) -> LightPath:
     """Joint path fit to pulses that are already found; otherwise as `reconstruct`.
 
@@ -51,7 +53,13 @@ def path_from_arrivals(
     source = Source() if source is None else source
     camera = checked_call([hist], camera, source, "joint", n_legs, None)
     medium = scene_medium(camera) if medium is None else medium
-    setting = Setting(camera, source, medium, checked_waypoints(waypoints, n_legs))
+    setting = Setting(
+        camera,
+        source,
+        medium,
+        checked_waypoints(waypoints, n_legs),
+        curves=checked_curves(curves, n_legs, begun=False),
+    )
     checked_media(setting, "joint")
     clock = clock_or_nominal(hist, timing)
     seen = Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind)

@@ -225,7 +225,8 @@ def without_diffuse(
             if len(own) > 1:
                 # Each repeat by itself, in the light that all of them show.
                 part = found[number].histograms.photons.sum() / whole.histograms.photons.sum()
-                one = of_repeat(known, asked.cells(found[number], known.second), part)
+                cells = asked.cells(found[number], known.second, known.lags_ps)
+                one = of_repeat(known, cells, part)
             bright = asked.lit_by(known.second)
             bright = replace(bright, photons=part * bright.photons)
             clear = _without_wings(found[number], seen.of(wing))
@@ -272,13 +273,17 @@ class _Asked:
         most_misfit: float = np.inf,
     ) -> Known:
         """Strengths, with light that comes a second time if there is any."""
-        return strengths_of(
+        if lags_ps is None:
+            lags_ps = self.lags_ps(second) if isinstance(second, Echo) else None
+        known = strengths_of(
             self.pulses,
             *self._beside(second, lags_ps),
             second,
             dispersion=dispersion,
             most_misfit=most_misfit,
         )
+        # A second pulse moves as it is fitted, its cells do not.
+        return replace(known, lags_ps=lags_ps)
 
     def _beside(
         self, second: Second | None, lags_ps: Floats | None

@@ -144,6 +144,8 @@ class Known:
         Where and how wide light was expected when the pixels were fitted.
     beside : Beside
         What else they see.
+    lags_ps : array of float, shape (m + 1,), or None
+        Edges of their cells; None: as their second light asks for.
     """
 
     strengths: light.Strengths
@@ -155,6 +157,7 @@ class Known:
     dispersion: float
     pulses: Pulses
     beside: Beside
+    lags_ps: Floats | None = None
 
     def misfit(self) -> float:
         """Deviance of the counts: twice what the log-likelihood lacks, up to a constant."""
