@@ -35,6 +35,7 @@ from lightflight.reconstruct.verdict.asked import shares_asked_for
 from lightflight.reconstruct.verdict.bent import asks_for_bends, bent_instead
 from lightflight.reconstruct.verdict.detours import detour_instead, has_weak_leg
 from lightflight.reconstruct.verdict.examine import examined
+from lightflight.reconstruct.verdict.judge import leaves_misfit
 from lightflight.reconstruct.ways.joint import fit_of_request
 from lightflight.reconstruct.ways.request import Request
 
@@ -248,7 +249,7 @@ def path_from_sightings(
             raise
         return _warned(forked)
     # Light that was out of the picture is asked for where nothing that is seen explains the rest:
-    # before the verdict where a leg is all but unseen, else once that contradicts the path.
+    # before the verdict where a leg is all but unseen, else once that names no cause of it.
     weak = fit is not None and has_weak_leg(fit)
     detour = _detour(fit, request, estimator) if weak else None
     found = _judged(*(detour or (path, fit)), request, estimator)
@@ -284,7 +285,7 @@ def _reconsidered(
     # Light of a second pulse flies as the first did: of it a detour would make legs.
     repeated = any(one.name is FindingName.OTHER_PULSE for one in found.verdict.findings)
     may_detour = fit is not None and not has_weak_leg(fit) and not repeated
-    if may_detour and found.verdict.level is Level.CONTRADICTED:
+    if may_detour and leaves_misfit(found.verdict):
         detour = _detour(fit, request, estimator)
         instead = found if detour is None else _judged(*detour, request, estimator)
         if instead.verdict.level is not Level.CONTRADICTED and not request.may_bend:

@@ -1,7 +1,7 @@
 """Whether a leg is a smooth curve: the path with bent legs, where that explains far more.
 
-Asked where a path is contradicted, or where its verdict names a bent leg. A leg that is straight is
-never asked about, and costs nothing.
+Asked where the verdict names a bent leg, or where what it names leaves misfit. A leg that is
+straight is never asked about, and costs nothing.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.path.bends import MOST_ORDERS
-from lightflight.path.verdict import FindingName, Level, Verdict
+from lightflight.path.verdict import FindingName, Verdict
 from lightflight.reconstruct.fit.bent import (
     bent_for_run,
     runs_of_corners,
@@ -26,6 +26,7 @@ from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.verdict.evidence import WITHIN
+from lightflight.reconstruct.verdict.judge import leaves_misfit
 from lightflight.reconstruct.verdict.lost import (
     cost_of_pulses,
     explains_all,
@@ -60,7 +61,7 @@ def asks_for_bends(verdict: Verdict) -> bool:
     bool
     """
     named = any(one.name == FindingName.CURVED_LEG for one in verdict.findings)
-    return named or verdict.level is Level.CONTRADICTED
+    return named or leaves_misfit(verdict)
 
 
 def bent_instead(

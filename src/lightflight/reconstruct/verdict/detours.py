@@ -1,8 +1,9 @@
 """Whether light was out of the picture on its way: a path with a detour, where no other is right.
 
-Asked where a path is contradicted, or holds legs that hardly a pulse speaks for: what a search that
-joins all legs makes of a roof mirror beside the picture. Light that is lost from sight leaves by
-the picture's edge and comes back by it, so only legs that end and start there are tried apart.
+Asked where what a verdict names leaves misfit, or a leg has hardly a pulse that speaks for it: what
+a search that joins all legs makes of a roof mirror beside the picture. Light that is lost from
+sight leaves by the picture's edge and comes back by it, so only legs that end and start there are
+tried apart.
 """
 
 from __future__ import annotations

@@ -20,6 +20,13 @@ Floats = NDArray[np.float64]
 
 CONTRADICTED_AT = 1e-4
 """Family-wise chance of a false "contradicted"."""
+SYMPTOMS = frozenset(
+    {
+        FindingName.UNEXPLAINED_LIGHT, FindingName.SHAPE, FindingName.TREND, FindingName.SCATTER,
+        FindingName.UNSEEN_LEG, FindingName.LEG_COUNT, FindingName.NOT_EXAMINED,
+    }
+)  # fmt: skip
+"""What is seen and has no size to be freed: named where no cause takes it up."""
 _DRAWS = 2000
 _TABLE = 200
 """Points of a table of chances: straight lines between them err by 1e-3 of a chance."""
@@ -130,6 +137,24 @@ def named(evidence: Sequence[Evidence]) -> list[Evidence]:
     if all(one.p_value > CHECK_AT for one in ordered) or not ordered:
         ordered.insert(0, raised)
     return ordered[:MOST_NAMED]
+
+
+def leaves_misfit(verdict: Verdict) -> bool:
+    """Whether a path is contradicted, and by more than what its verdict names as causes.
+
+    Where one cause takes up all that is seen, another way of the light has nothing left to explain.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        Of the path.
+
+    Returns
+    -------
+    bool
+    """
+    contradicted = verdict.level is Level.CONTRADICTED
+    return contradicted and any(one.name in SYMPTOMS for one in verdict.findings)
 
 
 def best_of_each(ranked: Sequence[Evidence]) -> list[Evidence]:
