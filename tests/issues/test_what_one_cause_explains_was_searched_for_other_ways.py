@@ -1,5 +1,5 @@
-"""A camera told 10 mm aside contradicted the path, and `source` or `pose` took up all that was seen;
-detours and bends were searched for all the same, in nine tenths of the time of the whole."""
+"""A camera told aside contradicted the path, and `source` or `pose` took up all that was seen:
+detours and bends were searched for all the same, in nine tenths of the whole time."""
 
 from __future__ import annotations
 
