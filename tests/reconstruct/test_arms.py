@@ -43,8 +43,8 @@ def test_both_arms_are_found_and_trusted(paths, seed, share):
 
 
 def test_they_are_right_in_stated_errors(paths):
-    """Splitter (3 numbers) and the direction of each arm (2), of four recordings: chi-square with 28
-    degrees of freedom, each tail cut at 5e-5; rms pull about 1 +- 0.13."""
+    """Splitter (3 numbers) and the direction of each arm (2), of four recordings: chi-square with
+    28 degrees of freedom, each tail cut at 5e-5; rms pull about 1 +- 0.13."""
     total = 0.0
     for (seed, share), path in paths.items():
         world = splitter_world(seed, share=share)

@@ -27,9 +27,10 @@ pytestmark = [
 
 RUNS = 20
 """Recordings per pull; full tables: benchmarks/accuracy_path.py. The spread of a pull is known to
-1 / sqrt(2 x 20) = 15.8 %, its mean to 22.4 %. Seeds are fixed, so chance has been at play once, when they were chosen: bounds are three
-such errors, which one in ten draws of the some 40 numbers here would break. Errors that are stated
-30 % too small break them at these seeds, too: `Pulls.check` asks for it each time."""
+1 / sqrt(2 x 20) = 15.8 %, its mean to 22.4 %. Seeds are fixed, so chance has been at play once,
+when they were chosen: bounds are three such errors, which one in ten draws of the some 40 numbers
+here would break. Errors that are stated 30 % too small break them at these seeds, too:
+`Pulls.check` asks for it each time."""
 
 
 @dataclass(frozen=True)
