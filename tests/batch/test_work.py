@@ -176,6 +176,7 @@ def test_a_window_of_codes_moves_no_time(job, whole):
     np.testing.assert_allclose(tiled.vertices_mm, cut.vertices_mm, atol=1e-6)
 
 
+@pytest.mark.usefixtures("unexamined")  # its doubts would have both paths fitted anew
 def test_tiles_with_a_calibration_equal_the_whole(job, tmp_path, rng):
     hist = lf.histogram(lf.read(job.recording))
     nominal = TimingCalibration.nominal(hist, assumed_skew_std_ps=2.0)

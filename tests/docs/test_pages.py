@@ -6,6 +6,7 @@ import re
 import shutil
 from pathlib import Path
 
+import h5py
 import pytest
 
 from tests.docs.pages import DOCS, ROOT, Page, run_console, run_session
@@ -60,7 +61,12 @@ def test_the_page_on_real_recordings(
     file = data_dir / "lift-fiber" / "lift_derived.h5"
     if not file.exists():
         pytest.skip(f"no {file.name} in {file.parent}")
-    (tmp_path / "lift_derived.h5").symlink_to(file)
+    # The fibre's rows alone hold light: fits of the others take two thirds of the time.
+    with h5py.File(file) as whole, h5py.File(tmp_path / file.name, "w") as small:
+        whole.copy("LinearFiber", small)
+        cube = small["LinearFiber/cube_t_y_x"]
+        cube[:, :24] = 0
+        cube[:, 44:] = 0
     monkeypatch.chdir(tmp_path)
     assert Page(DOCS / "tutorial" / "real-recordings.md").run() > 0
 

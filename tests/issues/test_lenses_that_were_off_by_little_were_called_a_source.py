@@ -57,16 +57,15 @@ def test_the_lens_is_named(name):
     ],
 )
 def test_it_can_be_fitted(free, lens):
-    """Two recordings each: corners within four stated errors, and a millimetre."""
-    for seed in (0, 2):
-        world = random_world(seed, 3)
-        world = world.but(view=_seen_by(world.view, **lens))
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", SuspectDataWarning)
-            path = lf.reconstruct(record(world, seed), free=(free,), **what_the_user_tells(world))
-        off = np.abs(path.vertices_mm - world.vertices)[1:-1]
-        assert off.max() < 1.0
-        assert (off / path.vertex_std[1:-1, :3]).max() < 4.0
+    """Corners within four stated errors, and a millimetre."""
+    world = random_world(0, 3)
+    world = world.but(view=_seen_by(world.view, **lens))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SuspectDataWarning)
+        path = lf.reconstruct(record(world, 0), free=(free,), **what_the_user_tells(world))
+    off = np.abs(path.vertices_mm - world.vertices)[1:-1]
+    assert off.max() < 1.0
+    assert (off / path.vertex_std[1:-1, :3]).max() < 4.0
 
 
 def test_what_a_lens_does_is_what_the_oracle_does():

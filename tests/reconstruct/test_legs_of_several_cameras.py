@@ -15,7 +15,7 @@ from lightflight.reconstruct.fit.images import _orders
 from tests.oracles import several_views
 from tests.oracles.refracted_bound import bound, emission_freedom
 
-RUNS = 3
+RUNS = 2
 FALSE_ALARM = 1e-5
 
 

@@ -126,7 +126,7 @@ class TestEveryCount:
     Full tables: benchmarks/several_cameras.py.
     """
 
-    RUNS = 3
+    RUNS = 2
 
     @pytest.mark.parametrize(("cameras", "photons"), [(2, 40.0), (3, 40_000.0)])
     def test_errors_are_those_stated(self, cameras, photons):

@@ -183,7 +183,7 @@ def squared_pull(world: World, path: lf.LightPath) -> tuple[float, int]:
     return float(off @ np.linalg.solve(covariance, off)), len(off)
 
 
-@pytest.mark.parametrize(("method", "seeds"), [("joint", 5), ("photon", 2)])
+@pytest.mark.parametrize(("method", "seeds"), [("joint", 3), ("photon", 2)])
 def test_errors_drawn_from_what_is_told_are_the_errors_stated(method, seeds):
     """Pose, focal length, distortion, index, offset and code length of the oracle; 1,000 of them:
     benchmarks/shared_errors.py. Right code fails once in ten thousand draws of these seeds."""

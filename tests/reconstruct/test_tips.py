@@ -11,7 +11,7 @@ from lightflight.simulate.presets import ideal
 
 # The verdict only says that its tests do not hold where light begins or stops in the picture.
 pytestmark = pytest.mark.usefixtures("unexamined")
-N_RUNS = 6
+N_RUNS = 4
 CAMERA = lf.Camera.facing_plane()
 
 
@@ -48,12 +48,12 @@ def steep_paths(angle_deg, method, seeds):
 @pytest.mark.parametrize("angle_deg", [-80.0, -60.0, 60.0, 80.0])
 @pytest.mark.parametrize("method", ["joint", "photon"])
 def test_steep_legs_that_end_in_the_picture(angle_deg, method):
-    """The rms pull of 6 angles passes 2.2 by chance in fewer than one case of 10,000 (6e-5)."""
+    """The rms pull of 4 angles passes 2.5 by chance in fewer than one case of 10,000 (5e-5)."""
     pulls = [
         (path.legs[0].angle_deg - angle_deg) / path.legs[0].angle_std_deg
         for path in steep_paths(angle_deg, method, range(N_RUNS))
     ]
-    assert np.sqrt(np.mean(np.square(pulls))) < 2.2
+    assert np.sqrt(np.mean(np.square(pulls))) < 2.5
 
 
 @pytest.mark.parametrize("angle_deg", [-60.0, 60.0])
@@ -61,19 +61,19 @@ def test_where_light_stops_is_found(angle_deg):
     """To 0.08 px in the picture. The stated error is 0.026 px: a spot that may be wider at the tip
     than elsewhere leaves that much; it was 0.01 px with one spot of all."""
     seen = np.array(CAMERA.pixels_from_points(scene_of(angle_deg).vertices_mm[-1]))
-    for path in steep_paths(angle_deg, "photon", range(6)):
+    for path in steep_paths(angle_deg, "photon", range(N_RUNS)):
         found = np.array(CAMERA.pixels_from_points(path.vertices_mm[-1]))
         np.testing.assert_allclose(found, seen, atol=0.08)
 
 
 def test_pixels_at_the_tips_count():
-    """Errors at the bound, tips included: 32 ratios pass 1.5 by chance in 1 of 10,000 (7e-5)."""
+    """Errors at the bound, tips included: 16 ratios pass 1.7 by chance in 1 of 10,000 (9e-5)."""
     ratios = []
     for angle_deg in (-80.0, -60.0):
         bound = lf.bounds(scene_of(angle_deg), photons_per_pixel=4000.0).angle_std_deg[0]
-        found = [path.legs[0].angle_deg for path in steep_paths(angle_deg, "photon", range(16))]
+        found = [path.legs[0].angle_deg for path in steep_paths(angle_deg, "photon", range(8))]
         ratios.extend((np.array(found) - angle_deg) / bound)
-    assert np.sqrt(np.mean(np.square(ratios))) < 1.5
+    assert np.sqrt(np.mean(np.square(ratios))) < 1.7
 
 
 def test_joint_asks_all_counts_where_light_stops_in_view():
@@ -104,7 +104,7 @@ def test_light_beyond_the_codes_is_not_dark():
 def test_a_leg_that_crosses_the_picture_keeps_its_ends():
     """Nothing is taken for cut where nothing is: all pulses at the edges take part."""
     scene = scene_of(5.0, half_mm=190.0)
-    for seed in range(6):
+    for seed in range(2):
         hist = lf.simulate(scene, photons_per_pixel=4000.0, seed=seed, threads=1)
         path = lf.reconstruct(
             hist, camera=CAMERA, source=scene.source, timing=lf.TimingCalibration.nominal(hist)

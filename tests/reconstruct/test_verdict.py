@@ -117,9 +117,8 @@ def test_undisturbed_recordings_are_trusted():
     assert sum(level != "trust" for level in levels) <= 1, levels
 
 
-@pytest.mark.parametrize(
-    ("defect", "seed"), [("focal_length_longer", 0), ("barrel", 1), ("camera_aside", 2)]
-)
+# A barrel, by `joint` and `photon`: tests/issues/test_misfit_was_taken_for_scatter.py.
+@pytest.mark.parametrize(("defect", "seed"), [("focal_length_longer", 0), ("camera_aside", 2)])
 def test_a_defect_is_named(defect, seed):
     hist, told = recording(seed, defect)
     with pytest.warns(SuspectDataWarning, match="the recording contradicts this path"):
@@ -153,9 +152,8 @@ def test_wrong_pulses_that_a_misfit_hides_do_not_decide_between_causes():
     assert "clock_drift" in [finding.name for finding in path.verdict.findings]
 
 
-@pytest.mark.parametrize("method", ["photon", "paper"])
-def test_every_estimator_gives_a_verdict(method):
-    verdict = reconstructed(1, "barrel", method=method).verdict
+def test_the_papers_estimator_gives_a_verdict():
+    verdict = reconstructed(1, "barrel", method="paper").verdict
     assert verdict.level == "contradicted"
     assert verdict.n_tests > 5
 
