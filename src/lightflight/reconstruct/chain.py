@@ -35,7 +35,7 @@ from lightflight.reconstruct.verdict.asked import shares_asked_for
 from lightflight.reconstruct.verdict.bent import asks_for_bends, bent_instead
 from lightflight.reconstruct.verdict.detours import detour_instead, has_weak_leg
 from lightflight.reconstruct.verdict.examine import examined
-from lightflight.reconstruct.verdict.judge import leaves_misfit
+from lightflight.reconstruct.verdict.judge import leaves_misfit, names_symptom
 from lightflight.reconstruct.ways.joint import fit_of_request
 from lightflight.reconstruct.ways.request import Request
 
@@ -248,12 +248,7 @@ def path_from_sightings(
         if forked is None:
             raise
         return _warned(forked)
-    # Light that was out of the picture is asked for where nothing that is seen explains the rest:
-    # before the verdict where a leg is all but unseen, else once that names no cause of it.
-    weak = fit is not None and has_weak_leg(fit)
-    detour = _detour(fit, request, estimator) if weak else None
-    found = _judged(*(detour or (path, fit)), request, estimator)
-    return _warned(_reconsidered(found, fit, request, estimator, has_detour=detour is not None))
+    return _warned(_reconsidered(_judged(path, fit, request, estimator), fit, request, estimator))
 
 
 def _through_blocks(request: Request, estimator: Estimator) -> LightPath:
@@ -273,10 +268,8 @@ def _reconsidered(
     fit: JointFit | None,
     request: Request,
     estimator: Estimator,
-    *,
-    has_detour: bool,
 ) -> LightPath:
-    """The path, or where the recording contradicts it one with detours, bends or arms.
+    """The path, or where its verdict leaves something open one with detours, bends or arms.
 
     Detours come before bends: they are asked about only at the picture's edge, and most
     recordings have none there.
@@ -284,8 +277,10 @@ def _reconsidered(
     instead = found
     # Light of a second pulse flies as the first did: of it a detour would make legs.
     repeated = any(one.name is FindingName.OTHER_PULSE for one in found.verdict.findings)
-    may_detour = fit is not None and not has_weak_leg(fit) and not repeated
-    if may_detour and leaves_misfit(found.verdict):
+    is_open = leaves_misfit(found.verdict) or (
+        fit is not None and has_weak_leg(fit) and names_symptom(found.verdict)
+    )
+    if is_open and not repeated:
         detour = _detour(fit, request, estimator)
         instead = found if detour is None else _judged(*detour, request, estimator)
         if instead.verdict.level is not Level.CONTRADICTED and not request.may_bend:
@@ -295,8 +290,7 @@ def _reconsidered(
         judged = _judged(*bent, request, estimator)
         if request.may_bend or judged.verdict.level is not Level.CONTRADICTED:
             return judged
-    straight = instead is found and not has_detour
-    if fit is not None and straight and leaves_light(found.verdict):
+    if fit is not None and instead is found and leaves_light(found.verdict):
         return _forked(fit, request, estimator) or found
     return instead
 

@@ -153,8 +153,12 @@ def leaves_misfit(verdict: Verdict) -> bool:
     -------
     bool
     """
-    contradicted = verdict.level is Level.CONTRADICTED
-    return contradicted and any(one.name in SYMPTOMS for one in verdict.findings)
+    return verdict.level is Level.CONTRADICTED and names_symptom(verdict)
+
+
+def names_symptom(verdict: Verdict) -> bool:
+    """Whether a verdict names what none of its causes takes up."""
+    return any(one.name in SYMPTOMS for one in verdict.findings)
 
 
 def best_of_each(ranked: Sequence[Evidence]) -> list[Evidence]:
