@@ -111,6 +111,7 @@ def _of_leg(
     """Lateness (n,) and its columns (n, k) of the pulses of one leg."""
     along, _ = line.along_across(points)
     spot = strength.spot_std_at(along)
+    shape = strength.seen(along, print_.lateral_px, line.heading_rad(along)).log_light
     lateral = print_.lateral_px / spot
     low, high = span_of_knots(strength.spline.t)
     telling = (photons > _LEAST_PHOTONS) & (np.abs(lateral) < _NEAR_STDS)
@@ -120,7 +121,7 @@ def _of_leg(
     errors = _slope_errors_of_spline(strength, along)
     if np.count_nonzero(telling) >= _FEW:
         seen = along[telling]
-        rest = np.log(photons[telling]) - strength.spline(seen) + 0.5 * lateral[telling] ** 2
+        rest = np.log(photons[telling]) - strength.spline(seen) - shape[telling]
         rest = rest - np.average(rest, weights=photons[telling])
         # Denser knots leave shorter waves.
         alike = _ALIKE_PX * strength.knot_spacing_px / KNOT_SPACING_PX

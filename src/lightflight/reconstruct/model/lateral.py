@@ -32,6 +32,7 @@ from lightflight.reconstruct.model.line_problem import (
     over_leg,
     problem_of,
 )
+from lightflight.reconstruct.model.spot import SeenLine, seen_line
 from lightflight.reconstruct.model.strength import (
     DENSE_KNOT_SPACING_PX,
     KNOT_SPACING_PX,
@@ -67,6 +68,16 @@ _ROUNDS = 2
 _MOST_LINE_STEPS = 40
 """Most steps of the fit of lines; what is left then is far below the counting noise."""
 
+_AREA_ROUNDS = 4
+"""Times that the active area is asked for: the first step overshoots by a third, the fourth is
+below a percent."""
+
+_LEAST_ACTIVE_PX = 0.3
+"""A smaller active area changes no spot that pixels can show."""
+
+_NOTHING = 1e-12
+"""Information of an active area of which counts tell nothing."""
+
 _NO_LIGHT = -60.0
 """Log of the photons of a leg that nobody sees: below the least that a double tells from none."""
 
@@ -91,6 +102,8 @@ class LineFit:
         Log of the photons per pixel on the line, against `along_px`.
     spline_covariance : array of float, shape (k, k)
         Of its coefficients, ln^2.
+    active_px : float
+        Side of the active area that the spots of all legs show, in pitches; 0: Gaussian spots.
     knot_spacing_px : float
         Largest distance of its knots, px.
     excess_variance : float
@@ -112,6 +125,7 @@ class LineFit:
     spot: SpotAlong
     spline: BSpline
     spline_covariance: Floats
+    active_px: float
     knot_spacing_px: float
     excess_variance: float
     log_scatter: float
@@ -128,6 +142,11 @@ class LineFit:
         along = np.clip(along_px, *span_of_knots(self.spline.t))
         varied: Floats = self.spot_std_px * np.exp(self.spot.log_at(along))
         return varied
+
+    def seen(self, along_px: Floats, across_px: Floats, heading_rad: Floats) -> SeenLine:
+        """What pixels at such places see of the leg, where it flies that way in the picture."""
+        spot = self.spot_std_at(along_px)
+        return seen_line(across_px, spot, heading_rad, active_px=self.active_px)
 
     def light_slope(self, along_px: Floats, across_px: Floats) -> Floats:
         """D ln(strength) / d(along) as the mean time over a footprint asks for it, per px.
@@ -165,7 +184,7 @@ def dark_line(spot_px: float) -> LineFit:
     none, even = np.empty(0), BSpline(np.repeat([0.0, 1.0], 4), np.full(4, _NO_LIGHT), 3)
     return LineFit(
         np.zeros(2), np.eye(2), np.array([0.0, 1.0]), spot_px, even_spot, even,
-        np.zeros((4, 4)), 1.0, 1.0, 0.0, none, none,
+        np.zeros((4, 4)), 0.0, 1.0, 1.0, 0.0, none, none,
     )  # fmt: skip
 
 
@@ -194,7 +213,8 @@ def fit_lines(data: list[LineData], *, fine: bool = False) -> list[LineFit]:
     -----
     Expected photons of a pixel at s along and y across the line are exp(B(s) - (y - y0(s))^2 / 2
     v(s)), B a cubic spline and v the variance of the spot; their variance is that mean mu, and u
-    mu^2 with pixels unequal by sqrt(u) (method.md, What the counts say).
+    mu^2 with pixels unequal by sqrt(u) (method.md, What the counts say). A fine fit asks how large
+    the pixels' active areas are, where counts show that a Gaussian is not their spot (`seen_line`).
     """
     fitted = _fitted_finely if fine else _fitted
     usual = fitted(data, [KNOT_SPACING_PX] * len(data))
@@ -246,7 +266,47 @@ def _fitted_finely(data: list[LineData], spacing_px: list[float]) -> _Fitted:
         kept = weights > 0
         unequal = likeliest_unequal(residual[kept], counted[kept], problem.starts[-1] + 1)
         parameters = _scored(replace(problem, unequal=unequal), parameters, weights)
-    return _told(replace(problem, unequal=unequal), parameters, weights)
+    return _told(*_with_active_area(replace(problem, unequal=unequal), parameters, weights))
+
+
+def _with_active_area(
+    problem: LineProblem, parameters: Floats, weights: Floats
+) -> tuple[LineProblem, Floats, Floats]:
+    """Problem, parameters and weights with the active area that the counts show, if they show one.
+
+    What a Gaussian left unexplained was taken for unequal pixels and for strangers: these are asked
+    for again.
+    """
+    step, variance = _area_step(problem, parameters, weights)
+    if step <= 0.0 or 0.5 * step**2 / variance < price(1, len(weights)):
+        return problem, parameters, weights
+    for _ in range(_AREA_ROUNDS):
+        area = np.clip(problem.active_px**4 + step, _LEAST_ACTIVE_PX**4, 1.0)
+        problem = replace(problem, active_px=float(area**0.25))
+        parameters = _scored(problem, parameters, weights)
+        residual, counted = _off(problem, parameters)
+        weights = _without_strangers(problem, parameters)
+        kept = weights > 0
+        unequal = likeliest_unequal(residual[kept], counted[kept], problem.starts[-1] + 1)
+        problem = replace(problem, unequal=unequal)
+        step, _ = _area_step(problem, parameters, weights)
+    return problem, _scored(problem, parameters, weights), weights
+
+
+def _area_step(problem: LineProblem, parameters: Floats, weights: Floats) -> tuple[float, float]:
+    """Step of the fourth power of the active area's side that the counts ask for; its variance.
+
+    All else follows.
+    """
+    slope = _slope_at(problem, parameters, weights)
+    mean, by_area = slope.expected.photons, slope.expected.seen.by_area
+    weighted = by_area * slope.weight
+    crossed = slope.expected.gradient * (weighted * mean)[:, np.newaxis]
+    shared = _summed(problem.columns.ravel(), crossed, len(parameters))
+    followed = np.linalg.solve(slope.information, shared)
+    score = float(weighted @ (problem.data.photons - mean)) - float(followed @ slope.score)
+    information = float((weighted * mean) @ by_area) - float(followed @ shared)
+    return score / max(information, _NOTHING), 1.0 / max(information, _NOTHING)
 
 
 def _begun(
@@ -410,6 +470,7 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
                 spot=SpotAlong(problem.anchors[k][[0, -1]], own[k] - [common, common, 0.0]),
                 spline=BSpline(problem.knots[k], parameters[start : offsets.start], 3),
                 spline_covariance=widened[start : offsets.start, start : offsets.start],
+                active_px=problem.active_px,
                 knot_spacing_px=problem.spacing_px[k],
                 excess_variance=excess,
                 log_scatter=np.sqrt(problem.unequal)
