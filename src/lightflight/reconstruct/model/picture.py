@@ -290,6 +290,7 @@ def measure_picture(
     medium: Medium,
     std_ps: float,
     fine: bool = False,
+    active_px: float | None = None,
     may_miss: Collection[int] = (),
 ) -> Picture:
     """Lines, spot and strength of all legs of a path that is roughly right.
@@ -309,6 +310,8 @@ def measure_picture(
     fine : bool, optional
         Whether each leg has a spot of its own and pixels are unequal: once the legs are known, and
         only of photons.
+    active_px : float, optional
+        Side of the pixels' active area, in a fine picture; None: what the counts say of it.
     may_miss : collection of int, optional
         Legs that another camera may show better: dark where too few places along them are in view.
 
@@ -377,7 +380,8 @@ def measure_picture(
         )  # fmt: skip
     # All legs at once, because they share the spot. Scaled intensities do not scatter as photons
     # do: of them nobody knows what is a pixel's own.
-    found = fit_lines(data, fine=fine and sighting.histograms.poisson) if data else []
+    fine = fine and sighting.histograms.poisson
+    found = fit_lines(data, fine=fine, active_px=active_px) if data else []
     spot = found[0].spot_std_px if found else _USUAL_SPOT_PX
     fits = [dark_line(spot)] * len(legs)
     for k, line in zip(told, found, strict=True):

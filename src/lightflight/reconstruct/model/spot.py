@@ -43,6 +43,8 @@ class SeenLine:
         Its derivative by the distance from the line.
     ahead_by_log_spot : array of float
         By the log of the spot's standard deviation, px.
+    ahead_by_area : array of float
+        By the fourth power of the active area's side, px^-3.
     """
 
     log_light: Floats
@@ -52,6 +54,7 @@ class SeenLine:
     ahead_px: Floats
     ahead_by_across: Floats
     ahead_by_log_spot: Floats
+    ahead_by_area: Floats
 
 
 def seen_line(
@@ -113,15 +116,20 @@ def seen_line(
         ahead - across_px * ahead_by_across,
         (mean(place_s * m**2) - ahead * second) * wider,
     )
-    by_width = mean(m * unit_y) / lens - (second - 1.0) * width / (12.0 * lens**2)
+    follows = m * unit_y / lens[:, np.newaxis] - (m**2 - 1.0) * (width / (12.0 * lens**2))[:, None]
+    by_width = mean(follows)
+    ahead_by_width = ahead / width + mean(place_s * follows) - ahead * by_width
+    # Of an area that its spot holds no more can be told.
+    per_fourth = np.where(held, 0.0, 0.25 / width**3)
     return SeenLine(
         np.log(total * spot_px / lens) - lowest,
         by_across,
         by_spot,
-        np.where(held, 0.0, by_width / (4.0 * width**3)),
+        per_fourth * by_width,
         ahead,
         ahead_by_across,
         ahead_by_spot,
+        per_fourth * ahead_by_width,
     )
 
 
@@ -129,7 +137,8 @@ def _gaussian(across_px: Floats, spot_px: Floats, heading_rad: Floats) -> SeenLi
     u, none = across_px / spot_px, np.zeros_like(across_px)
     he4 = u**4 - 6.0 * u**2 + 3.0
     by_area = -(3.0 + np.cos(4.0 * heading_rad)) * he4 / (11520.0 * spot_px**4)
-    return SeenLine(-0.5 * u**2, -u / spot_px, u**2, by_area, none, none, none)
+    ahead_by_area = np.sin(4.0 * heading_rad) * (u**3 - 3.0 * u) / (2880.0 * spot_px**3)
+    return SeenLine(-0.5 * u**2, -u / spot_px, u**2, by_area, none, none, none, ahead_by_area)
 
 
 def _area(heading_rad: Floats) -> tuple[Floats, Floats, Floats]:
