@@ -50,11 +50,16 @@ def areas_of_path(fit: JointFit, setting: Setting) -> Mapping[int, float] | None
             view: _moved(side**4, step * _std_of_fourth(fit, view))
             for (view, side), step in zip(fit.active_px.items(), asked, strict=True)
         }
-        still = all(abs(moved[view] ** 4 - was**4) < _SETTLED for view, was in fit.active_px.items())
+        still = all(
+            abs(moved[view] ** 4 - was**4) < _SETTLED for view, was in fit.active_px.items()
+        )
         return None if still else moved
     areas, found = {}, _columns(fit, setting, range(len(fit.solution.cameras)))
     for view in range(len(fit.solution.cameras)):
-        side, (gain, size) = _side_of_view(fit, view), _gain(fit, *(each[:, view] for each in found))
+        side, (gain, size) = (
+            _side_of_view(fit, view),
+            _gain(fit, *(each[:, view] for each in found)),
+        )
         shown = size > 0.0 and gain > 2.0 * price(1, len(fit.times.leg))
         if side > 0.0 or shown:
             areas[view] = _moved(side**4, size * _std_of_fourth(fit, view))

@@ -440,7 +440,7 @@ def _asked_area(slope: _Slope) -> _AskedArea:
     weighted = by_area * slope.weight
     crossed = slope.expected.gradient * (weighted * mean)[:, np.newaxis]
     shared = _summed(problem.columns.ravel(), crossed, len(slope.held))
-    followed: Floats = np.linalg.solve(slope.information, shared)
+    followed = np.linalg.solve(slope.information, shared).astype(np.float64, copy=False)
     score = float(weighted @ (problem.data.photons - mean)) - float(followed @ slope.score)
     own = float((weighted * mean) @ by_area)
     # Where the others follow so well that nothing is left of it, rounding is.
