@@ -45,25 +45,22 @@ def areas_of_path(fit: JointFit, setting: Setting) -> Mapping[int, float] | None
         Pitches, of the cameras whose counts or path show an area.
     """
     if fit.active_px:
-        asked = fit.solution.modes[len(fit.solution.modes) - len(fit.active_px) :]
-        moved = {
+        found = fit.solution.modes[len(fit.solution.modes) - len(fit.active_px) :]
+        asked = {
             view: _moved(side**4, step * _std_of_fourth(fit, view))
-            for (view, side), step in zip(fit.active_px.items(), asked, strict=True)
+            for (view, side), step in zip(fit.active_px.items(), found, strict=True)
         }
-        still = all(
-            abs(moved[view] ** 4 - was**4) < _SETTLED for view, was in fit.active_px.items()
-        )
-        return None if still else moved
-    areas, found = {}, _columns(fit, setting, range(len(fit.solution.cameras)))
-    for view in range(len(fit.solution.cameras)):
-        side, (gain, size) = (
-            _side_of_view(fit, view),
-            _gain(fit, *(each[:, view] for each in found)),
-        )
-        shown = size > 0.0 and gain > 2.0 * price(1, len(fit.times.leg))
-        if side > 0.0 or shown:
-            areas[view] = _moved(side**4, size * _std_of_fourth(fit, view))
-    return areas or None
+        steps = [asked[view] ** 4 - side**4 for view, side in fit.active_px.items()]
+        return asked if np.abs(steps).max() > _SETTLED else None
+    asked, views = {}, range(len(fit.solution.cameras))
+    by_time, by_line = _columns(fit, setting, views)
+    for view in views:
+        side = _side_of_view(fit, view)
+        gain, size = _gain(fit, by_time[:, view], by_line[:, view])
+        by_path = size > 0.0 and gain > 2.0 * price(1, len(fit.times.leg))
+        if side > 0.0 or by_path:
+            asked[view] = _moved(side**4, size * _std_of_fourth(fit, view))
+    return asked or None
 
 
 def with_area_errors(fit: JointFit, setting: Setting) -> JointFit:
@@ -144,10 +141,15 @@ def _side_of_view(fit: JointFit, view: int) -> float:
 
 
 def _std_of_fourth(fit: JointFit, view: int) -> float:
-    """Standard deviation of its fourth power by the counts of all recordings of a camera."""
-    told = _ANY_STD**-2.0
-    for picture, sighting in zip(fit.pictures, fit.sightings, strict=True):
-        # One area of all legs: each of them says the same.
-        std = max(light.area.fourth_std for light in picture.fits)
-        told += std**-2.0 if sighting.view == view and std > 0.0 else 0.0
-    return float(told**-0.5)
+    """Standard deviation of its fourth power by the counts of all recordings of a camera.
+
+    Zero where none of them are photons: of those nobody asks.
+    """
+    # One area of all legs: each of them says the same, but those that are dark.
+    stds = [
+        max(light.area.fourth_std for light in picture.fits)
+        for picture, sighting in zip(fit.pictures, fit.sightings, strict=True)
+        if sighting.view == view
+    ]
+    told = [std**-2.0 for std in stds if std > 0.0]
+    return float((sum(told) + _ANY_STD**-2.0) ** -0.5) if told else 0.0
