@@ -9,6 +9,7 @@ which it crosses the rows.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,26 +36,33 @@ class SeenLine:
         Its derivative by the distance from the line, per px.
     by_log_spot : array of float
         By the log of the spot's standard deviation; the active area stays.
-    by_area : array of float
-        By the fourth power of the active area's side, per px^4; the spot's deviation stays.
     ahead_px : array of float
         Mean place of the light along the line, from the foot, px.
     ahead_by_across : array of float
         Its derivative by the distance from the line.
     ahead_by_log_spot : array of float
         By the log of the spot's standard deviation, px.
-    ahead_by_area : array of float
-        By the fourth power of the active area's side, px^-3.
+    derived : callable
+        Gives `by_area` and `ahead_by_area`, which few ask for.
     """
 
     log_light: Floats
     by_across: Floats
     by_log_spot: Floats
-    by_area: Floats
     ahead_px: Floats
     ahead_by_across: Floats
     ahead_by_log_spot: Floats
-    ahead_by_area: Floats
+    derived: Callable[[], tuple[Floats, Floats]]
+
+    @property
+    def by_area(self) -> Floats:
+        """Of the light, by the fourth power of the active area's side, px^-4; the spot stays."""
+        return self.derived()[0]
+
+    @property
+    def ahead_by_area(self) -> Floats:
+        """Of the place, by the same, px^-3."""
+        return self.derived()[1]
 
 
 def seen_line(
@@ -116,29 +124,37 @@ def seen_line(
         ahead - across_px * ahead_by_across,
         (mean(place_s * m**2) - ahead * second) * wider,
     )
-    follows = m * unit_y / lens[:, np.newaxis] - (m**2 - 1.0) * (width / (12.0 * lens**2))[:, None]
-    by_width = mean(follows)
-    ahead_by_width = ahead / width + mean(place_s * follows) - ahead * by_width
-    # Of an area that its spot holds no more can be told.
-    per_fourth = np.where(held, 0.0, 0.25 / width**3)
+
+    def derived() -> tuple[Floats, Floats]:
+        per_lens = (width / (12.0 * lens**2))[:, np.newaxis]
+        follows = m * unit_y / lens[:, np.newaxis] - (m**2 - 1.0) * per_lens
+        by_width = mean(follows)
+        ahead_by_width = ahead / width + mean(place_s * follows) - ahead * by_width
+        # Of an area that its spot holds no more can be told.
+        per_fourth = np.where(held, 0.0, 0.25 / width**3)
+        return per_fourth * by_width, per_fourth * ahead_by_width
+
     return SeenLine(
         np.log(total * spot_px / lens) - lowest,
         by_across,
         by_spot,
-        per_fourth * by_width,
         ahead,
         ahead_by_across,
         ahead_by_spot,
-        per_fourth * ahead_by_width,
+        derived,
     )
 
 
 def _gaussian(across_px: Floats, spot_px: Floats, heading_rad: Floats) -> SeenLine:
     u, none = across_px / spot_px, np.zeros_like(across_px)
-    he4 = u**4 - 6.0 * u**2 + 3.0
-    by_area = -(3.0 + np.cos(4.0 * heading_rad)) * he4 / (11520.0 * spot_px**4)
-    ahead_by_area = np.sin(4.0 * heading_rad) * (u**3 - 3.0 * u) / (2880.0 * spot_px**3)
-    return SeenLine(-0.5 * u**2, -u / spot_px, u**2, by_area, none, none, none, ahead_by_area)
+    u2 = u * u
+
+    def derived() -> tuple[Floats, Floats]:
+        he4, he3 = (u2 - 6.0) * u2 + 3.0, (u2 - 3.0) * u
+        by_area = -(3.0 + np.cos(4.0 * heading_rad)) * he4 / (11520.0 * spot_px**4)
+        return by_area, np.sin(4.0 * heading_rad) * he3 / (2880.0 * spot_px**3)
+
+    return SeenLine(-0.5 * u2, -u / spot_px, u2, none, none, none, derived)
 
 
 def _area(heading_rad: Floats) -> tuple[Floats, Floats, Floats]:
