@@ -239,6 +239,7 @@ def light_from_picture(picture: Picture, std_ps: float) -> Light:
         float(np.log(std_ps)),
         tuple(fit.log_scatter for fit in picture.fits),
         spots=tuple(fit.spot for fit in picture.fits),
+        active_px=max(fit.area.side_px for fit in picture.fits),
     )
 
 
@@ -359,11 +360,14 @@ class Counts:
         Standard deviation of its pulses, ps, as last climbed.
     uneven : array of bool, shape (rows, cols, L)
         True where a pixel's light was seen to depart from its leg's.
+    active_px : float or None
+        Side of the pixels' active area; None: what each picture says of it.
     """
 
     whole: Sighting
     intrinsic_ps: float
     uneven: NDArray[np.bool_]
+    active_px: float | None = None
 
 
 def clean_counts(
@@ -437,7 +441,8 @@ def view_of_counts(
     try:
         picture = measure_picture(
             in_view, whole, camera=own.camera, medium=own.medium, std_ps=counts.intrinsic_ps,
-            fine=True, may_miss=in_view.seen if seen.others else (),
+            fine=True, active_px=counts.active_px,
+            may_miss=in_view.seen if seen.others else (),
         )  # fmt: skip
     except GeometryError as lost:
         raise NothingFoundError(
@@ -492,5 +497,6 @@ def with_uneven(counts: list[Counts], ended: Climb) -> tuple[list[Counts], bool]
         new |= bool((found & ~view.uneven).any())
         uneven = own.uneven.copy()
         uneven[view.pixels.rows, view.pixels.cols] |= found
-        after.append(Counts(own.whole, float(np.exp(at.light.log_std_ps)), uneven))
+        std_ps = float(np.exp(at.light.log_std_ps))
+        after.append(Counts(own.whole, std_ps, uneven, own.active_px))
     return after, new

@@ -8,14 +8,15 @@ measured from the residuals and stated.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.reconstruct.fit.active_area import areas_of_path, with_area_errors
 from lightflight.reconstruct.fit.clocks import (
     clocks_as_shown,
     shared_as_stated,
@@ -62,6 +63,8 @@ Floats = NDArray[np.float64]
 
 _PASSES = 4
 """Most rounds of picture and path; the second often agrees with the last to a tenth of an error."""
+_AREA_ROUNDS = 5
+"""Most times that a fine fit asks how large the active areas are; where none shows, once."""
 _STILL = 0.03
 """A round that moves nothing by more than this, in its own errors, was the last."""
 _ROUGH_OUTLIER = 8.0
@@ -98,6 +101,8 @@ class JointFit:
         The recordings whose pulses these are.
     strengths : tuple of Strengths
         Of diffuse light, by camera and clock; empty: the pulses are as they were found.
+    active_px : mapping of int to float
+        Side of the active area of cameras whose counts or path show one.
     """
 
     solution: Solution
@@ -112,6 +117,7 @@ class JointFit:
     freedom: Freedom
     sightings: tuple[Sighting, ...]
     strengths: tuple[Strengths, ...] = ()
+    active_px: Mapping[int, float] = field(default_factory=dict)
 
 
 def pulse_std_ps(sightings: list[Sighting]) -> float:
@@ -233,16 +239,22 @@ def with_fine_light(fit: JointFit, setting: Setting) -> JointFit:
     JointFit
         Of the same pulses.
     """
-    try:
-        shown = finely_lit(fit, list(fit.sightings), setting)
-    except (GeometryError, NothingFoundError):
-        # The last step led a leg to the edge of what its pixels tell: as it was found, then.
-        return fit
-    times = replace(shown.times, weight=np.ones_like(shown.times.weight))
-    solution, times, floor = _solve_robustly(
-        fit.solution.state, times, shown.lines, fit.freedom, setting, fit.solution.shared
-    )
-    return replace(shown, solution=solution, times=times, floor_ps=floor)
+    for _ in range(_AREA_ROUNDS):
+        try:
+            shown = finely_lit(fit, list(fit.sightings), setting)
+        except (GeometryError, NothingFoundError):
+            # The last step led a leg to the edge of what its pixels tell: as it was found, then.
+            return fit
+        times = replace(shown.times, weight=np.ones_like(shown.times.weight))
+        solution, times, floor = _solve_robustly(
+            fit.solution.state, times, shown.lines, fit.freedom, setting, fit.solution.shared
+        )
+        fit = replace(shown, solution=solution, times=times, floor_ps=floor)
+        areas = areas_of_path(fit, setting)
+        if areas is None:
+            break
+        fit = replace(fit, active_px=areas)
+    return fit
 
 
 def finely_lit(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
@@ -270,7 +282,9 @@ def finely_lit(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Jo
     seen, clock = _as_found(fit.solution, setting, list(fit.sightings))
     std = pulse_std_ps(sightings)
     as_found = [replace(o, found=same.found) for o, same in zip(sightings, clock, strict=True)]
-    pictures = pictures_of(fit.solution.state, as_found, seen, std_ps=std, fine=True)
+    pictures = pictures_of(
+        fit.solution.state, as_found, seen, std_ps=std, fine=True, active_px=fit.active_px
+    )
     shown = replace(fit, pictures=pictures, lines=_told_lines(pictures, sightings, setting, seen))
     uneven = uneven_light(shown, sightings, setting)
     # What was known of uneven light before stands behind the errors of the clock.
@@ -280,7 +294,7 @@ def finely_lit(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Jo
         footprint_ps=_feet(shown, seen) + uneven.late_ps,
         modes_ps=np.hstack((of_clock, uneven.columns_ps)),
     )
-    return replace(shown, times=times)
+    return with_area_errors(replace(shown, times=times), setting)
 
 
 def _n_of_clock(fit: JointFit) -> int:

@@ -9,6 +9,7 @@ none is too dim.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -60,6 +61,7 @@ def photon_path(
     std_ps: float,
     tips: Tips = (None, None),
     shared: Floats | None = None,
+    active_px: Mapping[int, float] | None = None,
 ) -> LightPath:
     """Refine a rough path by the likelihood of all counts.
 
@@ -79,6 +81,8 @@ def photon_path(
         (row, col, camera) where the light begins and stops in the picture; None: it does not.
     shared : array of float, shape (j,), optional
         Shared errors of the setting that the rough path was found with; None: none.
+    active_px : mapping of int to float, optional
+        Side of the active area of cameras of which it was found; of others their counts say it.
 
     Returns
     -------
@@ -96,7 +100,12 @@ def photon_path(
     wholes = clean_counts(sightings, rough, std_ps, tips, moved(setting, errors, shared))
     state = state_of_path(rough)
     counts = [
-        Counts(whole, std_ps, np.zeros((*whole.blind.shape, state.n_legs), bool))
+        Counts(
+            whole,
+            std_ps,
+            np.zeros((*whole.blind.shape, state.n_legs), bool),
+            (active_px or {}).get(whole.view),
+        )
         for whole in wholes
     ]
     ended: Climb | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from lightflight.reconstruct.model.geometry import PathState
@@ -22,6 +23,7 @@ def pictures_of(
     *,
     std_ps: float,
     fine: bool = False,
+    active_px: Mapping[int, float] | None = None,
 ) -> tuple[Picture, ...]:
     """What the counts of each recording say of the legs that its camera shows.
 
@@ -37,6 +39,8 @@ def pictures_of(
         Typical standard deviation of a pulse, ps.
     fine : bool, optional
         As `measure_picture`.
+    active_px : mapping of int to float, optional
+        Side of the active area of cameras of which it is known; of others their counts say it.
 
     Returns
     -------
@@ -55,7 +59,8 @@ def pictures_of(
         return tuple(
             measure_picture(
                 state_in_view(state, setting, o.view), o, camera=setting.cameras[o.view],
-                medium=setting.medium, std_ps=std_ps, fine=fine, may_miss=may_miss,
+                medium=setting.medium, std_ps=std_ps, fine=fine,
+                active_px=(active_px or {}).get(o.view), may_miss=may_miss,
             )
             for o in sightings
         )  # fmt: skip

@@ -128,6 +128,11 @@ def residual_table(fit: JointFit, sightings: list[Sighting], setting: Setting) -
     return table if times.view is None else table[times.view == 0]
 
 
+def runs_away(state: PathState) -> bool:
+    """Whether a fit ended where no bench reaches."""
+    return not np.abs(state.vertices_mm).max() <= FARTHEST_MM
+
+
 def refuse_run_away(state: PathState) -> None:
     """Refuse a path that no bench holds.
 
@@ -141,7 +146,7 @@ def refuse_run_away(state: PathState) -> None:
     NothingFoundError
         Where the counts held it by nothing.
     """
-    if not np.abs(state.vertices_mm).max() <= FARTHEST_MM:
+    if runs_away(state):
         raise NothingFoundError(
             "the fit runs out of all bounds, so these pulses are no light of one straight flight: "
             "look at the picture (lightflight check) or give a starting path (start=)"

@@ -10,6 +10,7 @@ of the slopes of a spline with dense knots, are columns of errors that pulses sh
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve, solve_triangular
 
-from lightflight.reconstruct.model.geometry import Footprint, footprints
+from lightflight.reconstruct.model.geometry import Footprint, Indices, footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.lateral import LineFit
 from lightflight.reconstruct.model.picture import LegInPicture
@@ -62,41 +63,73 @@ class Uneven:
     columns_ps: Floats
 
 
+@dataclass(frozen=True, eq=False)
+class PulsesOfLeg:
+    """Pulses of one leg in one recording; m of the n of a fit.
+
+    Attributes
+    ----------
+    number : int
+        Which recording.
+    rows : array of int, shape (m,)
+        Which of the n.
+    points_px : array of float, shape (m, 2)
+        Their pixels, undistorted.
+    prints : Footprint
+        Where those look at the leg.
+    line : LegInPicture
+        Its line there.
+    light : LineFit
+        Its brightness and spot.
+    """
+
+    number: int
+    rows: Indices
+    points_px: Floats
+    prints: Footprint
+    line: LegInPicture
+    light: LineFit
+
+
+def pulses_by_leg(fit: JointFit, setting: Setting) -> Iterator[PulsesOfLeg]:
+    """The pulses of a joint fit by recording and leg, where there are any."""
+    for number, (picture, sighting) in enumerate(zip(fit.pictures, fit.sightings, strict=True)):
+        camera = fit.solution.cameras[sighting.view]
+        for leg in range(fit.solution.state.n_legs):
+            here = np.flatnonzero((fit.sighting_of == number) & (fit.times.leg == leg))
+            if not len(here):
+                continue
+            rows, cols = fit.times.row[here], fit.times.col[here]
+            prints = footprints(
+                fit.solution.state, camera=camera, medium=setting.medium, legs=leg, rows=rows,
+                cols=cols,
+            )  # fmt: skip
+            points = undistorted_px(camera, rows, cols)
+            yield PulsesOfLeg(number, here, points, prints, picture.legs[leg], picture.fits[leg])
+
+
 def uneven_light(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Uneven:
     """What the brightness that is left out does to each pulse of a joint fit."""
     n = len(fit.times.leg)
     late, columns = np.zeros(n), [np.zeros((n, 0))]
-    for number, sighting in enumerate(sightings):
-        if not sighting.histograms.poisson:
-            # Noise of scaled intensities is not that of photons: what is left may be all noise.
+    for some in pulses_by_leg(fit, setting):
+        # Noise of scaled intensities is not that of photons: what is left may be all noise.
+        if not sightings[some.number].histograms.poisson or len(some.rows) < _FEW:
             continue
-        picture, camera = fit.pictures[number], fit.solution.cameras[sighting.view]
-        for leg in range(fit.solution.state.n_legs):
-            here = np.flatnonzero((fit.sighting_of == number) & (fit.times.leg == leg))
-            if len(here) < _FEW:
-                continue
-            print_ = footprints(
-                fit.solution.state,
-                camera=camera,
-                medium=setting.medium,
-                legs=leg,
-                rows=fit.times.row[here],
-                cols=fit.times.col[here],
-            )
-            points = undistorted_px(camera, fit.times.row[here], fit.times.col[here])
-            error = np.sqrt((fit.times.photon_var + fit.times.pixel_var)[here])
-            own, shared = _of_leg(
-                picture.legs[leg],
-                picture.fits[leg],
-                print_,
-                points,
-                sighting.arrivals.photons[fit.times.index[here]],
-                error,
-            )
-            late[here] = own
-            whole = np.zeros((n, shared.shape[1]))
-            whole[here] = shared
-            columns.append(whole)
+        here = some.rows
+        error = np.sqrt((fit.times.photon_var + fit.times.pixel_var)[here])
+        own, shared = _of_leg(
+            some.line,
+            some.light,
+            some.prints,
+            some.points_px,
+            sightings[some.number].arrivals.photons[fit.times.index[here]],
+            error,
+        )
+        late[here] = own
+        whole = np.zeros((n, shared.shape[1]))
+        whole[here] = shared
+        columns.append(whole)
     return Uneven(late, np.hstack(columns))
 
 
@@ -111,6 +144,7 @@ def _of_leg(
     """Lateness (n,) and its columns (n, k) of the pulses of one leg."""
     along, _ = line.along_across(points)
     spot = strength.spot_std_at(along)
+    shape = strength.seen(along, print_.lateral_px, line.heading_rad(along)).log_light
     lateral = print_.lateral_px / spot
     low, high = span_of_knots(strength.spline.t)
     telling = (photons > _LEAST_PHOTONS) & (np.abs(lateral) < _NEAR_STDS)
@@ -120,7 +154,7 @@ def _of_leg(
     errors = _slope_errors_of_spline(strength, along)
     if np.count_nonzero(telling) >= _FEW:
         seen = along[telling]
-        rest = np.log(photons[telling]) - strength.spline(seen) + 0.5 * lateral[telling] ** 2
+        rest = np.log(photons[telling]) - strength.spline(seen) - shape[telling]
         rest = rest - np.average(rest, weights=photons[telling])
         # Denser knots leave shorter waves.
         alike = _ALIKE_PX * strength.knot_spacing_px / KNOT_SPACING_PX

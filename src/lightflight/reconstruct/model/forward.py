@@ -10,7 +10,7 @@ modulo the period, o_pk the share of laser periods that no earlier photon had cl
 light as `fit.diffuse` measured it. N_p is the strength of the light along the leg under the spot.
 The integral along the leg is collapsed into its zeroth, first and second moment (photons, mean
 time, variance), which is exact for a Gaussian spot and a curve that bends little within it; corners
-cut the footprint.
+cut the footprint. A large active area makes another spot: photons and mean time follow `spot`.
 
 Takes a path and the brightness along it, gives what every pixel expects and how that follows a
 handful of parameters; `likelihood` holds it against the counts.
@@ -42,6 +42,7 @@ from lightflight.reconstruct.model.image_plane import mean_focal_px
 from lightflight.reconstruct.model.nudges import Nudges
 from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.picture import LegInPicture, arrival_curvature
+from lightflight.reconstruct.model.spot import SeenLine, seen_line
 from lightflight.reconstruct.model.strength import LOG_SPOT_RANGE, SpotAlong, span_of_knots
 
 if TYPE_CHECKING:
@@ -75,6 +76,8 @@ class Light:
         Whether the light begins at the path's first vertex, and stops at its last.
     spots : tuple of SpotAlong
         How the spot of each leg differs from that of all; (): it does not.
+    active_px : float
+        Side of the pixels' active area, which makes that spot with the lens; 0: it is a Gaussian.
     """
 
     lines: tuple[LegInPicture, ...]
@@ -85,6 +88,7 @@ class Light:
     log_scatter: tuple[float, ...]
     cut_ends: tuple[bool, ...] = (False, False)
     spots: tuple[SpotAlong, ...] = ()
+    active_px: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,6 +355,8 @@ class _SeenLeg:
         take their own spacing for knowledge of the lens.
     spot_px : array of float, shape (n,)
         Standard deviation of the spot there, px.
+    across : SeenLine
+        What the pixels see of the leg, by their distance from it.
     corners : Corners
         Where the footprint is cut.
     feet : Footing
@@ -364,6 +370,7 @@ class _SeenLeg:
     across_by_state: Floats
     along_px: Floats
     spot_px: Floats
+    across: SeenLine
     corners: Corners
     feet: Footing
 
@@ -406,7 +413,9 @@ def _seen_leg(
         corners,
         spot_px=spot,
     )
-    return _SeenLeg(k, print_, by_state, across, across_by_state, along, spot, corners, feet)
+    heading = light.lines[k].heading_rad(along)
+    seen = seen_line(across, spot, heading, active_px=light.active_px)
+    return _SeenLeg(k, print_, by_state, across, across_by_state, along, spot, seen, corners, feet)
 
 
 @dataclass(frozen=True, eq=False)
@@ -486,13 +495,15 @@ def _fill_leg(
     local.log_photons[here, k] = np.maximum(
         design @ light.coefficients[k]
         + feet.log_share.value
-        - 0.5 * (across / spot) ** 2
+        + seen.across.log_light
         + inwards * across,
         _DARK_LOG,
     )
     std = np.sqrt(pulse_var + feet.variance_ps2.value)
     local.std_ps[here, k] = std
-    local.arrival_ps[here, k] = seen.print_.arrival_ps + feet.offset_ps.value + modes_ps @ modes
+    ahead_px, per_px = seen.across.ahead_px, seen.print_.slope_ps_per_px
+    mean_ps = seen.print_.arrival_ps + feet.offset_ps.value + per_px * ahead_px
+    local.arrival_ps[here, k] = mean_ps + modes_ps @ modes
     jacobian, at, splines = local.jacobian, 3 * k, layout.spline_starts[k]
     to_spline = slice(splines, splines + design.shape[1])
     to_slope = BSpline(light.knots[k], np.eye(design.shape[1]), 3).derivative()(seen.along_px)
@@ -513,10 +524,11 @@ def _fill_leg(
         by_growth[row] = by_slope * (2.0 + (across / spot) ** 2)
         by_spot[row] = scale * moment.by_log_spot - 2.0 * by_slope * growth * (across / spot) ** 2
         by_path[row] += (2.0 * by_slope * growth * across / spot**2)[:, np.newaxis] * slopes.across
-    # d/d ln(spot) of -across^2 / 2 spot^2.
-    by_spot[0] += (across / spot) ** 2
-    by_path[0] -= (across / spot**2 - inwards)[:, np.newaxis] * slopes.across
-    by_path[1] += slopes.arrival
+    by_spot[0] += seen.across.by_log_spot
+    by_spot[1] += per_px * seen.across.ahead_by_log_spot
+    by_path[0] += (seen.across.by_across + inwards)[:, np.newaxis] * slopes.across
+    by_ahead = per_px * seen.across.ahead_by_across
+    by_path[1] += slopes.arrival + by_ahead[:, np.newaxis] * slopes.across
     own = layout.of_path_and_shared
     for row in range(3):
         jacobian[here[:, np.newaxis], at + row, own] = by_path[row]

@@ -13,7 +13,7 @@ as their counts show.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ from lightflight.reconstruct.model.line_problem import (
     over_leg,
     problem_of,
 )
+from lightflight.reconstruct.model.spot import SeenLine, seen_line
 from lightflight.reconstruct.model.strength import (
     DENSE_KNOT_SPACING_PX,
     KNOT_SPACING_PX,
@@ -67,8 +68,37 @@ _ROUNDS = 2
 _MOST_LINE_STEPS = 40
 """Most steps of the fit of lines; what is left then is far below the counting noise."""
 
+_AREA_ROUNDS = 4
+"""Times that the active area is asked for: the first step overshoots by a third, the fourth is
+below a percent."""
+
+_LEAST_ACTIVE_PX = 0.3
+"""A smaller active area changes no spot that pixels can show."""
+
+_NOTHING = 1e-9
+"""Information of an active area of which counts tell nothing, as a share of what it would be."""
+
 _NO_LIGHT = -60.0
 """Log of the photons of a leg that nobody sees: below the least that a double tells from none."""
+
+
+@dataclass(frozen=True, eq=False)
+class ActiveArea:
+    """The square active area that the spots of all legs show, and how a leg's line follows it.
+
+    Attributes
+    ----------
+    side_px : float
+        In pitches; 0: Gaussian spots.
+    fourth_std : float
+        Standard deviation of the fourth power of that, as the counts tell it.
+    offset_by_fourth : array of float, shape (a,)
+        D(offsets of the line) / d(fourth power), px.
+    """
+
+    side_px: float
+    fourth_std: float
+    offset_by_fourth: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +121,8 @@ class LineFit:
         Log of the photons per pixel on the line, against `along_px`.
     spline_covariance : array of float, shape (k, k)
         Of its coefficients, ln^2.
+    area : ActiveArea
+        Active area of the pixels.
     knot_spacing_px : float
         Largest distance of its knots, px.
     excess_variance : float
@@ -112,6 +144,7 @@ class LineFit:
     spot: SpotAlong
     spline: BSpline
     spline_covariance: Floats
+    area: ActiveArea
     knot_spacing_px: float
     excess_variance: float
     log_scatter: float
@@ -128,6 +161,11 @@ class LineFit:
         along = np.clip(along_px, *span_of_knots(self.spline.t))
         varied: Floats = self.spot_std_px * np.exp(self.spot.log_at(along))
         return varied
+
+    def seen(self, along_px: Floats, across_px: Floats, heading_rad: Floats) -> SeenLine:
+        """What pixels at such places see of the leg, where it flies that way in the picture."""
+        spot = self.spot_std_at(along_px)
+        return seen_line(across_px, spot, heading_rad, active_px=self.area.side_px)
 
     def light_slope(self, along_px: Floats, across_px: Floats) -> Floats:
         """D ln(strength) / d(along) as the mean time over a footprint asks for it, per px.
@@ -165,11 +203,13 @@ def dark_line(spot_px: float) -> LineFit:
     none, even = np.empty(0), BSpline(np.repeat([0.0, 1.0], 4), np.full(4, _NO_LIGHT), 3)
     return LineFit(
         np.zeros(2), np.eye(2), np.array([0.0, 1.0]), spot_px, even_spot, even,
-        np.zeros((4, 4)), 1.0, 1.0, 0.0, none, none,
+        np.zeros((4, 4)), ActiveArea(0.0, 0.0, np.zeros(2)), 1.0, 1.0, 0.0, none, none,
     )  # fmt: skip
 
 
-def fit_lines(data: list[LineData], *, fine: bool = False) -> list[LineFit]:
+def fit_lines(
+    data: list[LineData], *, fine: bool = False, active_px: float | None = None
+) -> list[LineFit]:
     """Line, spot and strength of every leg in one fit (the spot is common to all).
 
     Fisher scoring for Poisson counts with a logarithmic link, damped; pixels that disagree by
@@ -184,6 +224,8 @@ def fit_lines(data: list[LineData], *, fine: bool = False) -> list[LineFit]:
         Whether each leg has a spot of its own, and pixels are as unequal as their counts scatter:
         for legs that are known to be there. While they are looked for, what is taken for an odd
         spot or for unequal pixels may be a leg too few.
+    active_px : float, optional
+        Side of the pixels' active area, in a fine fit; None: what the counts say of it.
 
     Returns
     -------
@@ -194,9 +236,10 @@ def fit_lines(data: list[LineData], *, fine: bool = False) -> list[LineFit]:
     -----
     Expected photons of a pixel at s along and y across the line are exp(B(s) - (y - y0(s))^2 / 2
     v(s)), B a cubic spline and v the variance of the spot; their variance is that mean mu, and u
-    mu^2 with pixels unequal by sqrt(u) (method.md, What the counts say).
+    mu^2 with pixels unequal by sqrt(u) (method.md, What the counts say). A fine fit asks how large
+    the pixels' active areas are, where counts show that a Gaussian is not their spot (`seen_line`).
     """
-    fitted = _fitted_finely if fine else _fitted
+    fitted = partial(_fitted_finely, active_px=active_px) if fine else _fitted
     usual = fitted(data, [KNOT_SPACING_PX] * len(data))
     spacing = [
         DENSE_KNOT_SPACING_PX if line.log_scatter > 0.0 else KNOT_SPACING_PX for line in usual.lines
@@ -231,13 +274,17 @@ def _fitted(data: list[LineData], spacing_px: list[float]) -> _Fitted:
     return _told(problem, _scored(problem, parameters, weights), weights)
 
 
-def _fitted_finely(data: list[LineData], spacing_px: list[float]) -> _Fitted:
+def _fitted_finely(
+    data: list[LineData], spacing_px: list[float], *, active_px: float | None
+) -> _Fitted:
     """A spot of its own for each leg, pixels unequal.
 
     Strangers lead a fit astray, so all that looks strange among equal pixels is left out at first:
     of unequal ones the brightest, which come back when the median of all says how unequal they are.
     """
     problem, parameters = _begun(data, spacing_px, fine=True)
+    if active_px is not None:
+        problem = replace(problem, active_px=active_px)
     parameters = _scored(problem, parameters, _without_strangers(problem, parameters))
     for _ in range(_ROUNDS):
         residual, counted = _off(problem, parameters)
@@ -246,7 +293,34 @@ def _fitted_finely(data: list[LineData], spacing_px: list[float]) -> _Fitted:
         kept = weights > 0
         unequal = likeliest_unequal(residual[kept], counted[kept], problem.starts[-1] + 1)
         parameters = _scored(replace(problem, unequal=unequal), parameters, weights)
-    return _told(replace(problem, unequal=unequal), parameters, weights)
+    problem = replace(problem, unequal=unequal)
+    if active_px is None:
+        problem, parameters, weights = _with_active_area(problem, parameters, weights)
+    return _told(problem, parameters, weights)
+
+
+def _with_active_area(
+    problem: LineProblem, parameters: Floats, weights: Floats
+) -> tuple[LineProblem, Floats, Floats]:
+    """Problem, parameters and weights with the active area that the counts show, if they show one.
+
+    What a Gaussian left unexplained was taken for unequal pixels and for strangers: these are asked
+    for again.
+    """
+    asked = _asked_area(_slope_at(problem, parameters, weights))
+    if asked.step <= 0.0 or 0.5 * asked.step**2 / asked.variance < price(1, len(weights)):
+        return problem, parameters, weights
+    for _ in range(_AREA_ROUNDS):
+        area = np.clip(problem.active_px**4 + asked.step, _LEAST_ACTIVE_PX**4, 1.0)
+        problem = replace(problem, active_px=float(area**0.25))
+        parameters = _scored(problem, parameters, weights)
+        residual, counted = _off(problem, parameters)
+        weights = _without_strangers(problem, parameters)
+        kept = weights > 0
+        unequal = likeliest_unequal(residual[kept], counted[kept], problem.starts[-1] + 1)
+        problem = replace(problem, unequal=unequal)
+        asked = _asked_area(_slope_at(problem, parameters, weights))
+    return problem, _scored(problem, parameters, weights), weights
 
 
 def _begun(
@@ -348,6 +422,32 @@ def _slope_at(problem: LineProblem, parameters: Floats, weights: Floats) -> _Slo
     return _Slope(float(value - 0.5 * off @ held), problem, expected, weights, held)
 
 
+@dataclass(frozen=True, eq=False)
+class _AskedArea:
+    """What the counts ask of the fourth power of the active side: a step of it and its variance.
+
+    All other parameters (p,) follow it: by `-followed`.
+    """
+
+    step: float
+    variance: float
+    followed: Floats
+
+
+def _asked_area(slope: _Slope) -> _AskedArea:
+    problem, mean = slope.problem, slope.expected.photons
+    by_area = slope.expected.seen.by_area
+    weighted = by_area * slope.weight
+    crossed = slope.expected.gradient * (weighted * mean)[:, np.newaxis]
+    shared = _summed(problem.columns.ravel(), crossed, len(slope.held))
+    followed = np.linalg.solve(slope.information, shared).astype(np.float64, copy=False)
+    score = float(weighted @ (problem.data.photons - mean)) - float(followed @ slope.score)
+    own = float((weighted * mean) @ by_area)
+    # Where the others follow so well that nothing is left of it, rounding is.
+    information = max(own - float(followed @ shared), _NOTHING * own, _NOTHING)
+    return _AskedArea(score / information, 1.0 / information, followed)
+
+
 def _scored(problem: LineProblem, parameters: Floats, weights: Floats) -> Floats:
     def moved(at: Floats, _: _Slope, step: Floats) -> Floats:
         trial = at + step
@@ -368,6 +468,9 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
     slope = _slope_at(problem, parameters, weights)
     # Not scaled: all parameters are logarithms or px, of one size.
     covariance = np.linalg.pinv(slope.information, hermitian=True)
+    # While legs are looked for nobody asks.
+    nothing = _AskedArea(0.0, 0.0, np.zeros(len(parameters)))
+    asked = _asked_area(slope) if problem.of_spot else nothing
     mean, gradient = slope.expected.photons, slope.expected.gradient
     residual = problem.data.photons - mean
     variance = variance_of_counts(_counted(problem, mean), problem.unequal)
@@ -410,6 +513,9 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
                 spot=SpotAlong(problem.anchors[k][[0, -1]], own[k] - [common, common, 0.0]),
                 spline=BSpline(problem.knots[k], parameters[start : offsets.start], 3),
                 spline_covariance=widened[start : offsets.start, start : offsets.start],
+                area=ActiveArea(
+                    problem.active_px, float(np.sqrt(asked.variance)), -asked.followed[offsets]
+                ),
                 knot_spacing_px=problem.spacing_px[k],
                 excess_variance=excess,
                 log_scatter=np.sqrt(problem.unequal)

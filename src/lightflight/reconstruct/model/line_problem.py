@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import block_diag
 
+from lightflight.reconstruct.model.spot import SeenLine, seen_line
 from lightflight.reconstruct.model.strength import (
     LOG_SPOT_RANGE,
     SPOT_PRIOR,
@@ -57,6 +58,8 @@ class LineData:
     n_offsets : int, optional
         Places at which the line may lie aside from where it is expected: two of a straight leg, as
         many more as the picture of a bent one has numbers.
+    heading_rad : float or array of float, shape (n,), optional
+        Direction of flight in the picture there, from u to v.
     """
 
     along_px: Floats
@@ -64,6 +67,7 @@ class LineData:
     photons: Floats
     empty_variance: Floats
     n_offsets: int = 2
+    heading_rad: Floats | float = 0.0
 
 
 _OF_PIXELS = ("along_px", "across_px", "photons", "empty_variance")
@@ -107,6 +111,8 @@ class LineProblem:
         What the priors expect.
     unequal : float
         Variance of the pixels' efficiencies, ln^2.
+    active_px : float
+        Side of the pixels' active area in pitches, as the spot is made of it; 0: a Gaussian.
     """
 
     data: LineData
@@ -122,6 +128,7 @@ class LineProblem:
     precision: Floats
     expected: Floats
     unequal: float = 0.0
+    active_px: float = 0.0
 
     @property
     def of_spot(self) -> int:
@@ -207,7 +214,8 @@ def _joined(data: list[LineData]) -> LineData:
     along, across, photons, empty = (
         np.concatenate([getattr(d, name) for d in data]) for name in _OF_PIXELS
     )
-    return LineData(along, across, photons, empty)
+    heading = [np.broadcast_to(d.heading_rad, d.along_px.shape) for d in data]
+    return LineData(along, across, photons, empty, heading_rad=np.concatenate(heading))
 
 
 def _filled(parts: list[NDArray[Any]], value: float) -> NDArray[Any]:
@@ -352,22 +360,20 @@ class Expected:
         Of the legs alone.
     problem : LineProblem
         Of the counts.
-    spot_px : array of float, shape (n,)
-        Standard deviation of the spot there.
-    off : array of float, shape (n,)
-        Distance of each pixel from the line, in those.
+    seen : SeenLine
+        How that follows from line and spot.
     """
 
     photons: Floats
     problem: LineProblem
-    spot_px: Floats
-    off: Floats
+    seen: SeenLine
 
     @cached_property
     def gradient(self) -> Floats:
         """D ln(photons) / d(the parameters that touch each pixel), (n, 5 + w + s)."""
-        problem, u = self.problem, self.off
-        by_offset, by_spot = (u / self.spot_px)[:, np.newaxis], (u**2)[:, np.newaxis]
+        problem = self.problem
+        by_offset = -self.seen.by_across[:, np.newaxis]
+        by_spot = self.seen.by_log_spot[:, np.newaxis]
         return np.hstack(
             (problem.basis, by_offset * problem.lever, by_spot * problem.spot_lever, by_spot)
         )
@@ -392,6 +398,8 @@ def expected_photons(problem: LineProblem, parameters: Floats) -> Expected:
     log_spot = own[:, -1] + np.sum(problem.spot_lever * own[:, last:-1], axis=1)
     spot = np.exp(np.clip(log_spot, *LOG_SPOT_RANGE))
     line = np.sum(problem.lever * own[:, 4:last], axis=1)
-    u = (problem.data.across_px - line) / spot
-    log_mean = np.sum(problem.basis * own[:, :4], axis=1) - 0.5 * u**2
-    return Expected(np.exp(np.clip(log_mean, -60, 40)), problem, spot, u)
+    data = problem.data
+    heading = np.asarray(data.heading_rad)
+    seen = seen_line(data.across_px - line, spot, heading, active_px=problem.active_px)
+    log_mean = np.sum(problem.basis * own[:, :4], axis=1) + seen.log_light
+    return Expected(np.exp(np.clip(log_mean, -60, 40)), problem, seen)

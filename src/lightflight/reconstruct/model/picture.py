@@ -123,6 +123,11 @@ class LegInPicture:
             foot = foot + ((along - foot) + aside * steep) / (1.0 + steep**2)
         return foot, np.sign(aside) * np.hypot(along - foot, across - self.bow(foot))
 
+    def heading_rad(self, along: Floats) -> Floats:
+        """Direction of flight in the picture at places along the line, from u to v, rad."""
+        heading = np.full(np.shape(along), np.arctan2(self.direction_px[1], self.direction_px[0]))
+        return heading if self.bow is None else heading + np.arctan(self.bow.deriv()(along))
+
     def curvature(self, along: Floats) -> Floats:
         """1 / radius of a bent leg's image at places along it, per px, positive to the right.
 
@@ -285,6 +290,7 @@ def measure_picture(
     medium: Medium,
     std_ps: float,
     fine: bool = False,
+    active_px: float | None = None,
     may_miss: Collection[int] = (),
 ) -> Picture:
     """Lines, spot and strength of all legs of a path that is roughly right.
@@ -304,6 +310,8 @@ def measure_picture(
     fine : bool, optional
         Whether each leg has a spot of its own and pixels are unequal: once the legs are known, and
         only of photons.
+    active_px : float, optional
+        Side of the pixels' active area, in a fine picture; None: what the counts say of it.
     may_miss : collection of int, optional
         Legs that another camera may show better: dark where too few places along them are in view.
 
@@ -364,10 +372,16 @@ def measure_picture(
         of_bend = sum(bend.orders for bend in state.bends if bend.leg == k)
         places = pixels.along[use, k], pixels.across[use, k]
         told.append(k)
-        data.append(LineData(*places, photons[use, k], empty[use, k], n_offsets=2 + of_bend))
+        data.append(
+            LineData(
+                *places, photons[use, k], empty[use, k], n_offsets=2 + of_bend,
+                heading_rad=legs[k].heading_rad(places[0]),
+            )
+        )  # fmt: skip
     # All legs at once, because they share the spot. Scaled intensities do not scatter as photons
     # do: of them nobody knows what is a pixel's own.
-    found = fit_lines(data, fine=fine and sighting.histograms.poisson) if data else []
+    fine = fine and sighting.histograms.poisson
+    found = fit_lines(data, fine=fine, active_px=active_px) if data else []
     spot = found[0].spot_std_px if found else _USUAL_SPOT_PX
     fits = [dark_line(spot)] * len(legs)
     for k, line in zip(told, found, strict=True):
@@ -474,7 +488,8 @@ def footprint_corrections(
 
     With strength a(s) on the line and a spot of variance v, the mean over the footprint is
     t_a + v (t_a' a'/a + t_a''/2): 1.5 ps where brightness changes by 30 % per pixel. Where the log
-    of the spot grows by g per pixel, a'/a is larger by g (2 + y^2 / v), y across the line.
+    of the spot grows by g per pixel, a'/a is larger by g (2 + y^2 / v), y across the line. A large
+    active area looks ahead of the foot or behind it: t_a' times that is added (`seen_line`).
 
     Parameters
     ----------
@@ -499,14 +514,16 @@ def footprint_corrections(
         ps.
     """
     points = undistorted_px(camera, rows, cols)
-    slope, variance = np.zeros(len(rows)), np.zeros(len(rows))
+    slope, variance, ahead = np.zeros((3, len(rows)))
     for k, (leg, fit) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         here = print_.leg == k
         along, across = leg.along_across(points[here])
         slope[here] = fit.light_slope(along, across)
         variance[here] = fit.spot_std_at(along) ** 2
+        ahead[here] = fit.seen(along, across, leg.heading_rad(along)).ahead_px
     curvature = arrival_curvature(print_, state=state, camera=camera, medium=medium)
-    correction: Floats = variance * (print_.slope_ps_per_px * slope + 0.5 * curvature)
+    uneven = variance * (print_.slope_ps_per_px * slope + 0.5 * curvature)
+    correction: Floats = uneven + print_.slope_ps_per_px * ahead
     return correction
 
 

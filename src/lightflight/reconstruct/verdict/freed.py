@@ -58,7 +58,8 @@ def fit_freed(
         sqrt_weight > 0, sqrt_weight, 1.0
     )
     times = replace(times, modes_ps=np.hstack((times.modes_ps, by_time)))
-    lines = replace(lines, modes=candidate.columns[n : n + n_lines])
+    moved = [] if lines.modes is None else [lines.modes]
+    lines = replace(lines, modes=np.hstack((*moved, candidate.columns[n : n + n_lines])))
 
     def fitted(times: TimeData) -> Solution:
         return fit_path(

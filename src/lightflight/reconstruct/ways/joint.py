@@ -255,7 +255,7 @@ def _by_all_counts(fit: JointFit, request: Request, path: LightPath) -> LightPat
     try:
         better = photon_path(
             sightings, setting, path, std_ps=pulse_std_ps(sightings), tips=fit.tips,
-            shared=fit.solution.shared,
+            shared=fit.solution.shared, active_px=fit.active_px,
         )  # fmt: skip
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return path

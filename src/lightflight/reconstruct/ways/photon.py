@@ -86,6 +86,7 @@ def path_of_all_counts(fit: JointFit, rough: LightPath, request: Request) -> Lig
         std_ps=pulse_std_ps(sightings),
         tips=fit.tips,
         shared=fit.solution.shared,
+        active_px=fit.active_px,
     )
 
 
