@@ -16,9 +16,11 @@ from lightflight.reconstruct.fit.counts import merged
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.membership import mode_columns, tips_in_view
 from lightflight.reconstruct.model.cells import CORE_STDS, cells_about, lag_edges
-from lightflight.reconstruct.model.counted import Pixels, Pulses, Shape, dark_pixels
+from lightflight.reconstruct.model.counted import Pixels, Pulses, Shape, dark_pixels, shape_of
 from lightflight.reconstruct.model.geometry import footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.light import LEAST_SHARE
+from lightflight.reconstruct.model.picture import Picture, arrival_curvature
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 
@@ -34,8 +36,10 @@ _FAINT = 0.02
 _CLEAR_PX = 2.0
 """Pixels this near to a corner or a tip in the picture see cut footprints, px."""
 _STEEP = 0.5
-"""Where light takes longer through a pixel than half the response, as standard deviations, its
-pulse is no Gaussian but what the brightness and the pixel's shape make it."""
+"""Where light takes longer through a pixel than half the response, as standard deviations, a pulse
+that is no Gaussian by itself is drawn out by more than `pulses_expected` says to first order."""
+_SURE = 2.0
+"""Standard deviations of what counts say of that area."""
 _MOST_LOST = 0.5
 """Share of the path's pixels without which the rest is no picture of the path."""
 _USUAL_LEGS = 3
@@ -45,6 +49,10 @@ _QUIET_PS = 6000.0
 """So long before the light there is none; ps."""
 _BESIDE_PX = 5.0
 """Dark pixels nearer to the path than this are a class of their own, px."""
+
+
+class DrawnOutError(NothingFoundError):
+    """In most pixels the light of the path has not the shape of the response, or is cut."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +140,7 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
     brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
     reach = picture.spot_std_px * np.sqrt(2.0 * np.log(max(brightest / _FAINT, 2.0))) + 0.3
     away = np.full((len(rows), n_legs), np.inf)
-    arrival, slope = np.full((2, len(rows), n_legs), np.nan)
+    arrival, slope, bend = np.full((3, len(rows), n_legs), np.nan)
     beyond = np.zeros(len(rows), dtype=bool)
     for k, leg in enumerate(picture.legs):
         if leg.dark:
@@ -150,6 +158,8 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         own = near[on_line]
         away[near, k] = np.abs(print_.lateral_px[own])
         slope[near, k] = print_.slope_ps_per_px[own]
+        curved = arrival_curvature(print_, state=state, camera=camera, medium=medium)
+        bend[near, k] = curved[own]
         arrival[near, k] = clock.as_counted(rows[near], cols[near], print_.arrival_ps[own])
         # A path ends where light was found; one of several cameras may see dimmer light beyond.
         if several and k == 0:
@@ -160,9 +170,14 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
     nearest = np.argsort(away, axis=1)[:, : max(_USUAL_LEGS, most)]
     lit = np.isfinite(np.take_along_axis(away, nearest, axis=1))
     lit &= np.isfinite(np.take_along_axis(arrival, nearest, axis=1))
-    transit = np.take_along_axis(slope, nearest, axis=1) * picture.spot_std_px
+    slope, bend = (np.nan_to_num(np.take_along_axis(x, nearest, axis=1)) for x in (slope, bend))
+    transit = np.abs(slope) * picture.spot_std_px
     own = _own_std_ps(std_ps, transit[lit])
-    steep = lit & (np.abs(np.nan_to_num(transit)) > _STEEP * own)
+    light = float(whole.arrivals.photons[whole.usable_pulses].sum())
+    steep = _departure(slope, bend, own, picture) > max(LEAST_SHARE, light**-0.5)
+    if shape_of(whole.timing.response).table.size:
+        steep |= transit > _STEEP * own
+    steep &= lit
     kept = ~(beyond | steep.any(axis=1))
     # Of several cameras another sees the same light whole.
     tips = not several and any(tip is not None for tip in fit.tips) and bool(steep.any())
@@ -174,9 +189,33 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         np.where(lit, nearest, -1)[kept],
         np.where(lit, np.take_along_axis(arrival, nearest, axis=1), np.nan)[kept],
         np.where(lit, np.hypot(own, transit), np.nan)[kept],
-        np.where(lit, np.abs(transit), np.nan)[kept],
+        np.where(lit, transit, np.nan)[kept],
         np.take_along_axis(away, nearest, axis=1)[kept],
     )
+
+
+def _departure(slope_ps: Floats, bend_ps: Floats, own_ps: float, picture: Picture) -> Floats:
+    """By how much light drawn out through a pixel is no Gaussian, rms, as a share of it.
+
+    A Gaussian of skewness g and excess kurtosis k departs by g He_3 / 6 + k He_4 / 24: skewed by a
+    time that does not run evenly along the spot, flat by the edges of the pixel's active area.
+    """
+    spot = picture.spot_std_px
+    std = np.hypot(own_ps, slope_ps * spot)
+    skewness = 3.0 * slope_ps**2 * bend_ps * spot**4 / std**3
+    kurtosis = _fourth_of_active_px(picture) * slope_ps**4 / (120.0 * std**4)
+    departure: Floats = np.sqrt(skewness**2 / 6.0 + kurtosis**2 / 24.0)
+    return departure
+
+
+def _fourth_of_active_px(picture: Picture) -> float:
+    """Fourth power of the side of the active area, at most: of all the pitch if nothing tells."""
+    areas = [
+        light.area for leg, light in zip(picture.legs, picture.fits, strict=True) if not leg.dark
+    ]
+    if not any(area.fourth_std > 0.0 for area in areas):
+        return 1.0
+    return min(max(area.side_px**4 + _SURE * area.fourth_std for area in areas), 1.0)
 
 
 def pulses_expected(seen: Seen, shape: Shape) -> Pulses:
@@ -228,9 +267,9 @@ def lags_about_legs(seen: Seen, fine: Floats, std_ps: float) -> Floats:
 
 
 def _check_enough(n_left: int, n_lit: int) -> None:
-    """Raises NothingFoundError where too few of the path's pixels can be held to it."""
+    """Raises DrawnOutError where too few of the path's pixels can be held to it."""
     if n_left < (1.0 - _MOST_LOST) * n_lit:
-        raise NothingFoundError(
+        raise DrawnOutError(
             f"in {n_lit - n_left} of {n_lit} pixels of the path its light is cut by the recorded "
             "range, or drawn out beyond the response"
         )

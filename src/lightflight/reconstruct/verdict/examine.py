@@ -16,6 +16,7 @@ from lightflight.path.verdict import (
     Severity,
     Verdict,
 )
+from lightflight.reconstruct.fit.around import DrawnOutError
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, with_fine_light
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.legs.plausible import implausible
@@ -169,13 +170,14 @@ def _light(
 ) -> tuple[tuple[Evidence, ...], tuple[Finding, ...]]:
     """Tests of the counts; where there can be none, of flags, and the finding that says why.
 
-    A fit of one pulse is also poor where another leg's light is too weak to be a second one:
-    tests of the counts expect it there.
+    A fit of one pulse is also poor where another leg's light is too weak to be a second one, or
+    where flight draws it out: there flags say nothing.
     """
     try:
         return evidence_from_counts(fit, sightings, nominal=nominal_clock), ()
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError) as reason:
-        return evidence_from_flags(fit, sightings), (
+        is_drawn_out = isinstance(reason, DrawnOutError)
+        return () if is_drawn_out else evidence_from_flags(fit, sightings), (
             Finding(
                 FindingName.NOT_EXAMINED,
                 f"haze, halos, glare and other light were not looked for: {reason}",
