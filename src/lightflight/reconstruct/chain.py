@@ -365,7 +365,7 @@ def _bent(
     """A path with bent legs, where that is right; a start says what legs are."""
     if fit is None or estimator.of_fit is None or request.start is not None:
         return None
-    if not request.may_bend and not asks_for_bends(verdict):
+    if not request.may_bend and not asks_for_bends(verdict, fit.solution.state):
         return None
     found = bent_instead(
         fit, request.sightings, request.setting, request.n_legs,

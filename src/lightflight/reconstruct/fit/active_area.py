@@ -25,11 +25,11 @@ Floats = NDArray[np.float64]
 
 _ANY_STD = 0.5
 """Standard deviation of the fourth power of the active side of which nothing is told."""
+_SHAPE_STD = 0.5
+"""The same of what else flattens a spot: known pile-up of haze looked like a whole pitch."""
 _KNOWN_STD = 0.1
 """Counts that know it so well have the last word where they show no area: what they leave moves
 lines by a few 1e-4 px."""
-_SETTLED = 0.03
-"""A step of that power which changes no spot any more."""
 
 
 def areas_of_path(fit: JointFit, setting: Setting) -> Mapping[int, float] | None:
@@ -48,26 +48,46 @@ def areas_of_path(fit: JointFit, setting: Setting) -> Mapping[int, float] | None
         Pitches, of the cameras whose counts or path show an area.
     """
     if fit.active_px:
-        found = fit.solution.modes[len(fit.solution.modes) - len(fit.active_px) :]
-        asked = {
-            view: _moved(side**4, step * _std_of_fourth(fit, view))
-            for (view, side), step in zip(fit.active_px.items(), found, strict=True)
-        }
-        steps = [asked[view] ** 4 - side**4 for view, side in fit.active_px.items()]
-        return asked if np.abs(steps).max() > _SETTLED else None
+        # What it does grows with the fourth power: one step is enough, its error is fitted.
+        return None
     asked, views = {}, range(len(fit.solution.cameras))
     sides = {view: _side_of_view(fit, view) for view in views}
     # What counts settle no path says better.
-    open_ = [view for view in views if sides[view] > 0.0 or _std_of_fourth(fit, view) > _KNOWN_STD]
+    unsure = [_std_of_fourth(fit, view, by_shape=0.0) > _KNOWN_STD for view in views]
+    open_ = [view for view in views if sides[view] > 0.0 or unsure[view]]
     if not open_:
         return None
     by_time, by_line = _columns(fit, setting, open_)
     for k, view in enumerate(open_):
-        gain, size = _gain(fit, by_time[:, k], by_line[:, k])
-        by_path = size > 0.0 and gain > 2.0 * price(1, len(fit.times.leg))
+        score, own = _score(fit, by_time[:, k], by_line[:, k])
+        by_path = score > 0.0 and score**2 / own > 2.0 * price(1, len(fit.times.leg))
         if sides[view] > 0.0 or by_path:
-            asked[view] = _moved(sides[view] ** 4, size * _std_of_fourth(fit, view))
+            shown, std = sides[view] ** 4, _std_of_fourth(fit, view)
+            # Nothing that is told stands at no area: what counts show stands between.
+            towards_none = shown * std**2 / _ANY_STD**2
+            asked[view] = _moved(shown, (score * std - towards_none) / own)
     return asked or None
+
+
+def areas_found(fit: JointFit) -> Mapping[int, tuple[float, float]]:
+    """Areas that a fit settled on, by camera: side, and standard deviation of its fourth power.
+
+    Parameters
+    ----------
+    fit : JointFit
+        With fine pictures.
+
+    Returns
+    -------
+    mapping of int to (float, float)
+        In pitches; only cameras whose area was asked for.
+    """
+    last = fit.freedom_basis.shape[1] + len(fit.solution.modes)
+    own = np.diag(fit.solution.covariance)[last - len(fit.active_px) : last]
+    return {
+        view: (side, float(np.sqrt(var)) * _std_of_fourth(fit, view))
+        for (view, side), var in zip(fit.active_px.items(), own, strict=True)
+    }
 
 
 def with_area_errors(fit: JointFit, setting: Setting) -> JointFit:
@@ -125,16 +145,15 @@ def _columns(fit: JointFit, setting: Setting, views: Iterable[int]) -> tuple[Flo
     return by_time, by_line
 
 
-def _gain(fit: JointFit, by_time: Floats, by_line: Floats) -> tuple[float, float]:
-    """What an error that a fit has not would gain in chi-square, and its size in its own stds."""
+def _score(fit: JointFit, by_time: Floats, by_line: Floats) -> tuple[float, float]:
+    """Score of an error that a fit has not, in its own stds, and its information with its prior."""
     solution, n = fit.solution, len(fit.times.leg)
     column = np.zeros(len(solution.rows))
     column[:n] = by_time * np.sqrt(fit.times.weights(fit.floor_ps**2))
     column[n : n + len(by_line)] = fit.lines.whitening @ by_line
     shared = solution.columns.T @ column
     own = float(column @ column - shared @ solution.covariance @ shared) + 1.0
-    score = float(column @ solution.rows)
-    return score**2 / own, score / own
+    return float(column @ solution.rows), own
 
 
 def _side_of_view(fit: JointFit, view: int) -> float:
@@ -147,7 +166,7 @@ def _side_of_view(fit: JointFit, view: int) -> float:
     )
 
 
-def _std_of_fourth(fit: JointFit, view: int) -> float:
+def _std_of_fourth(fit: JointFit, view: int, *, by_shape: float = _SHAPE_STD) -> float:
     """Standard deviation of its fourth power by the counts of all recordings of a camera.
 
     Zero where none of them are photons: of those nobody asks.
@@ -158,5 +177,7 @@ def _std_of_fourth(fit: JointFit, view: int) -> float:
         for picture, sighting in zip(fit.pictures, fit.sightings, strict=True)
         if sighting.view == view
     ]
-    told = [std**-2.0 for std in stds if std > 0.0]
-    return float((sum(told) + _ANY_STD**-2.0) ** -0.5) if told else 0.0
+    told = sum(std**-2.0 for std in stds if std > 0.0)
+    if not told:
+        return 0.0
+    return float((1.0 / (1.0 / told + by_shape**2) + _ANY_STD**-2.0) ** -0.5)

@@ -63,8 +63,6 @@ Floats = NDArray[np.float64]
 
 _PASSES = 4
 """Most rounds of picture and path; the second often agrees with the last to a tenth of an error."""
-_AREA_ROUNDS = 5
-"""Most times that a fine fit asks how large the active areas are; where none shows, once."""
 _STILL = 0.03
 """A round that moves nothing by more than this, in its own errors, was the last."""
 _ROUGH_OUTLIER = 8.0
@@ -239,7 +237,7 @@ def with_fine_light(fit: JointFit, setting: Setting) -> JointFit:
     JointFit
         Of the same pulses.
     """
-    for _ in range(_AREA_ROUNDS):
+    while True:
         try:
             shown = finely_lit(fit, list(fit.sightings), setting)
         except (GeometryError, NothingFoundError):
@@ -252,9 +250,8 @@ def with_fine_light(fit: JointFit, setting: Setting) -> JointFit:
         fit = replace(shown, solution=solution, times=times, floor_ps=floor)
         areas = areas_of_path(fit, setting)
         if areas is None:
-            break
+            return fit
         fit = replace(fit, active_px=areas)
-    return fit
 
 
 def finely_lit(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:

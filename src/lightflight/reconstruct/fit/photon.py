@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,7 @@ def photon_path(
     std_ps: float,
     tips: Tips = (None, None),
     shared: Floats | None = None,
-    active_px: Mapping[int, float] | None = None,
+    areas: Mapping[int, tuple[float, float]] | None = None,
 ) -> LightPath:
     """Refine a rough path by the likelihood of all counts.
 
@@ -81,8 +82,9 @@ def photon_path(
         (row, col, camera) where the light begins and stops in the picture; None: it does not.
     shared : array of float, shape (j,), optional
         Shared errors of the setting that the rough path was found with; None: none.
-    active_px : mapping of int to float, optional
-        Side of the active area of cameras of which it was found; of others their counts say it.
+    areas : mapping of int to (float, float), optional
+        Active areas of cameras that are not small: side, pitches, and standard deviation of its
+        fourth power, for which the path is climbed to without it, too.
 
     Returns
     -------
@@ -94,6 +96,37 @@ def photon_path(
     NothingFoundError
         Where no pixel lies near the path, or the counts lead it out of all bounds.
     """
+    told = {view: side for view, (side, _) in (areas or {}).items()}
+    climbed = partial(_climbed, sightings, setting, rough, std_ps, tips, shared)
+    path = climbed(told)
+    for view, (side, fourth_std) in (areas or {}).items():
+        if side > 0.0:
+            without = climbed({**told, view: 0.0})
+            path = _with_error_of_area(path, without, fourth_std / side**4)
+    return path
+
+
+def _with_error_of_area(path: LightPath, without: LightPath, share: float) -> LightPath:
+    """The path with the error of an area whose effect on it is known to no more than a share."""
+    moved_by = np.column_stack(
+        (path.vertices_mm - without.vertices_mm, path.vertex_times_ps - without.vertex_times_ps)
+    )
+    error = share * moved_by.ravel()
+    error = np.outer(error, error)
+    parts = {**path.covariance_parts, "shared": path.covariance_parts["shared"] + error}
+    return replace(path, covariance=path.covariance + error, covariance_parts=parts)
+
+
+def _climbed(
+    sightings: list[Sighting],
+    setting: Setting,
+    rough: LightPath,
+    std_ps: float,
+    tips: Tips,
+    shared: Floats | None,
+    active_px: Mapping[int, float],
+) -> LightPath:
+    """The path at the top of the likelihood, with active areas as told; of no other camera."""
     # The path is seen by camera and medium as they were found, told by those of the user.
     errors = shared_errors(setting)
     shared = np.zeros(len(errors)) if shared is None else shared
@@ -104,7 +137,7 @@ def photon_path(
             whole,
             std_ps,
             np.zeros((*whole.blind.shape, state.n_legs), bool),
-            (active_px or {}).get(whole.view),
+            active_px.get(whole.view, 0.0),
         )
         for whole in wholes
     ]

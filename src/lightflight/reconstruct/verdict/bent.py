@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.path.bends import MOST_ORDERS
-from lightflight.path.verdict import FindingName, Verdict
+from lightflight.path.verdict import FindingName, Level, Verdict
 from lightflight.reconstruct.fit.bent import (
     bent_for_run,
     runs_of_corners,
@@ -48,20 +48,24 @@ _OF_A_CORNER = 3
 """Numbers of a corner, its place."""
 
 
-def asks_for_bends(verdict: Verdict) -> bool:
-    """Whether what is said of a path may be a leg that is not straight.
+def asks_for_bends(verdict: Verdict, state: PathState) -> bool:
+    """Whether what is said of a path may be legs that are not straight.
 
     Parameters
     ----------
     verdict : Verdict
         Of the path with straight legs.
+    state : PathState
+        That path: corners that turn by little may stand for a curve, whatever else explains them.
 
     Returns
     -------
     bool
     """
-    named = any(one.name == FindingName.CURVED_LEG for one in verdict.findings)
-    return named or leaves_misfit(verdict)
+    if any(one.name == FindingName.CURVED_LEG for one in verdict.findings):
+        return True
+    contradicted = verdict.level is Level.CONTRADICTED
+    return leaves_misfit(verdict) or (contradicted and bool(runs_of_corners(state)))
 
 
 def bent_instead(

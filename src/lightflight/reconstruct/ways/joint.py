@@ -19,6 +19,7 @@ from lightflight.errors import (
     NothingFoundError,
 )
 from lightflight.path.light_path import LightPath
+from lightflight.reconstruct.fit.active_area import areas_found
 from lightflight.reconstruct.fit.along import begun_along, statements_of_curves, with_curves
 from lightflight.reconstruct.fit.diffuse import with_diffuse
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
@@ -255,7 +256,7 @@ def _by_all_counts(fit: JointFit, request: Request, path: LightPath) -> LightPat
     try:
         better = photon_path(
             sightings, setting, path, std_ps=pulse_std_ps(sightings), tips=fit.tips,
-            shared=fit.solution.shared, active_px=fit.active_px,
+            shared=fit.solution.shared, areas=areas_found(fit),
         )  # fmt: skip
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return path

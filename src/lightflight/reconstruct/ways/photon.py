@@ -9,6 +9,7 @@ import numpy as np
 from lightflight.errors import CalibrationError, GeometryError, NothingFoundError
 from lightflight.path.light_path import LightPath
 from lightflight.path.tables import RESIDUAL_DTYPE
+from lightflight.reconstruct.fit.active_area import areas_found
 from lightflight.reconstruct.fit.counts import merged
 from lightflight.reconstruct.fit.joint import JointFit, pulse_std_ps
 from lightflight.reconstruct.fit.photon import photon_path
@@ -86,7 +87,7 @@ def path_of_all_counts(fit: JointFit, rough: LightPath, request: Request) -> Lig
         std_ps=pulse_std_ps(sightings),
         tips=fit.tips,
         shared=fit.solution.shared,
-        active_px=fit.active_px,
+        areas=areas_found(fit),
     )
 
 
