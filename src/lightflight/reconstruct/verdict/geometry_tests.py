@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.path.verdict import BlindSpot, FindingName
-from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.joint import JointFit, pulse_std_in_view
 from lightflight.reconstruct.fit.least_squares import Solution, TimeData, fit_path
 from lightflight.reconstruct.fit.membership import mode_columns
 from lightflight.reconstruct.model.geometry import (
@@ -35,6 +35,7 @@ from lightflight.reconstruct.verdict.candidates import (
 from lightflight.reconstruct.verdict.evidence import SEEN_AT, Evidence
 from lightflight.reconstruct.verdict.freed import STRAIGHT, fit_freed
 from lightflight.reconstruct.verdict.glass import block_candidate, seldom
+from lightflight.reconstruct.verdict.jumps import jump_candidate
 
 Floats = NDArray[np.float64]
 
@@ -95,18 +96,27 @@ def evidence_from_geometry(
         np.sqrt(times.weights(0.0)),
         len(solution.rows),
     )
+    counted = _counted_ps(fit, sightings) - solution.residual_ps
     candidates = geometry_candidates(
         rows,
-        counted_ps=_counted_ps(fit, sightings) - solution.residual_ps,
+        counted_ps=counted,
         repeat=_repeats(fit, sightings),
         photons=_of_pulses(fit, sightings, "photons"),
     )
     found = [(candidate, _score_test(candidate, examined)) for candidate in candidates]
     tested = [(candidate, one) for candidate, one in found if one is not None]
-    block = block_candidate(rows, examined.residual, examined.left_of)
-    late = None if block is None else _score_test(block, examined)
-    if block is not None and late is not None:
-        tested.append((block, seldom(late)))
+    searched = (
+        block_candidate(rows, examined.residual, examined.left_of),
+        jump_candidate(
+            rows,
+            examined.residual,
+            examined.left_of,
+            counted_ps=counted,
+            stds_ps=[pulse_std_in_view(sightings, view) for view in range(len(rows.cameras))],
+        ),
+    )
+    places = [(one, _score_test(one, examined)) for one in searched if one is not None]
+    tested += [(candidate, seldom(one)) for candidate, one in places if one is not None]
     best = max((one.gain for _, one in tested if not one.symptom), default=0.0)
     weighed = [
         _freed(candidate, one, fit, times, solution, setting)
@@ -114,12 +124,25 @@ def evidence_from_geometry(
         else one
         for candidate, one in tested
     ]
+    if sum(one is not None for _, one in places) == len(searched):
+        weighed[-2:] = _as_good(*weighed[-2:])
     clock = _of_single_pixels(fit, times, solution, sightings)
     # Of priors alone, which a fit with a cause freed in times and lines knows nothing of.
     drawn = drawn_curve_candidate(rows, fit.freedom.curve_moves)
     told = None if drawn is None else _score_test(drawn, examined)
     curves = () if told is None else (told,)
     return (*weighed, *curves, _scatter(fit, times, solution), *clock)
+
+
+def _as_good(block: Evidence, jump: Evidence) -> tuple[Evidence, Evidence]:
+    """Glass in the beam and a clock that jumps there, alike where gains are no better known.
+
+    Along one leg each place has a column, a row and a count of its own: both explain the same.
+    """
+    best = max(block.gain, jump.gain)
+    if min(block.gain, jump.gain) < (1.0 - STRAIGHT) * best:
+        return block, jump
+    return replace(block, gain=best), replace(jump, gain=best)
 
 
 def stated_solution(fit: JointFit, setting: Setting) -> Solution:
