@@ -18,6 +18,7 @@ ROWS = {
 
 FOUND_AS = {
     "aspect": "focal_length", "axis": "pose", "decentering": "distortion", "codes": "calibration",
+    "jump": "calibration",
 }  # fmt: skip
 """Names of findings that have more than one kind of size."""
 

@@ -27,6 +27,9 @@ _ANY_STD = 0.5
 """Standard deviation of the fourth power of the active side of which nothing is told."""
 _SHAPE_STD = 0.5
 """The same of what else flattens a spot: known pile-up of haze looked like a whole pitch."""
+_REACH_STDS = 4.0
+"""Spots from its line beyond which a pixel sees no more of a leg: what it would see grows by their
+third power."""
 _KNOWN_STD = 0.1
 """Counts that know it so well have the last word where they show no area: what they leave moves
 lines by a few 1e-4 px."""
@@ -129,6 +132,8 @@ def _columns(fit: JointFit, setting: Setting, views: Iterable[int]) -> tuple[Flo
         view = fit.sightings[some.number].view
         if view in place:
             along, across = some.line.along_across(some.points_px)
+            spot = some.light.spot_std_at(along)
+            across = np.clip(across, -_REACH_STDS * spot, _REACH_STDS * spot)
             seen = some.light.seen(along, across, some.line.heading_rad(along))
             late = some.prints.slope_ps_per_px * seen.ahead_by_area
             by_time[some.rows, place[view]] = std[view] * late

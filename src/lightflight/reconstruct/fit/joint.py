@@ -237,21 +237,26 @@ def with_fine_light(fit: JointFit, setting: Setting) -> JointFit:
     JointFit
         Of the same pulses.
     """
+    settled = fit
     while True:
         try:
-            shown = finely_lit(fit, list(fit.sightings), setting)
-        except (GeometryError, NothingFoundError):
+            settled = _finely_solved(fit, setting)
+        except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
             # The last step led a leg to the edge of what its pixels tell: as it was found, then.
-            return fit
-        times = replace(shown.times, weight=np.ones_like(shown.times.weight))
-        solution, times, floor = _solve_robustly(
-            fit.solution.state, times, shown.lines, fit.freedom, setting, fit.solution.shared
-        )
-        fit = replace(shown, solution=solution, times=times, floor_ps=floor)
-        areas = areas_of_path(fit, setting)
+            return settled
+        areas = areas_of_path(settled, setting)
         if areas is None:
-            return fit
-        fit = replace(fit, active_px=areas)
+            return settled
+        fit = replace(settled, active_px=areas)
+
+
+def _finely_solved(fit: JointFit, setting: Setting) -> JointFit:
+    shown = finely_lit(fit, list(fit.sightings), setting)
+    times = replace(shown.times, weight=np.ones_like(shown.times.weight))
+    solution, times, floor = _solve_robustly(
+        fit.solution.state, times, shown.lines, fit.freedom, setting, fit.solution.shared
+    )
+    return replace(shown, solution=solution, times=times, floor_ps=floor)
 
 
 def finely_lit(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:

@@ -60,7 +60,7 @@ PLAUSIBLE: dict[str, Plausible] = {
     # Light that was too bright for the code density, another supply voltage.
     "codes": Plausible(20.0, "ps over the codes that were counted"),
     # Halves of an array with buffers of their own; a stage of a delay line that is one code longer.
-    "jump": Plausible(50.0, "ps"),
+    "jump": Plausible(50.0, "ps in a jump"),
     # What comparators of single-photon detectors are known for between dark and bright.
     "walk": Plausible(50.0, "ps"),
     # A beam that a lens of air (a heat haze, a jet) or a bent fibre turns.
