@@ -34,8 +34,9 @@ from lightflight.reconstruct.verdict.candidates import (
 )
 from lightflight.reconstruct.verdict.evidence import SEEN_AT, Evidence
 from lightflight.reconstruct.verdict.freed import STRAIGHT, fit_freed
-from lightflight.reconstruct.verdict.glass import block_candidate, seldom
+from lightflight.reconstruct.verdict.glass import block_candidate
 from lightflight.reconstruct.verdict.jumps import jump_candidate
+from lightflight.reconstruct.verdict.places import seldom
 
 Floats = NDArray[np.float64]
 

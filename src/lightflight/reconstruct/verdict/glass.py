@@ -8,7 +8,6 @@ is silent until the best of all places would be chance in fewer than one recordi
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,8 +15,8 @@ from numpy.typing import NDArray
 
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
-from lightflight.reconstruct.verdict.candidates import LEAST_SIGNAL, Candidate, Rows
-from lightflight.reconstruct.verdict.evidence import Evidence
+from lightflight.reconstruct.verdict.candidates import Candidate, Rows
+from lightflight.reconstruct.verdict.places import best_place, evenly_many
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 Floats = NDArray[np.float64]
@@ -26,12 +25,6 @@ _THICKNESS_MM = 20.0
 """Way over which the light falls behind, mm: that of a usual block, two pixels of the paper's."""
 _MORE_INDEX = 0.53
 """Group index of crown glass at 532 nm beyond that of air: by it a time is told in mm of glass."""
-_MOST_PLACES = 64
-"""Places that are tried on a leg."""
-_NUMBERS = 2
-"""Of a block: how late, and from where on."""
-_SPEAKS_AT = 40.0
-"""Chi-square of one place at a time: chance brings 2e-9 there, in some hundred places 2e-7."""
 
 
 def block_candidate(
@@ -66,13 +59,8 @@ def block_candidate(
             for place in places
         ]
     )
-    left = left_of(columns)
-    score, signal2 = left.T @ residual, np.sum(left**2, axis=0)
-    # Light is late behind glass, never early; the plausible size is a prior.
-    told = (score > 0) & (signal2 > LEAST_SIGNAL**2)
-    gain = np.where(told, score**2 / (1.0 + signal2), 0.0)
-    best = int(np.argmax(gain))
-    if gain[best] == 0.0:
+    best = best_place(left_of(columns), residual, late_only=True)
+    if best is None:
         return None
     return Candidate(
         FindingName.BLOCK,
@@ -83,33 +71,9 @@ def block_candidate(
     )
 
 
-def seldom(tested: Evidence) -> Evidence:
-    """The evidence on the best of many places: of two numbers, and silent unless it is clear.
-
-    Parameters
-    ----------
-    tested : Evidence
-        As if the place had been known.
-
-    Returns
-    -------
-    Evidence
-        Of other data than all others: its direction was chosen by them.
-    """
-    return replace(
-        tested,
-        dof=_NUMBERS,
-        directions=np.empty((0, _NUMBERS)),
-        deviates=np.empty(0),
-        blind=(),
-        silent_below=_SPEAKS_AT,
-    )
-
-
 def _places(out_mm: Floats) -> Floats:
     """Where light may enter glass on a leg: ways to some of its pulses, mm, but the outermost."""
-    ways = np.unique(np.round(out_mm, 1))[1:-1]
-    return ways[:: max(1, int(np.ceil(len(ways) / _MOST_PLACES)))]
+    return evenly_many(np.unique(np.round(out_mm, 1))[1:-1])
 
 
 def _sentence(rows: Rows, place_mm: float, sizes: Floats) -> str:

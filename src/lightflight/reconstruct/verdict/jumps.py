@@ -18,12 +18,11 @@ from scipy.special import ndtr
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.least_squares import rows_of_view
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
-from lightflight.reconstruct.verdict.candidates import LEAST_SIGNAL, Candidate, Rows
+from lightflight.reconstruct.verdict.candidates import Candidate, Rows
+from lightflight.reconstruct.verdict.places import best_place, evenly_many
 
 Floats = NDArray[np.float64]
 
-_MOST_PLACES = 64
-"""Counts that are tried."""
 _LEAST_PULSES = 3
 """A jump has so many pulses on either side: fewer are pixels that err by themselves."""
 
@@ -65,12 +64,8 @@ def jump_candidate(
         return None
     size, nothing = PLAUSIBLE["jump"].size, np.zeros(len(rows.lines.leg))
     columns = np.column_stack([size * rows.whole(late, nothing) for _, late in jumps])
-    left = left_of(columns)
-    score, signal2 = left.T @ residual, np.sum(left**2, axis=0)
-    # The plausible size is a prior.
-    gain = np.where(signal2 > LEAST_SIGNAL**2, score**2 / (1.0 + signal2), 0.0)
-    best = int(np.argmax(gain))
-    if gain[best] == 0.0:
+    best = best_place(left_of(columns), residual, late_only=False)
+    if best is None:
         return None
     return Candidate(
         FindingName.CALIBRATION,
@@ -95,8 +90,7 @@ def _jumps(
             if _both_sides(late[here]):
                 yield f"from {what} {first:.0f} on{whose}", late
     told = here[np.isfinite(counted_ps[here])]
-    steps = np.unique(np.round(counted_ps[told]))
-    for count in steps[:: max(1, int(np.ceil(len(steps) / _MOST_PLACES)))]:
+    for count in evenly_many(np.unique(np.round(counted_ps[told]))):
         late = np.zeros(len(times.leg))
         late[told] = ndtr((counted_ps[told] - count) / max(std_ps, 1e-3))
         if _both_sides(late[told]):
