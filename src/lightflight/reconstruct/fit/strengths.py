@@ -48,10 +48,11 @@ _WAIT_STD = 0.6
 _TELLING = 0.01
 """Of the light: shares well below this leave how long they wait where the table has it. Waits of
 light that is hardly there sway about each other for ever; what they do to a path is a hundredth."""
-_PATIENCE = 6
+_PATIENCE = 2
 """Rounds after which a second path is given up that cannot explain as much as is asked of it:
-shares of light that is not there leave the plane free, and it wanders on and on. The light of a
-wall is there after five."""
+shares of light that is not there leave the plane free, and it wanders on and on. The first round
+moves shares alone; from the second on it promises what a wall would bring (of 56 recordings with
+walls of 0.1 to 10 %, and 20 with second pulses, none was given up that is found in the end)."""
 _HOPES = 4.0
 """How many times as much as a round promises may still come, where it is asked whether any can."""
 
