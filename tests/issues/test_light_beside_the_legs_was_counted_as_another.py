@@ -13,7 +13,7 @@ import pytest
 import lightflight as lf
 from lightflight.errors import LightflightWarning, NothingFoundError
 from lightflight.reconstruct.fit import counts, diffuse
-from lightflight.reconstruct.fit.joint import finely_lit
+from lightflight.reconstruct.fit.fine import finely_lit
 from lightflight.reconstruct.fit.strangers import counts_of_pulses
 from lightflight.reconstruct.model.cells import Cells, lag_edges
 from lightflight.reconstruct.model.counted import Pulses, cumulated, lit_pixels

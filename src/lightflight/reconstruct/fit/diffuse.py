@@ -33,15 +33,8 @@ from lightflight.reconstruct.fit.around import (
     pixels_about_path,
     pulses_expected,
 )
-from lightflight.reconstruct.fit.joint import (
-    JointFit,
-    finely_lit,
-    fit_joint,
-    fitted_again,
-    moved_stds,
-    pulse_std_in_view,
-    with_fine_light,
-)
+from lightflight.reconstruct.fit.fine import finely_lit, fitted_again, with_fine_light
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint, moved_stds, pulse_std_in_view
 from lightflight.reconstruct.fit.second_path import LEAST_GAIN, places_of_path, second_path_in
 from lightflight.reconstruct.fit.second_pulse import lags_with, second_pulse_in
 from lightflight.reconstruct.fit.strengths import (

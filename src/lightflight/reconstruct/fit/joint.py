@@ -15,21 +15,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.errors import GeometryError, NothingFoundError
-from lightflight.reconstruct.fit.active_area import areas_of_path, with_area_errors
 from lightflight.reconstruct.fit.clocks import (
     clocks_as_shown,
     shared_as_stated,
     with_doubtful_clocks,
 )
 from lightflight.reconstruct.fit.ends import cut_tips, freedom_at, known_tips, with_ends
-from lightflight.reconstruct.fit.least_squares import (
-    OUTLIER,
-    Solution,
-    TimeData,
-    fit_path,
-    reweighted,
-)
+from lightflight.reconstruct.fit.least_squares import Solution, TimeData, fit_path, reweighted
 from lightflight.reconstruct.fit.membership import (
     Tips,
     assigned,
@@ -40,21 +32,20 @@ from lightflight.reconstruct.fit.membership import (
     tips_in_view,
 )
 from lightflight.reconstruct.fit.pictures import as_shown, pictures_of
-from lightflight.reconstruct.fit.uneven import uneven_light
+from lightflight.reconstruct.fit.robust import check_enough, solve_robustly
 from lightflight.reconstruct.legs.find import Images
 from lightflight.reconstruct.model.freedom import Freedom, state_vector
-from lightflight.reconstruct.model.geometry import Indices, PathState, footprints
+from lightflight.reconstruct.model.geometry import Indices, PathState
 from lightflight.reconstruct.model.light import Strengths
 from lightflight.reconstruct.model.picture import (
     LineDataInPicture,
     Picture,
-    footprint_corrections,
     lines_from_picture,
 )
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import moved, shared_errors, undistorted_as_moved
 from lightflight.reconstruct.model.sighting import Sighting, first_of_each_view
-from lightflight.units import MEDIAN_CHI2, std_from_mad
+from lightflight.units import std_from_mad
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -181,7 +172,7 @@ def fit_joint(
     if legs is not None:
         rough = _rough_fit(sightings, state, with_doubtful_clocks(setting), legs)
         state, shared = rough.state, shared_as_stated(rough, setting)
-        seen, clock = _as_found(rough, setting, sightings)
+        seen, clock = as_found(rough, setting, sightings)
         members = _members_of_legs(legs, state, sightings)
     floor, result = 0.0, None
     cut: Tips = (None, None)
@@ -192,13 +183,13 @@ def fit_joint(
         pictures = pictures_of(state, clock, seen, std_ps=std)
         parts = _pulses_of_legs(sightings, clock, state, seen, pictures, std, floor, members, tips)
         times = stacked(parts, mode_columns(sightings))
-        lines = _told_lines(pictures, sightings, setting, seen)
+        lines = told_lines(pictures, sightings, setting, seen)
         freedom = freedom_at(state, setting, ends)
-        _check_enough(times, freedom.basis.shape[1])
+        check_enough(times, freedom.basis.shape[1])
         before = state
-        solution, times, floor = _solve_robustly(state, times, lines, freedom, setting, shared)
+        solution, times, floor = solve_robustly(state, times, lines, freedom, setting, shared)
         state, shared = solution.state, solution.shared
-        seen, clock = _as_found(solution, setting, sightings)
+        seen, clock = as_found(solution, setting, sightings)
         result = JointFit(
             solution=solution,
             freedom_basis=freedom.basis,
@@ -222,161 +213,30 @@ def fit_joint(
     return result
 
 
-def with_fine_light(fit: JointFit, setting: Setting) -> JointFit:
-    """The fit with lines and times as the light is: spots that vary, unequal pixels, uneven light.
-
-    Parameters
-    ----------
-    fit : JointFit
-        Whose legs are to stay: which there are needs no such care, and could be hidden by it.
-    setting : Setting
-        Camera, source, medium and waypoints.
-
-    Returns
-    -------
-    JointFit
-        Of the same pulses.
-    """
-    settled = fit
-    while True:
-        try:
-            settled = _finely_solved(fit, setting)
-        except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
-            # The last step led a leg to the edge of what its pixels tell: as it was found, then.
-            return settled
-        areas = areas_of_path(settled, setting)
-        if areas is None:
-            return settled
-        fit = replace(settled, active_px=areas)
-
-
-def _finely_solved(fit: JointFit, setting: Setting) -> JointFit:
-    shown = finely_lit(fit, list(fit.sightings), setting)
-    times = replace(shown.times, weight=np.ones_like(shown.times.weight))
-    solution, times, floor = _solve_robustly(
-        fit.solution.state, times, shown.lines, fit.freedom, setting, fit.solution.shared
-    )
-    return replace(shown, solution=solution, times=times, floor_ps=floor)
-
-
-def finely_lit(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
-    """The fit with lines, and what light does to the times, measured finely; no path moves.
-
-    Parameters
-    ----------
-    fit : JointFit
-        Of the recordings as they were.
-    sightings : list of Sighting
-        Perhaps with light found that is no leg's.
-    setting : Setting
-        As told.
-
-    Returns
-    -------
-    JointFit
-        Of the same pulses, with other pictures and lines.
-
-    Raises
-    ------
-    GeometryError, NothingFoundError
-        Where a leg does not cross the picture, or has too few pixels.
-    """
-    seen, clock = _as_found(fit.solution, setting, list(fit.sightings))
-    std = pulse_std_ps(sightings)
-    as_found = [replace(o, found=same.found) for o, same in zip(sightings, clock, strict=True)]
-    pictures = pictures_of(
-        fit.solution.state, as_found, seen, std_ps=std, fine=True, active_px=fit.active_px
-    )
-    shown = replace(fit, pictures=pictures, lines=_told_lines(pictures, sightings, setting, seen))
-    uneven = uneven_light(shown, sightings, setting)
-    # What was known of uneven light before stands behind the errors of the clock.
-    of_clock = fit.times.modes_ps[:, : _n_of_clock(fit)]
-    times = replace(
-        fit.times,
-        footprint_ps=_feet(shown, seen) + uneven.late_ps,
-        modes_ps=np.hstack((of_clock, uneven.columns_ps)),
-    )
-    return with_area_errors(replace(shown, times=times), setting)
-
-
-def _n_of_clock(fit: JointFit) -> int:
-    """How many of the pulses' shared errors are the clock's: the first."""
-    return max((own.stop for own in mode_columns(list(fit.sightings)).values()), default=0)
-
-
-def _feet(fit: JointFit, seen: Setting) -> Floats:
-    """(n,), mean time over each pulse's footprint minus that at its foot as pictures say, ps."""
-    feet, state = np.zeros(len(fit.times.leg)), fit.solution.state
-    for number, (picture, sighting) in enumerate(zip(fit.pictures, fit.sightings, strict=True)):
-        here = np.flatnonzero(fit.sighting_of == number)
-        rows, cols = fit.times.row[here], fit.times.col[here]
-        camera = seen.cameras[sighting.view]
-        print_ = footprints(
-            state, camera=camera, medium=seen.medium, legs=fit.times.leg[here], rows=rows, cols=cols
-        )
-        feet[here] = footprint_corrections(
-            picture, print_, rows=rows, cols=cols, camera=camera, state=state, medium=seen.medium
-        )
-    return feet
-
-
-def _told_lines(
+def told_lines(
     pictures: tuple[Picture, ...], sightings: list[Sighting], setting: Setting, seen: Setting
 ) -> LineDataInPicture:
-    """Lines of all recordings in the pictures of the cameras as told."""
+    """Lines of all recordings in the pictures of the cameras as told.
+
+    Parameters
+    ----------
+    pictures : tuple of Picture
+        One per recording.
+    sightings : list of Sighting
+        The recordings.
+    setting, seen : Setting
+        As told, and as it was when the pictures were measured.
+
+    Returns
+    -------
+    LineDataInPicture
+    """
     return stacked_lines(
         [
             _as_told(lines_from_picture(p), setting.cameras[o.view], seen.cameras[o.view])
             for p, o in zip(pictures, sightings, strict=True)
         ],
         sightings,
-    )
-
-
-def fitted_again(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
-    """The same pulses with other times, errors and modes: of these recordings, row by row.
-
-    Parameters
-    ----------
-    fit : JointFit
-        Of the recordings as they were.
-    sightings : list of Sighting
-        With rows of arrivals as before; those without a time take no part.
-    setting : Setting
-        Camera, source, medium and waypoints.
-
-    Returns
-    -------
-    JointFit
-        With the same lines, and feet as before.
-
-    Raises
-    ------
-    NothingFoundError
-        Where too few pulses are left.
-    """
-    parts, kept = [], []
-    for number, sighting in enumerate(sightings):
-        here = np.flatnonzero(fit.sighting_of == number)
-        here = here[np.isfinite(sighting.arrival_ps[fit.times.index[here]])]
-        leg, feet = fit.times.leg[here], fit.times.footprint_ps[here]
-        parts.append(time_data(sighting, fit.times.index[here], leg, feet))
-        kept.append(here)
-    times = stacked(parts, mode_columns(sightings))
-    # Errors of uneven light stand behind those of the clock, and stay.
-    uneven = fit.times.modes_ps[np.concatenate(kept), _n_of_clock(fit) :]
-    times = replace(times, modes_ps=np.hstack((times.modes_ps, uneven)))
-    _check_enough(times, fit.freedom.basis.shape[1])
-    solution, times, floor = _solve_robustly(
-        fit.solution.state, times, fit.lines, fit.freedom, setting, fit.solution.shared
-    )
-    return replace(
-        fit,
-        solution=solution,
-        times=times,
-        sighting_of=np.repeat(np.arange(len(parts)), [len(part.leg) for part in parts]),
-        floor_ps=floor,
-        sightings=tuple(sightings),
     )
 
 
@@ -453,10 +313,25 @@ def _step_stds(before: PathState, solution: Solution, freedom: Freedom) -> Float
     return stds
 
 
-def _as_found(
+def as_found(
     solution: Solution, setting: Setting, sightings: list[Sighting]
 ) -> tuple[Setting, list[Sighting]]:
-    """Setting and recordings with the shared errors that a fit found taken off."""
+    """Setting and recordings with the shared errors that a fit found taken off.
+
+    Parameters
+    ----------
+    solution : Solution
+        What the fit found.
+    setting : Setting
+        As told.
+    sightings : list of Sighting
+        On the clock as told.
+
+    Returns
+    -------
+    setting : Setting
+    sightings : list of Sighting
+    """
     columns = mode_columns(sightings)
     modes = [solution.modes[columns[o.view]] for o in sightings]
     corrected = [
@@ -522,89 +397,3 @@ def _rough_fit(
         if floor_var == floor_before and np.array_equal(times.weight, before.weight):
             break
     return solution
-
-
-def _solve_robustly(
-    state: PathState,
-    times: TimeData,
-    lines: LineDataInPicture,
-    freedom: Freedom,
-    setting: Setting,
-    shared: Floats | None,
-) -> tuple[Solution, TimeData, float]:
-    """Solve, drop outliers, and raise the floor until the residuals are explained.
-
-    `shared` (k,) are the shared errors that the path was found with, in standard deviations.
-    """
-    floor_var = 0.0
-    for _ in range(6):
-        solution = fit_path(
-            state,
-            times,
-            lines,
-            freedom,
-            cameras=setting.cameras,
-            medium=setting.medium,
-            floor_var=floor_var,
-            shared=shared,
-        )
-        state, shared = solution.state, solution.shared
-        updated_floor = floor_variance(times, solution, solution.residual_ps)
-        cut_times = reweighted(times, solution, floor_var=updated_floor, cut=OUTLIER)
-        same = np.array_equal(cut_times.weight, times.weight)
-        # Two percent of a floor are nothing beside the error of the floor itself.
-        settled = abs(updated_floor - floor_var) < 0.02 * (updated_floor + 1e-6)
-        times, floor_var = cut_times, updated_floor
-        if same and settled:
-            break
-    return solution, times, float(np.sqrt(floor_var))
-
-
-def floor_variance(times: TimeData, solution: Solution, residual_ps: Floats) -> float:
-    """Extra variance per pulse that makes the residuals as large as stated; 0 where they are.
-
-    Judged by the median, which outliers do not reach, and only where chance is no excuse.
-
-    Parameters
-    ----------
-    times : TimeData
-        n pulses with their stated errors.
-    solution : Solution
-        The fit: how many numbers were fitted.
-    residual_ps : array of float, shape (n,)
-        What it left, ps.
-
-    Returns
-    -------
-    float
-        ps^2.
-    """
-    stated = times.photon_var + times.pixel_var
-    squared = residual_ps**2
-    n = len(squared)
-    # Fitted numbers take their share of the residuals: the median falls by the same part.
-    loss = max(0.2, 1.0 - (n - solution.dof) / max(n, 1))
-
-    def excess(extra: float) -> float:
-        return float(np.median(squared / (stated + extra))) / (MEDIAN_CHI2 * loss) - 1.0
-
-    # The median of n chi-squares of one degree scatters by about 2.3 / sqrt(n).
-    if excess(0.0) < 3.5 * 2.3 / np.sqrt(n):
-        return 0.0
-    low, high = 0.0, float(np.max(squared)) + 1.0
-    # Bisection: excess falls steadily as the extra variance grows.
-    while high - low > 1e-6 * high:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if excess(middle) > 0 else (low, middle)
-    return high
-
-
-def _check_enough(times: TimeData, n_unknowns: int) -> None:
-    view = 0 if times.view is None else times.view
-    # Pixels, not pulses: repeats of one pixel do not tell another direction.
-    pixels = len(np.unique(times.row * 1e6 + times.col + 1e12 * view))
-    if pixels < n_unknowns - 1 or pixels < 3:
-        raise NothingFoundError(
-            f"{pixels} usable pixels lie on the path, fewer than its {n_unknowns} unknowns: record "
-            "longer, give the source's place and time, or give a smaller n_legs"
-        )

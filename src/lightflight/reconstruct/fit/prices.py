@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.flight import Source
-from lightflight.reconstruct.fit.joint import JointFit, floor_variance
+from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import Rays, Slopes, modelled
+from lightflight.reconstruct.fit.robust import floor_variance
 from lightflight.reconstruct.model.geometry import vertex_time_jacobian
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import (

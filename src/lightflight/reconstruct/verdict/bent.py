@@ -19,7 +19,8 @@ from lightflight.reconstruct.fit.bent import (
     straightened,
     with_bend,
 )
-from lightflight.reconstruct.fit.joint import JointFit, with_fine_light
+from lightflight.reconstruct.fit.fine import with_fine_light
+from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.fit.revise import refitted, sharpest_bend
 from lightflight.reconstruct.model.geometry import PathState

@@ -17,7 +17,8 @@ from lightflight.path.verdict import (
     Verdict,
 )
 from lightflight.reconstruct.fit.around import DrawnOutError
-from lightflight.reconstruct.fit.joint import JointFit, fit_joint, with_fine_light
+from lightflight.reconstruct.fit.fine import with_fine_light
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.legs.plausible import implausible
 from lightflight.reconstruct.model.geometry import state_of_path

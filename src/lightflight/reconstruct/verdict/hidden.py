@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path.verdict import Finding, FindingName, Severity
-from lightflight.reconstruct.fit.joint import JointFit, fit_joint, with_fine_light
+from lightflight.reconstruct.fit.fine import with_fine_light
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
