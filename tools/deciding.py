@@ -20,9 +20,12 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = (
     "timing/pulses", "reconstruct/model", "reconstruct/legs", "reconstruct/fit",
+    "reconstruct/all_counts", "reconstruct/other_light", "reconstruct/trials",
     "reconstruct/verdict",
 )  # fmt: skip
 """Where pulses, legs and paths are found, fitted and judged, from below."""
+
+_FINDING_AND_FITTING = ("legs", "fit", "all_counts", "other_light", "trials")
 
 _SELF_EXPLAINING = (0, 1, 2, 0.5)
 
@@ -113,8 +116,10 @@ def table_of(tree: Path) -> str:
         rows.append(_row(f"**{room}**", own))
         files = sorted({one.file for one in own})
         rows += [_row(file, [one for one in own if one.file == file]) for file in files]
-    found_and_fitted = [one for one in whole if one.file.split("/")[1] in ("legs", "fit")]
-    rows.append(_row("**finding and fitting (legs, fit)**", found_and_fitted))
+    found_and_fitted = [one for one in whole if one.file.split("/")[1] in _FINDING_AND_FITTING]
+    rows.append(
+        _row(f"**finding and fitting ({', '.join(_FINDING_AND_FITTING)})**", found_and_fitted)
+    )
     rows.append(_row("**all of these rooms**", whole))
     return "\n".join(rows)
 

@@ -14,9 +14,9 @@ import pytest
 
 import lightflight as lf
 from lightflight.reconstruct.fit.joint import pulse_std_ps
-from lightflight.reconstruct.fit.tail import shape_with_tail
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.other_light.tail import shape_with_tail
 from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.timing.pulses.amplitudes import amplitudes_at_times
 from tests.oracles.worlds.border import record, what_the_user_tells

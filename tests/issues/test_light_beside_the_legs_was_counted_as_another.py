@@ -12,11 +12,12 @@ import pytest
 
 import lightflight as lf
 from lightflight.errors import LightflightWarning, NothingFoundError
-from lightflight.reconstruct.fit import counts, diffuse
+from lightflight.reconstruct.all_counts import counts
+from lightflight.reconstruct.all_counts.strangers import counts_of_pulses
 from lightflight.reconstruct.fit.fine import finely_lit
-from lightflight.reconstruct.fit.strangers import counts_of_pulses
 from lightflight.reconstruct.model.cells import Cells, lag_edges
 from lightflight.reconstruct.model.counted import Pulses, cumulated, lit_pixels
+from lightflight.reconstruct.other_light import diffuse
 from lightflight.reconstruct.verdict import taken_up
 from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
 from lightflight.reconstruct.ways import joint

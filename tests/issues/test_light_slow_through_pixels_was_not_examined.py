@@ -10,7 +10,7 @@ import pytest
 
 import lightflight as lf
 from lightflight.path.verdict import FindingName
-from lightflight.reconstruct.fit.around import DrawnOutError
+from lightflight.reconstruct.other_light.around import DrawnOutError
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.light import scaled_to
 from tests.oracles.worlds.random_worlds import random_world

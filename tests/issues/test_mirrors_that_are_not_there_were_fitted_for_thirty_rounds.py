@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import lightflight as lf
-from lightflight.reconstruct.fit import strengths
 from lightflight.reconstruct.model.second_path import SecondPath
+from lightflight.reconstruct.other_light import strengths
 from tests.labs import three_legs
 
 

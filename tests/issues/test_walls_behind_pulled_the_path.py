@@ -11,7 +11,7 @@ import pytest
 
 import lightflight as lf
 from lightflight.errors import LightflightWarning
-from lightflight.reconstruct.fit import diffuse, second_path
+from lightflight.reconstruct.other_light import diffuse, second_path
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world

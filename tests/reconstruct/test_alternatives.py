@@ -22,12 +22,12 @@ from lightflight.path.verdict import FindingName, Level
 from lightflight.reconstruct.fit.ends import freedom_at
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import fit_path
-from lightflight.reconstruct.fit.marginal import ANYWHERE_MM
-from lightflight.reconstruct.fit.rivals import Rival, rivals_of
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.image_plane import mean_focal_px
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.sightings import sighting_from_histograms
+from lightflight.reconstruct.trials.marginal import ANYWHERE_MM
+from lightflight.reconstruct.trials.rivals import Rival, rivals_of
 from lightflight.reconstruct.ways.joint import fit_of_request
 from lightflight.reconstruct.ways.request import Request
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS

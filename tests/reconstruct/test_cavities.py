@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import lightflight as lf
-from lightflight.reconstruct.fit.around import Seen, lags_about_legs
 from lightflight.reconstruct.model.cells import lag_edges
+from lightflight.reconstruct.other_light.around import Seen, lags_about_legs
 from tests.oracles.cavity import Cavity, cavity
 from tests.oracles.refracted_border import camera_told
 

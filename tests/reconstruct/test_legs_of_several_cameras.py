@@ -11,7 +11,7 @@ import lightflight as lf
 from lightflight.errors import SuspectDataWarning
 from lightflight.lab import lab_from_table, lab_from_toml, toml_from_lab
 from lightflight.path.verdict import Level
-from lightflight.reconstruct.fit.images import _orders
+from lightflight.reconstruct.trials.images import _orders
 from tests.oracles import several_views
 from tests.oracles.refracted_bound import bound, emission_freedom
 

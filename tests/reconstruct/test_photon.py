@@ -11,8 +11,8 @@ import lightflight as lf
 from lightflight.errors import NothingFoundError
 from lightflight.path.error import path_error
 from lightflight.path.light_path import LightPath
+from lightflight.reconstruct.all_counts.counts import merged
 from lightflight.reconstruct.chain import reconstruct
-from lightflight.reconstruct.fit.counts import merged
 from lightflight.reconstruct.limits.bounds import bounds
 from lightflight.reconstruct.model.sighting import Sighting
 from tests.labs import Lab, corner_in_view, known_path, one_leg, three_legs

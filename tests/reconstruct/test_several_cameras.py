@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 import lightflight as lf
-from lightflight.reconstruct.fit.climb import order_of
+from lightflight.reconstruct.all_counts.climb import order_of
 from lightflight.reconstruct.limits.planning import moved_to
 from lightflight.reconstruct.model.forward import Layout
 from lightflight.simulate.presets import ideal, paper_scene

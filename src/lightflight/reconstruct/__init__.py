@@ -4,7 +4,10 @@
   that were found elsewhere; `laser`: the pulse's own length; `calls`: what is checked before;
   `sightings`: recordings on the clock
 - `estimators`: what `method=` names, each with its file in `ways`
-- rooms, each above the one before: `model`, `legs`, `fit`, `limits`, `ways`
+- rooms, each above the one before: `model` (what every pixel should have counted), `legs` (in the
+  picture), `fit` (one path), `all_counts` (the likelihood of every count), `other_light` (haze,
+  mirrors, second pulses), `trials` (other numbers of legs) beside `limits` (bounds, planning),
+  `verdict` (is it right?), `ways` (a file for each estimator)
 """
 
 from typing import TYPE_CHECKING

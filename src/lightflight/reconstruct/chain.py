@@ -20,15 +20,15 @@ from lightflight.path.light_path import LightPath
 from lightflight.path.verdict import NOT_EXAMINED, FindingName, Level, Verdict, warning_of
 from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, checked_media
 from lightflight.reconstruct.estimators import Estimator, estimator_named
-from lightflight.reconstruct.fit.diffuse import with_diffuse
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.fit.result import explained, on_first_lap
 from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed, freed_names
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.other_light.diffuse import with_diffuse
 from lightflight.reconstruct.sightings import sighting_from_histograms
+from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.verdict.alternatives import Other, others_beside, with_others
 from lightflight.reconstruct.verdict.arms import leaves_light, take_up_most, with_arms
 from lightflight.reconstruct.verdict.asked import shares_asked_for

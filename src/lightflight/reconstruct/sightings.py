@@ -18,11 +18,11 @@ from lightflight.errors import (
     SuspectDataWarning,
     UncalibratedWarning,
 )
-from lightflight.reconstruct.fit.tail import shape_with_tail
 from lightflight.reconstruct.legs.find import unwrapped_arrivals
 from lightflight.reconstruct.model.glass import looks_at_blocks
 from lightflight.reconstruct.model.setting import Setting, earliest_arrival_ps
 from lightflight.reconstruct.model.sighting import Sighting, blind_pixels
+from lightflight.reconstruct.other_light.tail import shape_with_tail
 from lightflight.timing.clock.calibration import ASSUMED_GAIN_STD, TimingCalibration
 from lightflight.timing.pulses.arrivals import find_arrivals
 from lightflight.timing.pulses.pulses import MOST_PULSES

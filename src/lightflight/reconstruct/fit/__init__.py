@@ -1,12 +1,12 @@
-"""From legs and a model to a path: start, membership, the joint and the photon fit, revision.
+"""One fit of a path: from legs in the picture to its numbers, their errors and what they mean.
 
-- `start`: a first path; `membership`: which pulse is whose; `ends`: where the path ends
-- estimators: `joint` (on `least_squares`), `photon` (on `climb`), `paper`
-- `around`: the pixels about a path, and which legs light them
-- `uneven`: times in light that changes within three pixels; `active_area`: how large the areas
-  are that pixels see with
-- `pooled`: a start in starved light
-- second thoughts on the number of legs: `revise`, `unclaimed`; trials that fail: `outcome`
-- from Fisher information to steps and covariances: `information`
-- the record and what it means: `result`, `statements`
+- a first path: `start`; with bent legs: `bent`; along curves that are told: `along`; through
+  blocks of glass: `through_glass`
+- which pulse is whose: `membership`; where the path ends: `ends`; what each camera shows:
+  `pictures`, with clocks that are apart: `clocks`
+- `joint`, on the solver `least_squares` and, where pulses may be wrong, `robust`
+- the last fit: `fine`, with light that changes within three pixels (`uneven`) and the areas that
+  pixels see with (`active_area`)
+- the record: `result`, in words: `statements`; what was taken as exact costs: `prices`
+- the baseline: `paper`, on `paper_projection`
 """

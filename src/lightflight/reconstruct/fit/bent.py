@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.path.bends import Bend, BentCourse, shapes_at
-from lightflight.reconstruct.fit.revise import turn_deg
 from lightflight.reconstruct.model.geometry import PathState
 
 if TYPE_CHECKING:
@@ -105,7 +104,7 @@ def runs_of_corners(state: PathState) -> list[tuple[int, ...]]:
     list of tuple of int
         Vertices; every stretch of a long one is there, too.
     """
-    shallow = {k for k in state.corners_seen if turn_deg(state, k) < _MOST_TURN_DEG}
+    shallow = {k for k in state.corners_seen if state.turn_deg(k) < _MOST_TURN_DEG}
     runs = [
         tuple(range(first, last + 1))
         for first in sorted(shallow)

@@ -7,10 +7,11 @@ Expected counts of pixel p in code k are
 F the pulse (laser, response, transit over the footprint; a Gaussian, or the shape the flat was
 fitted with) about the footprint's mean arrival time plus the pixel's delay, e the true code edges
 modulo the period, o_pk the share of laser periods that no earlier photon had closed, d_pk diffuse
-light as `fit.diffuse` measured it. N_p is the strength of the light along the leg under the spot.
-The integral along the leg is collapsed into its zeroth, first and second moment (photons, mean
-time, variance), which is exact for a Gaussian spot and a curve that bends little within it; corners
-cut the footprint. A large active area makes another spot: photons and mean time follow `spot`.
+light as `other_light.diffuse` measured it. N_p is the strength of the light along the leg under the
+spot. The integral along the leg is collapsed into its zeroth, first and second moment (photons,
+mean time, variance), which is exact for a Gaussian spot and a curve that bends little within it;
+corners cut the footprint. A large active area makes another spot: photons and mean time follow
+`spot`.
 
 Takes a path and the brightness along it, gives what every pixel expects and how that follows a
 handful of parameters; `likelihood` holds it against the counts.

@@ -309,6 +309,14 @@ class PathState:
             moves[:n, :n] = seat_map(self.vertices_mm, self.glass)
         return moves
 
+    def turn_deg(self, corner: int) -> float:
+        """Angle by which the flight turns at a corner, deg."""
+        before = self.tangents_mm(corner - 1, np.ones(1))[0]
+        after = self.tangents_mm(corner, np.zeros(1))[0]
+        # atan2 of both keeps small angles exact, where acos would not.
+        cross = np.linalg.norm(np.cross(before, after))
+        return float(np.rad2deg(np.arctan2(cross, before @ after)))
+
 
 def state_of_path(path: LightPath) -> PathState:
     """The state of a path that is already told, to start or to look from."""

@@ -16,11 +16,11 @@ from lightflight.path.alternative import Alternative
 from lightflight.path.light_path import LightPath
 from lightflight.path.verdict import Finding, FindingName, Level, Severity
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.outcome import NoFit
-from lightflight.reconstruct.fit.revise import refitted
-from lightflight.reconstruct.fit.rivals import Rival, by_other_pulse, rivals_of
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.trials.outcome import NoFit
+from lightflight.reconstruct.trials.revise import refitted
+from lightflight.reconstruct.trials.rivals import Rival, by_other_pulse, rivals_of
 
 _TELL_DEPTH = "tell when the pulse set out, or where a place of this leg is (waypoints)"
 _TELL_LEGS = "tell how many legs there are (n_legs, --n-legs)"

@@ -21,11 +21,11 @@ from lightflight.reconstruct.fit.bent import (
 )
 from lightflight.reconstruct.fit.fine import with_fine_light
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
-from lightflight.reconstruct.fit.revise import refitted, sharpest_bend
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.trials.revise import refitted, sharpest_bend
 from lightflight.reconstruct.verdict.evidence import WITHIN
 from lightflight.reconstruct.verdict.judge import leaves_misfit
 from lightflight.reconstruct.verdict.lost import (

@@ -10,18 +10,6 @@ from scipy.special import betainc, ndtr
 
 from lightflight.errors import NothingFoundError
 from lightflight.path.verdict import FindingName
-from lightflight.reconstruct.fit.around import (
-    FINE_GROWTH,
-    FINE_STDS,
-    Group,
-    Seen,
-    alike,
-    dark_group,
-    dispersion_of,
-    lags_about_legs,
-    pixels_about_path,
-    pulses_expected,
-)
 from lightflight.reconstruct.fit.joint import JointFit, pulse_std_in_view
 from lightflight.reconstruct.fit.result import explained_by_fit
 from lightflight.reconstruct.model import light
@@ -35,6 +23,18 @@ from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
+from lightflight.reconstruct.other_light.around import (
+    FINE_GROWTH,
+    FINE_STDS,
+    Group,
+    Seen,
+    alike,
+    dark_group,
+    dispersion_of,
+    lags_about_legs,
+    pixels_about_path,
+    pulses_expected,
+)
 from lightflight.reconstruct.verdict.count_tests import (
     Cause,
     Columns,

@@ -16,11 +16,11 @@ import numpy as np
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import OUTLIER
-from lightflight.reconstruct.fit.outcome import NoFit
-from lightflight.reconstruct.fit.revise import refitted, setting_without, turn_deg
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.trials.outcome import NoFit
+from lightflight.reconstruct.trials.revise import refitted, setting_without
 from lightflight.reconstruct.verdict.evidence import MOST_NAMED, WITHIN, Evidence
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry, stated_solution
 from lightflight.reconstruct.verdict.judge import best_of_each
@@ -60,7 +60,7 @@ def verdict_with_doubtful_corners(
     shallow = [
         k
         for k in state.corners_seen
-        if state.as_told(k) not in told and turn_deg(state, k) < _SHALLOW_DEG
+        if state.as_told(k) not in told and state.turn_deg(k) < _SHALLOW_DEG
     ]
     if not shallow:
         return verdict
@@ -129,7 +129,7 @@ def _causes_instead(
 
 
 def _finding(cause: Evidence, corners: tuple[int, ...], state: PathState) -> Finding:
-    turns = " and ".join(f"{turn_deg(state, k):.2g}°" for k in corners)
+    turns = " and ".join(f"{state.turn_deg(k):.2g}°" for k in corners)
     which = " and ".join(str(k) for k in corners)
     many = len(corners) > 1
     return Finding(

@@ -16,7 +16,6 @@ from lightflight.path.verdict import (
     Severity,
     Verdict,
 )
-from lightflight.reconstruct.fit.around import DrawnOutError
 from lightflight.reconstruct.fit.fine import with_fine_light
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint
 from lightflight.reconstruct.legs.direction import search_legs
@@ -24,6 +23,7 @@ from lightflight.reconstruct.legs.plausible import implausible
 from lightflight.reconstruct.model.geometry import state_of_path
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.other_light.around import DrawnOutError
 from lightflight.reconstruct.verdict.arms import verdict_with_arm
 from lightflight.reconstruct.verdict.bookkeeping import (
     beyond_the_tests,

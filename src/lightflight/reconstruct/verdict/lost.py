@@ -19,14 +19,14 @@ from lightflight.errors import NothingFoundError
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import OUTLIER
-from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.fit.result import explained_by_fit
-from lightflight.reconstruct.fit.revise import fit_from_legs
 from lightflight.reconstruct.legs.direction import legs_in_all_pictures
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
+from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.trials.revise import fit_from_legs
 from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.reconstruct.verdict.geometry_tests import REMEDIES, counted_ps
 from lightflight.reconstruct.verdict.hidden import pulses_of_legs

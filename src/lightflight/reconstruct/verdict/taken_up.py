@@ -16,7 +16,7 @@ import numpy as np
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.second_pulse import second_pulse_of_fit
+from lightflight.reconstruct.fit.result import second_pulse_of_fit
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
@@ -24,7 +24,7 @@ from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.reconstruct.verdict.judge import verdict_from_evidence
 
 _DIFFUSE = (FindingName.HAZE, FindingName.SHAPE, FindingName.HALO, FindingName.GLARE)
-"""What `fit.diffuse` has a place for."""
+"""What `other_light.diffuse` has a place for."""
 
 
 def verdict_with_light_taken_up(

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.path.verdict import BlindSpot, FindingName
-from lightflight.reconstruct.fit.around import Group
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.geometry import vertex_time_jacobian
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
+from lightflight.reconstruct.other_light.around import Group
 from lightflight.reconstruct.verdict.count_tests import (
     Cause,
     Columns,

@@ -21,18 +21,10 @@ from lightflight.errors import (
 from lightflight.path.light_path import LightPath
 from lightflight.reconstruct.fit.active_area import areas_found
 from lightflight.reconstruct.fit.along import begun_along, statements_of_curves, with_curves
-from lightflight.reconstruct.fit.diffuse import with_diffuse
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.fit.prices import prices_of_fit
 from lightflight.reconstruct.fit.result import path_from_fit
-from lightflight.reconstruct.fit.revise import (
-    fit_from_brightest,
-    fit_from_legs,
-    revised,
-    with_n_legs,
-)
 from lightflight.reconstruct.fit.statements import statements_from_covariance
-from lightflight.reconstruct.fit.unclaimed import from_unclaimed_legs, with_unclaimed_legs
 from lightflight.reconstruct.legs.direction import (
     MUCH_SCATTER,
     ask_which_way,
@@ -48,7 +40,15 @@ from lightflight.reconstruct.model.geometry import PathState, state_of_path
 from lightflight.reconstruct.model.glass import through_blocks
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.other_light.diffuse import with_diffuse
 from lightflight.reconstruct.sightings import sighting_from_histograms
+from lightflight.reconstruct.trials.revise import (
+    fit_from_brightest,
+    fit_from_legs,
+    revised,
+    with_n_legs,
+)
+from lightflight.reconstruct.trials.unclaimed import from_unclaimed_legs, with_unclaimed_legs
 from lightflight.reconstruct.ways.request import Request
 from lightflight.timing.clock.code_clock import CodeClock
 
@@ -251,7 +251,7 @@ def _by_all_counts(fit: JointFit, request: Request, path: LightPath) -> LightPat
     why = _why_all_counts(fit)
     if not why or setting.others or not all(o.histograms.poisson for o in sightings):
         return path
-    from lightflight.reconstruct.fit.photon import photon_path
+    from lightflight.reconstruct.all_counts.photon import photon_path
 
     try:
         better = photon_path(

@@ -9,11 +9,11 @@ import numpy as np
 from lightflight.errors import CalibrationError, GeometryError, NothingFoundError
 from lightflight.path.light_path import LightPath
 from lightflight.path.tables import RESIDUAL_DTYPE
+from lightflight.reconstruct.all_counts.counts import merged
+from lightflight.reconstruct.all_counts.photon import photon_path
+from lightflight.reconstruct.all_counts.pooled import pooled_camera, pooled_sighting
 from lightflight.reconstruct.fit.active_area import areas_found
-from lightflight.reconstruct.fit.counts import merged
 from lightflight.reconstruct.fit.joint import JointFit, pulse_std_ps
-from lightflight.reconstruct.fit.photon import photon_path
-from lightflight.reconstruct.fit.pooled import pooled_camera, pooled_sighting
 from lightflight.reconstruct.sightings import unwrapped_sighting
 from lightflight.reconstruct.ways.joint import fit_of_request, path_of_fit
 from lightflight.reconstruct.ways.request import Request

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from lightflight.camera.stand_in import stand_in_of
-from lightflight.reconstruct.fit.around import Group, Seen
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.membership import tip_of_leg
 from lightflight.reconstruct.model.counted import Pixels
@@ -29,6 +28,7 @@ from lightflight.reconstruct.model.second_path import (
 )
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.strength import span_of_knots
+from lightflight.reconstruct.other_light.around import Group, Seen
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:

@@ -18,14 +18,14 @@ from lightflight import flags
 from lightflight.errors import NothingFoundError
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.membership import on_leg, prints_of_leg
-from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
-from lightflight.reconstruct.fit.revise import fit_from_legs, revised, with_n_legs
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.legs.find import ImageLeg, image_leg, is_flash, legs_in_turn
 from lightflight.reconstruct.model.geometry import Indices
 from lightflight.reconstruct.model.image_plane import along_across, undistorted_px
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting, first_of_each_view
+from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.trials.revise import fit_from_legs, revised, with_n_legs
 
 Floats = NDArray[np.float64]
 

@@ -22,7 +22,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
-from lightflight.reconstruct.fit.around import (
+from lightflight.reconstruct.fit.fine import finely_lit, fitted_again, with_fine_light
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint, moved_stds, pulse_std_in_view
+from lightflight.reconstruct.model import light
+from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
+from lightflight.reconstruct.model.counted import Pulses, shape_of
+from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.second_path import Places, SecondPath
+from lightflight.reconstruct.model.second_pulse import Echo
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.strength import span_of_knots
+from lightflight.reconstruct.other_light.around import (
     FINE_GROWTH,
     FINE_STDS,
     Group,
@@ -33,11 +44,13 @@ from lightflight.reconstruct.fit.around import (
     pixels_about_path,
     pulses_expected,
 )
-from lightflight.reconstruct.fit.fine import finely_lit, fitted_again, with_fine_light
-from lightflight.reconstruct.fit.joint import JointFit, fit_joint, moved_stds, pulse_std_in_view
-from lightflight.reconstruct.fit.second_path import LEAST_GAIN, places_of_path, second_path_in
-from lightflight.reconstruct.fit.second_pulse import lags_with, second_pulse_in
-from lightflight.reconstruct.fit.strengths import (
+from lightflight.reconstruct.other_light.second_path import (
+    LEAST_GAIN,
+    places_of_path,
+    second_path_in,
+)
+from lightflight.reconstruct.other_light.second_pulse import lags_with, second_pulse_in
+from lightflight.reconstruct.other_light.strengths import (
     Beside,
     Known,
     Second,
@@ -47,15 +60,6 @@ from lightflight.reconstruct.fit.strengths import (
     scatter_of,
     strengths_of,
 )
-from lightflight.reconstruct.model import light
-from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
-from lightflight.reconstruct.model.counted import Pulses, shape_of
-from lightflight.reconstruct.model.image_plane import undistorted_px
-from lightflight.reconstruct.model.second_path import Places, SecondPath
-from lightflight.reconstruct.model.second_pulse import Echo
-from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.model.strength import span_of_knots
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera

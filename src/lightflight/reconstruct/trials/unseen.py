@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from lightflight.flight import Source
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint
-from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.fit.start import state_from_legs
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.detour import mirrors
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 Floats = NDArray[np.float64]

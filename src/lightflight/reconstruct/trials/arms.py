@@ -18,16 +18,16 @@ from numpy.typing import NDArray
 from lightflight.errors import GeometryError
 from lightflight.flight import Source
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
-from lightflight.reconstruct.fit.revise import refitted, setting_with_corner
 from lightflight.reconstruct.fit.start import state_from_legs
-from lightflight.reconstruct.fit.unclaimed import legs_among, unclaimed_by_path
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.freedom import view_end
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.image_plane import along_across, undistorted_px
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.trials.revise import refitted, setting_with_corner
+from lightflight.reconstruct.trials.unclaimed import legs_among, unclaimed_by_path
 
 Floats = NDArray[np.float64]
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from lightflight.errors import NothingFoundError
 from lightflight.path.light_path import LightPath
 from lightflight.path.tables import Goodness
-from lightflight.reconstruct.fit.climb import GAUGE, Climb, climb
-from lightflight.reconstruct.fit.counts import (
+from lightflight.reconstruct.all_counts.climb import GAUGE, Climb, climb
+from lightflight.reconstruct.all_counts.counts import (
     Counts,
     clean_counts,
     view_of_counts,

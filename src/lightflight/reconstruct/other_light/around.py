@@ -12,7 +12,7 @@ from scipy.ndimage import binary_dilation
 from lightflight import flags
 from lightflight.errors import NothingFoundError
 from lightflight.flight import Source
-from lightflight.reconstruct.fit.counts import merged
+from lightflight.reconstruct.all_counts.counts import merged
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.membership import mode_columns, tips_in_view
 from lightflight.reconstruct.model.cells import CORE_STDS, cells_about, lag_edges

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from lightflight.errors import NothingFoundError
 from lightflight.path.verdict import FindingName
-from lightflight.reconstruct.fit.around import Group, Seen
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.cells import Cells
 from lightflight.reconstruct.model.counted import (
@@ -28,6 +27,7 @@ from lightflight.reconstruct.model.second_path import Images, SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
+from lightflight.reconstruct.other_light.around import Group, Seen
 
 Floats = NDArray[np.float64]
 

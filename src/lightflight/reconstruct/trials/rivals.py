@@ -26,16 +26,16 @@ from lightflight.reconstruct.fit.bent import bent_for_run, runs_of_corners
 from lightflight.reconstruct.fit.ends import freedom_at
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import fit_path, rows_of_view
-from lightflight.reconstruct.fit.marginal import log_evidence
-from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
-from lightflight.reconstruct.fit.revise import refitted
-from lightflight.reconstruct.fit.second_pulse import second_pulse_of_fit
+from lightflight.reconstruct.fit.result import second_pulse_of_fit
 from lightflight.reconstruct.fit.start import state_from_legs
 from lightflight.reconstruct.legs.find import image_leg
 from lightflight.reconstruct.model.freedom import sagitta_std_mm
 from lightflight.reconstruct.model.geometry import Indices, PathState
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.trials.marginal import log_evidence
+from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.trials.revise import refitted
 
 Floats = NDArray[np.float64]
 

@@ -15,20 +15,20 @@ from scipy.interpolate import BSpline
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path.light_path import LightPath
-from lightflight.reconstruct.fit.climb import Climb, View, uneven_pixels
-from lightflight.reconstruct.fit.membership import (
-    Tips,
-    roughly_on_leg,
-    tips_in_view,
-)
-from lightflight.reconstruct.fit.pictures import as_shown, state_in_view
-from lightflight.reconstruct.fit.strangers import (
+from lightflight.reconstruct.all_counts.climb import Climb, View, uneven_pixels
+from lightflight.reconstruct.all_counts.strangers import (
     counts_of_pulses,
     further_pulses,
     pulses_of_no_leg,
     strange_pulses,
     whole_pulses,
 )
+from lightflight.reconstruct.fit.membership import (
+    Tips,
+    roughly_on_leg,
+    tips_in_view,
+)
+from lightflight.reconstruct.fit.pictures import as_shown, state_in_view
 from lightflight.reconstruct.model.forward import (
     CodeCounts,
     Light,

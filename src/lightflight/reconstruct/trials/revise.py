@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.ends import freedom_at
-from lightflight.reconstruct.fit.images import state_from_images
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.fit.least_squares import Solution, fit_path
-from lightflight.reconstruct.fit.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.fit.result import runs_away
 from lightflight.reconstruct.fit.start import state_from_legs
 from lightflight.reconstruct.fit.through_glass import pieces_of
@@ -29,6 +27,8 @@ from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.trials.images import state_from_images
+from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
 
 Floats = NDArray[np.float64]
 
@@ -48,15 +48,6 @@ _MOST_THINNED = 3
 """So many such legs are taken out at once at most."""
 _LEAST_TURN_DEG = 2.5
 """Corners that turn less are model error or curvature, not mirrors."""
-
-
-def turn_deg(state: PathState, corner: int) -> float:
-    """Angle by which the flight turns at a corner, deg."""
-    before = state.tangents_mm(corner - 1, np.ones(1))[0]
-    after = state.tangents_mm(corner, np.zeros(1))[0]
-    # atan2 of both keeps small angles exact, where acos would not.
-    cross = np.linalg.norm(np.cross(before, after))
-    return float(np.rad2deg(np.arctan2(cross, before @ after)))
 
 
 def fit_from_legs(
@@ -266,7 +257,7 @@ def _merged_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> 
     trials: list[tuple[float, int, PathState]] = []
     for corner in state.corners_seen:
         # A measured mirror is there, and a clear turn is no error of the model.
-        if state.as_told(corner) in waypoint_vertices or turn_deg(state, corner) > 12.0:
+        if state.as_told(corner) in waypoint_vertices or state.turn_deg(corner) > 12.0:
             continue
         straight = _without_corner(fit, corner, setting)
         if not isinstance(straight, NoFit):
@@ -274,7 +265,7 @@ def _merged_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> 
             loss = _total_cost(straight, fit) - _total_cost(fit.solution, fit)
             trials.append((loss, corner, straight.state))
     for loss, corner, straight_state in sorted(trials, key=lambda trial: trial[0]):
-        needless = loss < _GAIN_CHI2 or turn_deg(state, corner) < _LEAST_TURN_DEG
+        needless = loss < _GAIN_CHI2 or state.turn_deg(corner) < _LEAST_TURN_DEG
         if not needless and loss > _DOUBTFUL_GAINS * _GAIN_CHI2:
             return None
         merged = refitted(sightings, straight_state, setting)
@@ -377,7 +368,7 @@ def _split_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> J
         trial = _opened(sightings, state, int(k), fraction, setting)
         if isinstance(trial, NoFit):
             continue
-        if turn_deg(trial.solution.state, int(k) + 1) < _LEAST_TURN_DEG:
+        if trial.solution.state.turn_deg(int(k) + 1) < _LEAST_TURN_DEG:
             continue
         after = trial.solution.chi2 + sum(f.bend_chi2 for p in trial.pictures for f in p.fits)
         # Pulses that fell out of the longer path count against it, one each.

@@ -10,66 +10,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.path.second_pulse import SecondPulse
 from lightflight.path.verdict import FindingName
-from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.strengths import Known
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.cells import CORE_STDS
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
+from lightflight.reconstruct.other_light.strengths import Known
 
 Floats = NDArray[np.float64]
 
 _STEP_STDS = 0.8
 """Width of a cell about the second pulse, in its standard deviations, as about the first."""
-
-
-def second_pulse_of_fit(fit: JointFit) -> SecondPulse | None:
-    """The second pulse that a fit has found; where several clocks saw it, their mean.
-
-    Parameters
-    ----------
-    fit : JointFit
-        With the light beside the path at its place.
-
-    Returns
-    -------
-    SecondPulse or None
-        None: there is none.
-    """
-    seen: dict[tuple[int, int], tuple[Echo, float]] = {}
-    for number, sighting in enumerate(fit.sightings):
-        echo = None if sighting.diffuse is None else sighting.diffuse.second
-        key = sighting.view, id(sighting.timing)
-        if isinstance(echo, Echo) and key not in seen:
-            seen[key] = echo, _clock_std_ps(fit, number, echo.delay_ps)
-    if not seen:
-        return None
-    values = np.array([(echo.delay_ps, echo.share) for echo, _ in seen.values()])
-    variances = np.array(
-        [
-            (echo.covariance[1, 1] + clock_ps**2, echo.covariance[0, 0])
-            for echo, clock_ps in seen.values()
-        ]
-    )
-    weights = 1.0 / np.maximum(variances, 1e-300)
-    mean = np.sum(weights * values, axis=0) / weights.sum(axis=0)
-    std = 1.0 / np.sqrt(weights.sum(axis=0))
-    return SecondPulse(float(mean[0]), float(std[0]), float(mean[1]), float(std[1]))
-
-
-def _clock_std_ps(fit: JointFit, number: int, delay_ps: float) -> float:
-    """By how much the clock's shared errors may stretch a delay, ps."""
-    sighting, own = fit.sightings[number], np.flatnonzero(fit.sighting_of == number)
-    if not len(own):
-        return 0.0
-    rows, cols = (each[own].astype(np.int64) for each in (fit.times.row, fit.times.col))
-    first = fit.times.arrival_ps[own] + sighting.timing.skew_ps[rows, cols]
-    columns = [
-        sighting.timing.arrival_errors_ps(rows, cols, when)[1] for when in (first, first + delay_ps)
-    ]
-    return float(np.linalg.norm(np.median(columns[1] - columns[0], axis=0)))
 
 
 def lags_with(lags_ps: Floats, delay_ps: float, within_ps: float, std_ps: float) -> Floats:
