@@ -365,9 +365,9 @@ def verdict_of(*world, method="joint", **others):
 )
 def test_light_beside_the_flight_is_named(defect, n_legs, strength, method, name):
     verdict = verdict_of(0, defect, n_legs=n_legs, strength=strength, method=method)
-    # Diffuse light has a place in the fit: no contradiction where it explains all counts.
+    # Other light has a place in the fit: no contradiction where that explains all counts.
     fitted = {"check"} if name == "haze" else {"contradicted"}
-    fitted |= {"check"} if name in ("shape", "halo", "glare") else set()
+    fitted |= {"check"} if name in ("shape", "halo", "glare", "other_pulse") else set()
     assert verdict.level in fitted
     assert name in [finding.name for finding in verdict.findings][:2]
 

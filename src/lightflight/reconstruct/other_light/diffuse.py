@@ -333,32 +333,51 @@ def _with_second(
     so_far: light.Diffuse | None,
     camera: Camera,
 ) -> Known:
-    """Strengths with what comes twice, where the counts show it: as found before, or looked for."""
-    before = None if so_far is None else so_far.second
-    if isinstance(before, SecondPath):
-        here = places(before.places.std_ps)
-        # A leg may have left the picture since, and with it its share.
-        if here.n_legs == len(before.mirror.share):
-            return asked.strengths(SecondPath(before.mirror, here, camera))
+    """Strengths with what comes twice, where the counts show it: of pulse and mirror the likelier.
+
+    Both are held against the same cells, and anew as the path moves: about a path that is off a
+    mirror may look like a second pulse, and a pulse like a mirror.
+    """
     known = asked.strengths()
+    before = None if so_far is None else so_far.second
     repeated = _with_second_pulse(asked, known)
-    told = known if repeated is None else repeated
+    mirrored = _with_mirror(asked, known, repeated, before, places, camera)
+    return next(one for one in (mirrored, repeated, known) if one is not None)
+
+
+def _with_mirror(
+    asked: _Asked,
+    known: Known,
+    repeated: Known | None,
+    before: Second | None,
+    places: Callable[[float], Places],
+    camera: Camera,
+) -> Known | None:
+    """Strengths with a mirror, as found before or looked for; None: none explains as much.
+
+    `known` are those without, `repeated` those with a second pulse if there is one.
+    """
     here = places(float(np.median(known.pixels.std_ps[:, 0])))
+    # A leg may have left the picture since, and with it its share.
+    same = isinstance(before, SecondPath) and here.n_legs == len(before.mirror.share)
     if not here.n_legs:
-        return told
-    second = second_path_in(asked.seen, known.pixels, known.dark, here, camera)
+        return None
+    if same:
+        assert isinstance(before, SecondPath)
+        second: SecondPath | None = SecondPath(before.mirror, here, camera)
+    else:
+        second = second_path_in(asked.seen, known.pixels, known.dark, here, camera)
     if second is None:
-        return told
-    # The image of a mirror near by is late by nearly the same everywhere: where one fits, a second
-    # pulse would pull the path.
-    enough = known.misfit() - LEAST_GAIN
-    more = asked.strengths(second, most_misfit=enough)
+        return None
+    enough = known.misfit() - LEAST_GAIN if repeated is None else repeated.misfit()
+    lags_ps = None if repeated is None else repeated.lags_ps
+    more = asked.strengths(second, lags_ps=lags_ps, most_misfit=enough)
     assert isinstance(more.second, SecondPath)
     share = more.second.mirror.share
     std = np.sqrt(np.diagonal(more.strengths.covariance))[-len(share) :]
     # About a wrong path a mirror may help that no light would come from.
     possible = bool(np.all((share > -3.0 * std) & (share < 1.0)))
-    return more if more.settled and possible and more.misfit() < enough else told
+    return more if more.settled and possible and more.misfit() < enough else None
 
 
 def _with_second_pulse(asked: _Asked, known: Known) -> Known | None:
