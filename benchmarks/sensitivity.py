@@ -58,20 +58,20 @@ MOVED_AT = 0.1
 
 TOGETHER = {
     "how far a leg's light reaches": (
-        "membership.CLAIM_REACH_PX", "photon.LIKELIHOOD_REACH_PX", "picture.PICTURE_REACH_PX",
+        "membership.CLAIM_REACH_PX", "counts.LIKELIHOOD_REACH_PX", "picture.PICTURE_REACH_PX",
         "unclaimed.EXPLAINED_REACH_PX", "unclaimed.EXPLAINED_REACH_SPOTS",
     ),
     "how clear of corners and tips": (
-        "picture.CLEAR_OF_CORNER_PX", "membership._TIP_PX", "photon._AT_TIP_PX",
+        "picture.CLEAR_OF_CORNER_PX", "membership._TIP_PX", "counts._AT_TIP_PX",
         "bend.BEND_FROM_CORNER_PX", "curves._KINK_FROM_END_PX",
     ),
     "where a fit ends": (
-        "information._TOLERANCE", "information._TINY", "information._LEVEL", "joint._STILL",
-        "diffuse._STILL", "prices._SETTLED",
+        "information._TOLERANCE", "information._TINY", "climb._LEVEL", "joint._STILL",
+        "strengths._STILL", "prices._SETTLED",
     ),
     "steps and rounds at most": (
         "least_squares._MOST_PATH_STEPS", "climb._MOST_CLIMB_STEPS", "lateral._MOST_LINE_STEPS",
-        "diffuse._MOST_ROUNDS", "revise._MOST_ROUNDS", "prices._ROUNDS", "joint._PASSES",
+        "strengths._MOST_ROUNDS", "revise._MOST_ROUNDS", "prices._ROUNDS", "joint._PASSES",
         "photon._PASSES", "counted._STEPS", "counted._CLIPS", "amplitudes._STEPS",
         "batch.MAX_STEPS",
     ),
