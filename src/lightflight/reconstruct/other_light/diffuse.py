@@ -358,12 +358,10 @@ def _with_mirror(
     `known` are those without, `repeated` those with a second pulse if there is one.
     """
     here = places(float(np.median(known.pixels.std_ps[:, 0])))
-    # A leg may have left the picture since, and with it its share.
-    same = isinstance(before, SecondPath) and here.n_legs == len(before.mirror.share)
     if not here.n_legs:
         return None
-    if same:
-        assert isinstance(before, SecondPath)
+    # A leg may have left the picture since, and with it its share.
+    if isinstance(before, SecondPath) and here.n_legs == len(before.mirror.share):
         second: SecondPath | None = SecondPath(before.mirror, here, camera)
     else:
         second = second_path_in(asked.seen, known.pixels, known.dark, here, camera)
