@@ -13,7 +13,7 @@ from tests.oracles import several_views
 from tests.oracles.refracted_bound import bound, emission_freedom
 
 PHOTONS = 2_000.0
-N_RUNS = 5
+N_RUNS = 3
 
 
 def scene_from(camera=None):
@@ -63,15 +63,15 @@ def both_and_one(scenes, timing):
 
 
 class TestTwoCameras:
-    """Emission time fitted; five recordings at fixed seeds."""
+    """Emission time fitted; three recordings at fixed seeds."""
 
     def test_stated_errors_are_smaller_than_one_cameras(self, both_and_one):
         both, one = ([p.vertex_std[1:3].mean() for p in paths] for paths in both_and_one)
         assert np.mean(both) < 0.85 * np.mean(one)
 
     def test_corners_come_back_within_the_stated_errors(self, scenes, both_and_one):
-        """10 corners of 4 numbers: the rms pull of 40 passes 1.46 by chance once in 10,000, were
-        all independent; those of one corner are not, and 1.6 is allowed.
+        """6 corners of 4 numbers: the rms pull of 24 passes 1.57 by chance once in 10,000, were all
+        independent; those of one corner are not, and 1.7 is allowed.
         """
         pulls = []
         for path in both_and_one[0]:
@@ -79,7 +79,7 @@ class TestTwoCameras:
             truth = np.column_stack((scenes[0].vertices_mm, scenes[0].vertex_times_ps))
             value = np.column_stack((path.vertices_mm, path.vertex_times_ps))
             pulls.append(((value - truth)[1:3] / path.vertex_std[1:3]).ravel())
-        assert 0.5 < np.sqrt(np.mean(np.square(pulls))) < 1.6
+        assert 0.5 < np.sqrt(np.mean(np.square(pulls))) < 1.7
 
     def test_real_errors_are_smaller_too(self, scenes, both_and_one):
         both, one = (
@@ -126,7 +126,7 @@ class TestEveryCount:
     Full tables: benchmarks/several_cameras.py.
     """
 
-    RUNS = 2
+    RUNS = 1
 
     @pytest.mark.parametrize(("cameras", "photons"), [(2, 40.0), (3, 40_000.0)])
     def test_errors_are_those_stated(self, cameras, photons):
