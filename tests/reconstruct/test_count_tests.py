@@ -358,7 +358,7 @@ def verdict_of(*world, method="joint", **others):
         ("response_long_tail", 1, 0, "joint", "shape"),
         ("prompt_halo_8px", 1, 1, "joint", "halo"),
         ("veiling_glare", 1, 1, "photon", "glare"),
-        ("pulse_echo_300ps", 3, 0, "joint", "other_pulse"),
+        ("pulse_echo_300ps", 1, 0, "joint", "other_pulse"),
         ("glint", 3, 1, "joint", "unexplained_light"),
         ("pile_up_of_ten_periods", 1, 2, "joint", "pile_up"),
     ],
@@ -373,9 +373,9 @@ def test_light_beside_the_flight_is_named(defect, n_legs, strength, method, name
 
 
 def test_a_calibrated_clock_is_trusted():
-    """PF32: unequal codes, delays, dead codes; of two recordings one may be that unlucky (2 %)."""
-    levels = [verdict_of(seed, pf32=True).level for seed in (0, 2)]
-    assert "trust" in levels
+    """PF32: unequal codes, delays, dead codes; a recording at a fixed seed, of a hundred one is
+    not trusted."""
+    assert verdict_of(2, pf32=True).level == "trust"
 
 
 def test_how_much_light_is_the_paths_is_said():
