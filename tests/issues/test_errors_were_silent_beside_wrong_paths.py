@@ -65,7 +65,11 @@ def test_one_leg_told_for_three_says_what_it_leaves_out():
     lab = three_legs()
     with pytest.warns(SuspectDataWarning):
         path = lf.reconstruct(
-            lab.recording(4), camera=lab.camera, source=lab.known, timing=lab.timing, n_legs=1
+            lab.recording(4, 4_000.0),
+            camera=lab.camera,
+            source=lab.known,
+            timing=lab.timing,
+            n_legs=1,
         )
     assert path.verdict.level == "contradicted"
     assert path.explained.n_pulses < 0.5 * path.explained.n_found
