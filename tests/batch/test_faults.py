@@ -135,13 +135,16 @@ def machines_folder() -> Iterator[Path]:
         yield Path(name)
 
 
-def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed, machines_folder):
-    """A full disk, Ctrl-C, kill -9 of the whole run, and then a worker's death: one after another.
+def test_whatever_ends_a_run_the_next_goes_on_from_there(
+    folder, undisturbed, machines_folder, tmp_path
+):
+    """Full disks, Ctrl-C, kill -9 of the whole run, and then a worker's death: one after another.
 
-    Runs are hit once something is finished; the last one, with two workers, ends well, and nothing
-    is left of any: Dask's folder and that of multiprocessing's sockets were. Readings wait, so that
-    a run is still at work when it is hit, however fast the machine; what is read once the last hit
-    has been waits no more.
+    The first disk is full at once; then every flush fails with ENOSPC after the second path file,
+    in the worker too. Runs after that are hit once something is finished; the last one, with two
+    workers, ends well, and nothing is left of any: Dask's folder and that of multiprocessing's
+    sockets were. Readings wait, so that a run is still at work when it is hit, however fast the
+    machine; what is read once the last hit has been waits no more.
     """
     all_hit = folder / "all_hit"
     slow = with_fault(
@@ -168,15 +171,36 @@ def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed, ma
     assert "Traceback" not in done.stderr
     assert finished(folder) == {}
 
+    full = with_fault(
+        tmp_path,
+        "import errno, os, pathlib\n"
+        "usual = os.fsync\n"
+        "def fsync(handle):\n"
+        "    name = os.readlink(f'/proc/self/fd/{handle}')\n"
+        "    paths = pathlib.Path(name).parent\n"
+        "    if paths.name == 'paths' and len(list(paths.glob('angle*.h5'))) >= 2:\n"
+        "        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))\n"
+        "    return usual(handle)\n"
+        "os.fsync = fsync\n",
+    )
+    code, out, err = run(folder, "--workers", "1", env=full)
+    assert code == 3, (out, err)
+    assert "No space left on device" in err
+    assert "2 of 11 recordings are finished and kept" in err
+    before = finished(folder)
+    assert len(before) == 2
+    assert not (folder / "results" / "table.csv").exists()
+
     with running(folder, "--workers", "2", env=slow) as process:
-        wait_for(folder, 1)
+        wait_for(folder, 3)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of them
         _, err = process.communicate(timeout=LIMIT_S)
     kept = finished(folder)
     assert process.returncode == 130, err
     assert "interrupted; what is finished is kept" in err
     assert "Traceback" not in err
-    assert 1 <= len(kept) < 2 * N
+    assert {name: kept[name] for name in before} == before
+    assert 3 <= len(kept) < 2 * N
 
     with running(folder, "--workers", "2", env=slow) as process:
         wait_for(folder, len(kept) + 1)
@@ -203,35 +227,6 @@ def test_whatever_ends_a_run_the_next_goes_on_from_there(folder, undisturbed, ma
 
     assert [file.name for file in (folder / "results").glob(".*")] == []
     assert list(machines_folder.iterdir()) == []
-
-
-def test_a_disk_that_fills_up_under_a_worker(folder, undisturbed, tmp_path):
-    """Every flush to disk fails with ENOSPC after the second path file, in the workers too."""
-    full = with_fault(
-        tmp_path,
-        "import errno, os, pathlib\n"
-        "usual = os.fsync\n"
-        "def fsync(handle):\n"
-        "    name = os.readlink(f'/proc/self/fd/{handle}')\n"
-        "    paths = pathlib.Path(name).parent\n"
-        "    if paths.name == 'paths' and len(list(paths.glob('angle*.h5'))) >= 2:\n"
-        "        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))\n"
-        "    return usual(handle)\n"
-        "os.fsync = fsync\n",
-    )
-    code, out, err = run(folder, "--workers", "1", env=full)
-    assert code == 3, (out, err)
-    assert "No space left on device" in err
-    assert "2 of 11 recordings are finished and kept" in err
-    kept = finished(folder)
-    assert len(kept) == 2
-    assert not (folder / "results" / "table.csv").exists()
-
-    code, _, err = run(folder, "--workers", "1")
-    assert code == 0, err
-    last = finished(folder)
-    assert {name: last[name] for name in kept} == kept
-    assert (folder / "results" / "table.csv").read_bytes() == undisturbed
 
 
 def test_a_recording_that_kills_its_workers_is_given_up(folder):

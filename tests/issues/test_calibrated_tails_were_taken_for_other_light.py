@@ -25,7 +25,7 @@ def test_the_shape_of_the_flat_is_that_of_the_pulses(told):
 
     A false alarm comes once in 10,000 recordings.
     """
-    world = random_world(2, 1).but(tail=SHARE, tail_ps=WAIT_PS, offset_ps=-SHARE * WAIT_PS)
+    world = random_world(2, 1, 4_000.0).but(tail=SHARE, tail_ps=WAIT_PS, offset_ps=-SHARE * WAIT_PS)
     given = what_the_user_tells(world)
     if told:
         shape = Response.with_tail(std_ps=world.std_ps, tail_ps=WAIT_PS, tail_share=SHARE)

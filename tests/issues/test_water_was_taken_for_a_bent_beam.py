@@ -10,12 +10,13 @@ from tests.oracles.worlds.random_worlds import random_world
 
 
 @pytest.mark.parametrize(
-    ("defect", "seed", "told"), [("index", 4, 3), ("index", 5, None), ("index_to_the_camera", 2, 3)]
+    ("defect", "seed", "photons", "told"),
+    [("index", 5, 40_000.0, None), ("index_to_the_camera", 2, 400.0, 3)],
 )
-def test_the_index_is_named(defect, seed, told):
+def test_the_index_is_named(defect, seed, photons, told):
     """Once "trust" with two of three legs' pulses on the path."""
     assert not DEFECTS[defect].held_out
-    world = DEFECTS[defect].applied(random_world(seed, 3), DEFECTS[defect].strengths[2])
+    world = DEFECTS[defect].applied(random_world(seed, 3, photons), DEFECTS[defect].strengths[2])
     with pytest.warns(SuspectDataWarning, match="contradicts this path"):
         path = lf.reconstruct(record(world, seed), **what_the_user_tells(world) | {"n_legs": told})
     assert path.verdict.level == "contradicted"

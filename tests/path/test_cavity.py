@@ -39,7 +39,7 @@ def test_tilted_mirrors_of_the_oracle_are_found_exactly(seed):
 
 
 def test_errors_are_those_of_drawn_paths():
-    """4,000 paths drawn from the covariance: their scatter errs by 1.1 %, and 5 % are allowed.
+    """1,000 paths drawn from the covariance: their scatter errs by 2.2 %, and 10 % are allowed.
 
     False alarm: 4.5 deviations, 7e-6 for each of the two.
     """
@@ -47,14 +47,14 @@ def test_errors_are_those_of_drawn_paths():
     path = make_path(LEVEL_MM, random_covariance(rng, len(LEVEL_MM), scale=0.3))
     value = np.column_stack((path.vertices_mm, path.vertex_times_ps)).ravel()
     times, distances = [], []
-    for one in rng.multivariate_normal(value, path.covariance, size=4000):
+    for one in rng.multivariate_normal(value, path.covariance, size=1000):
         moved = one.reshape(-1, 4)
         trip = replace(path, vertices_mm=moved[:, :3], vertex_times_ps=moved[:, 3]).round_trip
         times.append(trip.time_ps)
         distances.append(trip.distance_mm)
     trip = path.round_trip
-    assert np.std(times) / trip.time_std_ps == pytest.approx(1.0, abs=0.05)
-    assert np.std(distances) / trip.distance_std_mm == pytest.approx(1.0, abs=0.05)
+    assert np.std(times) / trip.time_std_ps == pytest.approx(1.0, abs=0.1)
+    assert np.std(distances) / trip.distance_std_mm == pytest.approx(1.0, abs=0.1)
     assert trip.times_std_ps.shape == trip.times_ps.shape == (2,)
 
 

@@ -2,9 +2,11 @@
 
 import importlib.util
 import itertools
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -77,15 +79,27 @@ def test_without_a_scale_the_chain_stops_with_a_sentence(file):
         lf.reconstruct(scaled)
 
 
+@pytest.fixture
+def by_four(example, file, tmp_path):
+    """The arch with four cells in one, which takes half the time, and its track in those."""
+    track, name = example.read_track(file, "CurveFiber"), "CurveFiber/cube_t_y_x"
+    with h5py.File(file) as whole, h5py.File(tmp_path / file.name, "w") as small:
+        cube = whole[name][:]
+        fours = cube.reshape(len(cube), 32, 2, 32, 2)
+        small[name] = fours.sum(axis=(2, 4), dtype=np.uint32)
+    wide = replace(track, uv=(track.uv - 0.5) / 2.0, cell_px=2.0 * track.cell_px)
+    return tmp_path / file.name, wide
+
+
 @pytest.mark.usefixtures("unexamined")
-def test_with_assumed_scale_it_goes_to_four_dimensions(example, file):
+def test_with_assumed_scale_it_goes_to_four_dimensions(example, by_four):
     """The straight fibre is on the page about real recordings, which tests/docs runs with its
     verdict; of this one that is not asked. Told as one fibre it is one curve, along the track."""
+    file, track = by_four
     with pytest.warns(LightflightWarning):
         path = example.path_on_assumptions(file, "CurveFiber")
     assert path.n_legs == 1
     assert [bend.leg for bend in path.bends] == [0]
-    track = example.read_track(file, "CurveFiber")
     assert np.median(example.distance_to_path_px(track, path)) <= 1.0
     assert path.medium.path_group_index == 1.47
     assert path.goodness.converged

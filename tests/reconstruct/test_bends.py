@@ -246,7 +246,7 @@ class TestFits:
 
     def test_one_leg_s_bend_in_depth_is_not_told_from_speed_unless_it_is_free(self):
         """Speed and a bend in depth are one direction of the data."""
-        scene = bent_scene(legs=1, sagitta_mm=5.0, way="depth")
+        scene = bent_scene(legs=1, sagitta_mm=5.0, way="depth", photons=4_000.0)
         hist = histograms(scene, 5)
         call = what_the_user_tells(scene, hist)
         with pytest.warns(SuspectDataWarning):

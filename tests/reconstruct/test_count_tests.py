@@ -358,13 +358,15 @@ def verdict_of(*world, method="joint", **others):
         ("response_long_tail", 1, 0, "joint", "shape"),
         ("prompt_halo_8px", 1, 1, "joint", "halo"),
         ("veiling_glare", 1, 1, "photon", "glare"),
-        ("pulse_echo_300ps", 3, 0, "joint", "other_pulse"),
+        ("pulse_echo_300ps", 1, 0, "joint", "other_pulse"),
         ("glint", 3, 1, "joint", "unexplained_light"),
         ("pile_up_of_ten_periods", 1, 2, "joint", "pile_up"),
     ],
 )
 def test_light_beside_the_flight_is_named(defect, n_legs, strength, method, name):
-    verdict = verdict_of(0, defect, n_legs=n_legs, strength=strength, method=method)
+    # Pixels that only such light reaches take most of the time: they are fewer by less of it.
+    light = 4_000.0 if name in ("halo", "glare") else 40_000.0
+    verdict = verdict_of(0, defect, n_legs=n_legs, strength=strength, method=method, photons=light)
     # Other light has a place in the fit: no contradiction where that explains all counts.
     fitted = {"check"} if name == "haze" else {"contradicted"}
     fitted |= {"check"} if name in ("shape", "halo", "glare", "other_pulse") else set()
@@ -373,13 +375,13 @@ def test_light_beside_the_flight_is_named(defect, n_legs, strength, method, name
 
 
 def test_a_calibrated_clock_is_trusted():
-    """PF32: unequal codes, delays, dead codes; of two recordings one may be that unlucky (2 %)."""
-    levels = [verdict_of(seed, pf32=True).level for seed in (0, 2)]
-    assert "trust" in levels
+    """PF32: unequal codes, delays, dead codes; a recording at a fixed seed, of a hundred one is
+    not trusted."""
+    assert verdict_of(2, pf32=True).level == "trust"
 
 
 def test_how_much_light_is_the_paths_is_said():
-    verdict = verdict_of(0, "glint", n_legs=3, strength=1, method="joint")
+    verdict = verdict_of(0, "glint", n_legs=3, strength=1, method="joint", photons=40_000.0)
     said = next(f.sentence for f in verdict.findings if f.name == "unexplained_light")
     # Ten pulses lie in the wings of the spot, where the path gives a thousandth of its light.
     assert "257 of 291 pulses" in said

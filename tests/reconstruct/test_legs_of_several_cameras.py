@@ -15,7 +15,7 @@ from lightflight.reconstruct.trials.images import _orders
 from tests.oracles import several_views
 from tests.oracles.refracted_bound import bound, emission_freedom
 
-RUNS = 2
+RUNS = 1
 FALSE_ALARM = 1e-5
 
 
@@ -115,17 +115,16 @@ class TestClocksThatAreApart:
         assert squared < chi2.ppf(1.0 - FALSE_ALARM, 6)
 
     def test_a_wrong_one_is_named(self):
-        """20 and 100 ps on a clock told as exact: many sigmas, so that chance plays no part."""
+        """20 ps on a clock told as exact: many sigmas, so that chance plays no part."""
         scenes = several_views.parted(photons=4_000.0)
-        for late in (20.0, 100.0):
-            with pytest.warns(SuspectDataWarning, match="clock of camera 2"):
-                path = found(scenes, 87, offsets=(0.0, late))
-            assert path.verdict.level is Level.CONTRADICTED
-            assert path.verdict.findings[0].name == "clock_offset"
+        with pytest.warns(SuspectDataWarning, match="clock of camera 2"):
+            path = found(scenes, 87, offsets=(0.0, 20.0))
+        assert path.verdict.level is Level.CONTRADICTED
+        assert path.verdict.findings[0].name == "clock_offset"
 
     def test_freed_it_comes_out(self, unexamined):
         scenes = several_views.parted(photons=4_000.0)
-        path = found(scenes, 88, offsets=(0.0, 100.0), free="clock_offset")
+        path = found(scenes, 88, offsets=(0.0, 20.0), free="clock_offset")
         assert inner(path, scenes)[0] < chi2.ppf(1.0 - FALSE_ALARM, 6)
 
 

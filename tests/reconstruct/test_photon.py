@@ -65,22 +65,22 @@ class TestDim:
     @pytest.mark.parametrize("photons", [100.0, 30.0])
     @pytest.mark.usefixtures("unexamined")
     def test_few_photons_in_the_brightest_pixel(self, photons):
-        """Mean square pull of six recordings' angles: 1 within 0.58; five of these is 3.9."""
+        """Mean square pull of four recordings' angles: 1 within 0.71; five of these is 4.5."""
         lab, pulls = one_leg(), []
-        for seed in range(6):
+        for seed in range(4):
             path = fitted(lab, lab.recording(seed, photons), n_legs=1)
             pulls.append((path.legs[0].angle_deg - 5.0) / path.legs[0].angle_std_deg)
             ideal = bounds(path, source=lab.known, photons_per_pixel=photons, pulse_std_ps=70.0,
                            background_per_code=lab.background_per_code)  # fmt: skip
             assert path.legs[0].angle_std_deg < 1.5 * ideal.angle_std_deg[0]
-        assert np.mean(np.square(pulls)) < 3.9
+        assert np.mean(np.square(pulls)) < 4.5
 
     @pytest.mark.usefixtures("unexamined")
     def test_at_the_end_of_the_light_it_is_right_or_says_no(self):
-        """Six and eight photons in the brightest pixel, some 200 in all, four recordings each."""
+        """Six and eight photons in the brightest pixel, some 200 in all, two recordings each."""
         lab, refusals = one_leg(), []
         for photons in (6.0, 8.0):
-            for seed in range(4):
+            for seed in range(2):
                 try:
                     path = fitted(lab, lab.recording(seed, photons))
                 except NothingFoundError as problem:
@@ -90,7 +90,7 @@ class TestDim:
                 assert path.n_legs == 1
                 assert abs(pull) < 5.0
                 assert path.legs[0].angle_std_deg < 1.0
-        assert len(refusals) <= 5
+        assert len(refusals) <= 3
         assert all("too little light" in sentence for sentence in refusals)
 
     def test_no_light_at_all(self):
@@ -223,7 +223,7 @@ class TestCamera:
         signal = sum(w * np.roll(lab.signal, k, axis=2) for k, w in enumerate(late))
         recordings = [
             lab.histograms(rng.poisson(4000.0 * signal + lab.background_per_code))
-            for rng in map(np.random.default_rng, range(8))
+            for rng in map(np.random.default_rng, range(4))
         ]
         time = np.arange(-600.0, 1200.0)
         density = sum(
@@ -232,11 +232,11 @@ class TestCamera:
         lateness = np.full(lab.camera.shape, 55.0 * float(late @ np.arange(7)))
         blunt = replace(lab.timing, skew_ps=lateness)
         shaped = replace(blunt, response_curve=np.stack([time, density]))
-        # A fit with the wrong shape takes five times as long: two show that the shape matters.
-        right, wrong = self.pulls(recordings, shaped), self.pulls(recordings[:2], blunt)
-        # Mean square of eight pulls: 1 within 0.5; the mean of eight within 0.35.
-        assert np.mean(right**2) < 2.5
-        assert abs(right.mean()) < 1.2
+        # A fit with the wrong shape takes five times as long: one shows that the shape matters.
+        right, wrong = self.pulls(recordings, shaped), self.pulls(recordings[:1], blunt)
+        # Mean square of four pulls: 1 within 0.71; the mean of four within 0.5.
+        assert np.mean(right**2) < 3.1
+        assert abs(right.mean()) < 1.7
         assert np.mean(wrong**2) > 1.5 * np.mean(right**2)
 
     @pytest.mark.usefixtures("unexamined")
@@ -245,13 +245,14 @@ class TestCamera:
         rate = (20_000.0 * lab.signal + lab.background_per_code) / frames
         first = np.exp(rate - np.cumsum(rate, axis=2)) * -np.expm1(-rate)
         outcome = np.concatenate([first, 1.0 - first.sum(axis=2, keepdims=True)], axis=2)
-        counts = [np.random.default_rng(s).multinomial(frames, outcome)[..., :-1] for s in range(6)]
+        counts = [np.random.default_rng(s).multinomial(frames, outcome)[..., :-1] for s in range(4)]
         given = {"n_frames": frames, "periods_per_frame": 1}
         told = [lab.histograms(one, **given) for one in counts]
         untold = [lab.histograms(counts[0])]
         right, wrong = (self.pulls(recordings, lab.timing) for recordings in (told, untold))
-        assert np.mean(right**2) < 2.5
-        assert abs(right.mean()) < 1.4
+        # Of four pulls, as above.
+        assert np.mean(right**2) < 3.1
+        assert abs(right.mean()) < 1.7
         assert abs(wrong[0]) > 3.0
 
     def test_repeats_fill_as_many_frames_as_they_have_together(self):

@@ -13,7 +13,7 @@ from tests.oracles import several_views
 from tests.oracles.refracted_bound import bound, emission_freedom
 
 PHOTONS = 2_000.0
-N_RUNS = 5
+N_RUNS = 3
 
 
 def scene_from(camera=None):
@@ -63,15 +63,15 @@ def both_and_one(scenes, timing):
 
 
 class TestTwoCameras:
-    """Emission time fitted; five recordings at fixed seeds."""
+    """Emission time fitted; three recordings at fixed seeds."""
 
     def test_stated_errors_are_smaller_than_one_cameras(self, both_and_one):
         both, one = ([p.vertex_std[1:3].mean() for p in paths] for paths in both_and_one)
         assert np.mean(both) < 0.85 * np.mean(one)
 
     def test_corners_come_back_within_the_stated_errors(self, scenes, both_and_one):
-        """10 corners of 4 numbers: the rms pull of 40 passes 1.46 by chance once in 10,000, were
-        all independent; those of one corner are not, and 1.6 is allowed.
+        """6 corners of 4 numbers: the rms pull of 24 passes 1.57 by chance once in 10,000, were all
+        independent; those of one corner are not, and 1.7 is allowed.
         """
         pulls = []
         for path in both_and_one[0]:
@@ -79,7 +79,7 @@ class TestTwoCameras:
             truth = np.column_stack((scenes[0].vertices_mm, scenes[0].vertex_times_ps))
             value = np.column_stack((path.vertices_mm, path.vertex_times_ps))
             pulls.append(((value - truth)[1:3] / path.vertex_std[1:3]).ravel())
-        assert 0.5 < np.sqrt(np.mean(np.square(pulls))) < 1.6
+        assert 0.5 < np.sqrt(np.mean(np.square(pulls))) < 1.7
 
     def test_real_errors_are_smaller_too(self, scenes, both_and_one):
         both, one = (
@@ -93,31 +93,35 @@ class TestTwoCameras:
         assert len(both[0].residuals) == pytest.approx(len(one[0].residuals), abs=12)
 
 
-def test_a_list_of_one_camera_is_that_camera(scenes, timing):
-    recordings = recorded(scenes, 50)[:1]
-    listed = found(scenes[:1], recordings, timing)
+def test_a_list_of_one_camera_is_that_camera(scenes, timing, both_and_one):
+    listed = both_and_one[1][0]
     plain = lf.reconstruct(
-        recordings[0], camera=scenes[0].camera, source=scenes[0].source, timing=timing
+        recorded(scenes, 0)[0], camera=scenes[0].camera, source=scenes[0].source, timing=timing
     )
     np.testing.assert_array_equal(listed.vertices_mm, plain.vertices_mm)
     np.testing.assert_array_equal(listed.covariance, plain.covariance)
 
 
-def test_a_pose_that_is_uncertain_counts_for_its_own_camera(scenes, timing):
+def test_a_pose_that_is_uncertain_counts_for_its_own_camera(scenes, timing, both_and_one):
     """The second camera's pose error costs something, and less than leaving it out."""
     front, side = scenes
-    recordings = recorded(scenes, 60)
+    recordings = recorded(scenes, 0)
     loose = lf.Camera(
         side.camera.matrix, side.camera.distortion, side.camera.world_from_camera,
         side.camera.shape, pose_covariance=np.diag([1e-3] * 3 + [1.0] * 3) ** 2,
     )  # fmt: skip
-    exact = found(scenes, recordings, timing)
+    exact, alone = (paths[0] for paths in both_and_one)
     unsure = lf.reconstruct(
         recordings, camera=[front.camera, loose], source=front.source, timing=timing
     )
-    alone = found(scenes[:1], recordings[:1], timing)
     sizes = [p.vertex_std[1:3].mean() for p in (exact, unsure, alone)]
     assert sizes[0] < sizes[1] <= 1.02 * sizes[2]
+
+
+@pytest.fixture(scope="module")
+def alone_by_photon(scenes, timing):
+    """The first camera's path by all its counts, seed 62."""
+    return found(scenes[:1], recorded(scenes, 62)[:1], timing, method="photon")
 
 
 class TestEveryCount:
@@ -126,7 +130,7 @@ class TestEveryCount:
     Full tables: benchmarks/several_cameras.py.
     """
 
-    RUNS = 2
+    RUNS = 1
 
     @pytest.mark.parametrize(("cameras", "photons"), [(2, 40.0), (3, 40_000.0)])
     def test_errors_are_those_stated(self, cameras, photons):
@@ -153,30 +157,30 @@ class TestEveryCount:
         # What is stated is what such counts can tell at best, not less and hardly more.
         assert 0.9 < np.sqrt(np.mean(stated2) / np.trace(least)) < 1.15
 
-    def test_one_camera_of_a_list_is_that_camera(self, scenes, timing):
-        recordings = recorded(scenes, 51)[:1]
-        listed = found(scenes[:1], recordings, timing, method="photon")
+    def test_one_camera_of_a_list_is_that_camera(self, scenes, timing, alone_by_photon):
         plain = lf.reconstruct(
-            recordings[0], camera=scenes[0].camera, source=scenes[0].source, timing=timing,
-            method="photon",
+            recorded(scenes, 62)[0], camera=scenes[0].camera, source=scenes[0].source,
+            timing=timing, method="photon",
         )  # fmt: skip
-        np.testing.assert_array_equal(listed.vertices_mm, plain.vertices_mm)
-        np.testing.assert_array_equal(listed.covariance, plain.covariance)
+        np.testing.assert_array_equal(alone_by_photon.vertices_mm, plain.vertices_mm)
+        np.testing.assert_array_equal(alone_by_photon.covariance, plain.covariance)
 
-    def test_a_second_camera_that_sees_nothing_changes_little(self, scenes, timing):
+    def test_a_second_camera_that_sees_nothing_changes_little(
+        self, scenes, timing, alone_by_photon
+    ):
         """Twelve photons in its brightest pixel: the first camera's path, and its errors."""
-        front, side = scenes
         recordings = [
-            lf.simulate(front, photons_per_pixel=PHOTONS, seed=70, threads=1),
-            lf.simulate(side, photons_per_pixel=12.0, seed=71, threads=1),
+            recorded(scenes, 62)[0],
+            lf.simulate(scenes[1], photons_per_pixel=12.0, seed=71, threads=1),
         ]
-        both = found(scenes, recordings, timing, method="photon")
-        alone = found(scenes[:1], recordings[:1], timing, method="photon")
+        both, alone = found(scenes, recordings, timing, method="photon"), alone_by_photon
         off = (both.vertices_mm - alone.vertices_mm)[1:3]
         assert np.all(np.abs(off) < 1.5 * alone.vertex_std[1:3, :3])
         assert np.all(both.vertex_std[1:3] < 1.01 * alone.vertex_std[1:3])
 
-    def test_a_pose_that_is_uncertain_counts_for_its_own_camera(self, scenes, timing):
+    def test_a_pose_that_is_uncertain_counts_for_its_own_camera(
+        self, scenes, timing, alone_by_photon
+    ):
         front, side = scenes
         recordings = recorded(scenes, 62)
         loose = lf.Camera(
@@ -188,8 +192,7 @@ class TestEveryCount:
             recordings, camera=[front.camera, loose], source=front.source, timing=timing,
             method="photon",
         )  # fmt: skip
-        alone = found(scenes[:1], recordings[:1], timing, method="photon")
-        sizes = [p.vertex_std[1:3].mean() for p in (exact, unsure, alone)]
+        sizes = [p.vertex_std[1:3].mean() for p in (exact, unsure, alone_by_photon)]
         assert sizes[0] < sizes[1] <= 1.02 * sizes[2]
 
     def test_parameters_of_all_views_have_places_of_their_own(self):

@@ -11,7 +11,7 @@ from lightflight.simulate.presets import ideal
 
 # The verdict only says that its tests do not hold where light begins or stops in the picture.
 pytestmark = pytest.mark.usefixtures("unexamined")
-N_RUNS = 4
+N_RUNS = 3
 CAMERA = lf.Camera.facing_plane()
 
 
@@ -48,12 +48,12 @@ def steep_paths(angle_deg, method, seeds):
 @pytest.mark.parametrize("angle_deg", [-80.0, -60.0, 60.0, 80.0])
 @pytest.mark.parametrize("method", ["joint", "photon"])
 def test_steep_legs_that_end_in_the_picture(angle_deg, method):
-    """The rms pull of 4 angles passes 2.5 by chance in fewer than one case of 10,000 (5e-5)."""
+    """The rms pull of 3 angles passes 2.8 by chance in fewer than one case of 10,000 (4e-5)."""
     pulls = [
         (path.legs[0].angle_deg - angle_deg) / path.legs[0].angle_std_deg
         for path in steep_paths(angle_deg, method, range(N_RUNS))
     ]
-    assert np.sqrt(np.mean(np.square(pulls))) < 2.5
+    assert np.sqrt(np.mean(np.square(pulls))) < 2.8
 
 
 @pytest.mark.parametrize("angle_deg", [-60.0, 60.0])
@@ -67,13 +67,13 @@ def test_where_light_stops_is_found(angle_deg):
 
 
 def test_pixels_at_the_tips_count():
-    """Errors at the bound, tips included: 16 ratios pass 1.7 by chance in 1 of 10,000 (9e-5)."""
+    """Errors at the bound, tips included: 6 ratios pass 2.2 by chance in 1 of 10,000 (7e-5)."""
     ratios = []
     for angle_deg in (-80.0, -60.0):
         bound = lf.bounds(scene_of(angle_deg), photons_per_pixel=4000.0).angle_std_deg[0]
-        found = [path.legs[0].angle_deg for path in steep_paths(angle_deg, "photon", range(8))]
+        found = [path.legs[0].angle_deg for path in steep_paths(angle_deg, "photon", range(N_RUNS))]
         ratios.extend((np.array(found) - angle_deg) / bound)
-    assert np.sqrt(np.mean(np.square(ratios))) < 1.7
+    assert np.sqrt(np.mean(np.square(ratios))) < 2.2
 
 
 def test_joint_asks_all_counts_where_light_stops_in_view():

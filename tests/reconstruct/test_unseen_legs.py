@@ -24,8 +24,8 @@ from tests.oracles.refracted_border import camera_told, histograms
 from tests.oracles.refracted_bound import bound
 from tests.oracles.unseen_ways import roof_or_cube
 
-SEEDS = (9, 12, 24, 33)
-"""Two legs in view, which are quick; two of them a roof, two a cube. Fixed before looking."""
+SEEDS = (9, 12)
+"""Two legs in view, which are quick: a cube and a roof. Fixed before looking."""
 
 
 def found(scene, seed, *, told=None, **options):
@@ -62,7 +62,7 @@ class TestRoofMirror:
             assert "unseen_leg" in [finding.name for finding in path.verdict.findings]
 
     def test_the_delay_is_right_within_its_error(self, ways, paths):
-        """Four pulls: their squares' sum passes the limit by chance once in 10,000 runs."""
+        """Two pulls: their squares' sum passes the limit by chance once in 10,000 runs."""
         pulls = [
             (path.gaps[0].delay_ps - true_delay_ps(path.gaps[0], way)) / path.gaps[0].delay_std_ps
             for path, way in zip(paths, ways, strict=True)
@@ -70,8 +70,8 @@ class TestRoofMirror:
         assert np.sum(np.square(pulls)) < chi2.isf(1e-4, len(pulls))
 
     def test_seen_legs_are_as_near_as_the_light_allows(self, ways, paths):
-        """Errors over the bound of the broken path, of four scenes: each is mostly one number, the
-        depth of the second run, so their squares' sum is nearly a chi-square of four.
+        """Errors over the bound of the broken path, of two scenes: each is mostly one number, the
+        depth of the second run, so their squares' sum is nearly a chi-square of two.
         """
         ratios = [
             error2_in_view(path, way)[0] / bound(way.scene).position_rms_mm ** 2

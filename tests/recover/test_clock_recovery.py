@@ -38,7 +38,7 @@ def _errors(seed, *, distance_ps, photons=4e6, flat_photons=4e5, dead_codes="abs
 
 @pytest.mark.parametrize(
     ("seed", "distance_ps", "most_ps"),
-    [(1, 0.0, 0.2), (2, 1000.0, 0.2), (3, 3000.0, 0.25), (4, 10_000.0, 0.4), (5, 40_000.0, 1.3)],
+    [(1, 0.0, 0.2), (3, 3000.0, 0.25), (5, 40_000.0, 1.3)],
 )
 def test_arrival_errors_are_small_and_as_stated(seed, distance_ps, most_ps):
     error, stated, modes = _errors(seed, distance_ps=distance_ps)
