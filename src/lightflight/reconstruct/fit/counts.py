@@ -39,6 +39,7 @@ from lightflight.reconstruct.model.geometry import (
     footprints,
     state_of_path,
 )
+from lightflight.reconstruct.model.glass import beside_glass
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.picture import (
     LegInPicture,
@@ -442,7 +443,7 @@ def view_of_counts(
         picture = measure_picture(
             in_view, whole, camera=own.camera, medium=own.medium, std_ps=counts.intrinsic_ps,
             fine=True, active_px=counts.active_px,
-            may_miss=in_view.seen if seen.others else (),
+            may_miss=in_view.seen if seen.others else beside_glass(in_view),
         )  # fmt: skip
     except GeometryError as lost:
         raise NothingFoundError(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lightflight.blocks import Block
 from lightflight.errors import NothingFoundError
-from lightflight.path.glass import in_order, uncrossed, with_faces_on
+from lightflight.path.glass import in_order, out_of, with_faces_on
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.glass import faced
@@ -64,16 +64,19 @@ class Pieces:
     ) -> tuple[PathState, tuple[ImageLeg, ...]]:
         """A first path with vertices on faces, and the piece that shows each leg that is seen.
 
-        Raises GeometryError where a block is crossed by none of its legs.
+        Blocks that no leg of it crosses are left out: light may meet them where no picture shows it
+        any more, and only the fit tells for sure. Raises GeometryError where both vertices lie on
+        one side of a block between pieces.
         """
+        state = _through_last_blocks(state, (*self.between[-1], *self.elsewhere), cameras)
         ends = list(pairwise(state.vertices_mm))
         crossed = [list(blocks) for blocks in self.between]
         for block in self.elsewhere:
-            wide = replace(block, diameter_mm=_ROUGHLY * block.diameter_mm)
-            leg = next((k for k, two in enumerate(ends) if wide.is_between(*two)), None)
-            if leg is None:
-                raise uncrossed(block)
-            crossed[leg].append(block)
+            wide = _wide(block)
+            near = [k for k, two in enumerate(ends) if wide.is_between(*two)]
+            if near:
+                # Where legs meet at a mirror, several pass a block: one goes through its middle.
+                crossed[min(near, key=lambda k: block.aside_mm(*ends[k]))].append(block)
         met = [in_order(own, end - start) for own, (start, end) in zip(crossed, ends, strict=True)]
         chain = with_faces_on(state.vertices_mm, met)
         state = faced(state, chain, cameras)
@@ -88,6 +91,25 @@ class Pieces:
             else:
                 legs.append(piece)
         return replace(state, dark=tuple(sorted(dark))), tuple(legs)
+
+
+def _wide(block: Block) -> Block:
+    """The block, as wide as it is taken for while the path is rough."""
+    return replace(block, diameter_mm=_ROUGHLY * block.diameter_mm)
+
+
+def _through_last_blocks(
+    state: PathState, blocks: Sequence[Block], cameras: Sequence[Camera]
+) -> PathState:
+    """The path, its last vertex beyond blocks out of which a picture shows its last leg come.
+
+    Of what comes out there may be too few pulses to belong to any leg in the picture.
+    """
+    for block in blocks:
+        out = out_of(state.vertices_mm[-2:], _wide(block))
+        if out is not None and any(camera.sees(out) for camera in cameras):
+            state = replace(state, vertices_mm=np.vstack((state.vertices_mm[:-1], out)))
+    return state
 
 
 def pieces_of(
