@@ -39,6 +39,10 @@ _LEAST_PIXELS = 4
 """A piece of fewer pixels says nothing of its own."""
 _ROUGHLY = 3.0
 """How many times as wide as told a block is taken for, while the path is rough."""
+_HIDDEN = (
+    "pixels that look at the block of glass hide all but a few of the leg that crosses it: tell no "
+    "larger diameter_mm than it has, or look from elsewhere"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +70,7 @@ class Pieces:
 
         Blocks that no leg of it crosses are left out: light may meet them where no picture shows it
         any more, and only the fit tells for sure. Raises GeometryError where both vertices lie on
-        one side of a block between pieces.
+        one side of a block between pieces, NothingFoundError where no leg has a piece to fit.
         """
         state = _through_last_blocks(state, (*self.between[-1], *self.elsewhere), cameras)
         ends = list(pairwise(state.vertices_mm))
@@ -90,6 +94,8 @@ class Pieces:
                 dark.add(leg)
             else:
                 legs.append(piece)
+        if not legs:
+            raise NothingFoundError(_HIDDEN)
         return replace(state, dark=tuple(sorted(dark))), tuple(legs)
 
 
@@ -160,10 +166,7 @@ def pieces_of(
         met.sort(key=lambda one: one[0])
         parts = _parted(line, [at for at, _ in met], camera, arrivals)
         if not any(parts):
-            raise NothingFoundError(
-                "pixels that look at the block of glass hide all but a few of the leg that crosses "
-                "it: tell no larger diameter_mm than it has, or look from elsewhere"
-            )
+            raise NothingFoundError(_HIDDEN)
         shown.append(parts)
         between.append(tuple(block for _, block in met))
     return Pieces(tuple(shown), tuple(between), tuple(elsewhere))
