@@ -17,11 +17,12 @@ from lightflight.path.verdict import Level
 from lightflight.simulate.presets import ideal, paper_scene
 
 GLASS = lf.Material.named("BK7", wavelength_nm=532.0)
+IN_VIEW = np.array([[0.0, 0.0, 0.0], [300.0, 20.0, 30.0], [0.0, 90.0, -90.0]])
 ONE_LEG = np.array([[0.0, 0.0, 0.0], [375.0, 40.0, 30.0]])
 MIRROR = np.array([[0.0, 0.0, 0.0], [345.0, 20.0, 30.0], [0.0, 130.0, 10.0]])
 
 
-def block_on(start, end, share, thickness_mm=20.0, diameter_mm=16.0):
+def block_on(start, end, share, thickness_mm=20.0, diameter_mm=14.0):
     return lf.Block(
         start + share * (end - start), end - start,
         thickness_mm=thickness_mm, diameter_mm=diameter_mm, glass=GLASS,
@@ -58,8 +59,15 @@ def test_a_block_beyond_the_picture_changes_nothing():
     assert off_mm < 0.1
 
 
-def test_glass_beside_a_mirror_is_put_into_the_leg_that_crosses_it():
-    path, off_mm = reconstructed(MIRROR, block_on(*MIRROR[1:], 0.085, thickness_mm=5.0))
+@pytest.mark.parametrize(
+    ("vertices_mm", "share", "thickness_mm"), [(MIRROR, 0.085, 5.0), (IN_VIEW, 0.1, 20.0)]
+)
+def test_glass_beside_a_mirror_is_put_into_the_leg_that_crosses_it(
+    vertices_mm, share, thickness_mm
+):
+    """Out of view, and where the picture shows it beside the other leg."""
+    block = block_on(*vertices_mm[1:], share, thickness_mm=thickness_mm)
+    path, off_mm = reconstructed(vertices_mm, block)
     assert path.legs_in_glass == (2,)
     assert path.verdict.level is Level.TRUST
     assert off_mm < 0.2

@@ -74,13 +74,12 @@ class Pieces:
         """
         state = _through_last_blocks(state, (*self.between[-1], *self.elsewhere), cameras)
         ends = list(pairwise(state.vertices_mm))
-        crossed = [list(blocks) for blocks in self.between]
-        for block in self.elsewhere:
-            wide = _wide(block)
-            near = [k for k, two in enumerate(ends) if wide.is_between(*two)]
-            if near:
-                # Where legs meet at a mirror, several pass a block: one goes through its middle.
-                crossed[min(near, key=lambda k: block.aside_mm(*ends[k]))].append(block)
+        crossed: list[list[Block]] = [[] for _ in ends]
+        shown_on = [(k, block) for k, blocks in enumerate(self.between) for block in blocks]
+        for shown, block in [*shown_on, *((None, block) for block in self.elsewhere)]:
+            leg = _crossing(ends, block, shown)
+            if leg is not None:
+                crossed[leg].append(block)
         met = [in_order(own, end - start) for own, (start, end) in zip(crossed, ends, strict=True)]
         chain = with_faces_on(state.vertices_mm, met)
         state = faced(state, chain, cameras)
@@ -89,7 +88,7 @@ class Pieces:
             if leg in dark:
                 continue
             before = [b for k, b in glass.items() if k < leg and chain.of_leg[k] == flown]
-            piece = self.shown[flown][sum(block in self.between[flown] for block in before)]
+            piece = self._piece(flown, before, crossed[flown])
             if piece is None:
                 dark.add(leg)
             else:
@@ -97,6 +96,30 @@ class Pieces:
         if not legs:
             raise NothingFoundError(_HIDDEN)
         return replace(state, dark=tuple(sorted(dark))), tuple(legs)
+
+    def _piece(
+        self, flown: int, before: Sequence[Block], crossed: Sequence[Block]
+    ) -> ImageLeg | None:
+        """What shows a leg of the flight behind some of the blocks that it crosses."""
+        own = self.between[flown]
+        if all(block in crossed for block in own):
+            return self.shown[flown][sum(block in own for block in before)]
+        # It was cut at a block that stands in another leg: the most of it will do.
+        pieces = [piece for piece in self.shown[flown] if piece is not None]
+        return max(pieces, key=lambda piece: piece.n_pixels, default=None)
+
+
+def _crossing(ends: Sequence[tuple[Floats, Floats]], block: Block, shown: int | None) -> int | None:
+    """The leg that crosses a block; `shown`: on which the picture shows it, None: on none.
+
+    Where legs meet at a mirror several pass a block's image, and several pass it in space within
+    what a rough path is worth: one goes through its middle.
+    """
+    if shown is not None and block.is_between(*ends[shown]):
+        return shown
+    wide = _wide(block)
+    near = [k for k, two in enumerate(ends) if wide.is_between(*two)]
+    return min(near, key=lambda k: block.aside_mm(*ends[k])) if near else shown
 
 
 def _wide(block: Block) -> Block:
