@@ -461,6 +461,12 @@ def view_of_counts(
     pixels = replace(pixels, pixel_var=pixels.pixel_var + floor_ps**2)
     if len(pixels.rows) < 3 and not seen.others:
         raise NothingFoundError("fewer than three usable pixels lie near the path")
+    bare = [k for k in state.seen if not pixels.near[:, k].any()]
+    if bare:
+        raise NothingFoundError(
+            f"no usable pixel lies near leg {bare[0] + 1} of the path: give a smaller n_legs or "
+            "another start"
+        )
     codes = codes_of_pixels(pixels, whole, state, own, std_ps)
     uneven = counts.uneven[pixels.rows, pixels.cols]
     return View(whole.view, light, pixels, codes, uneven, state.dark)
