@@ -104,9 +104,14 @@ class Block:
         height, _ = self.heights_and_radii_mm(np.stack((start_mm, end_mm)))
         if not height[0] * height[1] < 0.0:
             return False
+        return self.aside_mm(start_mm, end_mm) <= 0.5 * self.diameter_mm
+
+    def aside_mm(self, start_mm: Floats, end_mm: Floats) -> float:
+        """How far from its axis the straight way between places on both sides meets its middle."""
+        height, _ = self.heights_and_radii_mm(np.stack((start_mm, end_mm)))
         share = height[0] / (height[0] - height[1])
         middle = start_mm + share * (end_mm - start_mm)
-        return bool(self.heights_and_radii_mm(middle)[1] <= 0.5 * self.diameter_mm)
+        return float(self.heights_and_radii_mm(middle)[1])
 
     def rim_mm(self, n: int = 64) -> Floats:
         """(2 n, 3), places on the rims of both faces, world, mm."""

@@ -25,7 +25,7 @@ from lightflight.arguments import finite_number, finite_numbers
 from lightflight.camera.parallel_planes import way_through_parallel
 from lightflight.camera.way import Way
 from lightflight.errors import GeometryError
-from lightflight.flight import INDEX_SLACK_STDS, Medium
+from lightflight.flight import INDEX_SLACK_STDS, Medium, Source
 from lightflight.materials import AIR, Material
 
 if TYPE_CHECKING:
@@ -187,6 +187,41 @@ def refuse_other_medium(camera: Camera, medium: Medium) -> None:
             f"behind the last interface light flies at a group index of {behind:g}, and "
             f"return_group_index of the medium is {medium.return_group_index:g}: give one medium, "
             "as Medium(path_group_index, return_group_index) of what fills the scene"
+        )
+
+
+def refuse_way_through(camera: Camera, source: Source) -> None:
+    """Refuse a source on the camera's side of an interface behind which light flies otherwise.
+
+    Parameters
+    ----------
+    camera : Camera
+        Only its last interface is asked; a window with air behind may end beside the beam.
+    source : Source
+        Known or not.
+
+    Raises
+    ------
+    GeometryError
+        Where the source lies before it by more than its stated errors: the beam would be bent at an
+        interface that bends the view alone.
+    """
+    if not camera.interfaces or source.position_mm is None:
+        return
+    last = camera.interfaces[-1]
+    if abs(last.beyond.group_index - camera.stands_in.group_index) <= _SAME_INDEX:
+        return
+    points, normals = planes_of(camera.interfaces, camera.center_mm)
+    height = float((np.asarray(source.position_mm) - points[-1]) @ normals[-1])
+    std = np.hypot(
+        np.linalg.norm(normals[-1] * source.position_std_xyz_mm),
+        max(face.distance_std_mm for face in camera.interfaces),
+    )
+    if height < -INDEX_SLACK_STDS * std:
+        raise GeometryError(
+            f"the source lies {-height:.3g} mm before the last interface, on the camera's side, "
+            "and a beam that crosses an interface is not modelled: give the place where light "
+            "enters the medium behind it, or check point_mm of the interface"
         )
 
 

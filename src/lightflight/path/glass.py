@@ -176,7 +176,10 @@ def refuse_ends_in_glass(vertices_mm: Floats, blocks: Sequence[Block]) -> None:
 
 
 def refuse_other_crossings(vertices_mm: Floats, blocks: Sequence[Block]) -> None:
-    """Refuse a path that does not cross each of the blocks, from face to face.
+    """Refuse a path that does not cross each of the blocks in its way, from face to face.
+
+    A block that light meets beyond the last vertex, where the picture shows it no more, is in its
+    way, too, and changes nothing.
 
     Parameters
     ----------
@@ -194,7 +197,7 @@ def refuse_other_crossings(vertices_mm: Floats, blocks: Sequence[Block]) -> None
     glass = glass_of(vertices_mm, blocks)
     for block in blocks:
         legs = [leg for leg, one in glass if one == block]
-        if not legs:
+        if not legs and way_on_to(vertices_mm, block) is None:
             raise uncrossed(block)
         for leg in legs:
             _, radius = block.heights_and_radii_mm(vertices_mm[leg : leg + 2])
@@ -204,6 +207,31 @@ def refuse_other_crossings(vertices_mm: Floats, blocks: Sequence[Block]) -> None
                     f"and the face is {block.diameter_mm:g} mm wide: check center_mm and "
                     "diameter_mm of the block"
                 )
+
+
+def way_on_to(vertices_mm: Floats, block: Block) -> Floats | None:
+    """How light that meets a block beyond the last vertex flies on, (2, 3), mm; None: it does not.
+
+    As if the block stood not there: it moves light aside by less than a pixel.
+    """
+    start, end = vertices_mm[-2:]
+    step = end - start
+    away = float(np.linalg.norm(np.asarray(block.center_mm) - end)) + block.diameter_mm
+    far = end + 3.0 * (away + block.thickness_mm) * step / np.linalg.norm(step)
+    return np.stack((end, far)) if block.is_between(end, far) else None
+
+
+def out_of(leg_mm: Floats, block: Block) -> Floats | None:
+    """Where a leg (2, 3) that ends before or in a block comes out of it, (3,); None: nowhere."""
+    height, _ = block.heights_and_radii_mm(leg_mm)
+    if height[0] * height[1] < 0.0 and abs(height[1]) > 0.5 * block.thickness_mm:
+        return None
+    step = leg_mm[1] - leg_mm[0]
+    rise = float(step @ block.unit_normal)
+    if height[0] * rise >= 0.0:
+        return None
+    out: Floats = leg_mm[0] + (abs(height[0]) + 0.6 * block.thickness_mm) / abs(rise) * step
+    return out if block.is_between(leg_mm[0], out) else None
 
 
 def uncrossed(block: Block) -> GeometryError:

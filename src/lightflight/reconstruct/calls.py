@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lightflight.arguments import mask_of_pixels, shown
-from lightflight.camera.refraction import refuse_other_medium
+from lightflight.camera.refraction import refuse_other_medium, refuse_way_through
 from lightflight.errors import CalibrationError, GeometryError
 from lightflight.flight import Source
 from lightflight.reconstruct.estimators import ESTIMATORS, estimator_named
@@ -163,7 +163,8 @@ def checked_media(setting: Setting, method: str) -> None:
         Where the medium is not the one behind the last interface, or the estimator knows no
         interfaces, blocks or curves; for curves beside blocks.
     GeometryError
-        Where pixels look along rays that never get behind the interfaces.
+        Where pixels look along rays that never get behind the interfaces, or the beam comes through
+        one from the source.
     """
     if setting.medium.blocks and not estimator_named(method).through_windows:
         raise ValueError(
@@ -189,6 +190,7 @@ def checked_media(setting: Setting, method: str) -> None:
                 "use method='joint' or 'photon'"
             )
         refuse_other_medium(camera, setting.medium)
+        refuse_way_through(camera, setting.source)
         _refuse_reflected(camera)
 
 

@@ -410,11 +410,12 @@ def _examined(
     """The path in its lap of the clock, with what it explains and its verdict."""
     # A start given by the user says the lap too: the path stays where it was put.
     path = path if request.start is not None else on_first_lap(path, request.sightings[0])
-    path = replace(path, explained=explained(path, fit, request.sightings))
+    sightings = request.sightings if fit is None else list(fit.sightings)
+    path = replace(path, explained=explained(path, fit, sightings))
     return examined(
         path,
         fit,
-        request.sightings if fit is None else list(fit.sightings),
+        sightings,
         request.setting,
         nominal_clock=request.timing is None,
         n_legs=request.n_legs,

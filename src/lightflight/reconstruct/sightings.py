@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from lightflight import flags
@@ -21,7 +20,7 @@ from lightflight.errors import (
 from lightflight.reconstruct.legs.find import unwrapped_arrivals
 from lightflight.reconstruct.model.glass import looks_at_blocks
 from lightflight.reconstruct.model.setting import Setting, earliest_arrival_ps
-from lightflight.reconstruct.model.sighting import Sighting, blind_pixels
+from lightflight.reconstruct.model.sighting import Sighting, blind_pixels, without_pixels
 from lightflight.reconstruct.other_light.tail import shape_with_tail
 from lightflight.timing.clock.calibration import ASSUMED_GAIN_STD, TimingCalibration
 from lightflight.timing.pulses.arrivals import find_arrivals
@@ -70,10 +69,7 @@ def unwrapped_sighting(sighting: Sighting, setting: Setting) -> Sighting:
     )
     if not setting.medium.blocks:
         return seen
-    hidden = looks_at_blocks(setting.camera, setting.medium.blocks)
-    masked = np.where(hidden[seen.arrivals.row, seen.arrivals.col], np.uint32(flags.MASKED), 0)
-    bits = (seen.arrivals.flags | masked).astype(np.uint32)
-    return replace(seen, arrivals=replace(seen.arrivals, flags=bits), blind=seen.blind | hidden)
+    return without_pixels(seen, looks_at_blocks(setting.camera, setting.medium.blocks))
 
 
 def sighting_from_histograms(

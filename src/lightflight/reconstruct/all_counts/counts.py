@@ -39,6 +39,7 @@ from lightflight.reconstruct.model.geometry import (
     footprints,
     state_of_path,
 )
+from lightflight.reconstruct.model.glass import beside_glass
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.picture import (
     LegInPicture,
@@ -442,7 +443,7 @@ def view_of_counts(
         picture = measure_picture(
             in_view, whole, camera=own.camera, medium=own.medium, std_ps=counts.intrinsic_ps,
             fine=True, active_px=counts.active_px,
-            may_miss=in_view.seen if seen.others else (),
+            may_miss=in_view.seen if seen.others else beside_glass(in_view),
         )  # fmt: skip
     except GeometryError as lost:
         raise NothingFoundError(
@@ -460,6 +461,12 @@ def view_of_counts(
     pixels = replace(pixels, pixel_var=pixels.pixel_var + floor_ps**2)
     if len(pixels.rows) < 3 and not seen.others:
         raise NothingFoundError("fewer than three usable pixels lie near the path")
+    bare = [k for k in state.seen if not pixels.near[:, k].any()]
+    if bare:
+        raise NothingFoundError(
+            f"no usable pixel lies near leg {bare[0] + 1} of the path: give a smaller n_legs or "
+            "another start"
+        )
     codes = codes_of_pixels(pixels, whole, state, own, std_ps)
     uneven = counts.uneven[pixels.rows, pixels.cols]
     return View(whole.view, light, pixels, codes, uneven, state.dark)

@@ -38,6 +38,7 @@ from lightflight.reconstruct.model.geometry import (
     footprints,
     state_of_path,
 )
+from lightflight.reconstruct.model.glass import with_dark_pieces
 from lightflight.reconstruct.model.information import covariance_from_information
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import (
@@ -131,7 +132,7 @@ def _climbed(
     errors = shared_errors(setting)
     shared = np.zeros(len(errors)) if shared is None else shared
     wholes = clean_counts(sightings, rough, std_ps, tips, moved(setting, errors, shared))
-    state = state_of_path(rough)
+    state = with_dark_pieces(state_of_path(rough), setting.cameras)
     counts = [
         Counts(
             whole,

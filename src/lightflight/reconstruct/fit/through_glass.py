@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lightflight.blocks import Block
 from lightflight.errors import NothingFoundError
-from lightflight.path.glass import in_order, uncrossed, with_faces_on
+from lightflight.path.glass import in_order, out_of, with_faces_on
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.glass import faced
@@ -39,6 +39,10 @@ _LEAST_PIXELS = 4
 """A piece of fewer pixels says nothing of its own."""
 _ROUGHLY = 3.0
 """How many times as wide as told a block is taken for, while the path is rough."""
+_HIDDEN = (
+    "pixels that look at the block of glass hide all but a few of the leg that crosses it: tell no "
+    "larger diameter_mm than it has, or look from elsewhere"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,16 +68,18 @@ class Pieces:
     ) -> tuple[PathState, tuple[ImageLeg, ...]]:
         """A first path with vertices on faces, and the piece that shows each leg that is seen.
 
-        Raises GeometryError where a block is crossed by none of its legs.
+        Blocks that no leg of it crosses are left out: light may meet them where no picture shows it
+        any more, and only the fit tells for sure. Raises GeometryError where both vertices lie on
+        one side of a block between pieces, NothingFoundError where no leg has a piece to fit.
         """
+        state = _through_last_blocks(state, (*self.between[-1], *self.elsewhere), cameras)
         ends = list(pairwise(state.vertices_mm))
-        crossed = [list(blocks) for blocks in self.between]
-        for block in self.elsewhere:
-            wide = replace(block, diameter_mm=_ROUGHLY * block.diameter_mm)
-            leg = next((k for k, two in enumerate(ends) if wide.is_between(*two)), None)
-            if leg is None:
-                raise uncrossed(block)
-            crossed[leg].append(block)
+        crossed: list[list[Block]] = [[] for _ in ends]
+        shown_on = [(k, block) for k, blocks in enumerate(self.between) for block in blocks]
+        for shown, block in [*shown_on, *((None, block) for block in self.elsewhere)]:
+            leg = _crossing(ends, block, shown)
+            if leg is not None:
+                crossed[leg].append(block)
         met = [in_order(own, end - start) for own, (start, end) in zip(crossed, ends, strict=True)]
         chain = with_faces_on(state.vertices_mm, met)
         state = faced(state, chain, cameras)
@@ -82,12 +88,57 @@ class Pieces:
             if leg in dark:
                 continue
             before = [b for k, b in glass.items() if k < leg and chain.of_leg[k] == flown]
-            piece = self.shown[flown][sum(block in self.between[flown] for block in before)]
+            piece = self._piece(flown, before, crossed[flown])
             if piece is None:
                 dark.add(leg)
             else:
                 legs.append(piece)
+        if not legs:
+            raise NothingFoundError(_HIDDEN)
         return replace(state, dark=tuple(sorted(dark))), tuple(legs)
+
+    def _piece(
+        self, flown: int, before: Sequence[Block], crossed: Sequence[Block]
+    ) -> ImageLeg | None:
+        """What shows a leg of the flight behind some of the blocks that it crosses."""
+        own = self.between[flown]
+        if all(block in crossed for block in own):
+            return self.shown[flown][sum(block in own for block in before)]
+        # It was cut at a block that stands in another leg: the most of it will do.
+        pieces = [piece for piece in self.shown[flown] if piece is not None]
+        return max(pieces, key=lambda piece: piece.n_pixels, default=None)
+
+
+def _crossing(ends: Sequence[tuple[Floats, Floats]], block: Block, shown: int | None) -> int | None:
+    """The leg that crosses a block; `shown`: on which the picture shows it, None: on none.
+
+    Where legs meet at a mirror several pass a block's image, and several pass it in space within
+    what a rough path is worth: one goes through its middle.
+    """
+    if shown is not None and block.is_between(*ends[shown]):
+        return shown
+    wide = _wide(block)
+    near = [k for k, two in enumerate(ends) if wide.is_between(*two)]
+    return min(near, key=lambda k: block.aside_mm(*ends[k])) if near else shown
+
+
+def _wide(block: Block) -> Block:
+    """The block, as wide as it is taken for while the path is rough."""
+    return replace(block, diameter_mm=_ROUGHLY * block.diameter_mm)
+
+
+def _through_last_blocks(
+    state: PathState, blocks: Sequence[Block], cameras: Sequence[Camera]
+) -> PathState:
+    """The path, its last vertex beyond blocks out of which a picture shows its last leg come.
+
+    Of what comes out there may be too few pulses to belong to any leg in the picture.
+    """
+    for block in blocks:
+        out = out_of(state.vertices_mm[-2:], _wide(block))
+        if out is not None and any(camera.sees(out) for camera in cameras):
+            state = replace(state, vertices_mm=np.vstack((state.vertices_mm[:-1], out)))
+    return state
 
 
 def pieces_of(
@@ -138,10 +189,7 @@ def pieces_of(
         met.sort(key=lambda one: one[0])
         parts = _parted(line, [at for at, _ in met], camera, arrivals)
         if not any(parts):
-            raise NothingFoundError(
-                "pixels that look at the block of glass hide all but a few of the leg that crosses "
-                "it: tell no larger diameter_mm than it has, or look from elsewhere"
-            )
+            raise NothingFoundError(_HIDDEN)
         shown.append(parts)
         between.append(tuple(block for _, block in met))
     return Pieces(tuple(shown), tuple(between), tuple(elsewhere))

@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from lightflight.blocks import Block
 from lightflight.errors import GeometryError
-from lightflight.path.glass import Faced, with_faces
+from lightflight.path.glass import Faced, way_on_to, with_faces
 from lightflight.reconstruct.model.geometry import PathState
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ _SPOT_PX = 1.5
 """Pixels this near to the image of a block take no part, px: four stds of a usual spot."""
 _PLACES = 401
 """At which a leg is asked whether a picture shows it."""
+_LIT_PX = 2.5
+"""Pixels this near to the line of a piece may hold its light, px: six stds of a usual spot."""
 _LEAST_PX = 4.0
 """A piece of a leg of which a picture shows less, px, says nothing of its own."""
 
@@ -82,18 +84,79 @@ def faced(state: PathState, chain: Faced, cameras: Sequence[Camera]) -> PathStat
     -------
     PathState
     """
-    glass = {leg for leg, _ in chain.glass}
-    blocks = [block for _, block in chain.glass]
+    state = replace(state, vertices_mm=chain.vertices_mm, glass=chain.glass)
+    return with_dark_pieces(state, cameras)
+
+
+def with_dark_pieces(state: PathState, cameras: Sequence[Camera]) -> PathState:
+    """The path, of which the pieces beside glass that no picture shows, but for a tip, are dark.
+
+    Parameters
+    ----------
+    state : PathState
+        The path, with vertices on faces; as it is where it has none.
+    cameras : sequence of Camera
+        Whose pictures count.
+
+    Returns
+    -------
+    PathState
+    """
+    if not state.glass:
+        return state
+    blocks = [block for _, block in state.glass]
     hidden = [looks_at_blocks(camera, blocks) for camera in cameras]
-    dark = set(glass)
-    for leg in {k + side for k in glass for side in (-1, 1)} - glass:
-        ends = chain.vertices_mm[leg : leg + 2]
+    dark = {leg for leg, _ in state.glass}
+    for leg in beside_glass(state):
+        ends = state.vertices_mm[leg : leg + 2]
         shown = (_shown_px(ends, camera, own) for camera, own in zip(cameras, hidden, strict=True))
         if max(shown) < _LEAST_PX:
             dark.add(leg)
-    return replace(
-        state, vertices_mm=chain.vertices_mm, glass=chain.glass, dark=tuple(sorted(dark))
-    )
+    return replace(state, dark=tuple(sorted(dark)))
+
+
+def beside_glass(state: PathState) -> tuple[int, ...]:
+    """Legs in air next to one within glass, ascending: what is seen of one may be too little."""
+    glass = {leg for leg, _ in state.glass}
+    near = {leg + side for leg in glass for side in (-1, 1)} - glass
+    return tuple(sorted(near & set(range(state.n_legs))))
+
+
+def lit_by_short_pieces(
+    state: PathState, blocks: Sequence[Block], camera: Camera
+) -> NDArray[np.bool_]:
+    """Pixels that hold light of a flight through glass which no leg of the fit accounts for.
+
+    Parameters
+    ----------
+    state : PathState
+        The path as fitted, with vertices on faces.
+    blocks : sequence of Block
+        Those of the medium.
+    camera : Camera
+        Whose picture it is.
+
+    Returns
+    -------
+    array of bool, shape (rows, cols)
+        True near a piece beside glass that the picture shows too little of to be fitted, and, where
+        a block stands beyond the path's last vertex, near the line on which its light goes on.
+    """
+    glass = {leg for leg, _ in state.glass}
+    short = [leg for leg in state.dark if leg not in glass]
+    lines = [state.vertices_mm[leg : leg + 2] for leg in short]
+    lines += [line for block in blocks if (line := way_on_to(state.vertices_mm, block)) is not None]
+    lit = np.zeros(camera.shape, dtype=bool)
+    pixels = np.moveaxis(np.indices(camera.shape, dtype=float), 0, -1)
+    for line in lines:
+        share = np.linspace(0.0, 1.0, _PLACES)[:, np.newaxis]
+        places = line[0] + share * (line[1] - line[0])
+        places = places[camera.sees(places)]
+        if len(places):
+            image = np.column_stack(camera.pixels_from_points(places))
+            away = np.linalg.norm(pixels[..., np.newaxis, :] - image, axis=-1)
+            lit |= away.min(axis=-1) < _LIT_PX
+    return lit
 
 
 def _shown_px(ends_mm: Floats, camera: Camera, hidden: NDArray[np.bool_]) -> float:

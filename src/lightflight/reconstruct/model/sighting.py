@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -83,6 +83,28 @@ class Sighting:
         """(n,), rows of `arrivals` that no flag excludes and that have a time."""
         usable = flags.is_usable(self.arrivals.flags) & np.isfinite(self.arrival_ps)
         return np.flatnonzero(usable)
+
+
+def without_pixels(sighting: Sighting, hidden: NDArray[np.bool_]) -> Sighting:
+    """The sighting, of which some pixels take no part.
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, on the clock and with its pulses found.
+    hidden : array of bool, shape (rows, cols)
+        True for those pixels.
+
+    Returns
+    -------
+    Sighting
+        Their pulses are flagged as masked.
+    """
+    arrivals = sighting.arrivals
+    masked = np.where(hidden[arrivals.row, arrivals.col], np.uint32(flags.MASKED), 0)
+    bits = (arrivals.flags | masked).astype(np.uint32)
+    arrivals = replace(arrivals, flags=bits)
+    return replace(sighting, arrivals=arrivals, blind=sighting.blind | hidden)
 
 
 def first_of_each_view(sightings: Sequence[Sighting]) -> list[Sighting]:

@@ -21,6 +21,7 @@ from lightflight.reconstruct.fit.joint import JointFit, fit_joint
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.legs.plausible import implausible
 from lightflight.reconstruct.model.geometry import state_of_path
+from lightflight.reconstruct.model.glass import with_dark_pieces
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.other_light.around import DrawnOutError
@@ -191,8 +192,8 @@ def _light(
 
 def _fit_about(path: LightPath, sightings: list[Sighting], setting: Setting) -> JointFit | None:
     """A joint fit that starts from the path; None where single pulses do not allow one."""
-    state = state_of_path(path)
     try:
+        state = with_dark_pieces(state_of_path(path), setting.cameras)
         return with_fine_light(fit_joint(sightings, state, setting, legs=None), setting)
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return None
