@@ -1,10 +1,11 @@
 """Corners and bends that nobody told and that an error of the set-up may have drawn.
 
 A clock whose codes are longer, or a medium told wrong, bends the times along a leg; a corner more
-takes that up, and all tests of the longer path pass. So where light turns by little, the path
-without that corner is fitted as well, and each cause freed in it: where one explains the
-recording as well as the corner does, the corner is in doubt. A bent leg always is: light that is
-slower on a leg bends its times as a curve in depth does, a lens bows its line.
+takes that up, and all tests of the longer path pass; glass in the beam makes the light late from
+one place on, as a short leg in depth does. So where light turns by little, or about a leg that is
+all but unseen, the path without those corners is fitted as well, and each cause freed in it: where
+one explains the recording as well as the corners do, they are in doubt. A bent leg always is: light
+that is slower on a leg bends its times as a curve in depth does, a lens bows its line.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from lightflight.path.light_path import LightPath
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import OUTLIER
@@ -21,8 +23,11 @@ from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.trials.outcome import NoFit
 from lightflight.reconstruct.trials.revise import refitted, setting_without
+from lightflight.reconstruct.verdict.bookkeeping import legs_that_may_be_none
+from lightflight.reconstruct.verdict.detours import FEW_PULSES
 from lightflight.reconstruct.verdict.evidence import MOST_NAMED, WITHIN, Evidence
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry, stated_solution
+from lightflight.reconstruct.verdict.hidden import pulses_of_legs
 from lightflight.reconstruct.verdict.judge import best_of_each
 
 _SHALLOW_DEG = 30.0
@@ -55,25 +60,63 @@ def verdict_with_doubtful_corners(
     """
     if verdict.level is not Level.TRUST:
         return verdict
-    told = {index for index, _, _ in setting.waypoints}
-    state = fit.solution.state
-    shallow = [
-        k
-        for k in state.corners_seen
-        if state.as_told(k) not in told and state.turn_deg(k) < _SHALLOW_DEG
-    ]
-    if not shallow:
+    asked = _corners_asked_about(fit, setting)
+    if not asked:
         return verdict
+    state = fit.solution.state
     # In even light, as the paths without: unequal pixels would take up what a corner explains.
     plain = refitted(sightings, state, setting)
     if isinstance(plain, NoFit):
         return verdict
-    for corners in dict.fromkeys((tuple(shallow), *((k,) for k in shallow))):
+    for corners in asked:
         causes = _causes_instead(corners, plain, sightings, setting)
         if causes:
             findings = tuple(_finding(one, corners, state) for one in causes[:MOST_NAMED])
             return replace(verdict, level=Level.CHECK, findings=findings)
     return verdict
+
+
+def _corners_asked_about(fit: JointFit, setting: Setting) -> tuple[tuple[int, ...], ...]:
+    """Corners that may be taken out together: shallow ones, and both of a leg all but unseen."""
+    told = {index for index, _, _ in setting.waypoints}
+    state = fit.solution.state
+    open_ = [k for k in state.corners_seen if state.as_told(k) not in told]
+    shallow = tuple(k for k in open_ if state.turn_deg(k) < _SHALLOW_DEG)
+    weak = (state.seen[k] for k in np.flatnonzero(pulses_of_legs(fit) <= FEW_PULSES))
+    about = (tuple(k for k in open_ if k in (state.leg_starts[leg], leg + 1)) for leg in weak)
+    groups = (shallow, *about, *((k,) for k in shallow))
+    return tuple(dict.fromkeys(group for group in groups if group))
+
+
+def verdict_with_doubtful_legs(verdict: Verdict, path: LightPath) -> Verdict:
+    """The verdict, "check" where a leg between corners may be none.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        On the path as it was found; only one of "trust" can change.
+    path : LightPath
+        Its number of legs was not told.
+
+    Returns
+    -------
+    Verdict
+    """
+    loose = legs_that_may_be_none(path)
+    if verdict.level is not Level.TRUST or not loose:
+        return verdict
+    which = " and ".join(
+        f"leg {leg + 1} is {length_mm:.2g} mm long, known to ± {std_mm:.2g} mm"
+        for leg, length_mm, std_mm in loose
+    )
+    finding = Finding(
+        FindingName.LEG_COUNT,
+        f"{which}: it may be none, but light that is late behind glass, or a clock that is off",
+        0.0,
+        "say how many legs there are (n_legs, --n-legs)",
+        Severity.CHECK,
+    )
+    return replace(verdict, level=Level.CHECK, findings=(*verdict.findings, finding))
 
 
 def findings_of_bends(fit: JointFit) -> tuple[Finding, ...]:

@@ -37,6 +37,7 @@ from lightflight.reconstruct.verdict.detours import findings_of_detours
 from lightflight.reconstruct.verdict.doubtful import (
     findings_of_bends,
     verdict_with_doubtful_corners,
+    verdict_with_doubtful_legs,
 )
 from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry
@@ -91,6 +92,7 @@ def examined(
         )
         if n_legs is None:
             verdict = verdict_with_doubtful_corners(verdict, fit, sightings, setting)
+            verdict = verdict_with_doubtful_legs(verdict, path)
         if name_arms:
             verdict = verdict_with_arm(verdict, fit, sightings, setting)
     if verdict.level is Level.CONTRADICTED:
