@@ -6,13 +6,16 @@ corners are hardly fixed.
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import lightflight as lf
 from lightflight.errors import SuspectDataWarning
+from lightflight.reconstruct.model.state import PathState
 from lightflight.reconstruct.verdict.bookkeeping import legs_that_may_be_none
+from lightflight.reconstruct.verdict.doubtful import corners_asked_about
 from lightflight.simulate.presets import ideal, paper_scene
 from tests.path_fakes import make_path
 
@@ -47,3 +50,21 @@ def test_a_leg_is_one_where_it_is_three_of_its_errors_long():
     assert legs_that_may_be_none(make_path(vertices_mm, 6.9**2 * np.eye(16))) == []
     (loose,) = legs_that_may_be_none(make_path(vertices_mm, 7.2**2 * np.eye(16)))
     assert loose == pytest.approx((1, 30.0, 7.2 * np.sqrt(2.0)))
+
+
+def test_both_corners_of_a_leg_all_but_unseen_are_asked_about():
+    """They turn by 40 degrees: of corners as sharp as that no others are."""
+    vertices_mm = np.array(
+        [[0, 0, 0], [100, 0, 0], [120, 0, 17], [250, 0, 17], [250, 90, 17]], dtype=float
+    )
+
+    def asked_about(pulses_of_leg_2: int) -> tuple[tuple[int, ...], ...]:
+        leg = np.repeat([0, 1, 2, 3], [30, pulses_of_leg_2, 40, 20])
+        fit = SimpleNamespace(
+            solution=SimpleNamespace(state=PathState(vertices_mm, 0.0)),
+            times=SimpleNamespace(leg=leg, weight=np.ones(len(leg))),
+        )
+        return corners_asked_about(fit, ())
+
+    assert asked_about(2) == ((1, 2),)
+    assert asked_about(20) == ()

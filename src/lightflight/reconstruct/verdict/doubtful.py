@@ -10,6 +10,7 @@ that is slower on a leg bends its times as a curve in depth does, a lens bows it
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from lightflight.path.light_path import LightPath
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import OUTLIER
+from lightflight.reconstruct.model.freedom import Waypoint
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
@@ -60,7 +62,7 @@ def verdict_with_doubtful_corners(
     """
     if verdict.level is not Level.TRUST:
         return verdict
-    asked = _corners_asked_about(fit, setting)
+    asked = corners_asked_about(fit, setting.waypoints)
     if not asked:
         return verdict
     state = fit.solution.state
@@ -76,9 +78,24 @@ def verdict_with_doubtful_corners(
     return verdict
 
 
-def _corners_asked_about(fit: JointFit, setting: Setting) -> tuple[tuple[int, ...], ...]:
-    """Corners that may be taken out together: shallow ones, and both of a leg all but unseen."""
-    told = {index for index, _, _ in setting.waypoints}
+def corners_asked_about(
+    fit: JointFit, waypoints: Sequence[Waypoint]
+) -> tuple[tuple[int, ...], ...]:
+    """Corners that may be taken out together: shallow ones, and both of a leg all but unseen.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path.
+    waypoints : sequence of (int, array, float)
+        Corners that were told: these are none.
+
+    Returns
+    -------
+    tuple of tuple of int
+        Numbers of their vertices.
+    """
+    told = {index for index, _, _ in waypoints}
     state = fit.solution.state
     open_ = [k for k in state.corners_seen if state.as_told(k) not in told]
     shallow = tuple(k for k in open_ if state.turn_deg(k) < _SHALLOW_DEG)
