@@ -119,3 +119,5 @@ def test_a_block_stands_in_the_medium_of_the_path():
     assert medium.blocks == (block(around=water),)
     with pytest.raises(ValueError, match="blocks must be a list"):
         lf.Medium(blocks=("glass",))
+    with pytest.raises(ValueError, match="told twice"):
+        lf.Medium(blocks=(block(), block()))

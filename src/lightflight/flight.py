@@ -19,6 +19,7 @@ Zheng, Sun, Wang, Faccio, Photonics Research 8, 1072 (2020).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -85,7 +86,7 @@ class Medium:
         object.__setattr__(self, "blocks", self._checked_blocks())
 
     def _checked_blocks(self) -> tuple[Block, ...]:
-        """The blocks; ValueError where they are none, or stand in another medium than this."""
+        """The blocks; ValueError where they are none, told twice, or stand in another medium."""
         told = (self.blocks,) if isinstance(self.blocks, Block) else self.blocks
         if not (isinstance(told, tuple | list) and all(isinstance(one, Block) for one in told)):
             raise ValueError(f"blocks must be a list of lightflight.Block, got {told!r:.60}")
@@ -97,6 +98,8 @@ class Medium:
                     f"a block of glass stands in a medium of group index {index:g}, and the "
                     f"path_group_index is {self.path_group_index:g}: say what it stands in (around)"
                 )
+        if any(one == other for one, other in combinations(told, 2)):
+            raise ValueError("blocks must differ, and one of them is told twice: leave one out")
         return tuple(told)
 
 
