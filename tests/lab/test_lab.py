@@ -175,9 +175,10 @@ def test_blocks_of_glass_are_read_and_written():
     written = table_from_lab(lab)
     assert set(written["medium"]) == {"path_group_index", "return_group_index"}
     rows: Any = written["block"]["blocks"]
-    again = lab_from_table({"block": {"blocks": [rows[0], rows[0]]}})
+    aside = [rows[0][0] + 60.0, *rows[0][1:]]
+    again = lab_from_table({"block": {"blocks": [rows[0], aside]}})
     assert [one.glass.group_index for one in again.medium.blocks] == [block.glass.group_index] * 2
-    assert table_from_lab(again)["block"]["blocks"] == [rows[0], rows[0]]
+    assert table_from_lab(again)["block"]["blocks"] == [rows[0], aside]
     indices = {key: value for key, value in BLOCK.items() if key not in ("glass", "wavelength_nm")}
     told = lab_from_table({"block": indices | {"glass_indices": [1.5, 1.55]}})
     assert told.medium.blocks[0].glass == Material(1.5, 1.55)
