@@ -21,7 +21,7 @@ from tests.oracles.splitter import splitter_world
 
 CASES = [(300, 0.5), (301, 0.1)]
 """Fixed before looking."""
-STRAIGHT = 53_042, 0.1
+STRAIGHT = 53_041, 0.1
 """A fit of the light that turns takes what goes straight on for the leg before the splitter."""
 
 
