@@ -14,8 +14,7 @@ import pytest
 import lightflight as lf
 from lightflight.errors import SuspectDataWarning
 from lightflight.reconstruct.model.state import PathState
-from lightflight.reconstruct.verdict.bookkeeping import legs_that_may_be_none
-from lightflight.reconstruct.verdict.doubtful import corners_asked_about
+from lightflight.reconstruct.verdict.doubtful import corners_asked_about, legs_that_may_be_none
 from lightflight.simulate.presets import ideal, paper_scene
 from tests.path_fakes import make_path
 

@@ -30,8 +30,6 @@ _USUAL_POOR = 0.02
 """Share of the pulses on an undisturbed path that carry POOR_FIT: at most this."""
 _TURNS_AT = 1e-4
 """Chance that straight light seems to turn somewhere on two legs."""
-_SURELY_A_LEG = 3.0
-"""A leg is longer than nothing where its length is this many of its standard errors."""
 
 
 def evidence_from_flags(fit: JointFit, sightings: list[Sighting]) -> tuple[Evidence, ...]:
@@ -135,28 +133,6 @@ def noticed(
             )
         )
     return tuple(found)
-
-
-def legs_that_may_be_none(path: LightPath) -> list[tuple[int, float, float]]:
-    """Legs between corners that are not clearly longer than nothing: number, length, its std, mm.
-
-    A leg whose two corners lie within three standard errors of each other was not seen as one: what
-    it explains may be a delay.
-    """
-    found, starts = [], starts_of(path)
-    between = set(range(path.n_legs)) - {*path.unseen_legs, *path.legs_in_glass}
-    for leg in sorted(between):
-        ends = starts[leg], leg + 1
-        if set(ends) & {*path.ends, *path.open_vertices}:
-            continue
-        step = path.vertices_mm[ends[1]] - path.vertices_mm[ends[0]]
-        length_mm = float(np.linalg.norm(step))
-        rows = np.ravel([np.arange(4 * vertex, 4 * vertex + 3) for vertex in ends])
-        along = np.concatenate((-step, step)) / length_mm
-        variance = float(along @ path.covariance[np.ix_(rows, rows)] @ along)
-        if length_mm**2 < _SURELY_A_LEG**2 * variance:
-            found.append((leg, length_mm, float(np.sqrt(variance))))
-    return found
 
 
 def corners_without_a_turn(path: LightPath) -> list[int]:

@@ -1,4 +1,4 @@
-"""Corners and bends that nobody told and that an error of the set-up may have drawn.
+"""Corners, legs and bends that nobody told and that an error of the set-up may have drawn.
 
 A clock whose codes are longer, or a medium told wrong, bends the times along a leg; a corner more
 takes that up, and all tests of the longer path pass; glass in the beam makes the light late from
@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from lightflight.path.light_path import LightPath
+from lightflight.path.tree import starts_of
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import OUTLIER
@@ -25,7 +26,6 @@ from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.trials.outcome import NoFit
 from lightflight.reconstruct.trials.revise import refitted, setting_without
-from lightflight.reconstruct.verdict.bookkeeping import legs_that_may_be_none
 from lightflight.reconstruct.verdict.detours import FEW_PULSES
 from lightflight.reconstruct.verdict.evidence import MOST_NAMED, WITHIN, Evidence
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry, stated_solution
@@ -35,6 +35,8 @@ from lightflight.reconstruct.verdict.judge import best_of_each
 _SHALLOW_DEG = 30.0
 """Corners that turn by more are not asked about, deg: errors of plausible size bend a leg by up to
 14 degrees in the tests' worlds. It costs a fit for each corner and decides nothing else."""
+_SURELY_A_LEG = 3.0
+"""A leg is longer than nothing where its length is this many of its standard errors."""
 _OF_A_CORNER = 3
 """Parameters that a corner brings: its place."""
 
@@ -134,6 +136,28 @@ def verdict_with_doubtful_legs(verdict: Verdict, path: LightPath) -> Verdict:
         Severity.CHECK,
     )
     return replace(verdict, level=Level.CHECK, findings=(*verdict.findings, finding))
+
+
+def legs_that_may_be_none(path: LightPath) -> list[tuple[int, float, float]]:
+    """Legs between corners that are not clearly longer than nothing: number, length, its std, mm.
+
+    A leg whose two corners lie within three standard errors of each other was not seen as one: what
+    it explains may be a delay.
+    """
+    found, starts = [], starts_of(path)
+    between = set(range(path.n_legs)) - {*path.unseen_legs, *path.legs_in_glass}
+    for leg in sorted(between):
+        ends = starts[leg], leg + 1
+        if set(ends) & {*path.ends, *path.open_vertices}:
+            continue
+        step = path.vertices_mm[ends[1]] - path.vertices_mm[ends[0]]
+        length_mm = float(np.linalg.norm(step))
+        rows = np.ravel([np.arange(4 * vertex, 4 * vertex + 3) for vertex in ends])
+        along = np.concatenate((-step, step)) / length_mm
+        variance = float(along @ path.covariance[np.ix_(rows, rows)] @ along)
+        if length_mm**2 < _SURELY_A_LEG**2 * variance:
+            found.append((leg, length_mm, float(np.sqrt(variance))))
+    return found
 
 
 def findings_of_bends(fit: JointFit) -> tuple[Finding, ...]:
