@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
+from scipy.stats import norm
 
 from lightflight.reconstruct.model.cells import Cells, lag_edges
+from lightflight.reconstruct.model.counted import Pulses, lit_pixels
 from lightflight.reconstruct.model.second_path import (
     Mirror,
     Places,
@@ -11,6 +14,7 @@ from lightflight.reconstruct.model.second_path import (
     glow,
     return_ps_per_mm,
 )
+from lightflight.reconstruct.model.strength import knots_over, strength_as_seen
 from tests.oracles.worlds.border import camera_record
 from tests.oracles.worlds.light import mirrored, stations
 from tests.oracles.worlds.random_worlds import random_world
@@ -31,8 +35,8 @@ def second(world):
     way2 = np.sum((beam.place - world.view.centre) ** 2, axis=1)
     # Photons per area of one px^2; a pixel of area one on the line has them all.
     places = Places(
-        beam.place, np.zeros(len(way2), dtype=int), beam.event_ps, beam.light * way2,
-        world.spot_std_px, world.std_ps, return_ps_per_mm(INDEX),
+        beam.place, *(np.zeros(len(way2), dtype=each) for each in (int, bool)), beam.event_ps,
+        beam.light * way2, world.spot_std_px, world.std_ps, return_ps_per_mm(INDEX),
     )  # fmt: skip
     forward = world.view.axes[2]
     mirror = Mirror(forward, world.wall_depth_mm + float(world.view.centre @ forward), np.ones(1))
@@ -72,7 +76,7 @@ def test_counts_follow_the_mirror_as_told(second):
     edges = np.tile(lag_edges(70.0, 56.0, 1.3, 50_000.0), (20, 1))
     everywhere = np.ones((20, edges.shape[1] - 1))
     cells = Cells(edges, everywhere, everywhere > 0.0, 0.0 * everywhere, everywhere)
-    light, by = second.light(cells, rows, cols, reference)
+    light, _, by = second.light(cells, rows, cols, reference)
     low, up = (edges[:, part] + reference[:, np.newaxis] for part in (slice(-1), slice(1, None)))
     np.testing.assert_allclose(light, second.counts(rows, cols, (low, up), 0.0), atol=1e-6)
     assert light.sum() == pytest.approx(shown.photons.sum(), rel=1e-3)
@@ -102,9 +106,44 @@ def test_what_flies_beyond_the_mirror_has_no_image(second):
     cut = Mirror(normal, float(np.median(depth)), np.ones(1))
     before = depth < cut.distance_mm
     alone = Places(
-        places.points_mm[before], places.leg[before], places.event_ps[before],
-        places.light[before], places.spot_px, places.std_ps, places.return_ps_per_mm,
+        places.points_mm[before], places.leg[before], places.beyond[before],
+        places.event_ps[before], places.light[before],
+        places.spot_px, places.std_ps, places.return_ps_per_mm,
     )  # fmt: skip
     shown, expected = (glow(cut, one, second.camera) for one in (places, alone))
     assert expected.photons.sum() > 0.0
     np.testing.assert_allclose(shown.photons, expected.photons, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("bright", [0.0, 1.0, 2.0])
+def test_images_of_what_nobody_saw_are_as_bright_as_their_pixels_say(bright):
+    """Noiseless counts: told as it is the image moves no time, told as certain it moves it."""
+    edges = lag_edges(70.0, 56.0, 1.3, 50_000.0)[np.newaxis]
+    everywhere = np.ones((1, edges.shape[1] - 1))
+    pulse, image = (
+        photons * np.diff(norm.cdf(edges, late, 70.0))
+        for late, photons in ((0.0, 1e5), (150.0, 1e4))
+    )
+    counts = pulse + bright * image + 1e-3 * np.diff(edges)
+    cells = Cells(edges, counts, everywhere > 0.0, 0.0 * everywhere, everywhere)
+    expected = Pulses(np.zeros((1, 1)), np.full((1, 1), 70.0))
+    own = lit_pixels(cells, expected, other=image, beyond=image)
+    told = lit_pixels(cells, expected, other=image)
+    assert abs(own.late_ps[0, 0]) < 0.05
+    assert abs(told.late_ps[0, 0]) > 4.0 * abs(bright - 1.0)
+    # What is not known has its price: the time is known worse for it.
+    if bright == 1.0:
+        assert own.inverse[0, 1, 1] > 1.02 * told.inverse[0, 1, 1]
+
+
+def test_light_that_the_picture_does_not_show_is_that_of_its_edge():
+    """A spline runs off where no pixel holds it: as far as the last one it is believed."""
+    knots = knots_over(0.0, 30.0)
+    coefficients = np.zeros(len(knots) - 4)
+    coefficients[-1] = 5.0
+    strength, beyond = strength_as_seen(
+        BSpline(knots, coefficients, 3), np.array([-9.0, 15.0, 40.0])
+    )
+    np.testing.assert_allclose(strength[:2], 1.0, rtol=1e-9)
+    assert strength[2] < np.exp(2.0)
+    np.testing.assert_array_equal(beyond, [True, False, True])

@@ -48,6 +48,7 @@ from lightflight.reconstruct.model.picture import (
     lit_by_legs,
     measure_picture,
 )
+from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting, clock_errors, pixel_counts
@@ -130,6 +131,10 @@ def without_outliers(
         # tells of the first camera's pulses.
         wrong = rough.residuals[~rough.residuals["used"]]
         blind[wrong["row"], wrong["col"]] = True
+    if sighting.diffuse is not None and isinstance(sighting.diffuse.second, SecondPath):
+        # Images of what nobody saw may be twice as bright as told, or none: beyond chance.
+        guessed, chance = sighting.diffuse.second.guessed(), np.sqrt(sighting.histograms.photons)
+        blind |= guessed > chance
     if len(rough.residuals):
         blind |= pixels_off_the_path(sighting, rough, std_ps, tips, setting)
     return replace(sighting, blind=blind)

@@ -35,6 +35,8 @@ _FLIGHT_STD = 0.03
 """Half the variance that flight through a footprint may add to a pulse, in the pulse's own."""
 _FLIGHT_REACH = 5.0
 """Beyond so many standard deviations of flight there is less of a pulse than counts can show."""
+_BEYOND_STD = 1.0
+"""Light that nobody saw may be twice as bright as was told, or none: of its brightness."""
 _CLIPS = 4
 """Rounds in which pixels five deviations above the mean are left out of it."""
 _LEAST_PHOTONS = 1e-3
@@ -150,7 +152,8 @@ class Pixels:
     """n pixels with their unknowns fitted: photons and delay of s legs, ln width, background.
 
     These are q = 2 s + 2; for pulses that are no Gaussians one more, before the width: what
-    flight through the footprint adds (half its variance, in the pulse's own).
+    flight through the footprint adds (half its variance, in the pulse's own). Where other light
+    is partly the pixel's own, one more before these: by how much that part exceeds what was told.
 
     Attributes
     ----------
@@ -238,7 +241,13 @@ def _background(cells: Cells, near: NDArray[np.bool_]) -> Floats:
     return floor
 
 
-def dark_pixels(cells: Cells, *, dispersion: float = 1.0, other: Floats | float = 0.0) -> Pixels:
+def dark_pixels(
+    cells: Cells,
+    *,
+    dispersion: float = 1.0,
+    other: Floats | float = 0.0,
+    beyond: Floats | None = None,
+) -> Pixels:
     """Pixels that no leg lights: their background is all that they expect.
 
     Parameters
@@ -249,15 +258,17 @@ def dark_pixels(cells: Cells, *, dispersion: float = 1.0, other: Floats | float 
         Variance of counts over that of Poisson's.
     other : array of float, shape (n, m), optional
         Counts that are expected of light which is no leg's.
+    beyond : array of float, shape (n, m), optional
+        Part of `other` of which nobody knows how bright it is in each pixel.
 
     Returns
     -------
     Pixels
         Without photons (n, 0).
     """
-    n = len(cells.counts)
-    empty = np.empty((n, 0))
-    return lit_pixels(cells, Pulses(empty, empty), dispersion=dispersion, other=other)
+    nowhere = np.empty((len(cells.counts), 0))
+    none = Pulses(nowhere, nowhere)
+    return lit_pixels(cells, none, dispersion=dispersion, other=other, beyond=beyond)
 
 
 def lit_pixels(
@@ -267,6 +278,7 @@ def lit_pixels(
     dispersion: float = 1.0,
     tails: Tails = (),
     other: Floats | float = 0.0,
+    beyond: Floats | None = None,
     second: Echo | None = None,
 ) -> Pixels:
     """Fit the unknowns of each pixel to its own counts.
@@ -283,6 +295,8 @@ def lit_pixels(
         Shares of every pulse that are late.
     other : array of float, shape (n, m), optional
         Counts that are expected of light which is no leg's.
+    beyond : array of float, shape (n, m), optional
+        Part of `other` of which nobody knows how bright it is in each pixel.
     second : Echo, optional
         That comes with every pulse; None: there is none.
 
@@ -303,11 +317,13 @@ def lit_pixels(
     above = np.where(close, (cells.counts - beside)[:, :, np.newaxis], 0.0)
     # A Gaussian that flight widens is a wider one; another shape becomes one of its own.
     changes = bool(s and pulses.shape.table.size)
-    unknown, prior = np.zeros((2, n, 2 * s + 2 + changes))
+    unknown, prior = np.zeros((2, n, 2 * s + 2 + changes + (beyond is not None)))
     unknown[:, :s] = np.where(absent, 0.0, np.maximum(above.sum(axis=1), 0.5))
     unknown[:, -1] = start
     prior[:, :s] = np.where(absent, _HELD, 0.0)
     prior[:, s : 2 * s] = np.where(absent, _HELD, std**-2.0)
+    if beyond is not None:
+        prior[:, 2 * s] = _BEYOND_STD**-2.0
     if changes:
         prior[:, -3] = _FLIGHT_STD**-2.0
     prior[:, -2] = _WIDTH_STD**-2.0 if s else _HELD
@@ -323,7 +339,7 @@ def lit_pixels(
     steps = _STEPS if s else 2
     for step in range(steps):
         mean, slopes = _expected(
-            cells, width, late, std, unknown, pulses.shape, tails, other, second
+            cells, width, late, std, unknown, pulses.shape, tails, other, beyond, second
         )
         variance = dispersion * mean + (cells.width_error * mean) ** 2
         weight = np.divide(1.0, variance, out=np.zeros_like(mean), where=cells.live & (mean > 0.0))
@@ -367,12 +383,16 @@ def _expected(
     shape: Shape,
     tails: Tails,
     other: Floats | float,
+    beyond: Floats | None,
     second: Echo | None,
 ) -> tuple[Floats, Floats]:
     """Mean counts (n, m) and their derivatives by the unknowns (n, m, q)."""
     s = late.shape[1]
     slopes = np.zeros((*width.shape, unknown.shape[1]))
-    changes = unknown.shape[1] > 2 * s + 2
+    changes = bool(s and shape.table.size)
+    if beyond is not None:
+        other = other + unknown[:, 2 * s, np.newaxis] * beyond
+        slopes[:, :, 2 * s] = beyond
     # Other light may come out less than none, counts may not.
     mean = np.maximum(unknown[:, -1:] * width + other, 0.5 * unknown[:, -1:] * width)
     for k in range(s):

@@ -48,6 +48,8 @@ class Places:
     ----------
     points_mm : array of float, shape (k, 3)
     leg : array of int, shape (k,)
+    beyond : array of bool, shape (k,)
+        True where the picture does not show the leg: its light there is a guess.
     event_ps : array of float, shape (k,)
         When the pulse is there.
     light : array of float, shape (k,)
@@ -62,6 +64,7 @@ class Places:
 
     points_mm: Floats
     leg: Indices
+    beyond: NDArray[np.bool_]
     event_ps: Floats
     light: Floats
     spot_px: float
@@ -117,7 +120,9 @@ class Mirror:
 
 @dataclass(frozen=True, eq=False)
 class Glow:
-    """Light of the images of the legs in n pixels, or in a whole picture; (n, L), (rows, cols, L).
+    """Light of the images of the legs in n pixels, (n, 2 L), or in a picture, (rows, cols, 2 L).
+
+    The first L are of what the picture shows of the legs, the others of what lies beyond it.
 
     Attributes
     ----------
@@ -155,11 +160,12 @@ def glow(mirror: Mirror, places: Places, camera: Camera) -> Glow:
         )
     # What flies beyond the plane has no image.
     seen &= places.points_mm @ mirror.normal < mirror.distance_mm
-    found = np.zeros((3, n_rows, n_cols, places.n_legs))
+    found = np.zeros((3, n_rows, n_cols, 2 * places.n_legs))
     found[2] = 1.0
+    part_of = places.leg + places.n_legs * places.beyond
     window = np.arange(-half, half + 1)
-    for k in range(places.n_legs):
-        own = np.flatnonzero(seen & (places.leg == k))
+    for k in range(found.shape[3]):
+        own = np.flatnonzero(seen & (part_of == k))
         if not len(own):
             continue
         down, across = (np.rint(each[own])[:, np.newaxis] + window for each in (row, col))
@@ -190,7 +196,7 @@ def glow(mirror: Mirror, places: Places, camera: Camera) -> Glow:
 
 
 def in_cells(shown: Glow, cells: Cells, reference_ps: Floats) -> Floats:
-    """(n, m, L): counts of the images in cells of the pixels, at a share of one."""
+    """(n, m, 2 L): counts of the images in cells of the pixels, at a share of one."""
     out = np.zeros((*cells.counts.shape, shown.photons.shape[1]))
     for k in range(shown.photons.shape[1]):
         lit = np.flatnonzero(shown.photons[:, k] > _FAINT)
@@ -266,17 +272,26 @@ class SecondPath:
         cols: Indices,
         reference_ps: Floats,
         images: Images | None = None,
-    ) -> tuple[Floats, Floats]:
-        """Counts in cells of pixels (n, m), and how they follow the unknowns (n, m, 3 + L).
+    ) -> tuple[Floats, Floats, Floats]:
+        """Counts in cells of pixels, and how they follow the unknowns.
 
-        `images` are those of `images()`, where they are drawn already.
+        Of all images (n, m), of what lies beyond the picture alone (n, m), and derivatives
+        (n, m, 3 + L). `images` are those of `images()`, where they are drawn already.
         """
         drawn = self.images() if images is None else images
-        by_share, *moved = (in_cells(each.at(rows, cols), cells, reference_ps) for each in drawn)
+        here, *moved = (in_cells(each.at(rows, cols), cells, reference_ps) for each in drawn)
         share, by_plane = self.mirror.share, np.zeros((*cells.counts.shape, len(_STEPS)))
         for k, (ahead, back) in enumerate(zip(moved[::2], moved[1::2], strict=True)):
-            by_plane[:, :, k] = (ahead - back) @ share / (2.0 * _STEPS[k])
-        return by_share @ share, np.concatenate((by_plane, by_share), axis=2)
+            by_plane[:, :, k] = (ahead - back) @ self._shares / (2.0 * _STEPS[k])
+        shown, beyond = np.split(here, 2, axis=2)
+        by_share = shown + beyond
+        columns = np.concatenate((by_plane, by_share), axis=2)
+        return by_share @ share, beyond @ share, columns
+
+    @property
+    def _shares(self) -> Floats:
+        """(2 L,), of what the picture shows of the legs and of what it does not."""
+        return np.tile(self.mirror.share, 2)
 
     def shows(
         self, rows: Indices, cols: Indices, arrival_ps: Floats, photons: Floats
@@ -284,9 +299,16 @@ class SecondPath:
         """(n,), True for pulses of which the images bring at least half of the light."""
         shown = glow(self.mirror, self.places, self.camera).at(rows, cols)
         near = np.abs(shown.arrival_ps - arrival_ps[:, np.newaxis]) < _GATE_STDS * shown.std_ps
-        brought = np.sum(near * self.mirror.share * shown.photons, axis=1)
+        brought = np.sum(near * self._shares * shown.photons, axis=1)
         mostly: NDArray[np.bool_] = brought > 0.5 * photons
         return mostly
+
+    def guessed(self) -> Floats:
+        """(rows, cols), photons of the images of what the picture does not show."""
+        n_legs = len(self.mirror.share)
+        photons = glow(self.mirror, self.places, self.camera).photons
+        guessed: Floats = photons[:, :, n_legs:] @ self.mirror.share
+        return guessed
 
     def counts(
         self, rows: Indices, cols: Indices, intervals_ps: tuple[Floats, Floats], period_ps: float
@@ -294,7 +316,7 @@ class SecondPath:
         """(n, codes), counts in codes from, to `intervals_ps`, on the clock of arrivals."""
         shown = glow(self.mirror, self.places, self.camera).at(rows, cols)
         out = np.zeros(intervals_ps[0].shape)
-        for k, share in enumerate(self.mirror.share):
+        for k, share in enumerate(self._shares):
             lit = np.flatnonzero(shown.photons[:, k] > _FAINT)
             late, std = (each[lit, k, np.newaxis] for each in (shown.arrival_ps, shown.std_ps))
             low, up = (each[lit] - late for each in intervals_ps)

@@ -31,6 +31,10 @@ SPOT_VARIES_LN = (0.2, 0.01, 0.001)
 that changes; ln, ln per px, ln per px^2. A lens is sharp at one distance and in the middle of its
 field, and a beam widens. Counts of 400 photons a pixel already say more than this."""
 
+_EDGE_PX = 1.0
+"""Of either end of a leg's image, px: the centre of no pixel lies beyond, and the spline, which
+nothing holds there, has been eight times too bright."""
+
 LOG_SPOT_RANGE = (np.log(0.08), np.log(6.0))
 """Log of the least and largest std of a spot that a fit may try, px: beyond these the counts of a
 row say nothing more of it, and a step would run away."""
@@ -101,6 +105,27 @@ def knots_over(low: float, high: float, spacing_px: float = KNOT_SPACING_PX) -> 
 def span_of_knots(knots: Floats) -> tuple[float, float]:
     """First and last place, px, that a cubic spline with these knots covers."""
     return knots[3], knots[-4]
+
+
+def strength_as_seen(spline: BSpline, along_px: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Strength of a leg's light at places along its line, also where its picture does not show it.
+
+    Parameters
+    ----------
+    spline : BSpline
+        ln(photons per pixel on the line).
+    along_px : array of float, shape (n,)
+
+    Returns
+    -------
+    strength : array of float, shape (n,)
+        Photons per pixel on the line; beyond what is seen, as at the last place that is.
+    beyond : array of bool, shape (n,)
+    """
+    low, high = span_of_knots(spline.t)
+    edge = min(_EDGE_PX, 0.5 * (high - low))
+    seen = np.clip(along_px, low + edge, high - edge)
+    return np.exp(spline(seen)), seen != along_px
 
 
 def strength_spline(

@@ -32,7 +32,7 @@ from lightflight.reconstruct.model.second_path import Places, SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.model.strength import span_of_knots
+from lightflight.reconstruct.model.strength import strength_as_seen
 from lightflight.reconstruct.other_light.around import (
     FINE_GROWTH,
     FINE_STDS,
@@ -47,7 +47,7 @@ from lightflight.reconstruct.other_light.around import (
 from lightflight.reconstruct.other_light.second_path import (
     LEAST_GAIN,
     places_of_path,
-    second_path_in,
+    second_paths_in,
 )
 from lightflight.reconstruct.other_light.second_pulse import lags_with, second_pulse_in
 from lightflight.reconstruct.other_light.strengths import (
@@ -71,6 +71,8 @@ _MOST_PATHS = 8
 """Most times that strengths are measured about a path that they have moved far."""
 _FAR_STDS = 1.0
 """Pulses are told apart anew where the path moves by more than this many of its errors."""
+_STILL_STDS = 0.2
+"""With light that comes twice a path is settled once it moves by less of its errors than this."""
 _MUCH = 0.03
 """Of the light: where as much is diffuse, lines and brightness in the picture are moved by it."""
 _LEAST_LIT = 1e-3
@@ -147,12 +149,14 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
                 # Lines and brightness, too, without what is no leg's.
                 shown = finely_lit(fit, clear, setting)
             better = fitted_again(shown, clear, setting)
-            far = moved_stds(fit, better) > _FAR_STDS
+            moved = moved_stds(fit, better)
+            far = moved > _FAR_STDS
             if far:
                 again = fit_joint(clear, better.solution.state, setting, legs=None)
                 better = with_fine_light(again, setting)
             fit = replace(better, strengths=strengths)
-            if not far:
+            # The images of a mirror follow the path, which in turn follows them.
+            if moved < (_STILL_STDS if seconds else _FAR_STDS):
                 break
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return fit
@@ -362,20 +366,28 @@ def _with_mirror(
         return None
     # A leg may have left the picture since, and with it its share.
     if isinstance(before, SecondPath) and here.n_legs == len(before.mirror.share):
-        second: SecondPath | None = SecondPath(before.mirror, here, camera)
+        starts: tuple[SecondPath, ...] = (SecondPath(before.mirror, here, camera),)
     else:
-        second = second_path_in(asked.seen, known.pixels, known.dark, here, camera)
-    if second is None:
-        return None
+        starts = second_paths_in(asked.seen, known.pixels, known.dark, here, camera)
     enough = known.misfit() - LEAST_GAIN if repeated is None else repeated.misfit()
     lags_ps = None if repeated is None else repeated.lags_ps
-    more = asked.strengths(second, lags_ps=lags_ps, most_misfit=enough)
-    assert isinstance(more.second, SecondPath)
-    share = more.second.mirror.share
-    std = np.sqrt(np.diagonal(more.strengths.covariance))[-len(share) :]
-    # About a wrong path a mirror may help that no light would come from.
-    possible = bool(np.all((share > -3.0 * std) & (share < 1.0)))
-    return more if more.settled and possible and more.misfit() < enough else None
+    for second in starts:
+        more = asked.strengths(second, lags_ps=lags_ps, most_misfit=enough)
+        explains = more.misfit() < enough
+        if explains and more.settled and _possible(more):
+            return more
+        # The best one explains too little: so do the others.
+        if not explains:
+            return None
+    return None
+
+
+def _possible(known: Known) -> bool:
+    """About a wrong path a mirror may help that no light would come from."""
+    assert isinstance(known.second, SecondPath)
+    share = known.second.mirror.share
+    std = np.sqrt(np.diagonal(known.strengths.covariance))[-len(share) :]
+    return bool(np.all((share > -3.0 * std) & (share < 1.0)))
 
 
 def _with_second_pulse(asked: _Asked, known: Known) -> Known | None:
@@ -437,8 +449,7 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
             points, return_group_index=medium.return_group_index
         )
         along = leg.along_across(undistorted_px(camera, row, col))[0]
-        # The picture knows the strength as far as it shows the leg.
-        strength = np.exp(of.spline(np.clip(along, *span_of_knots(of.spline.t))))
+        strength, _ = strength_as_seen(of.spline, along)
         length = np.abs(np.gradient(along))
         rows, cols = camera.shape
         with np.errstate(invalid="ignore"):
@@ -463,7 +474,7 @@ def _measured(known: Known, beam: light.Beam, part: float) -> _Measured:
     s = pulses.late_ps.shape[1]
     own = slice(s, 2 * s)
     mine = replace(beside, cells=pixels.cells, wide=part * beside.wide)
-    spread, by_second = mine.other(strengths, known.second)
+    spread, _, by_second = mine.other(strengths, known.second)
     taken = pixels.taken_of(mine.columns(pixels, strengths, by_second))[:, own]
     shift = np.nan_to_num(pixels.late_ps - pulses.late_ps) - taken @ known.step
     variance = np.diagonal(pixels.inverse[:, own, own], axis1=1, axis2=2)

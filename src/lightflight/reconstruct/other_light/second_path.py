@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
@@ -27,7 +28,7 @@ from lightflight.reconstruct.model.second_path import (
     return_ps_per_mm,
 )
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.model.strength import span_of_knots
+from lightflight.reconstruct.model.strength import strength_as_seen
 from lightflight.reconstruct.other_light.around import Group, Seen
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
@@ -56,6 +57,8 @@ _EARLIEST_STDS, _LATEST_PS = 4.0, 3500.0
 """Where an image's pulses are looked for about the pixel's own."""
 _MOST_PIXELS = 3000
 """Of very many pixels an even sample serves."""
+_MOST_MIRRORS = 4
+"""Of those that are told; the next is fitted where the fit of one does not come to an end."""
 LEAST_GAIN = 40.0
 """Chi-square by which the counts must be explained better. What the strengths leave unexplained
 brings a mirror past it before it is fitted (in 8 of 12 undisturbed recordings), and the fit then
@@ -91,7 +94,7 @@ def places_of_path(
     runs_in = fit.tips[0] is None and not source_told
     runs_out = {k for k in state.last_legs if tip_of_leg(fit.tips, k, state) is None}
     # About light that is mostly another's, a leg may run away from the picture: no place then.
-    parts = [(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))]
+    parts = [(np.zeros((0, 3)), *(np.zeros(0, dtype=each) for each in (int, bool, float, float)))]
     for k, (leg, of) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         if leg.dark:
             continue
@@ -104,15 +107,17 @@ def places_of_path(
         points = state.points_mm(k, share)
         row, col = camera.pixels_from_points(points)
         along = leg.along_across(undistorted_px(camera, row, col))[0]
-        strength = np.exp(of.spline(np.clip(along, *span_of_knots(of.spline.t))))
+        strength, beyond = strength_as_seen(of.spline, along)
         light = np.sqrt(2.0 * np.pi) * picture.spot_std_px * strength * np.abs(np.gradient(along))
         way2 = np.sum((points - camera.center_mm) ** 2, axis=1)
         start_ps = times[state.leg_starts[k]]
         event = start_ps + state.shares_of_way(k, share) * (times[k + 1] - start_ps)
-        parts.append((points, np.full(len(share), k), event, light * way2))
-    points, of_leg, event, light = (np.concatenate(part) for part in zip(*parts, strict=True))
+        parts.append((points, np.full(len(share), k), beyond, event, light * way2))
+    points, of_leg, beyond, event, light = (
+        np.concatenate(part) for part in zip(*parts, strict=True)
+    )
     return Places(
-        points, of_leg, event, light, picture.spot_std_px, std_ps,
+        points, of_leg, beyond, event, light, picture.spot_std_px, std_ps,
         return_ps_per_mm(medium.return_group_index),
     )  # fmt: skip
 
@@ -241,10 +246,10 @@ def _score_of(pixels: Pixels, lags_ps: Floats, std_ps: float) -> tuple[Floats, F
     return score, np.maximum(information, 0.0)
 
 
-def second_path_in(
+def second_paths_in(
     seen: Seen, pixels: Pixels, dark: Group | None, places: Places, camera: Camera
-) -> SecondPath | None:
-    """The mirror that explains most of what the legs and their diffuse light do not.
+) -> tuple[SecondPath, ...]:
+    """The mirrors that explain most of what the legs and their diffuse light do not.
 
     Parameters
     ----------
@@ -261,18 +266,16 @@ def second_path_in(
 
     Returns
     -------
-    SecondPath or None
-        With a share of nothing yet; None: no mirror explains more than chance does.
+    tuple of SecondPath
+        With shares of nothing yet, the best first; (): none explains more than chance does. There
+        are several, since an image that lies on its leg looks much the same in many mirrors.
     """
     scores = _scores(seen, pixels, dark, places.std_ps, camera.shape)
-    best, value = _best_mirror(scores, places, camera)
-    if best is None or value < LEAST_GAIN:
-        return None
-    return SecondPath(best, places, camera)
+    return tuple(SecondPath(one, places, camera) for one in _best_mirrors(scores, places, camera))
 
 
-def _best_mirror(scores: _Scores, places: Places, camera: Camera) -> tuple[Mirror | None, float]:
-    """Of all mirrors that are tried the one with the largest chi-square, and that."""
+def _best_mirrors(scores: _Scores, places: Places, camera: Camera) -> list[Mirror]:
+    """Of all mirrors that are tried those with more chi-square than any turned a little more."""
     # Thousands of mirrors: a stand-in tells them apart, the fit that follows sees through windows.
     per_mm = places.return_ps_per_mm
     camera, more_mm = stand_in_of(camera, per_mm * SPEED_OF_LIGHT_MM_PER_PS)
@@ -287,20 +290,26 @@ def _best_mirror(scores: _Scores, places: Places, camera: Camera) -> tuple[Mirro
     ])  # fmt: skip
     frame, gaps = _frame(camera), np.array(_GAPS_MM)
     turns = np.array([*_TURNS, 0.0, *(-t for t in reversed(_TURNS))])
-    best, highest = None, 0.0
-    for turn in turns:
+    highest = np.zeros((len(turns), len(turns)))
+    mirrors: dict[tuple[int, int], Mirror] = {}
+    for i, turn in enumerate(turns):
         # All turns the other way at once: numpy is slow to begin.
         normals = frame[2] + turn * frame[0] + turns[:, np.newaxis] * frame[1]
-        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-        middle = np.median(normals @ places.points_mm[few].T, axis=1)
-        normals = np.repeat(normals, len(gaps), axis=0)
-        distances = (middle[:, np.newaxis] + gaps).ravel()
-        value = _chi2_of(scores, places, few, camera, normals, distances)
-        at = int(np.argmax(value))
-        if value[at] > highest:
-            highest = float(value[at])
-            best = Mirror(normals[at], float(distances[at]), np.zeros(places.n_legs))
-    return best, highest
+        directions = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        middle = np.median(directions @ places.points_mm[few].T, axis=1)
+        normals = np.repeat(directions, len(gaps), axis=0)
+        distances = middle[:, np.newaxis] + gaps
+        value = _chi2_of(scores, places, few, camera, normals, distances.ravel())
+        value = value.reshape(distances.shape)
+        best = np.argmax(value, axis=1)
+        highest[i] = value.max(axis=1)
+        for j in np.flatnonzero(highest[i] >= LEAST_GAIN):
+            distance = float(distances[j, best[j]])
+            mirrors[i, int(j)] = Mirror(directions[j], distance, np.zeros(places.n_legs))
+    around = np.pad(highest, 1)
+    tops = highest >= sliding_window_view(around, (3, 3)).max(axis=(2, 3))
+    order = sorted(mirrors, key=lambda at: -highest[at])
+    return [mirrors[at] for at in order if tops[at]][:_MOST_MIRRORS]
 
 
 def _chi2_of(

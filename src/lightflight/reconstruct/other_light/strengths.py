@@ -7,6 +7,7 @@ solved for with them.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,23 @@ Second = SecondPath | Echo
 """Light that comes a second time: by way of a mirror, or of another pulse."""
 
 
+class Other(NamedTuple):
+    """Counts of light that is no leg's in n pixels.
+
+    Attributes
+    ----------
+    counts : array of float, shape (n, m)
+    beyond : array of float, shape (n, m), or None
+        Of these, images of what the picture does not show; None: there are none.
+    by_second : array of float, shape (n, m, k)
+        How they follow the second light's unknowns.
+    """
+
+    counts: Floats
+    beyond: Floats | None
+    by_second: Floats
+
+
 @dataclass(frozen=True, eq=False)
 class Beside:
     """Pixels (n,), their cells, and the halo and glare there.
@@ -80,22 +98,18 @@ class Beside:
 
     def other(
         self, strengths: light.Strengths, second: Second | None, images: Images | None = None
-    ) -> tuple[Floats, Floats]:
-        """Counts of light that is no leg's (n, m), and how they follow the second light's unknowns.
-
-        `images` are those of the second path, where they are drawn already.
-        """
+    ) -> Other:
+        """Light that is no leg's; `images` are those of the second path, where drawn already."""
         spread: Floats = self.wide @ strengths.wide
-        if second is None:
-            return spread, np.zeros((*spread.shape, 0))
-        if isinstance(second, Echo):
-            # Light of the legs, which their pixels fit with the rest of it.
-            return spread, np.zeros((*spread.shape, second.size))
+        if not isinstance(second, SecondPath):
+            # That of a second pulse is the legs', which their pixels fit with the rest of it.
+            size = 0 if second is None else second.size
+            return Other(spread, None, np.zeros((*spread.shape, size)))
         seen = self.seen
-        more, columns = second.light(
+        more, beyond, columns = second.light(
             self.cells, seen.rows, seen.cols, seen.arrival_ps[:, 0], images
         )
-        return spread + more, columns
+        return Other(spread + more, beyond if beyond.any() else None, columns)
 
     def columns(self, pixels: Pixels, strengths: light.Strengths, by_second: Floats) -> Floats:
         """How the counts of lit pixels follow all unknowns (n, m, k): strengths, second light."""
@@ -219,17 +233,19 @@ def strengths_of(
         now = light.Strengths(value, np.zeros((size, size)))
         # The images fall on lit pixels and on dark ones: they are drawn once for both.
         images = second.images() if isinstance(second, SecondPath) else None
-        expected, (other, by_second) = pulses, beside.other(now, second, images)
+        expected, other = pulses, beside.other(now, second, images)
         pixels = lit_pixels(
-            beside.cells, pulses, dispersion=dispersion, tails=now.tails, other=other,
-            second=_pulse_of(second),
+            beside.cells, pulses, dispersion=dispersion, tails=now.tails, other=other.counts,
+            beyond=other.beyond, second=_pulse_of(second),
         )  # fmt: skip
-        score, information, _ = pixels.said_of(beside.columns(pixels, now, by_second))
+        score, information, _ = pixels.said_of(beside.columns(pixels, now, other.by_second))
         if dark is not None and unlit is not None:
-            other, more = unlit.other(now, second, images)
-            empty = dark_pixels(unlit.cells, dispersion=dispersion, other=other)
+            other = unlit.other(now, second, images)
+            empty = dark_pixels(
+                unlit.cells, dispersion=dispersion, other=other.counts, beyond=other.beyond
+            )
             dark = replace(dark, pixels=empty)
-            said = empty.said_of(np.concatenate((unlit.wide, more), axis=2))
+            said = empty.said_of(np.concatenate((unlit.wide, other.by_second), axis=2))
             score[at_dark] += said[0]
             information[np.ix_(at_dark, at_dark)] += said[1]
         prior = _precision(value, second, rough=rough)
@@ -320,12 +336,14 @@ def of_repeat(known: Known, cells: Cells, part: float) -> Known:
     """One repeat, in the light that all of them show: `part` of it."""
     second = None if known.second is None else known.second.times(part)
     mine = replace(known.beside, cells=cells, wide=part * known.beside.wide)
+    other = mine.other(known.strengths, second)
     pixels = lit_pixels(
         cells,
         known.pulses,
         dispersion=known.dispersion,
         tails=known.strengths.tails,
-        other=mine.other(known.strengths, second)[0],
+        other=other.counts,
+        beyond=other.beyond,
         second=_pulse_of(second),
     )
     return replace(known, second=second, pixels=pixels, step=np.zeros_like(known.step))
