@@ -41,6 +41,17 @@ def test_a_corner_that_a_clock_explains_is_in_doubt(monkeypatch):
     assert "--n-legs" in doubted.findings[0].remedy
 
 
+def test_a_corner_is_asked_about_where_even_light_fits_no_path():
+    """Two legs for one, trusted: the path as found had too few pixels of its first leg in even
+    light, and was not asked about."""
+    world = random_world(24124, 1).but(scale=1e-3)
+    with pytest.warns(lf.errors.SuspectDataWarning):
+        path = lf.reconstruct(record(world, 24124), **what_the_user_tells(world))
+    assert path.n_legs == 2
+    assert path.verdict.level != "trust"
+    assert path.verdict.findings[0].name == "clock_scale"
+
+
 @pytest.mark.parametrize("seed", [700, 702])
 def test_light_that_turns_by_twelve_degrees_is_not(seed):
     world = random_world(seed, 2)

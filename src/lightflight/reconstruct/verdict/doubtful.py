@@ -70,10 +70,9 @@ def verdict_with_doubtful_corners(
     state = fit.solution.state
     # In even light, as the paths without: unequal pixels would take up what a corner explains.
     plain = refitted(sightings, state, setting)
-    if isinstance(plain, NoFit):
-        return verdict
+    longer = fit if isinstance(plain, NoFit) else plain
     for corners in asked:
-        causes = _causes_instead(corners, plain, sightings, setting)
+        causes = _causes_instead(corners, longer, sightings, setting)
         if causes:
             findings = tuple(_finding(one, corners, state) for one in causes[:MOST_NAMED])
             return replace(verdict, level=Level.CHECK, findings=findings)
