@@ -239,6 +239,22 @@ class Diffuse:
             out += self.second.counts(rows, cols, intervals_ps, period_ps)
         return out
 
+    def guessed(
+        self,
+        rows: Indices,
+        cols: Indices,
+        intervals_ps: tuple[Floats, Floats],
+        period_ps: float,
+    ) -> Floats | None:
+        """(m, codes), of these counts those that are guessed; None: none are.
+
+        A mirror shows what the picture does not: nobody knows how bright that is.
+        """
+        if not isinstance(self.second, SecondPath):
+            return None
+        found = self.second.counts(rows, cols, intervals_ps, period_ps, only_guessed=True)
+        return found if found.any() else None
+
     @property
     def _second(self) -> tuple[tuple[float, float], ...]:
         """Share and delay, ps, of a second pulse; (): there is none."""

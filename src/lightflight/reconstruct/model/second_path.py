@@ -311,12 +311,23 @@ class SecondPath:
         return guessed
 
     def counts(
-        self, rows: Indices, cols: Indices, intervals_ps: tuple[Floats, Floats], period_ps: float
+        self,
+        rows: Indices,
+        cols: Indices,
+        intervals_ps: tuple[Floats, Floats],
+        period_ps: float,
+        *,
+        only_guessed: bool = False,
     ) -> Floats:
-        """(n, codes), counts in codes from, to `intervals_ps`, on the clock of arrivals."""
+        """(n, codes), counts in codes from, to `intervals_ps`, on the clock of arrivals.
+
+        With `only_guessed` of the images alone of what the picture does not show.
+        """
         shown = glow(self.mirror, self.places, self.camera).at(rows, cols)
         out = np.zeros(intervals_ps[0].shape)
-        for k, share in enumerate(self._shares):
+        n_legs = len(self.mirror.share)
+        for k in range(n_legs if only_guessed else 0, 2 * n_legs):
+            share = self._shares[k]
             lit = np.flatnonzero(shown.photons[:, k] > _FAINT)
             late, std = (each[lit, k, np.newaxis] for each in (shown.arrival_ps, shown.std_ps))
             low, up = (each[lit] - late for each in intervals_ps)

@@ -232,19 +232,29 @@ def photons_at_times(
     photons : array of float
         (n, L); may be negative by chance.
     empty_variance : array of float, shape (n, L)
-        Variance of `photons` without light.
+        Variance of `photons` without light; images of what no picture shows may be twice as bright
+        as they are told, or none.
     background_per_ps : array of float, shape (n,)
     """
     pixels = pixel_counts(sighting, rows, cols)
     arrival_ps = np.column_stack([sighting.as_counted(rows, cols, one) for one in arrival_ps.T])
-    period_ps, other = sighting.histograms.laser_period_ps, None
+    period_ps, other, guessed = sighting.histograms.laser_period_ps, None, None
     if sighting.diffuse is not None:
         skew = pixels.skew_ps[:, np.newaxis]
         intervals = pixels.lower_ps - skew, pixels.upper_ps - skew
         shape = sighting.blind.shape
-        about = rows, cols, intervals, period_ps or 0.0, shape
-        other = sighting.diffuse.counts(*about) + sighting.diffuse.counts_of_second_pulse(*about)
-    return amplitudes_at_times(
-        pixels.counts, pixels.lower_ps, pixels.upper_ps, period_ps,
-        arrival_ps + pixels.skew_ps[:, np.newaxis], std_ps, other,
-    )  # fmt: skip
+        about = rows, cols, intervals, period_ps or 0.0
+        other = sighting.diffuse.counts(*about, shape)
+        other += sighting.diffuse.counts_of_second_pulse(*about, shape)
+        guessed = sighting.diffuse.guessed(*about)
+
+    def without(light: Floats | None) -> tuple[Floats, Floats, Floats]:
+        return amplitudes_at_times(
+            pixels.counts, pixels.lower_ps, pixels.upper_ps, period_ps,
+            arrival_ps + pixels.skew_ps[:, np.newaxis], std_ps, light,
+        )  # fmt: skip
+
+    photons, variance, background = without(other)
+    if other is not None and guessed is not None:
+        variance = variance + (photons - without(other + guessed)[0]) ** 2
+    return photons, variance, background

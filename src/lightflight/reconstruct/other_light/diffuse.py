@@ -545,9 +545,12 @@ def _corrected(sighting: Sighting, found: _Measured) -> Sighting:
     chosen = order[first]
     rows, at = rows[chosen], (pixel[chosen], slot[chosen])
     time, std = sighting.arrival_ps.copy(), arrivals.photon_std_ps.copy()
+    width_ps = arrivals.std_ps.copy()
     clear = found.share[at] > _LEAST_SHARE
     time[rows] = np.where(clear, found.expected_ps[at] + found.late_ps[at], np.nan)
     std[rows] = np.sqrt(found.variance_ps2[at])
+    # Other light had drawn them out: lines and brightness are measured with the path's own pulses.
+    width_ps[rows] = diffuse.std_ps[at]
     time[_of_second_pulse(sighting, diffuse, rows)] = np.nan
     modes = np.zeros((len(time), diffuse.modes_ps.shape[2]))
     modes[rows] = diffuse.modes_ps[at]
@@ -555,6 +558,7 @@ def _corrected(sighting: Sighting, found: _Measured) -> Sighting:
         arrivals,
         arrival_ps=np.where(np.isnan(time), arrivals.arrival_ps, time),
         photon_std_ps=std,
+        std_ps=width_ps,
         shared_modes_ps=np.column_stack((arrivals.shared_modes_ps, modes)),
         shared_names=(*arrivals.shared_names, *light.LABELS, *_labels_of(diffuse.second)),
     )
