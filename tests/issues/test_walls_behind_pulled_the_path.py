@@ -66,6 +66,27 @@ def test_images_of_what_nobody_saw_move_no_path(seed, method, was):
     assert np.sqrt(error @ np.linalg.solve(stated, error) / 2.0) < most, was
 
 
+def test_lines_are_measured_with_the_width_of_the_flight_alone(monkeypatch):
+    """The image, a pulse and a half later, had drawn single pulses out by an eighth: lines of three
+    legs lay four errors off."""
+    shown = []
+    corrected = diffuse._corrected
+
+    def kept(sighting, found):
+        shown.append((sighting, corrected(sighting, found)))
+        return shown[-1][1]
+
+    monkeypatch.setattr(diffuse, "_corrected", kept)
+    world = walled(288, 15.0)
+    found(world, 288, "joint")
+    before, after = (
+        one.arrivals.std_ps[np.isfinite(one.arrival_ps) & (one.arrivals.photons > 3000.0)]
+        for one in shown[-1]
+    )
+    assert np.median(before) > 1.05 * np.median(after)
+    assert np.median(after) == pytest.approx(world.std_ps, rel=0.02)
+
+
 def test_no_wall_is_found_where_there_is_none(monkeypatch):
     """By chance a mirror is found once in a million recordings, so what is absent costs nothing."""
     seen = []
