@@ -17,7 +17,7 @@ from lightflight.reconstruct.all_counts.strangers import counts_of_pulses
 from lightflight.reconstruct.fit.fine import finely_lit
 from lightflight.reconstruct.model.cells import Cells, lag_edges
 from lightflight.reconstruct.model.counted import Pulses, cumulated, lit_pixels
-from lightflight.reconstruct.other_light import diffuse
+from lightflight.reconstruct.other_light import diffuse, twice
 from lightflight.reconstruct.verdict import taken_up
 from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
 from lightflight.reconstruct.ways import joint
@@ -51,7 +51,7 @@ def test_further_pulses_of_repeats_are_as_bright_as_in_all(monkeypatch):
 
     monkeypatch.setattr(counts, "counts_of_pulses", kept)
     # As light that the model has no place for: a second pulse on the same path has one.
-    monkeypatch.setattr(diffuse, "second_pulse_in", lambda *_: None)
+    monkeypatch.setattr(twice, "second_pulse_in", lambda *_: None)
     world = disturbed("pulse_before_2ns", 1, 288)
     for repeats in (1, 4):
         found(world.but(repeats=repeats), 288, "photon")

@@ -13,7 +13,7 @@ import pytest
 
 import lightflight as lf
 from lightflight.errors import LightflightWarning
-from lightflight.reconstruct.other_light import diffuse, second_path
+from lightflight.reconstruct.other_light import diffuse, second_path, twice
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
@@ -92,7 +92,7 @@ def test_no_wall_is_found_where_there_is_none(monkeypatch):
     seen = []
     looked_for = second_path.second_paths_in
     monkeypatch.setattr(
-        diffuse,
+        twice,
         "second_paths_in",
         lambda *given: seen.append(looked_for(*given)) or seen[-1],
     )

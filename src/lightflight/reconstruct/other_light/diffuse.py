@@ -13,9 +13,8 @@ unknown of the strengths enters the path's fit as errors that all pulses share, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,44 +24,31 @@ from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.fine import finely_lit, fitted_again, with_fine_light
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, moved_stds, pulse_std_in_view
 from lightflight.reconstruct.model import light
-from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
-from lightflight.reconstruct.model.counted import Pulses, shape_of
+from lightflight.reconstruct.model.counted import shape_of
 from lightflight.reconstruct.model.image_plane import undistorted_px
-from lightflight.reconstruct.model.second_path import Places, SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.strength import strength_as_seen
 from lightflight.reconstruct.other_light.around import (
-    FINE_GROWTH,
-    FINE_STDS,
-    Group,
     Seen,
     alike,
     dark_group,
-    lags_about_legs,
     pixels_about_path,
     pulses_expected,
 )
 from lightflight.reconstruct.other_light.second_path import (
-    LEAST_GAIN,
     places_of_path,
-    second_paths_in,
 )
-from lightflight.reconstruct.other_light.second_pulse import lags_with, second_pulse_in
 from lightflight.reconstruct.other_light.strengths import (
-    Beside,
     Known,
     Second,
-    beside_dark,
-    beside_in,
     of_repeat,
-    scatter_of,
-    strengths_of,
 )
+from lightflight.reconstruct.other_light.twice import Asked, scattered, with_second
 
 if TYPE_CHECKING:
-    from lightflight.camera.model import Camera
+    pass
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -206,10 +192,10 @@ def without_diffuse(
         dark = dark_group(whole, seen, lit, far, std, nominal)
         shape = shape_of(whole.timing.response)
         pulses = pulses_expected(seen.of(lit), shape)
-        asked = _Asked(whole, seen.of(lit), pulses, beam, dark, std, nominal)
+        asked = Asked(whole, seen.of(lit), pulses, beam, dark, std, nominal)
         # What comes twice is a Gaussian's, counted in photons on codes that were measured.
         sharp = whole.histograms.poisson and not (shape.table.size or nominal)
-        known = _scattered(asked) if not sharp else _with_second(
+        known = scattered(asked) if not sharp else with_second(
             asked,
             partial(
                 places_of_path, fit, own[0], whole,
@@ -233,181 +219,6 @@ def without_diffuse(
             clear = _without_wings(found[number], seen.of(wing))
             found[number] = _corrected(clear, _measured(one, bright, part))
     return found, tuple(strengths)
-
-
-@dataclass(frozen=True, eq=False)
-class _Asked:
-    """The pixels of one camera and clock whose light is asked for its strengths.
-
-    Attributes
-    ----------
-    whole : Sighting
-        All recordings of that camera as one.
-    seen : Seen
-        The pixels that the legs light.
-    pulses : Pulses
-        Where their light is expected there.
-    beam : Beam
-        The light that halo and glare spread.
-    dark : Group or None
-        Pixels that no leg lights.
-    std_ps : float
-        Typical standard deviation of a pulse.
-    nominal : bool
-        Whether the widths of the codes were never measured.
-    """
-
-    whole: Sighting
-    seen: Seen
-    pulses: Pulses
-    beam: light.Beam
-    dark: Group | None
-    std_ps: float
-    nominal: bool
-
-    def strengths(
-        self,
-        second: Second | None = None,
-        *,
-        lags_ps: Floats | None = None,
-        dispersion: float = 1.0,
-        most_misfit: float = np.inf,
-    ) -> Known:
-        """Strengths, with light that comes a second time if there is any."""
-        if lags_ps is None:
-            lags_ps = self.lags_ps(second) if isinstance(second, Echo) else None
-        known = strengths_of(
-            self.pulses,
-            *self._beside(second, lags_ps),
-            second,
-            dispersion=dispersion,
-            most_misfit=most_misfit,
-        )
-        # A second pulse moves as it is fitted, its cells do not.
-        return replace(known, lags_ps=lags_ps)
-
-    def _beside(
-        self, second: Second | None, lags_ps: Floats | None
-    ) -> tuple[Beside, Group | None, Beside | None]:
-        if lags_ps is None and not isinstance(second, Echo):
-            return self._plain
-        beam, cells = self.lit_by(second), self.cells(self.whole, second, lags_ps)
-        lit = beside_in(self.whole, self.seen, cells, beam)
-        return lit, self.dark, beside_dark(self.whole, self.dark, beam)
-
-    @cached_property
-    def _plain(self) -> tuple[Beside, Group | None, Beside | None]:
-        lit = beside_in(self.whole, self.seen, self.cells(self.whole, None), self.beam)
-        return lit, self.dark, beside_dark(self.whole, self.dark, self.beam)
-
-    def lit_by(self, second: Second | None) -> light.Beam:
-        """The light that is spread, that of a second pulse included."""
-        return self.beam.with_second(second) if isinstance(second, Echo) else self.beam
-
-    def lags_ps(self, second: Second | None) -> Floats:
-        """(m + 1,), edges of the cells about the light of the nearest leg."""
-        std, period = self.std_ps, self.whole.histograms.laser_period_ps
-        fine = lag_edges(std, FINE_STDS * std, FINE_GROWTH, period)
-        if isinstance(second, Echo):
-            fine = lags_with(fine, second.delay_ps, std, std)
-        return fine
-
-    def cells(
-        self, sighting: Sighting, second: Second | None, lags_ps: Floats | None = None
-    ) -> Cells:
-        """Counts of one recording, or of all, in the pixels about the times of their legs."""
-        fine = self.lags_ps(second) if lags_ps is None else lags_ps
-        lags, own = lags_about_legs(self.seen, fine, self.std_ps), self.seen
-        return cells_about(
-            sighting, own.rows, own.cols, own.arrival_ps[:, 0], lags, nominal=self.nominal
-        )
-
-
-def _scattered(asked: _Asked) -> Known:
-    """Strengths with counts that scatter as their pixels say, where they are no photons."""
-    known = asked.strengths()
-    if asked.whole.histograms.poisson:
-        return known
-    return asked.strengths(dispersion=scatter_of(known.pixels))
-
-
-def _with_second(
-    asked: _Asked,
-    places: Callable[[float], Places],
-    so_far: light.Diffuse | None,
-    camera: Camera,
-) -> Known:
-    """Strengths with what comes twice, where the counts show it: of pulse and mirror the likelier.
-
-    Both are held against the same cells, and anew as the path moves: about a path that is off a
-    mirror may look like a second pulse, and a pulse like a mirror.
-    """
-    known = asked.strengths()
-    before = None if so_far is None else so_far.second
-    repeated = _with_second_pulse(asked, known)
-    mirrored = _with_mirror(asked, known, repeated, before, places, camera)
-    return next(one for one in (mirrored, repeated, known) if one is not None)
-
-
-def _with_mirror(
-    asked: _Asked,
-    known: Known,
-    repeated: Known | None,
-    before: Second | None,
-    places: Callable[[float], Places],
-    camera: Camera,
-) -> Known | None:
-    """Strengths with a mirror, as found before or looked for; None: none explains as much.
-
-    `known` are those without, `repeated` those with a second pulse if there is one.
-    """
-    here = places(float(np.median(known.pixels.std_ps[:, 0])))
-    if not here.n_legs:
-        return None
-    # A leg may have left the picture since, and with it its share.
-    if isinstance(before, SecondPath) and here.n_legs == len(before.mirror.share):
-        starts: tuple[SecondPath, ...] = (SecondPath(before.mirror, here, camera),)
-    else:
-        starts = second_paths_in(asked.seen, known.pixels, known.dark, here, camera)
-    enough = known.misfit() - LEAST_GAIN if repeated is None else repeated.misfit()
-    lags_ps = None if repeated is None else repeated.lags_ps
-    for second in starts:
-        more = asked.strengths(second, lags_ps=lags_ps, most_misfit=enough)
-        explains = more.misfit() < enough
-        if explains and more.settled and _possible(more):
-            return more
-        # The best one explains too little: so do the others.
-        if not explains:
-            return None
-    return None
-
-
-def _possible(known: Known) -> bool:
-    """About a wrong path a mirror may help that no light would come from."""
-    assert isinstance(known.second, SecondPath)
-    share = known.second.mirror.share
-    std = np.sqrt(np.diagonal(known.strengths.covariance))[-len(share) :]
-    return bool(np.all((share > -3.0 * std) & (share < 1.0)))
-
-
-def _with_second_pulse(asked: _Asked, known: Known) -> Known | None:
-    """Strengths with a second pulse; None: there is none."""
-    lags, period = asked.lags_ps(None), asked.whole.histograms.laser_period_ps or 0.0
-    rough = second_pulse_in(known, lags, asked.std_ps, period)
-    if rough is None or rough[1] < LEAST_GAIN:
-        return None
-    # Far from the pulse cells are wide: there they are cut anew.
-    cell = np.searchsorted(lags, rough[0].delay_ps)
-    lags = lags_with(lags, rough[0].delay_ps, 0.5 * (lags[cell] - lags[cell - 1]), asked.std_ps)
-    known = asked.strengths(lags_ps=lags)
-    found = second_pulse_in(known, lags, asked.std_ps, period)
-    if found is None:
-        return None
-    more = asked.strengths(found[0], lags_ps=lags, most_misfit=known.misfit() - LEAST_GAIN)
-    gain = known.misfit() - more.misfit()
-    assert isinstance(more.second, Echo)
-    real = more.settled and more.second.share > light.LEAST_SHARE and gain > LEAST_GAIN
-    return more if real else None
 
 
 def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> light.Beam:

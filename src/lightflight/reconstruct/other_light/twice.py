@@ -1,0 +1,254 @@
+"""Light that comes twice, by way of a mirror or in a second pulse, beside what is diffuse.
+
+Both are held against the same cells, and anew as the path moves: about a path that is off a mirror
+may look like a second pulse, and a pulse like a mirror.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.reconstruct.model import light
+from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
+from lightflight.reconstruct.model.counted import Pulses
+from lightflight.reconstruct.model.second_path import Places, SecondPath
+from lightflight.reconstruct.model.second_pulse import Echo
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.other_light.around import (
+    FINE_GROWTH,
+    FINE_STDS,
+    Group,
+    Seen,
+    lags_about_legs,
+)
+from lightflight.reconstruct.other_light.second_path import LEAST_GAIN, second_paths_in
+from lightflight.reconstruct.other_light.second_pulse import lags_with, second_pulse_in
+from lightflight.reconstruct.other_light.strengths import (
+    Beside,
+    Known,
+    Second,
+    beside_dark,
+    beside_in,
+    scatter_of,
+    strengths_of,
+)
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """The pixels of one camera and clock whose light is asked for its strengths.
+
+    Attributes
+    ----------
+    whole : Sighting
+        All recordings of that camera as one.
+    seen : Seen
+        The pixels that the legs light.
+    pulses : Pulses
+        Where their light is expected there.
+    beam : Beam
+        The light that halo and glare spread.
+    dark : Group or None
+        Pixels that no leg lights.
+    std_ps : float
+        Typical standard deviation of a pulse.
+    nominal : bool
+        Whether the widths of the codes were never measured.
+    """
+
+    whole: Sighting
+    seen: Seen
+    pulses: Pulses
+    beam: light.Beam
+    dark: Group | None
+    std_ps: float
+    nominal: bool
+
+    def strengths(
+        self,
+        second: Second | None = None,
+        *,
+        lags_ps: Floats | None = None,
+        dispersion: float = 1.0,
+        most_misfit: float = np.inf,
+    ) -> Known:
+        """Strengths, with light that comes a second time if there is any."""
+        if lags_ps is None:
+            lags_ps = self.lags_ps(second) if isinstance(second, Echo) else None
+        known = strengths_of(
+            self.pulses,
+            *self._beside(second, lags_ps),
+            second,
+            dispersion=dispersion,
+            most_misfit=most_misfit,
+        )
+        # A second pulse moves as it is fitted, its cells do not.
+        return replace(known, lags_ps=lags_ps)
+
+    def _beside(
+        self, second: Second | None, lags_ps: Floats | None
+    ) -> tuple[Beside, Group | None, Beside | None]:
+        if lags_ps is None and not isinstance(second, Echo):
+            return self._plain
+        beam, cells = self.lit_by(second), self.cells(self.whole, second, lags_ps)
+        lit = beside_in(self.whole, self.seen, cells, beam)
+        return lit, self.dark, beside_dark(self.whole, self.dark, beam)
+
+    @cached_property
+    def _plain(self) -> tuple[Beside, Group | None, Beside | None]:
+        lit = beside_in(self.whole, self.seen, self.cells(self.whole, None), self.beam)
+        return lit, self.dark, beside_dark(self.whole, self.dark, self.beam)
+
+    def lit_by(self, second: Second | None) -> light.Beam:
+        """The light that is spread, that of a second pulse included."""
+        return self.beam.with_second(second) if isinstance(second, Echo) else self.beam
+
+    def lags_ps(self, second: Second | None) -> Floats:
+        """(m + 1,), edges of the cells about the light of the nearest leg."""
+        std, period = self.std_ps, self.whole.histograms.laser_period_ps
+        fine = lag_edges(std, FINE_STDS * std, FINE_GROWTH, period)
+        if isinstance(second, Echo):
+            fine = lags_with(fine, second.delay_ps, std, std)
+        return fine
+
+    def cells(
+        self, sighting: Sighting, second: Second | None, lags_ps: Floats | None = None
+    ) -> Cells:
+        """Counts of one recording, or of all, in the pixels about the times of their legs."""
+        fine = self.lags_ps(second) if lags_ps is None else lags_ps
+        lags, own = lags_about_legs(self.seen, fine, self.std_ps), self.seen
+        return cells_about(
+            sighting, own.rows, own.cols, own.arrival_ps[:, 0], lags, nominal=self.nominal
+        )
+
+
+def scattered(asked: Asked) -> Known:
+    """Strengths with counts that scatter as their pixels say, where they are no photons."""
+    known = asked.strengths()
+    if asked.whole.histograms.poisson:
+        return known
+    return asked.strengths(dispersion=scatter_of(known.pixels))
+
+
+def with_second(
+    asked: Asked,
+    places: Callable[[float], Places],
+    so_far: light.Diffuse | None,
+    camera: Camera,
+) -> Known:
+    """Strengths with what comes twice, where the counts show it: of pulse and mirror the likelier.
+
+    Parameters
+    ----------
+    asked : Asked
+        The pixels.
+    places : callable
+        Of the path, by the typical standard deviation of a pulse, ps.
+    so_far : Diffuse or None
+        As it was found about the path before.
+    camera : Camera
+        Who sees it.
+
+    Returns
+    -------
+    Known
+    """
+    if so_far is not None and isinstance(so_far.second, SecondPath):
+        here = places(float(np.median(so_far.std_ps[:, 0])))
+        kept = _with_mirror_as_before(asked, replace(so_far.second, places=here, camera=camera))
+        if kept is not None:
+            return kept
+    known = asked.strengths()
+    repeated = _with_second_pulse(asked, known, None)
+    mirrored = _with_mirror(asked, known, repeated, places, camera)
+    return next(one for one in (mirrored, repeated, known) if one is not None)
+
+
+def _with_mirror_as_before(asked: Asked, mirror: SecondPath) -> Known | None:
+    """Strengths with a mirror that was found, or a second pulse that does better; None: neither.
+
+    What it is held against needs not be fitted to its end, only as far as it cannot do as well.
+    """
+    # A leg may have left the picture since, and with it its share.
+    if mirror.places.n_legs != len(mirror.mirror.share):
+        return None
+    mirrored = asked.strengths(mirror)
+    if not (mirrored.settled and _possible(mirrored)):
+        return None
+    enough = mirrored.misfit() + LEAST_GAIN
+    known = asked.strengths(most_misfit=enough)
+    if known.misfit() < enough:
+        return None
+    assert isinstance(mirrored.second, SecondPath)
+    repeated = _with_second_pulse(asked, known, mirrored.second)
+    return mirrored if repeated is None else repeated
+
+
+def _with_mirror(
+    asked: Asked,
+    known: Known,
+    repeated: Known | None,
+    places: Callable[[float], Places],
+    camera: Camera,
+) -> Known | None:
+    """Strengths with a mirror that is looked for; None: none explains as much.
+
+    `known` are those without, `repeated` those with a second pulse if there is one.
+    """
+    here = places(float(np.median(known.pixels.std_ps[:, 0])))
+    if not here.n_legs:
+        return None
+    enough = known.misfit() - LEAST_GAIN if repeated is None else repeated.misfit()
+    lags_ps = None if repeated is None else repeated.lags_ps
+    for second in second_paths_in(asked.seen, known.pixels, known.dark, here, camera):
+        more = asked.strengths(second, lags_ps=lags_ps, most_misfit=enough)
+        explains = more.misfit() < enough
+        if explains and more.settled and _possible(more):
+            return more
+        # The best one explains too little: so do the others.
+        if not explains:
+            return None
+    return None
+
+
+def _possible(known: Known) -> bool:
+    """About a wrong path a mirror may help that no light would come from."""
+    assert isinstance(known.second, SecondPath)
+    share = known.second.mirror.share
+    std = np.sqrt(np.diagonal(known.strengths.covariance))[-len(share) :]
+    return bool(np.all((share > -3.0 * std) & (share < 1.0)))
+
+
+def _with_second_pulse(asked: Asked, known: Known, mirror: SecondPath | None) -> Known | None:
+    """Strengths with a second pulse; None: there is none, or this mirror explains more.
+
+    `known` are those without either.
+    """
+    lags, period = asked.lags_ps(None), asked.whole.histograms.laser_period_ps or 0.0
+    rough = second_pulse_in(known, lags, asked.std_ps, period)
+    if rough is None or rough[1] < LEAST_GAIN:
+        return None
+    # Far from the pulse cells are wide: there they are cut anew.
+    cell = np.searchsorted(lags, rough[0].delay_ps)
+    lags = lags_with(lags, rough[0].delay_ps, 0.5 * (lags[cell] - lags[cell - 1]), asked.std_ps)
+    enough = np.inf if mirror is None else asked.strengths(mirror, lags_ps=lags).misfit()
+    known = asked.strengths(lags_ps=lags, most_misfit=enough)
+    found = second_pulse_in(known, lags, asked.std_ps, period)
+    if found is None:
+        return None
+    enough = min(enough, known.misfit() - LEAST_GAIN)
+    more = asked.strengths(found[0], lags_ps=lags, most_misfit=enough)
+    assert isinstance(more.second, Echo)
+    real = more.settled and more.second.share > light.LEAST_SHARE and more.misfit() < enough
+    return more if real else None
