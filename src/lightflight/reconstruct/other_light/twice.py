@@ -1,7 +1,8 @@
 """Light that comes twice, by way of a mirror or in a second pulse, beside what is diffuse.
 
-Both are held against the same cells, and anew as the path moves: about a path that is off a mirror
-may look like a second pulse, and a pulse like a mirror.
+Both are held against the same cells where they are looked for: about a path that is off a mirror
+may look like a second pulse, and a pulse like a mirror. A mirror that was found stays while it
+explains more than none.
 """
 
 from __future__ import annotations
@@ -170,15 +171,15 @@ def with_second(
         if kept is not None:
             return kept
     known = asked.strengths()
-    repeated = _with_second_pulse(asked, known, None)
+    repeated = _with_second_pulse(asked, known)
     mirrored = _with_mirror(asked, known, repeated, places, camera)
     return next(one for one in (mirrored, repeated, known) if one is not None)
 
 
 def _with_mirror_as_before(asked: Asked, mirror: SecondPath) -> Known | None:
-    """Strengths with a mirror that was found, or a second pulse that does better; None: neither.
+    """Strengths with a mirror that was found; None: it explains too little now.
 
-    What it is held against needs not be fitted to its end, only as far as it cannot do as well.
+    Those without one are not fitted to their end, only as far as they cannot do as well.
     """
     # A leg may have left the picture since, and with it its share.
     if mirror.places.n_legs != len(mirror.mirror.share):
@@ -187,12 +188,7 @@ def _with_mirror_as_before(asked: Asked, mirror: SecondPath) -> Known | None:
     if not (mirrored.settled and _possible(mirrored)):
         return None
     enough = mirrored.misfit() + LEAST_GAIN
-    known = asked.strengths(most_misfit=enough)
-    if known.misfit() < enough:
-        return None
-    assert isinstance(mirrored.second, SecondPath)
-    repeated = _with_second_pulse(asked, known, mirrored.second)
-    return mirrored if repeated is None else repeated
+    return mirrored if asked.strengths(most_misfit=enough).misfit() > enough else None
 
 
 def _with_mirror(
@@ -230,11 +226,8 @@ def _possible(known: Known) -> bool:
     return bool(np.all((share > -3.0 * std) & (share < 1.0)))
 
 
-def _with_second_pulse(asked: Asked, known: Known, mirror: SecondPath | None) -> Known | None:
-    """Strengths with a second pulse; None: there is none, or this mirror explains more.
-
-    `known` are those without either.
-    """
+def _with_second_pulse(asked: Asked, known: Known) -> Known | None:
+    """Strengths with a second pulse; None: there is none. `known` are those without."""
     lags, period = asked.lags_ps(None), asked.whole.histograms.laser_period_ps or 0.0
     rough = second_pulse_in(known, lags, asked.std_ps, period)
     if rough is None or rough[1] < LEAST_GAIN:
@@ -242,12 +235,11 @@ def _with_second_pulse(asked: Asked, known: Known, mirror: SecondPath | None) ->
     # Far from the pulse cells are wide: there they are cut anew.
     cell = np.searchsorted(lags, rough[0].delay_ps)
     lags = lags_with(lags, rough[0].delay_ps, 0.5 * (lags[cell] - lags[cell - 1]), asked.std_ps)
-    enough = np.inf if mirror is None else asked.strengths(mirror, lags_ps=lags).misfit()
-    known = asked.strengths(lags_ps=lags, most_misfit=enough)
+    known = asked.strengths(lags_ps=lags)
     found = second_pulse_in(known, lags, asked.std_ps, period)
     if found is None:
         return None
-    enough = min(enough, known.misfit() - LEAST_GAIN)
+    enough = known.misfit() - LEAST_GAIN
     more = asked.strengths(found[0], lags_ps=lags, most_misfit=enough)
     assert isinstance(more.second, Echo)
     real = more.settled and more.second.share > light.LEAST_SHARE and more.misfit() < enough
