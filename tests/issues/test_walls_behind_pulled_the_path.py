@@ -6,6 +6,7 @@ what lies outside of the picture fell into it, they were told as bright as the s
 ran off to at its edge, eight times too bright (6 errors); of many mirrors only the first was tried.
 """
 
+import re
 import warnings
 
 import numpy as np
@@ -26,11 +27,15 @@ def walled(seed, behind_mm):
     return world.but(wall_depth_mm=world.wall_depth_mm - 60.0 + behind_mm)
 
 
-def found(world, seed, method):
-    """Error across the leg (2,), mm at the world's vertex, and its stated covariance."""
+def path_of(world, seed, method):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LightflightWarning)
-        path = lf.reconstruct(record(world, seed), method=method, **what_the_user_tells(world))
+        return lf.reconstruct(record(world, seed), method=method, **what_the_user_tells(world))
+
+
+def found(world, seed, method):
+    """Error across the leg (2,), mm at the world's vertex, and its stated covariance."""
+    path = path_of(world, seed, method)
     assert path.n_legs == 1
     truth = world.vertices[1] - world.vertices[0]
     frame = np.linalg.svd(truth[np.newaxis])[2][1:]
@@ -64,6 +69,24 @@ def test_images_of_what_nobody_saw_move_no_path(seed, method, was):
     error, stated = found(walled(seed, 15.0), seed, method)
     most = 2.7 if method == "joint" else 4.3
     assert np.sqrt(error @ np.linalg.solve(stated, error) / 2.0) < most, was
+
+
+def test_a_wall_that_all_counts_bear_out_is_no_contradiction():
+    """Right paths before a wall were contradicted (12 of 12), by "a second pulse +514 ps later"."""
+    world = walled(2289, 60.0)
+    path = path_of(world, 2289, "joint")
+    shown = path.vertices_mm - world.view.centre
+    away_mm = world.wall_depth_mm - (shown @ world.view.axes[2]).max()
+    (finding,) = path.verdict.findings
+    assert path.verdict.level == "check"
+    assert finding.name == "other_pulse"
+    told = re.search(
+        r"in a mirror \(a wall, a window\) ([\d.]+) mm behind it, with ([\d.]+) of its light: taken",
+        finding.sentence,
+    )
+    # The nearest place that is seen lies a pixel inside of the picture.
+    assert float(told[1]) == pytest.approx(away_mm, abs=3.0)
+    assert float(told[2]) == pytest.approx(0.1, abs=0.01)
 
 
 def test_lines_are_measured_with_the_width_of_the_flight_alone(monkeypatch):

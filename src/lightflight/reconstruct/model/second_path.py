@@ -303,6 +303,21 @@ class SecondPath:
         mostly: NDArray[np.bool_] = brought > 0.5 * photons
         return mostly
 
+    @property
+    def behind_mm(self) -> float:
+        """Of the plane, from the nearest place that the picture shows, mm."""
+        shown = self.places.points_mm[~self.places.beyond]
+        return float(np.min(self.mirror.distance_mm - shown @ self.mirror.normal))
+
+    @property
+    def mean_share(self) -> float:
+        """Of the light of all legs, by their light in the picture."""
+        shown = ~self.places.beyond
+        light = np.bincount(
+            self.places.leg[shown], self.places.light[shown], len(self.mirror.share)
+        )
+        return float(light @ self.mirror.share / light.sum())
+
     def guessed(self) -> Floats:
         """(rows, cols), photons of the images of what the picture does not show."""
         n_legs = len(self.mirror.share)

@@ -146,12 +146,14 @@ def _held(
     dark, dispersion = _dark(whole, seen, near, far, std_ps, nominal)
     tails = () if whole.diffuse is None else whole.diffuse.strengths.tails
     second = None if whole.diffuse is None else whole.diffuse.second
+    other, beyond = _spread(whole, about, points, reference)
     lit = lit_pixels(
         about,
         pulses,
         dispersion=dispersion,
         tails=tails,
-        other=_spread(whole, about, points, reference),
+        other=other,
+        beyond=beyond,
         second=second if isinstance(second, Echo) else None,
     )
     bright = lit.photons[:, 0] > _BRIGHT * float(lit.photons[:, 0].max())
@@ -182,29 +184,30 @@ def _dark(
     dark = dark_group(whole, seen, near, far, std_ps, nominal)
     if dark is None:
         return None, 1.0
-    other = _spread(whole, dark.pixels.cells, dark.points_px, dark.reference_ps)
+    other, beyond = _spread(whole, dark.pixels.cells, dark.points_px, dark.reference_ps)
     pixels, cells = dark.pixels, dark.pixels.cells
     if whole.diffuse is not None:
-        pixels = dark_pixels(cells, other=other)
+        pixels = dark_pixels(cells, other=other, beyond=beyond)
     dispersion = dispersion_of(pixels)
     if dispersion > 1.0:
-        pixels = dark_pixels(cells, dispersion=dispersion, other=other)
+        pixels = dark_pixels(cells, dispersion=dispersion, other=other, beyond=beyond)
     return replace(dark, pixels=pixels), dispersion
 
 
 def _spread(
     whole: Sighting, cells: Cells, points_px: Indices, reference_ps: Floats
-) -> Floats | float:
-    """(n, m), counts of halo, glare and a second path as found; 0 where none is expected."""
+) -> tuple[Floats | float, Floats | None]:
+    """(n, m), counts of halo, glare and a second path as found, and what of these is guessed."""
     diffuse = whole.diffuse
     if diffuse is None:
-        return 0.0
+        return 0.0, None
     wide = light.spread_light(cells, points_px, reference_ps, diffuse.beam, whole.blind.shape)
     counts: Floats = wide @ diffuse.strengths.wide
-    if isinstance(diffuse.second, SecondPath):
-        rows, cols = points_px.astype(np.int64).T
-        counts = counts + diffuse.second.light(cells, rows, cols, reference_ps)[0]
-    return counts
+    if not isinstance(diffuse.second, SecondPath):
+        return counts, None
+    rows, cols = points_px.astype(np.int64).T
+    images, beyond, _ = diffuse.second.light(cells, rows, cols, reference_ps)
+    return counts + images, beyond if beyond.any() else None
 
 
 def _columns(group: Group, beam: light.Beam, lags: Floats, whole: Sighting) -> Columns:

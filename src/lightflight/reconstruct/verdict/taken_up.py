@@ -1,9 +1,9 @@
 """Light that the fit has taken up: named all the same, and no contradiction any more.
 
-Tests of the counts ask whether a plain flight explains them. Where haze, a halo, glare or a second
-pulse does not let it, and the fit has measured their strengths, the counts are held against the
-flight with that light. What passes then is told, since more of it would harm; the path's errors
-hold.
+Tests of the counts ask whether a plain flight explains them. Where haze, a halo, glare, a mirror or
+a second pulse does not let it, and the fit has measured their strengths, the counts are held
+against the flight with that light. What passes then is told, since more of it would harm; the
+path's errors hold.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.result import second_pulse_of_fit
+from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
@@ -56,7 +57,8 @@ def verdict_with_light_taken_up(
     Returns
     -------
     Verdict
-        `plain`, unless diffuse light of a plausible strength is all that contradicts the path.
+        `plain`, unless diffuse light of a plausible strength, or light that comes twice, is all
+        that contradicts the path.
     """
     if plain.level is not Level.CONTRADICTED or not _has_place(plain, fit):
         return plain
@@ -70,7 +72,7 @@ def verdict_with_light_taken_up(
     told = tuple(
         replace(one, sentence=f"{one.sentence}: taken into the fit", severity=Severity.CHECK)
         for one in (
-            *_second_pulse(plain, fit),
+            *_what_comes_twice(plain, fit),
             *(one for one in plain.findings if one.name in _DIFFUSE),
         )
     )
@@ -80,24 +82,32 @@ def verdict_with_light_taken_up(
 def _has_place(plain: Verdict, fit: JointFit) -> bool:
     """Whether light that the fit found, of a plausible strength, may be all that is wrong."""
     first = plain.findings[0].name if plain.findings else None
-    # A second pulse is light of the path: all that its counts are called may be it.
-    return _plausible(fit) and (first in _DIFFUSE or second_pulse_of_fit(fit) is not None)
+    # What comes twice is light of the path: all that its counts are called may be it.
+    return _plausible(fit) and (first in _DIFFUSE or bool(_what_comes_twice(plain, fit)))
 
 
-def _second_pulse(plain: Verdict, fit: JointFit) -> tuple[Finding, ...]:
-    """What is said of a second pulse as it was fitted; () where there is none."""
-    found = second_pulse_of_fit(fit)
-    if found is None:
-        return ()
-    return (
-        Finding(
-            FindingName.OTHER_PULSE,
-            f"a second pulse of {found}",
-            max((one.sigma for one in plain.findings), default=0.0),
+def _what_comes_twice(plain: Verdict, fit: JointFit) -> tuple[Finding, ...]:
+    """What is said of a second pulse or a mirror as fitted; () where there is neither."""
+    sigma = max((one.sigma for one in plain.findings), default=0.0)
+
+    def said(what: str, remedy: str) -> tuple[Finding, ...]:
+        return (Finding(FindingName.OTHER_PULSE, what, sigma, remedy, Severity.CHECK),)
+
+    pulse = second_pulse_of_fit(fit)
+    if pulse is not None:
+        return said(
+            f"a second pulse of {pulse}",
             "look for a reflection in windows and filters, or a second pulse of the laser",
-            Severity.CHECK,
-        ),
-    )
+        )
+    mirrors = [one.diffuse.second for one in fit.sightings if one.diffuse is not None]
+    for mirror in mirrors:
+        if isinstance(mirror, SecondPath):
+            return said(
+                "the flight is seen once more in a mirror (a wall, a window) "
+                f"{mirror.behind_mm:.3g} mm behind it, with {mirror.mean_share:.2g} of its light",
+                "cover what reflects, if it can be",
+            )
+    return ()
 
 
 def _plausible(fit: JointFit) -> bool:
