@@ -81,7 +81,7 @@ def test_a_wall_that_all_counts_bear_out_is_no_contradiction():
     assert path.verdict.level == "check"
     assert finding.name == "other_pulse"
     told = re.search(
-        r"in a mirror \(a wall, a window\) ([\d.]+) mm behind it, with ([\d.]+) of its light: taken",
+        r"in a mirror \(a wall, a window\) ([\d.]+) mm behind it, with ([\d.]+) of its light",
         finding.sentence,
     )
     # The nearest place that is seen lies a pixel inside of the picture.

@@ -40,6 +40,8 @@ _BEYOND_STD = 1.0
 _CLIPS = 4
 """Rounds in which pixels five deviations above the mean are left out of it."""
 _LEAST_PHOTONS = 1e-3
+_MOST_PHOTONS = 1e3
+"""Of all that a pixel counted: what nobody knows of the light of a pulse; no time hangs on it."""
 _MOST_TAKEN = 0.5
 """No more than this share of a pulse's variance is taken up by the place that was fitted to it."""
 _HELD = 1e12
@@ -320,7 +322,14 @@ def lit_pixels(
     unknown, prior = np.zeros((2, n, 2 * s + 2 + changes + (beyond is not None)))
     unknown[:, :s] = np.where(absent, 0.0, np.maximum(above.sum(axis=1), 0.5))
     unknown[:, -1] = start
-    prior[:, :s] = np.where(absent, _HELD, 0.0)
+    came = np.divide(
+        cells.counts, cells.open_share, out=np.zeros_like(cells.counts),
+        where=cells.open_share > 0.0,
+    )  # fmt: skip
+    # Two pulses at one place may trade light without end.
+    most = came.sum(axis=1)[:, np.newaxis] + 1.0
+    # Where shares below none leave nothing to expect, no cell says how bright a pulse is.
+    prior[:, :s] = np.where(absent, _HELD, (_MOST_PHOTONS * most) ** -2.0)
     prior[:, s : 2 * s] = np.where(absent, _HELD, std**-2.0)
     if beyond is not None:
         prior[:, 2 * s] = _BEYOND_STD**-2.0
@@ -332,10 +341,6 @@ def lit_pixels(
     center[:, -1] = start
     if changes and pulses.flight is not None:
         unknown[:, -3] = center[:, -3] = pulses.flight
-    # Two pulses at one place may trade light without end.
-    seen = cells.open_share
-    came = np.divide(cells.counts, seen, out=np.zeros_like(cells.counts), where=seen > 0.0)
-    most = came.sum(axis=1)[:, np.newaxis] + 1.0
     steps = _STEPS if s else 2
     for step in range(steps):
         mean, slopes = _expected(
