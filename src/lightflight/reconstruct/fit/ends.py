@@ -407,6 +407,9 @@ def _visible_end(
     # A tip is believed only on a bright leg, lit at five places and more behind it.
     sharp = np.median(photons[away < 4.0]) > 50.0 and len(np.unique(np.rint(away[away < 6.0]))) >= 5
     if edge is not None:
+        # Along an edge that it leaves slowly a leg has feet beyond it, of pixels that see its spot.
+        if (np.abs(tip - 0.5 * (np.array(camera.shape) - 1)) > 0.5 * np.array(camera.shape)).any():
+            return edge, None
         gap = float(np.hypot(*(np.array(camera.pixels_from_points(edge.position_mm)) - tip)))
         # Near the edge, or with a dim leg, the edge is the better guess of the end.
         if gap < 4.0 or not sharp:

@@ -14,7 +14,7 @@ from lightflight.errors import NothingFoundError
 from lightflight.flight import Source
 from lightflight.reconstruct.all_counts.counts import merged
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.membership import mode_columns, tips_in_view
+from lightflight.reconstruct.fit.membership import mode_columns, tip_of_leg, tips_in_view
 from lightflight.reconstruct.model.cells import CORE_STDS, cells_about, lag_edges
 from lightflight.reconstruct.model.counted import Pixels, Pulses, Shape, dark_pixels, shape_of
 from lightflight.reconstruct.model.geometry import footprints
@@ -153,7 +153,10 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
             state, camera=camera, medium=medium, legs=k, rows=rows[on_line], cols=cols[on_line]
         )
         # The path runs there and no pulse was found: the recorded range may have ended before.
-        inside = (print_.fraction > 0.0) & (print_.fraction < 1.0)
+        # Nor does light stop where a path leaves the view: along an edge its wings are seen.
+        first_seen = -np.inf if k == 0 and fit.tips[0] is None else 0.0
+        runs_out = k in state.last_legs and tip_of_leg(fit.tips, k, state) is None
+        inside = (print_.fraction > first_seen) & (print_.fraction < (np.inf if runs_out else 1.0))
         beyond[on_line] |= inside & ~near[on_line]
         own = near[on_line]
         away[near, k] = np.abs(print_.lateral_px[own])
