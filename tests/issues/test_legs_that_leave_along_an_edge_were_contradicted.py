@@ -20,7 +20,7 @@ from tests.oracles.worlds.random_worlds import random_world
 def along_an_edge(seed, px_per_px):
     """A leg from the left, out through the upper edge, that it nears by so many px per px."""
     world = random_world(seed, 1)
-    rows, cols = world.view.shape
+    cols = world.view.shape[1]
     # In from beside the picture, out at two thirds of its width, and on as far again.
     out = 0.67 * cols
     seen = np.array([[-0.5 + (out + 3.0) * px_per_px, -3.0], [-0.5 - out * px_per_px, 2.0 * out]])

@@ -27,12 +27,13 @@ from lightflight.reconstruct.all_counts.counts import (
     with_uneven,
 )
 from lightflight.reconstruct.fit.ends import Ends, freedom_at, known_tips, with_ends
+from lightflight.reconstruct.fit.joint import refuse_run_away
 from lightflight.reconstruct.fit.membership import (
     Tips,
     fraction_at,
     tip_of_leg,
 )
-from lightflight.reconstruct.fit.result import prior_in_words, refuse_run_away
+from lightflight.reconstruct.fit.result import prior_in_words
 from lightflight.reconstruct.model.geometry import (
     PathState,
     footprints,

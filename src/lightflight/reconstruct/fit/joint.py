@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.errors import NothingFoundError
+from lightflight.path.light_path import FARTHEST_MM
 from lightflight.reconstruct.fit.clocks import (
     clocks_as_shown,
     shared_as_stated,
@@ -162,7 +164,7 @@ def fit_joint(
     Raises
     ------
     NothingFoundError
-        Where fewer pulses lie on the path than it has unknowns.
+        Where fewer pulses lie on the path than it has unknowns, or it runs out of all bounds.
     """
     std = pulse_std_ps(sightings)
     members = None
@@ -210,7 +212,28 @@ def fit_joint(
         if passed > 0 and not more and _settled(before, solution, freedom):
             break
     assert result is not None
+    refuse_run_away(result.solution.state)
     return result
+
+
+def refuse_run_away(state: PathState) -> None:
+    """Refuse a path that no bench holds.
+
+    Parameters
+    ----------
+    state : PathState
+        As a fit ended.
+
+    Raises
+    ------
+    NothingFoundError
+        Where the counts held it by nothing.
+    """
+    if not np.abs(state.vertices_mm).max() <= FARTHEST_MM:
+        raise NothingFoundError(
+            "the fit runs out of all bounds, so these pulses are no light of one straight flight: "
+            "look at the picture (lightflight check) or give a starting path (start=)"
+        )
 
 
 def told_lines(

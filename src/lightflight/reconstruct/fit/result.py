@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight import flags
-from lightflight.errors import NothingFoundError
 from lightflight.flight import Source
-from lightflight.path.light_path import FARTHEST_MM, LightPath
+from lightflight.path.light_path import LightPath
 from lightflight.path.second_pulse import SecondPulse
 from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
-from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.model.geometry import PathState, footprints
+from lightflight.reconstruct.fit.joint import JointFit, refuse_run_away
+from lightflight.reconstruct.model.geometry import footprints
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import group_index_std, vertices_by_parameters
@@ -127,31 +126,6 @@ def residual_table(fit: JointFit, sightings: list[Sighting], setting: Setting) -
         table["flags"][here] = sighting.arrivals.flags[index]
     table["flags"][~table["used"]] |= np.uint32(flags.OUTLIER)
     return table if times.view is None else table[times.view == 0]
-
-
-def runs_away(state: PathState) -> bool:
-    """Whether a fit ended where no bench reaches."""
-    return not np.abs(state.vertices_mm).max() <= FARTHEST_MM
-
-
-def refuse_run_away(state: PathState) -> None:
-    """Refuse a path that no bench holds.
-
-    Parameters
-    ----------
-    state : PathState
-        As a fit ended.
-
-    Raises
-    ------
-    NothingFoundError
-        Where the counts held it by nothing.
-    """
-    if runs_away(state):
-        raise NothingFoundError(
-            "the fit runs out of all bounds, so these pulses are no light of one straight flight: "
-            "look at the picture (lightflight check) or give a starting path (start=)"
-        )
 
 
 def path_from_fit(

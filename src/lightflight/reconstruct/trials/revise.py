@@ -19,7 +19,6 @@ from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.ends import freedom_at
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.fit.least_squares import Solution, fit_path
-from lightflight.reconstruct.fit.result import runs_away
 from lightflight.reconstruct.fit.start import state_from_legs
 from lightflight.reconstruct.fit.through_glass import pieces_of
 from lightflight.reconstruct.legs.find import ImageLeg, Images
@@ -239,10 +238,7 @@ def _opened(
     """Refit with a corner more, at a fraction of a leg, or why there is no such path."""
     corner = state.points_mm(leg, np.array([fraction]))[0]
     longer = setting_with_corner(setting, state.as_told(leg))
-    trial = refitted(sightings, state.with_corner(leg, corner), longer)
-    # A kink of the picture alone may be no corner: then nothing says where the last leg ends.
-    gone = not isinstance(trial, NoFit) and runs_away(trial.solution.state)
-    return NoFit.NOTHING_FOUND if gone else trial
+    return refitted(sightings, state.with_corner(leg, corner), longer)
 
 
 def refitted(sightings: list[Sighting], state: PathState, setting: Setting) -> JointFit | NoFit:
