@@ -137,13 +137,19 @@ def test_images_of_what_nobody_saw_are_as_bright_as_their_pixels_say(bright):
 
 
 def test_light_that_the_picture_does_not_show_is_that_of_its_edge():
-    """A spline runs off where no pixel holds it: as far as the last one it is believed."""
+    """A spline runs off where no pixel holds it: as far as the last one it is believed, or as far
+    as it knows itself."""
     knots = knots_over(0.0, 30.0)
-    coefficients = np.zeros(len(knots) - 4)
+    coefficients, variance = np.zeros((2, len(knots) - 4))
     coefficients[-1] = 5.0
-    strength, beyond = strength_as_seen(
-        BSpline(knots, coefficients, 3), np.array([-9.0, 15.0, 40.0])
-    )
+    spline, places, most = BSpline(knots, coefficients, 3), np.array([-9.0, 15.0, 40.0]), np.inf
+    strength, beyond = strength_as_seen(spline, np.diag(variance), most, places)
     np.testing.assert_allclose(strength[:2], 1.0, rtol=1e-9)
     assert strength[2] < np.exp(2.0)
     np.testing.assert_array_equal(beyond, [True, False, True])
+    coefficients[-2], variance[-2:] = 30.0, 100.0
+    strength, _ = strength_as_seen(spline, np.diag(variance), most, places)
+    assert strength[2] < np.exp(4.0)
+    # Sure of itself, but brighter than any pixel.
+    strength, _ = strength_as_seen(spline, np.zeros((len(knots) - 4,) * 2), 1.0, places)
+    assert strength[2] < np.exp(2.0)

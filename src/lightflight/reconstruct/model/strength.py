@@ -35,6 +35,14 @@ _EDGE_PX = 1.0
 """Of either end of a leg's image, px: the centre of no pixel lies beyond, and the spline, which
 nothing holds there, has been eight times too bright."""
 
+_KNOWN_LN, _PER_PX = 1.0, 4.0
+"""Where its error is larger than this, ln, the strength at the end of a leg is not known. Looked at
+so often per px."""
+
+_BRIGHTER_LN = 1.5
+"""Nor where it is brighter than any pixel by more than this, ln: one lies within half a pixel
+from the line. Beside late light of another leg it has been e^34 for e^10."""
+
 LOG_SPOT_RANGE = (np.log(0.08), np.log(6.0))
 """Log of the least and largest std of a spot that a fit may try, px: beyond these the counts of a
 row say nothing more of it, and a step would run away."""
@@ -107,13 +115,19 @@ def span_of_knots(knots: Floats) -> tuple[float, float]:
     return knots[3], knots[-4]
 
 
-def strength_as_seen(spline: BSpline, along_px: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def strength_as_seen(
+    spline: BSpline, covariance: Floats, brightest: float, along_px: Floats
+) -> tuple[Floats, NDArray[np.bool_]]:
     """Strength of a leg's light at places along its line, also where its picture does not show it.
 
     Parameters
     ----------
     spline : BSpline
         ln(photons per pixel on the line).
+    covariance : array of float, shape (k, k)
+        Of its coefficients, ln^2.
+    brightest : float
+        Photons of the brightest pixel of the picture.
     along_px : array of float, shape (n,)
 
     Returns
@@ -124,7 +138,13 @@ def strength_as_seen(spline: BSpline, along_px: Floats) -> tuple[Floats, NDArray
     """
     low, high = span_of_knots(spline.t)
     edge = min(_EDGE_PX, 0.5 * (high - low))
-    seen = np.clip(along_px, low + edge, high - edge)
+    places = np.linspace(low + edge, high - edge, max(2, int(_PER_PX * (high - low))))
+    basis = BSpline.design_matrix(places, spline.t, spline.k).toarray()
+    variance = np.einsum("nk,kl,nl->n", basis, covariance, basis)
+    bright = spline(places) > np.log(brightest) + _BRIGHTER_LN
+    known = places[(variance < _KNOWN_LN**2) & ~bright]
+    known = known if len(known) else places[[len(places) // 2]]
+    seen = np.clip(along_px, known[0], known[-1])
     return np.exp(spline(seen)), seen != along_px
 
 

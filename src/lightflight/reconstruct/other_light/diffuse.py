@@ -248,6 +248,7 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
     camera, picture = fit.solution.cameras[whole.view], fit.pictures[number]
     state, medium = fit.solution.state, fit.solution.medium
     times, parts = state.vertex_times_ps(medium), []
+    brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
     for k, (leg, of) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         if leg.dark:
             continue
@@ -260,7 +261,7 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
             points, return_group_index=medium.return_group_index
         )
         along = leg.along_across(undistorted_px(camera, row, col))[0]
-        strength, _ = strength_as_seen(of.spline, along)
+        strength, _ = strength_as_seen(of.spline, of.spline_covariance, brightest, along)
         length = np.abs(np.gradient(along))
         rows, cols = camera.shape
         with np.errstate(invalid="ignore"):

@@ -91,6 +91,7 @@ def places_of_path(
     camera, picture = fit.solution.cameras[whole.view], fit.pictures[number]
     state, medium = fit.solution.state, fit.solution.medium
     times = state.vertex_times_ps(medium)
+    brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
     runs_in = fit.tips[0] is None and not source_told
     runs_out = {k for k in state.last_legs if tip_of_leg(fit.tips, k, state) is None}
     # About light that is mostly another's, a leg may run away from the picture: no place then.
@@ -107,7 +108,7 @@ def places_of_path(
         points = state.points_mm(k, share)
         row, col = camera.pixels_from_points(points)
         along = leg.along_across(undistorted_px(camera, row, col))[0]
-        strength, beyond = strength_as_seen(of.spline, along)
+        strength, beyond = strength_as_seen(of.spline, of.spline_covariance, brightest, along)
         light = np.sqrt(2.0 * np.pi) * picture.spot_std_px * strength * np.abs(np.gradient(along))
         way2 = np.sum((points - camera.center_mm) ** 2, axis=1)
         start_ps = times[state.leg_starts[k]]
