@@ -41,7 +41,7 @@ so often per px."""
 
 _BRIGHTER_LN = 1.5
 """Nor where it is brighter than any pixel by more than this, ln: one lies within half a pixel
-from the line. Beside late light of another leg it has been e^34 for e^10."""
+of the line. Beside late light of another leg it has been e^34 for e^10."""
 
 LOG_SPOT_RANGE = (np.log(0.08), np.log(6.0))
 """Log of the least and largest std of a spot that a fit may try, px: beyond these the counts of a
