@@ -22,6 +22,7 @@ from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, chec
 from lightflight.reconstruct.estimators import Estimator, estimator_named
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.result import explained, on_first_lap
+from lightflight.reconstruct.legs.direction import legs_in_all_pictures
 from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed, freed_names
@@ -29,6 +30,7 @@ from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.other_light.diffuse import with_diffuse
 from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.trials.revise import fit_without_dim_legs
 from lightflight.reconstruct.verdict.alternatives import Other, others_beside, with_others
 from lightflight.reconstruct.verdict.arms import leaves_light, take_up_most, with_arms
 from lightflight.reconstruct.verdict.asked import shares_asked_for
@@ -274,6 +276,9 @@ def _reconsidered(
     Detours come before bends: they are asked about only at the picture's edge, and most
     recordings have none there.
     """
+    alone = _without_images(found, request, estimator)
+    if alone is not None:
+        return alone
     instead = found
     # Light of a second pulse flies as the first did: of it a detour would make legs.
     repeated = any(one.name is FindingName.OTHER_PULSE for one in found.verdict.findings)
@@ -293,6 +298,21 @@ def _reconsidered(
     if fit is not None and instead is found and leaves_light(found.verdict):
         return _forked(fit, request, estimator) or found
     return instead
+
+
+def _without_images(found: LightPath, request: Request, estimator: Estimator) -> LightPath | None:
+    """The path of the bright legs alone, where a mirror that shows them once more explains all."""
+    asked = found.verdict.level is Level.CONTRADICTED and request.n_legs is None
+    if not asked or estimator.of_fit is None or request.start is not None:
+        return None
+    try:
+        legs = legs_in_all_pictures(request.sightings, request.setting)
+    except NothingFoundError:
+        return None
+    fit = fit_without_dim_legs(request.sightings, legs, request.setting)
+    told = None if fit is None else _told(fit, request, estimator)
+    path = None if told is None else _judged(*told, request, estimator)
+    return None if path is None or path.verdict.level is Level.CONTRADICTED else path
 
 
 def _warned(path: LightPath) -> LightPath:

@@ -45,6 +45,9 @@ _THINNED_UP_TO_PULSES = 5
 """A leg that no more pulses than this speak for must earn its place."""
 _MOST_THINNED = 3
 """So many such legs are taken out at once at most."""
+_DIM = 0.25
+"""Of the brightest leg's light per pixel: a reflection or a second pulse mostly holds a tenth, a
+leg behind mirrors half and more."""
 _LEAST_TURN_DEG = 2.5
 """Corners that turn less are model error or curvature, not mirrors."""
 
@@ -157,6 +160,52 @@ def fit_from_brightest(
         if not isinstance(fit, NoFit):
             return fit
     return None
+
+
+def bright_legs(sightings: list[Sighting], legs: tuple[ImageLeg, ...]) -> tuple[ImageLeg, ...]:
+    """Legs that are no reflection's and no second pulse's by their light per pixel.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        Recordings of one flight, with their pulses found.
+    legs : tuple of ImageLeg
+        Legs as found in the picture.
+
+    Returns
+    -------
+    tuple of ImageLeg
+    """
+    seen = {one.view: one.arrivals.photons for one in reversed(sightings)}
+    light = [float(seen[leg.view][leg.members].sum()) / leg.n_pixels for leg in legs]
+    least = _DIM * max(light, default=0.0)
+    return tuple(leg for leg, own in zip(legs, light, strict=True) if own > least)
+
+
+def fit_without_dim_legs(
+    sightings: list[Sighting], legs: tuple[ImageLeg, ...], setting: Setting
+) -> JointFit | None:
+    """Joint fit without the legs that are dim beside the brightest, where they may be its image.
+
+    Parameters
+    ----------
+    sightings : list of Sighting
+        Recordings of one flight, on the clock and with their pulses found.
+    legs : tuple of ImageLeg
+        Legs as found in the picture, in the order of flight.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    JointFit or None
+        None where no leg is dim, or the others make no path.
+    """
+    chain = bright_legs(sightings, legs)
+    if len(chain) == len(legs):
+        return None
+    fit = fit_or_reason(partial(fit_from_legs, sightings, chain, setting, drop=False))
+    return None if isinstance(fit, NoFit) else revised(sightings, fit, setting)
 
 
 def revised(sightings: list[Sighting], fit: JointFit, setting: Setting) -> JointFit:

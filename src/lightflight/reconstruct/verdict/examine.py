@@ -25,6 +25,7 @@ from lightflight.reconstruct.model.glass import with_dark_pieces
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.other_light.around import DrawnOutError
+from lightflight.reconstruct.trials.revise import bright_legs
 from lightflight.reconstruct.verdict.arms import verdict_with_arm
 from lightflight.reconstruct.verdict.bookkeeping import (
     beyond_the_tests,
@@ -48,10 +49,6 @@ from lightflight.reconstruct.verdict.hidden import (
 from lightflight.reconstruct.verdict.judge import verdict_from_evidence
 from lightflight.reconstruct.verdict.lost import evidence_from_lost_legs
 from lightflight.reconstruct.verdict.taken_up import verdict_with_light_taken_up
-
-_DIM = 0.25
-"""Of the brightest leg's light per pixel: a reflection or a second pulse mostly holds a tenth, a
-leg behind mirrors half and more."""
 
 
 def examined(
@@ -107,13 +104,11 @@ def _mistakes(sighting: Sighting, setting: Setting) -> tuple[Finding, ...]:
     except NothingFoundError:
         legs = ()
     # Another pulse's light runs along legs of its own, which lead back to no source.
-    light = [float(sighting.arrivals.photons[leg.members].sum()) / leg.n_pixels for leg in legs]
-    bright = tuple(k for k, own in enumerate(light) if own > _DIM * max(light))
     return implausible(
         setting.camera,
         setting.source,
         setting.medium,
-        tuple(legs[k] for k in bright),
+        bright_legs([sighting], legs),
         code_ps=sighting.histograms.bin_width_ps,
     )
 
