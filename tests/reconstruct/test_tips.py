@@ -1,13 +1,11 @@
 """Light that begins or stops within the picture: cut footprints must not bend the path."""
 
-from dataclasses import replace
 from functools import cache, lru_cache
 
 import numpy as np
 import pytest
 
 import lightflight as lf
-from lightflight.reconstruct.fit import ends, joint
 from lightflight.simulate import Scene
 from lightflight.simulate.presets import ideal
 
@@ -114,22 +112,3 @@ def test_a_leg_that_crosses_the_picture_keeps_its_ends():
         used = path.residuals[path.residuals["used"]]
         assert used["col"].min() == 0
         assert used["col"].max() == 31
-
-
-@pytest.mark.parametrize(("off", "cut"), [(-6.0, True), (6.0, False)])
-def test_light_that_is_late_at_the_edge_is_no_cut_footprint(monkeypatch, off, cut):
-    """Cut footprints look inwards, where light was earlier; behind glass at the edge it is late."""
-    given = []
-    monkeypatch.setattr(joint, "cut_tips", lambda *args: given.append(args) or ends.cut_tips(*args))
-    hist = recording_of(10.0, 0)
-    lf.reconstruct(
-        hist, camera=CAMERA, source=scene_of(10.0).source,
-        timing=lf.TimingCalibration.nominal(hist), n_legs=1,
-    )  # fmt: skip
-    solution, times, floor_ps, setting = given[-1]
-    last = times.col > 30
-    assert last.sum() > 1
-    late = solution.residual_ps + last * off * np.sqrt(times.photon_var + times.pixel_var)
-    tips = ends.cut_tips(replace(solution, residual_ps=late), times, floor_ps, setting)
-    assert tips[0] is None
-    assert (tips[1] is not None) == cut

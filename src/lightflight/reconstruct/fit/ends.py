@@ -287,7 +287,7 @@ def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Sett
     """Ends of the path whose outermost pulses disagree with it, as cut footprints do.
 
     Where light stops within a pixel's footprint, near the picture's edge or in it, the pixel's
-    time is that of the lit part, which lies inwards: as the pixels there, never as those beyond.
+    time is that of the lit part: by the leg's slope earlier, or later, than the whole one's.
 
     Parameters
     ----------
@@ -308,8 +308,7 @@ def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Sett
     Notes
     -----
     The squared pulls of an end's outermost pulses sum to a chi-square where the end is whole; one
-    so large that chance gives it once in ten thousand ends says that it is not. Of pulses that are
-    off the other way (light that is late behind glass at the picture's edge) none speaks for a cut.
+    so large that chance gives it once in ten thousand ends says that it is not.
     """
     state = solution.state
     found: list[Floats | None] = [None] * (1 + len(state.last_legs))
@@ -324,14 +323,13 @@ def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Sett
             continue
         # Where several cameras see the leg, that which sees most of its end.
         seen = [_towards_end(solution, times, leg, sign, n) for n in range(len(solution.cameras))]
-        view = int(np.argmax([share for share, *_ in seen]))
-        _, here, outwards, slope_ps = seen[view]
+        view = int(np.argmax([share for share, _, _ in seen]))
+        _, here, outwards = seen[view]
         # Judged together: a cut shifts all pixels of the last column, each by little.
         outer = outwards > outwards.max(initial=-np.inf) - _OUTER_PX
         if not outer.any() or np.count_nonzero(~outer) < _FEW_INNER:
             continue
-        inwards = pulls[here] * (solution.residual_ps[here] * slope_ps < 0.0)
-        if inwards[outer].sum() > chdtri(np.count_nonzero(outer), _FALSE_CUT):
+        if pulls[here][outer].sum() > chdtri(np.count_nonzero(outer), _FALSE_CUT):
             outermost = here[int(np.argmax(outwards))]
             found[end] = np.array([times.row[outermost], times.col[outermost], view])
     return tuple(found)
@@ -339,10 +337,8 @@ def cut_tips(solution: Solution, times: TimeData, floor_ps: float, setting: Sett
 
 def _towards_end(
     solution: Solution, times: TimeData, leg: int, sign: float, view: int
-) -> tuple[float, Indices, Floats, Floats]:
-    """Of one camera's pulses on a leg: how far out the outermost is, which, how far, px, and how
-    much later those farther out are, ps/px.
-    """
+) -> tuple[float, Indices, Floats]:
+    """Of one camera's pulses on a leg: how far out the outermost is, which, and how far, px."""
     own = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == view)
     here = np.flatnonzero(own)
     print_ = footprints(
@@ -354,8 +350,7 @@ def _towards_end(
         cols=times.col[here],
     )
     outermost = float((sign * print_.fraction).max(initial=-np.inf))
-    outwards = sign * print_.fraction * print_.px_per_leg
-    return outermost, here, outwards, sign * print_.slope_ps_per_px
+    return outermost, here, sign * print_.fraction * print_.px_per_leg
 
 
 def _outermost_end(
