@@ -21,7 +21,7 @@ from lightflight.path.verdict import NOT_EXAMINED, FindingName, Level, Verdict, 
 from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, checked_media
 from lightflight.reconstruct.estimators import Estimator, estimator_named
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.result import explained, on_first_lap
+from lightflight.reconstruct.fit.result import explained, mirror_of_fit, on_first_lap
 from lightflight.reconstruct.legs.direction import legs_in_all_pictures
 from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.model.setting import Setting
@@ -278,7 +278,7 @@ def _reconsidered(
     """
     alone = _without_images(found, request, estimator)
     if alone is not None:
-        return alone
+        return _with_arms_not_images(alone, fit, request, estimator)
     instead = found
     # Light of a second pulse flies as the first did: of it a detour would make legs.
     repeated = any(one.name is FindingName.OTHER_PULSE for one in found.verdict.findings)
@@ -295,24 +295,46 @@ def _reconsidered(
         judged = _judged(*bent, request, estimator)
         if request.may_bend or judged.verdict.level is not Level.CONTRADICTED:
             return judged
-    if fit is not None and instead is found and leaves_light(found.verdict):
+    if fit is None or instead is not found:
+        return instead
+    if leaves_light(found.verdict):
         return _forked(fit, request, estimator) or found
-    return instead
+    if mirror_of_fit(fit) is not None:
+        return _with_arms_not_images(found, fit, request, estimator)
+    return found
+
+
+def _with_arms_not_images(
+    found: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
+) -> LightPath:
+    """A path with a mirror, or with arms instead where those leave nothing to say.
+
+    An arm that goes straight on runs as the image of a leg does.
+    """
+    forked = None if fit is None else _forked(fit, request, estimator)
+    return forked if forked is not None and forked.verdict.level is Level.TRUST else found
 
 
 def _without_images(found: LightPath, request: Request, estimator: Estimator) -> LightPath | None:
     """The path of the bright legs alone, where a mirror that shows them once more explains all."""
-    asked = found.verdict.level is Level.CONTRADICTED and request.n_legs is None
-    if not asked or estimator.of_fit is None or request.start is not None:
+    told = request.n_legs is not None or request.start is not None
+    if _passes(found) or told or estimator.of_fit is None:
         return None
     try:
         legs = legs_in_all_pictures(request.sightings, request.setting)
     except NothingFoundError:
         return None
     fit = fit_without_dim_legs(request.sightings, legs, request.setting)
-    told = None if fit is None else _told(fit, request, estimator)
-    path = None if told is None else _judged(*told, request, estimator)
-    return None if path is None or path.verdict.level is Level.CONTRADICTED else path
+    shorter = None if fit is None else _told(fit, request, estimator)
+    path = None if shorter is None else _judged(*shorter, request, estimator)
+    return path if path is not None and _passes(path) else None
+
+
+def _passes(path: LightPath) -> bool:
+    """Whether tests of the counts let a path stand."""
+    named = {one.name for one in path.verdict.findings}
+    stands = path.verdict.level is not Level.CONTRADICTED
+    return stands and FindingName.NOT_EXAMINED not in named
 
 
 def _warned(path: LightPath) -> LightPath:

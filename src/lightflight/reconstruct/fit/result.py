@@ -15,6 +15,7 @@ from lightflight.path.second_pulse import SecondPulse
 from lightflight.path.tables import RESIDUAL_DTYPE, Explained, Goodness
 from lightflight.reconstruct.fit.joint import JointFit, refuse_run_away
 from lightflight.reconstruct.model.geometry import footprints
+from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import group_index_std, vertices_by_parameters
@@ -265,6 +266,12 @@ def _found_in(sightings: list[Sighting]) -> tuple[int, float]:
         n += len(found)
         photons += float(np.nansum(sighting.arrivals.photons[found]))
     return n, photons
+
+
+def mirror_of_fit(fit: JointFit) -> SecondPath | None:
+    """The mirror that shows the flight once more, as a fit has found it; None: there is none."""
+    seen = (one.diffuse.second for one in fit.sightings if one.diffuse is not None)
+    return next((one for one in seen if isinstance(one, SecondPath)), None)
 
 
 def second_pulse_of_fit(fit: JointFit) -> SecondPulse | None:

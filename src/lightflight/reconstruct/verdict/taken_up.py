@@ -16,8 +16,7 @@ import numpy as np
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.result import second_pulse_of_fit
-from lightflight.reconstruct.model.second_path import SecondPath
+from lightflight.reconstruct.fit.result import mirror_of_fit, second_pulse_of_fit
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
@@ -99,15 +98,14 @@ def _what_comes_twice(plain: Verdict, fit: JointFit) -> tuple[Finding, ...]:
             f"a second pulse of {pulse}",
             "look for a reflection in windows and filters, or a second pulse of the laser",
         )
-    mirrors = [one.diffuse.second for one in fit.sightings if one.diffuse is not None]
-    for mirror in mirrors:
-        if isinstance(mirror, SecondPath):
-            return said(
-                "the flight is seen once more in a mirror (a wall, a window) "
-                f"{mirror.behind_mm:.3g} mm behind it, with {mirror.mean_share:.2g} of its light",
-                "cover what reflects, if it can be",
-            )
-    return ()
+    mirror = mirror_of_fit(fit)
+    if mirror is None:
+        return ()
+    return said(
+        "the flight is seen once more in a mirror (a wall, a window) "
+        f"{mirror.behind_mm:.3g} mm behind it, with {mirror.mean_share:.2g} of its light",
+        "cover what reflects, if it can be",
+    )
 
 
 def _plausible(fit: JointFit) -> bool:
