@@ -12,6 +12,7 @@ import pytest
 import lightflight as lf
 from lightflight.errors import NothingFoundError
 from lightflight.reconstruct.fit import joint
+from lightflight.reconstruct.fit.robust import solve_robustly
 from lightflight.reconstruct.trials import revise
 from lightflight.reconstruct.trials.outcome import NoFit
 from tests.oracles.worlds.border import record, what_the_user_tells
@@ -30,10 +31,9 @@ def test_a_fit_that_runs_away_is_none(monkeypatch):
     path = lf.reconstruct(record(world, 0), **what_the_user_tells(world))
     assert path.n_legs == 1
     (sightings, state, setting), legs = given[0]
-    solved = joint.solve_robustly
 
     def far_away(*args):
-        solution, *rest = solved(*args)
+        solution, *rest = solve_robustly(*args)
         gone = replace(solution.state, vertices_mm=1e16 * solution.state.vertices_mm)
         return replace(solution, state=gone), *rest
 

@@ -14,6 +14,7 @@ import pytest
 import lightflight as lf
 from lightflight.path.verdict import Level
 from lightflight.reconstruct.trials.outcome import NoFit
+from lightflight.reconstruct.trials.revise import refitted
 from lightflight.reconstruct.verdict import doubtful, examine
 from lightflight.reconstruct.verdict.doubtful import verdict_with_doubtful_corners
 from tests.oracles.worlds.border import record, what_the_user_tells
@@ -52,11 +53,11 @@ def test_a_corner_that_a_clock_explains_is_in_doubt(asked):
 def test_a_corner_is_asked_about_where_even_light_fits_no_path(asked, monkeypatch):
     """Two legs for one, trusted: the path as found had too few pixels of its first leg in even
     light, and was not asked about."""
-    fitted, n_asked = doubtful.refitted, []
+    n_asked = []
 
     def none_of_the_found(*given):
         n_asked.append(given)
-        return NoFit.NOTHING_FOUND if len(n_asked) == 1 else fitted(*given)
+        return NoFit.NOTHING_FOUND if len(n_asked) == 1 else refitted(*given)
 
     monkeypatch.setattr(doubtful, "refitted", none_of_the_found)
     world = random_world(24124, 1).but(scale=1e-3)

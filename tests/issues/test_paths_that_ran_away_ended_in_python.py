@@ -12,7 +12,7 @@ import pytest
 
 import lightflight as lf
 from lightflight.errors import NothingFoundError, SuspectDataWarning
-from lightflight.reconstruct.fit.result import refuse_run_away
+from lightflight.reconstruct.fit.joint import refuse_run_away
 from lightflight.reconstruct.model.geometry import PathState
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS

@@ -114,11 +114,12 @@ def test_no_wall_is_found_where_there_is_none(monkeypatch):
     """By chance a mirror is found once in a million recordings, so what is absent costs nothing."""
     seen = []
     looked_for = second_path.second_paths_in
-    monkeypatch.setattr(
-        twice,
-        "second_paths_in",
-        lambda *given: seen.append(looked_for(*given)) or seen[-1],
-    )
+
+    def kept(*given):
+        seen.append(looked_for(*given))
+        return seen[-1]
+
+    monkeypatch.setattr(twice, "second_paths_in", kept)
     for seed in (288, 312):
         found(random_world(seed, 1), seed, "joint")
     assert seen

@@ -34,8 +34,9 @@ def second(world):
     beam = stations(world, stride=0.5)
     way2 = np.sum((beam.place - world.view.centre) ** 2, axis=1)
     # Photons per area of one px^2; a pixel of area one on the line has them all.
+    leg, beyond = np.zeros(len(way2), dtype=int), np.zeros(len(way2), dtype=bool)
     places = Places(
-        beam.place, *(np.zeros(len(way2), dtype=each) for each in (int, bool)), beam.event_ps,
+        beam.place, leg, beyond, beam.event_ps,
         beam.light * way2, world.spot_std_px, world.std_ps, return_ps_per_mm(INDEX),
     )  # fmt: skip
     forward = world.view.axes[2]
