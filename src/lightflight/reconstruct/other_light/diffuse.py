@@ -26,6 +26,7 @@ from lightflight.reconstruct.fit.joint import JointFit, fit_joint, moved_stds, p
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.counted import shape_of
 from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
@@ -58,7 +59,7 @@ _MOST_PATHS = 8
 _FAR_STDS = 1.0
 """Pulses are told apart anew where the path moves by more than this many of its errors."""
 _STILL_STDS = 0.2
-"""With light that comes twice a path is settled once it moves by less of its errors than this."""
+"""With a mirror a path is settled once it moves by less of its errors than this."""
 _MUCH = 0.03
 """Of the light: where as much is diffuse, lines and brightness in the picture are moved by it."""
 _LEAST_LIT = 1e-3
@@ -129,7 +130,9 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
     try:
         for _ in range(_MOST_PATHS):
             clear, strengths = without_diffuse(plain, fit, setting, nominal=nominal)
-            seconds = any(o.diffuse is not None and o.diffuse.second is not None for o in clear)
+            twice = [o.diffuse.second for o in clear if o.diffuse is not None]
+            seconds = any(one is not None for one in twice)
+            mirrors = any(isinstance(one, SecondPath) for one in twice)
             shown = fit
             if seconds or any(np.abs(one.shares).max() > _MUCH for one in strengths):
                 # Lines and brightness, too, without what is no leg's.
@@ -142,7 +145,7 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
                 better = with_fine_light(again, setting)
             fit = replace(better, strengths=strengths)
             # The images of a mirror follow the path, which in turn follows them.
-            if moved < (_STILL_STDS if seconds else _FAR_STDS):
+            if moved < (_STILL_STDS if mirrors else _FAR_STDS):
                 break
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return fit
