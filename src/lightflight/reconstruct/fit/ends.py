@@ -403,7 +403,7 @@ def _visible_end(
     sharp = np.median(photons[away < 4.0]) > 50.0 and len(np.unique(np.rint(away[away < 6.0]))) >= 5
     if edge is not None:
         # Along an edge that it leaves slowly a leg has feet beyond it, of pixels that see its spot.
-        if (np.abs(tip - 0.5 * (np.array(camera.shape) - 1)) > 0.5 * np.array(camera.shape)).any():
+        if not lit.in_view:
             return edge, None
         gap = float(np.hypot(*(np.array(camera.pixels_from_points(edge.position_mm)) - tip)))
         # Near the edge, or with a dim leg, the edge is the better guess of the end.
@@ -423,6 +423,8 @@ class _Lit:
     ----------
     fraction : float
         Of the leg, in view.
+    in_view : bool
+        Whether the foot of its outermost pulse is; else `fraction` is that of its middle.
     tip_px : array of float, shape (2,)
         (row, col) of the outermost pulse.
     places_px : array of float, shape (n, 2)
@@ -434,6 +436,7 @@ class _Lit:
     """
 
     fraction: float
+    in_view: bool
     tip_px: Floats
     places_px: Floats
     photons: Floats
@@ -479,10 +482,10 @@ def _last_lit_place(
     places = np.column_stack(camera.pixels_from_points(state.points_mm(leg, fraction)))
     extreme = _last_lit(places, outwards * fraction, strength)
     inside = float(fraction[extreme])
-    # The outermost foot may lie a hair beyond the edge; the middle of the light is in view.
-    if not bool(camera.sees(state.points_mm(leg, np.array([inside]))[0])):
-        inside = float(np.median(fraction))
-    return _Lit(inside, places[extreme], places, photons, view)
+    in_view = bool(camera.sees(state.points_mm(leg, np.array([inside]))[0]))
+    # The outermost foot may lie beyond the edge; the middle of the light is in view.
+    inside = inside if in_view else float(np.median(fraction))
+    return _Lit(inside, in_view, places[extreme], places, photons, view)
 
 
 def _recorded_beyond(
