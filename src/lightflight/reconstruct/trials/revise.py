@@ -151,9 +151,7 @@ def fit_from_brightest(
     JointFit or None
         None where not even one leg makes a path.
     """
-    seen = {one.view: one.arrivals.photons for one in reversed(sightings)}
-    light = [-float(seen[leg.view][leg.members].sum()) for leg in legs]
-    order = np.argsort(light, kind="stable")
+    order = np.argsort(-_light_of(sightings, legs), kind="stable")
     for n in range(len(legs) - 1, 0, -1):
         chain = tuple(legs[k] for k in sorted(order[:n]))
         fit = fit_or_reason(partial(fit_from_legs, sightings, chain, setting, drop=False))
@@ -176,10 +174,15 @@ def bright_legs(sightings: list[Sighting], legs: tuple[ImageLeg, ...]) -> tuple[
     -------
     tuple of ImageLeg
     """
-    seen = {one.view: one.arrivals.photons for one in reversed(sightings)}
-    light = [float(seen[leg.view][leg.members].sum()) / leg.n_pixels for leg in legs]
-    least = _DIM * max(light, default=0.0)
+    light = _light_of(sightings, legs) / [leg.n_pixels for leg in legs]
+    least = _DIM * light.max(initial=0.0)
     return tuple(leg for leg, own in zip(legs, light, strict=True) if own > least)
+
+
+def _light_of(sightings: list[Sighting], legs: tuple[ImageLeg, ...]) -> Floats:
+    """(n,), photons of legs, each in the first recording of the camera that it was found in."""
+    seen = {one.view: one.arrivals.photons for one in reversed(sightings)}
+    return np.array([seen[leg.view][leg.members].sum() for leg in legs], dtype=np.float64)
 
 
 def fit_without_dim_legs(
