@@ -33,6 +33,7 @@ import importlib.machinery
 import json
 import os
 import pickle
+import re
 import subprocess
 import sys
 import warnings
@@ -49,6 +50,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 
 from deciding import ROOMS, Number, literals_in, numbers_of  # noqa: E402
+
+from benchmarks import reached  # noqa: E402
 
 FACTORS = (0.7, 1.3)
 N_FIRST, N_SECOND = 24, 200
@@ -112,6 +115,15 @@ class Origin:
 
     name: str
     numbers: tuple[Number, ...]
+
+    @property
+    def words(self) -> set[str]:
+        """Names by which the package's functions read the numbers."""
+        return {
+            word
+            for one in self.numbers
+            for word in re.findall(r"\w+", one.owner.rpartition(".")[2])
+        }
 
 
 def origins() -> list[Origin]:
@@ -297,11 +309,20 @@ def _off(path: Any, scene: Row) -> np.ndarray:
 
 
 def child(name: str, factor: float, folder: Path, numbers: list[int]) -> None:
-    """In a process of its own: one move, these scenes, a line of JSON for each."""
-    if name:
-        origin = next(one for one in origins() if one.name == name)
-        sys.meta_path.insert(0, _Finder(origin, factor))
+    """In a process of its own: one move, these scenes, a line of JSON for each.
+
+    Where nothing is moved, a line holds what ran: one scene a process, since what is kept from one
+    to the next does not run again.
+    """
     key = {"code": code_digest(), "origin": name, "factor": factor}
+    if not name:
+        (number,) = numbers
+        scene = scene_in(folder, number)
+        row, ran = reached.running(lambda: result_of(scene))
+        print(json.dumps(key | {"scene": number} | row | {"ran": sorted(ran)}), flush=True)
+        return
+    origin = next(one for one in origins() if one.name == name)
+    sys.meta_path.insert(0, _Finder(origin, factor))
     for number in numbers:
         row = result_of(scene_in(folder, number))
         print(json.dumps(key | {"scene": number} | row), flush=True)
@@ -324,8 +345,8 @@ def rows_in(file: Path) -> dict[tuple[str, float, int], Row]:
     return {(row["origin"], row["factor"], row["scene"]): row for row in own}
 
 
-def run(name: str, factor: float, folder: Path, scenes: range) -> None:
-    """One move on the scenes that it has not been tried on."""
+def run(name: str, factor: float, folder: Path, scenes: list[int]) -> None:
+    """One move on the scenes that it has not been tried on, in one process."""
     file = folder / "results.jsonl"
     done = rows_in(file)
     left = [k for k in scenes if (name, factor, k) not in done]
@@ -346,23 +367,39 @@ def run(name: str, factor: float, folder: Path, scenes: range) -> None:
         print(f"{name} x {factor}: exit code {process.returncode}", file=sys.stderr)
 
 
-def run_all(wanted: list[Origin], folder: Path, scenes: range, jobs: int) -> None:
+def run_all(wanted: list[Origin], folder: Path, scenes: range, jobs: int, whole: bool) -> None:
     """All moves, so many at a time; the numbers as they are before all others."""
-    run("", 1.0, folder, scenes)
-    moves = [(one.name, factor) for one in wanted for factor in FACTORS]
     with ThreadPoolExecutor(jobs) as pool:
-        done = pool.map(lambda move: run(*move, folder, scenes), moves)
-        for k, (name, factor) in enumerate(moves, start=1):
+        list(pool.map(lambda k: run("", 1.0, folder, [k]), scenes))
+        rows = rows_in(folder / "results.jsonl")
+        moves = [
+            (one.name, factor, [k for k in scenes if whole or changeable(one, rows, k)])
+            for one in wanted
+            for factor in FACTORS
+        ]
+        done = pool.map(lambda move: run(move[0], move[1], folder, move[2]), moves)
+        for k, (name, factor, tried) in enumerate(moves, start=1):
             next(done)
-            print(f"{k}/{len(moves)} {name} x {factor}", file=sys.stderr, flush=True)
+            print(f"{k}/{len(moves)} {name} x {factor}: {len(tried)} scenes", file=sys.stderr)
 
 
-def compared(name: str, factor: float, rows: dict[Any, Row], scenes: range) -> Row | None:
-    """The table's figures of one move; None where it has not been tried on all these scenes."""
-    pairs = [(rows.get(("", 1.0, k)), rows.get((name, factor, k))) for k in scenes]
-    both = [(before, after) for before, after in pairs if before and after]
-    if len(both) < len(scenes):
-        return None
+def changeable(origin: Origin, rows: dict[Any, Row], scene: int) -> bool:
+    """Whether anything that reads the numbers runs in the scene as it is."""
+    ran = {(file, line) for file, line in rows["", 1.0, scene]["ran"]}
+    return reached.may_change(origin.words, ran)
+
+
+def compared(origin: Origin, factor: float, rows: dict[Any, Row], scenes: range) -> Row | None:
+    """The table's figures of one move; None: it has not been tried on all that it may change."""
+    both = []
+    for k in scenes:
+        before = rows.get(("", 1.0, k))
+        after = rows.get((origin.name, factor, k))
+        if before and not after and not changeable(origin, rows, k):
+            after = before
+        if not before or not after:
+            return None
+        both.append((before, after))
     right = [(np.array(b["off"]), np.array(a["off"])) for b, a in both if "off" in b and "off" in a]
     errors = [[float(np.linalg.norm(off)) for off in pair] for pair in right]
     before, after = np.median(errors, axis=0) if errors else (np.nan, np.nan)
@@ -391,7 +428,7 @@ def table(wanted: list[Origin], rows: dict[Any, Row], scenes: range) -> Iterator
     yield "|---|---:|---:|---:|---:|---:|---:|"
     still, missing = [], []
     for origin in wanted:
-        found = {factor: compared(origin.name, factor, rows, scenes) for factor in FACTORS}
+        found = {factor: compared(origin, factor, rows, scenes) for factor in FACTORS}
         if None in found.values():
             missing.append(origin.name)
         elif not any(changes(figures) for figures in found.values()):
@@ -419,6 +456,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=N_FIRST, help=f"of round one ({N_FIRST})")
     parser.add_argument("--more", type=int, default=N_SECOND, help="of the second; 0: none")
     parser.add_argument("--jobs", type=int, default=2, help="moves at a time (2)")
+    parser.add_argument("--all", action="store_true", help="scenes that cannot change, too")
     parser.add_argument("--table", action="store_true", help="run nothing")
     parser.add_argument("--list", action="store_true", help="numbers and groups; run nothing")
     parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
@@ -437,16 +475,14 @@ def main() -> None:
     args.folder.mkdir(parents=True, exist_ok=True)
     first, second = range(args.scenes), range(args.more)
     if not args.table:
-        run_all(wanted, args.folder, first, args.jobs)
+        run_all(wanted, args.folder, first, args.jobs, args.all)
     rows = rows_in(args.folder / "results.jsonl")
     print("\n".join(table(wanted, rows, first)))
     if not args.more:
         return
-    again = [
-        one for one in wanted if any(changes(compared(one.name, f, rows, first)) for f in FACTORS)
-    ]
+    again = [one for one in wanted if any(changes(compared(one, f, rows, first)) for f in FACTORS)]
     if not args.table:
-        run_all(again, args.folder, second, args.jobs)
+        run_all(again, args.folder, second, args.jobs, args.all)
     print("\n".join(table(again, rows_in(args.folder / "results.jsonl"), second)))
 
 

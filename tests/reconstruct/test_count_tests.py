@@ -15,7 +15,7 @@ from scipy.stats import gamma, kstest, norm
 
 import lightflight as lf
 from lightflight.path.verdict import FindingName
-from lightflight.reconstruct.model import light
+from lightflight.reconstruct.model import light, spread
 from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
 from lightflight.reconstruct.model.counted import (
     Pulses,
@@ -254,27 +254,27 @@ class TestCauses:
 
     def test_halo_spreads_the_light_of_one_pixel(self):
         """Photons within so many px of a bright pixel, at its own time."""
-        beam = light.Beam(
+        beam = spread.Beam(
             np.array([[8, 8]]), np.zeros(1, dtype=int), np.array([100.0]), np.array([1e4]), STD
         )
         points = np.array([[8, 11], [8, 16]])
         ones = np.ones((2, len(EDGES) - 1))
         cells = Cells(np.tile(EDGES, (2, 1)), ones, ones > 0, 0.0 * ones, ones)
-        found = light.halo(cells, points, np.zeros(2), beam, (17, 17)).sum(axis=1)
-        for k, reach in enumerate(light.HALO_PX[1:], 1):
+        found = spread.halo(cells, points, np.zeros(2), beam, (17, 17)).sum(axis=1)
+        for k, reach in enumerate(spread.HALO_PX[1:], 1):
             expected = (
                 1e4 * np.exp(-0.5 * (np.array([3.0, 8.0]) / reach) ** 2) / (2 * np.pi * reach**2)
             )
             assert np.allclose(found[:, k][expected > 1.0], expected[expected > 1.0], rtol=1e-3)
 
     def test_glare_is_the_same_everywhere(self):
-        beam = light.Beam(
+        beam = spread.Beam(
             np.array([[8, 8], [2, 3]]), np.zeros(2, dtype=int), np.array([100.0, 900.0]),
             np.array([1e4, 2e4]), STD,
         )  # fmt: skip
         ones = np.ones((2, len(EDGES) - 1))
         cells = Cells(np.tile(EDGES, (2, 1)), ones, ones > 0, 0.0 * ones, ones)
-        found = light.glare(cells, np.array([0.0, 500.0]), beam, 1000).sum(axis=1)
+        found = spread.glare(cells, np.array([0.0, 500.0]), beam, 1000).sum(axis=1)
         assert np.allclose(found, 30.0, rtol=5e-3)
 
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_DARK_PX = 1.2
+DARK_PX = 1.2
 """Light whose last pixel is farther than this from the picture's edge ends in the picture, px."""
 _LIT_SHARE = 0.6
 """Where a leg's light falls below this share of what it was, the leg has ended."""
@@ -408,7 +408,7 @@ def _visible_end(
         gap = float(np.hypot(*(np.array(camera.pixels_from_points(edge.position_mm)) - tip)))
         # Near the edge, or with a dim leg, the edge is the better guess of the end.
         if gap < 4.0 or not sharp:
-            return edge, seen_tip if sharp and gap > _DARK_PX else None
+            return edge, seen_tip if sharp and gap > DARK_PX else None
     along = camera.pixel_jacobian(inside) @ direction
     along = along / max(float(np.hypot(*along)), 1e-9)
     across = float(-along[1]), float(along[0])

@@ -76,6 +76,12 @@ def lag_edges(std_ps: float, step_ps: float, growth: float, period_ps: float | N
     return np.concatenate((-outer[::-1], np.linspace(-half, half, 2 * n + 1), outer))
 
 
+def as_counted(cells: Cells, columns: Floats) -> Floats:
+    """Columns (n, m, k) as far as photons are counted, without the cells that are not live."""
+    columns *= (cells.live * cells.open_share)[:, :, np.newaxis]
+    return columns
+
+
 def width_errors(sighting: Sighting, rows: Indices, cols: Indices, *, nominal: bool) -> Floats:
     """(n,), relative error of the width of one code, as the calibration states it."""
     timing, squared = sighting.timing, np.zeros(len(rows))

@@ -13,22 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from lightflight.reconstruct.model.cells import Cells
+from lightflight.reconstruct.model.cells import Cells, as_counted
 from lightflight.reconstruct.model.counted import GAUSSIAN, Pixels, Shape, Tails, cumulated
 from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
+from lightflight.reconstruct.model.spread import SIDES, WIDE_LABELS, Beam, Spread, spread_light
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 LATE_PS = (150.0, 500.0, 2000.0)
 """Mean delays of light that is scattered more than once, or of a detector's slow carriers, ps."""
-HALO_PX = (1.0, 3.0, 8.0)
-"""Reach of a halo: neighbouring pixels, a lens out of focus or dusty, inner reflections, px."""
-HALO_LATE_PS = 600.0
-"""Mean delay of a halo that is scattered about the lens' surroundings, ps."""
-GLARE_LATE_PS = 3000.0
-"""Mean delay of light that a room throws back to all of the picture, ps."""
 EARLIEST_PS, LATEST_PS = -3000.0, 6000.0
 """Where another pulse is looked for about a pixel's own, ps."""
 LEAST_SHARE = 0.005
@@ -37,36 +32,36 @@ more than its error all the same, which `blind_to` says. With a third more the s
 trusted, and the same causes named."""
 _NEAREST_STDS = 1.5
 """Nearer to the own pulse than this another one only moves and widens it."""
-_STEPS_OF_TIME = 120
 _GRID_PS = (1500.0, 1500.0, 25.0)
 _GRID_LATE_PS = (1500.0, 20_000.0, 250.0)
 """From, to and step of the times about a pulse between which diffuse light is a straight line."""
 
 
-N_LATE = len(LATE_PS)
-WIDE_PX = HALO_PX[1:]
-"""Nearer than 2 px to a leg's line a halo cannot be told from brightness."""
+N_LATE, N_WIDE = len(LATE_PS), len(WIDE_LABELS)
 LABELS = (
     *(f"late by {wait:g} ps" for wait in LATE_PS),
-    *(f"about the path by {reach:g} px" for reach in WIDE_PX),
-    f"about the path by {WIDE_PX[-1]:g} px and late by {HALO_LATE_PS:g} ps",
-    "over the picture",
-    f"over the picture and late by {GLARE_LATE_PS:g} ps",
+    *WIDE_LABELS,
     *(f"how late those of {wait:g} ps are" for wait in LATE_PS),
+    *(f"how much brighter it is {side} the picture" for side in SIDES),
 )
-N_WIDE = len(LABELS) - 2 * N_LATE
+_SHARES, _WIDE = slice(0, N_LATE + N_WIDE), slice(N_LATE, N_LATE + N_WIDE)
+_WAITS, _OUTSIDE = slice(_WIDE.stop, _WIDE.stop + N_LATE), slice(_WIDE.stop + N_LATE, None)
+OF_PULSES = np.r_[:N_LATE, _WAITS]
+OF_SPREAD = np.r_[_WIDE, _WAITS.stop : len(LABELS)]
+"""Which of `LABELS` are a pulse's own, and which are of light from elsewhere."""
 _NUDGE = 1e-3
 """Step of a mean wait for its derivative, ln."""
 
 
 @dataclass(frozen=True, eq=False)
 class Strengths:
-    """Diffuse light, as shares of the path's, and how much longer than `LATE_PS` it waits, ln.
+    """Diffuse light: shares of the path's, how much longer than `LATE_PS` it waits, and how much
+    more of it comes from outside of the picture than was guessed.
 
     Attributes
     ----------
     value : array of float, shape (k,)
-        In the order of `LABELS`; shares may be negative by chance.
+        In the order of `LABELS`; shares may be negative by chance, waits are ln.
     covariance : array of float, shape (k, k)
     """
 
@@ -75,63 +70,28 @@ class Strengths:
 
     @property
     def shares(self) -> Floats:
-        """(k - 3,), without the waits."""
-        return self.value[:-N_LATE]
+        """(k - 7,), without the waits, and how bright it is outside."""
+        return self.value[_SHARES]
 
     @property
     def wide(self) -> Floats:
-        """(k - 6,), halo and glare."""
-        return self.value[N_LATE:-N_LATE]
+        """(5,), halo and glare."""
+        return self.value[_WIDE]
+
+    @property
+    def outside(self) -> Floats:
+        """(4,), by how much the light on each side of the picture is brighter than guessed."""
+        return self.value[_OUTSIDE]
 
     @property
     def tails(self) -> Tails:
         """Of each pulse: share that is late, and its mean wait, ps."""
-        waits = np.array(LATE_PS) * np.exp(self.value[-N_LATE:])
+        waits = np.array(LATE_PS) * np.exp(self.value[_WAITS])
         return tuple(zip(self.value[:N_LATE].tolist(), waits.tolist(), strict=True))
 
-
-@dataclass(frozen=True, eq=False)
-class Beam:
-    """Where the light is that halo and glare spread, and when: bright pixels, or places of legs.
-
-    Attributes
-    ----------
-    points_px : array of float, shape (k, 2)
-        (row, column).
-    leg : array of int, shape (k,)
-        The leg that lights each.
-    arrival_ps : array of float, shape (k,)
-        When its light comes, ps on the clock.
-    photons : array of float, shape (k,)
-    std_ps : float
-        Standard deviation of a pulse, ps.
-    """
-
-    points_px: Floats
-    leg: Indices
-    arrival_ps: Floats
-    photons: Floats
-    std_ps: float
-
-    def of(self, kept: NDArray[np.bool_]) -> Beam:
-        """Some of the places."""
-        return Beam(
-            self.points_px[kept],
-            self.leg[kept],
-            self.arrival_ps[kept],
-            self.photons[kept],
-            self.std_ps,
-        )
-
-    def with_second(self, second: Echo) -> Beam:
-        """The light of both pulses; the second's is that of further legs."""
-        return Beam(
-            np.concatenate((self.points_px, self.points_px)),
-            np.concatenate((self.leg, self.leg + int(self.leg.max(initial=0)) + 1)),
-            np.concatenate((self.arrival_ps, self.arrival_ps + second.delay_ps)),
-            np.concatenate((self.photons, second.share * self.photons)),
-            self.std_ps,
-        )
+    def spread(self, light: Spread) -> Floats:
+        """(n, m), counts of halo and glare."""
+        return light.counts(self.wide, self.outside)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +178,7 @@ class Diffuse:
         edges = np.tile(lags, (len(rows), 1))
         nothing = np.zeros((len(rows), len(lags) - 1))
         cells = Cells(edges, nothing, nothing == 0.0, nothing, nothing + 1.0)
-        found = spread_light(cells, points, reference, self.beam, shape) @ self.strengths.wide
+        found = self.strengths.spread(spread_light(cells, points, reference, self.beam, shape))
         for k in range(self.leg.shape[1]):
             own = np.flatnonzero((at >= 0) & (self.photons[at, k] > 0.0))
             late = self.arrival_ps[at[own], k] - reference[own]
@@ -291,37 +251,6 @@ class Diffuse:
         return out
 
 
-def spread_light(
-    cells: Cells, points_px: Indices, reference_ps: Floats, beam: Beam, shape: tuple[int, int]
-) -> Floats:
-    """(n, m, 5): halo over `WIDE_PX` and late, glare at once and late, per share of the light.
-
-    Parameters
-    ----------
-    cells : Cells
-        Of n pixels.
-    points_px : array of int, shape (n, 2)
-        (row, column).
-    reference_ps : array of float, shape (n,)
-        Arrival time at which their lags are zero, ps on the clock.
-    beam : Beam
-        Light that is spread; what lies outside of the picture makes no glare in it.
-    shape : (int, int)
-        Of the picture.
-
-    Returns
-    -------
-    array of float, shape (n, m, 5)
-    """
-    row, col = beam.points_px.T
-    seen = (row > -0.5) & (row < shape[0] - 0.5) & (col > -0.5) & (col < shape[1] - 0.5)
-    if not seen.any():
-        return np.zeros((*cells.counts.shape, N_WIDE))
-    wide = halo(cells, points_px, reference_ps, beam, shape)[:, :, 1:]
-    over = glare(cells, reference_ps, beam.of(seen), shape[0] * shape[1])
-    return np.concatenate((wide, over), axis=2)
-
-
 def late_light(pixels: Pixels, waits_ps: Sequence[float] = LATE_PS) -> Floats:
     """(n, m, k): the light of a pixel's legs late by k mean waits, their own taken off."""
     edges, second = pixels.cells.edges_ps, pixels.second
@@ -338,18 +267,23 @@ def late_light(pixels: Pixels, waits_ps: Sequence[float] = LATE_PS) -> Floats:
             for j, wait in enumerate(waits_ps):
                 by_edge = prompt - pixels.shape.kept_back(z, std / wait) - prompt
                 out[lit, :, j] += photons * np.diff(by_edge, axis=1)
-    return _in_cells(pixels.cells, out)
+    return as_counted(pixels.cells, out)
 
 
-def diffuse_light(pixels: Pixels, wide: Floats, tails: Tails) -> Floats:
-    """(n, m, k): what lit pixels gain by each strength, in the order of `LABELS`.
+def diffuse_light(pixels: Pixels, spread: Spread | None, strengths: Strengths) -> Floats:
+    """(n, m, k): how the counts of lit pixels follow the strengths, in the order of `LABELS`.
 
-    `wide` (n, m, k - 6) as from `spread_light`; `tails` as the pixels were fitted with them.
+    With the tails that the pixels were fitted with; without `spread` shares and waits of late light
+    alone (`OF_PULSES`).
     """
-    shares, waits = (np.array(each) for each in zip(*tails, strict=True))
+    shares, waits = (np.array(each) for each in zip(*strengths.tails, strict=True))
     both = late_light(pixels, [*waits.tolist(), *(np.exp(_NUDGE) * waits).tolist()])
     late, later = np.split(both, 2, axis=2)
-    return np.concatenate((late, wide, shares / _NUDGE * (later - late)), axis=2)
+    waiting = shares / _NUDGE * (later - late)
+    if spread is None:
+        return np.concatenate((late, waiting), axis=2)
+    wide, outside = np.split(spread.columns(strengths.wide, strengths.outside), [N_WIDE], axis=2)
+    return np.concatenate((late, wide, waiting, outside), axis=2)
 
 
 def other_lags(
@@ -370,7 +304,7 @@ def other_pulses(pixels: Pixels, lags_ps: Floats) -> Floats:
     z = (cells.edges_ps - pixels.late_ps[:, :1]) / std
     for j, lag in enumerate(lags_ps):
         out[:, :, j] = photons * np.diff(pixels.shape.come(z - lag / std), axis=1)
-    return _in_cells(cells, out)
+    return as_counted(cells, out)
 
 
 def pile_up(pixels: Pixels, sync_ps: Floats, period_ps: float | None) -> Floats:
@@ -389,63 +323,7 @@ def pile_up(pixels: Pixels, sync_ps: Floats, period_ps: float | None) -> Floats:
         z = (middle - pixels.late_ps[:, k : k + 1]) / pixels.std_ps[:, k : k + 1]
         before = before + np.where(lap == 0.0, pixels.photons[:, k : k + 1] * ndtr(z), 0.0)
     most = max(float(pixels.photons.max(initial=0.0)), 1.0)
-    return _in_cells(cells, -(pixels.mean * before / most)[:, :, np.newaxis])
-
-
-def halo(
-    cells: Cells, points_px: Indices, reference_ps: Floats, beam: Beam, shape: tuple[int, int]
-) -> Floats:
-    """(n, m, 4): light of the beam spread over `HALO_PX`, and over the widest late as well.
-
-    `points_px` (n, 2) are the pixels, of a picture of `shape`. Of the light that a leg sends to a
-    pixel the mean time and its spread are taken.
-    """
-    n, m = cells.counts.shape
-    out = np.zeros((n, m, len(HALO_PX) + 1))
-    row, col = points_px.T
-    for leg in np.unique(beam.leg):
-        own = beam.leg == leg
-        center = float(np.median(beam.arrival_ps[own]))
-        gap = beam.arrival_ps[own] - center
-        moments = beam.photons[own] * gap ** np.arange(3)[:, np.newaxis]
-        for j, reach in enumerate(HALO_PX):
-            down, across = (
-                _blur(size, beam.points_px[own, axis], reach) for axis, size in enumerate(shape)
-            )
-            light, first, second = ((down * one) @ across.T for one in moments)
-            light, first, second = light[row, col], first[row, col], second[row, col]
-            # Where a leg's halo is a ten-thousandth of its brightest it is none.
-            lit = np.flatnonzero(light > 1e-4 * float(light.max(initial=1e-300)))
-            mean, square = first[lit] / light[lit], second[lit] / light[lit]
-            spread = np.sqrt(np.maximum(square - mean**2, 0.0) + beam.std_ps**2)
-            late, edges = mean + center - reference_ps[lit], cells.edges_ps[lit]
-            waits = (0.0, HALO_LATE_PS) if reach == HALO_PX[-1] else (0.0,)
-            for k, wait in enumerate(waits):
-                by_edge = cumulated(edges, late, spread, wait)
-                out[lit, :, j + k] += light[lit, np.newaxis] * np.diff(by_edge, axis=1)
-    return _in_cells(cells, out)
-
-
-def _blur(size: int, places: Floats, reach_px: float) -> Floats:
-    """(size, k): share of the light at each place that a Gaussian spreads to each row."""
-    gap = np.subtract.outer(np.arange(size), places) / reach_px
-    share: Floats = np.exp(-0.5 * gap**2) / (reach_px * np.sqrt(2.0 * np.pi))
-    return share
-
-
-def glare(cells: Cells, reference_ps: Floats, beam: Beam, n_pixels: int) -> Floats:
-    """(n, m, 2): light of the beam over all of the picture alike, at once and `GLARE_LATE_PS`."""
-    first, last = beam.arrival_ps.min(), beam.arrival_ps.max()
-    wide = np.full(len(beam.leg), beam.std_ps)
-    parts = []
-    for wait in (0.0, GLARE_LATE_PS):
-        reach = first - 5.0 * beam.std_ps, last + 5.0 * beam.std_ps + 8.0 * wait
-        grid = np.linspace(*reach, _STEPS_OF_TIME)
-        by_source = cumulated(np.tile(grid, (len(wide), 1)), beam.arrival_ps, wide, wait)
-        by_time = beam.photons @ by_source / n_pixels
-        places = cells.edges_ps + reference_ps[:, np.newaxis]
-        parts.append(np.diff(np.interp(places, grid, by_time), axis=1))
-    return _in_cells(cells, np.stack(parts, axis=2))
+    return as_counted(cells, -(pixels.mean * before / most)[:, :, np.newaxis])
 
 
 def classes(cells: Cells, of_class: Indices, lags_ps: Floats, size: Floats) -> Floats:
@@ -459,10 +337,4 @@ def classes(cells: Cells, of_class: Indices, lags_ps: Floats, size: Floats) -> F
     kinds, kind = np.unique(of_class, return_inverse=True)
     which = kind[:, np.newaxis] * n_lags + stretch
     own = which[:, :, np.newaxis] == np.arange(len(kinds) * n_lags)
-    return _in_cells(cells, own * size[:, :, np.newaxis])
-
-
-def _in_cells(cells: Cells, columns: Floats) -> Floats:
-    """Columns (n, m, k) as far as photons are counted, without the cells that are not live."""
-    columns *= (cells.live * cells.open_share)[:, :, np.newaxis]
-    return columns
+    return as_counted(cells, own * size[:, :, np.newaxis])

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +24,11 @@ from lightflight.reconstruct.fit.fine import finely_lit, fitted_again, with_fine
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, moved_stds, pulse_std_in_view
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.counted import shape_of
-from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.model.strength import strength_as_seen
+from lightflight.reconstruct.model.spread import Beam
 from lightflight.reconstruct.other_light.around import (
     Seen,
     alike,
@@ -38,18 +36,14 @@ from lightflight.reconstruct.other_light.around import (
     pixels_about_path,
     pulses_expected,
 )
-from lightflight.reconstruct.other_light.second_path import (
-    places_of_path,
-)
+from lightflight.reconstruct.other_light.lit_places import lit_places
+from lightflight.reconstruct.other_light.second_path import places_of_path
 from lightflight.reconstruct.other_light.strengths import (
     Known,
     Second,
     of_repeat,
 )
 from lightflight.reconstruct.other_light.twice import Asked, scattered, with_second
-
-if TYPE_CHECKING:
-    pass
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -71,12 +65,12 @@ _CORE_STDS = 1.5
 _GATE_STDS = 4.0
 """A pulse this near to the expected time is the one that was measured, in standard deviations."""
 _MOST_LIGHT = 10.0
-"""Of all counts: a path runs on outside the picture, but more of it is no path's. A short leg whose
-line is off its pixels is bright by exp(400), and no sum of counts holds that."""
+"""Of all counts: more in the picture is no path's."""
 _FAR_PX = 25.0
 """Light this far outside of the picture reaches it no more, px."""
-_PLACES = 400
-"""Places along a leg from which its light is spread."""
+_RUN_ON = 2.0
+"""Of a leg's length: so far its light is followed beyond the end of the path. A leg that is half as
+long in the picture as a halo is wide sends hardly any light from farther off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,10 +127,9 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
             twice = [o.diffuse.second for o in clear if o.diffuse is not None]
             seconds = any(one is not None for one in twice)
             mirrors = any(isinstance(one, SecondPath) for one in twice)
-            shown = fit
-            if seconds or any(np.abs(one.shares).max() > _MUCH for one in strengths):
-                # Lines and brightness, too, without what is no leg's.
-                shown = finely_lit(fit, clear, setting)
+            much = any(np.abs(one.shares).max() > _MUCH for one in strengths)
+            # Lines and brightness, too, without what is no leg's.
+            shown = finely_lit(fit, clear, setting) if seconds or much else fit
             better = fitted_again(shown, clear, setting)
             moved = moved_stds(fit, better)
             far = moved > _FAR_STDS
@@ -144,8 +137,8 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
                 again = fit_joint(clear, better.solution.state, setting, legs=None)
                 better = with_fine_light(again, setting)
             fit = replace(better, strengths=strengths)
-            # The images of a mirror follow the path, which in turn follows them.
-            if moved < (_STILL_STDS if mirrors else _FAR_STDS):
+            # Images and halos follow the path and its brightness, which in turn follow them.
+            if moved < (_STILL_STDS if mirrors or much else _FAR_STDS):
                 break
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return fit
@@ -191,7 +184,8 @@ def without_diffuse(
         wing, far = np.flatnonzero(about & (seen.away_px[:, 0] >= reach)), np.flatnonzero(~about)
         if not len(lit):
             raise NothingFoundError("no usable pixel lies on the path")
-        beam = beam_of_path(fit, own[0], whole, std)
+        source_told = setting.source.position_mm is not None
+        beam = beam_of_path(fit, own[0], whole, std, source_told=source_told)
         dark = dark_group(whole, seen, lit, far, std, nominal)
         shape = shape_of(whole.timing.response)
         pulses = pulses_expected(seen.of(lit), shape)
@@ -200,10 +194,7 @@ def without_diffuse(
         sharp = whole.histograms.poisson and not (shape.table.size or nominal)
         known = scattered(asked) if not sharp else with_second(
             asked,
-            partial(
-                places_of_path, fit, own[0], whole,
-                source_told=setting.source.position_mm is not None,
-            ),
+            partial(places_of_path, fit, own[0], whole, source_told=source_told),
             fit.sightings[own[0]].diffuse,
             fit.solution.cameras[whole.view],
         )  # fmt: skip
@@ -224,7 +215,9 @@ def without_diffuse(
     return found, tuple(strengths)
 
 
-def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> light.Beam:
+def beam_of_path(
+    fit: JointFit, number: int, whole: Sighting, std_ps: float, *, source_told: bool
+) -> Beam:
     """Places along the legs, in the picture and about it, with the light that they give.
 
     Parameters
@@ -237,58 +230,44 @@ def beam_of_path(fit: JointFit, number: int, whole: Sighting, std_ps: float) -> 
         All recordings alike.
     std_ps : float
         Typical standard deviation of a pulse, ps.
+    source_told : bool
+        Whether the path begins at its source, and not where it enters the view.
 
     Returns
     -------
     Beam
-        Outside of the picture a leg is as bright as where it leaves it.
+        Outside of the picture a leg is as bright as where it leaves it, and runs on.
 
     Raises
     ------
     NothingFoundError
         Where a leg gives more light than the recording holds.
     """
-    camera, picture = fit.solution.cameras[whole.view], fit.pictures[number]
-    state, medium = fit.solution.state, fit.solution.medium
-    times, parts = state.vertex_times_ps(medium), []
-    brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
-    for k, (leg, of) in enumerate(zip(picture.legs, picture.fits, strict=True)):
-        if leg.dark:
-            continue
-        share = (np.arange(_PLACES) + 0.5) / _PLACES
-        start_ps = times[state.leg_starts[k]]
-        points = state.points_mm(k, share)
-        row, col = camera.pixels_from_points(points)
-        arrival = start_ps + state.shares_of_way(k, share) * (times[k + 1] - start_ps)
-        arrival = arrival + camera.return_times_ps(
-            points, return_group_index=medium.return_group_index
-        )
-        along = leg.along_across(undistorted_px(camera, row, col))[0]
-        strength, _ = strength_as_seen(of.spline, of.spline_covariance, brightest, along)
-        length = np.abs(np.gradient(along))
-        rows, cols = camera.shape
-        with np.errstate(invalid="ignore"):
-            near = (np.abs(row - 0.5 * rows) < 0.5 * rows + _FAR_PX) & (
-                np.abs(col - 0.5 * cols) < 0.5 * cols + _FAR_PX
-            )
-        near &= np.isfinite(arrival + strength + length)
-        light_of = np.sqrt(2.0 * np.pi) * picture.spot_std_px * strength * length
-        parts.append(
-            (row[near], col[near], np.full(int(near.sum()), k), arrival[near], light_of[near])
-        )
-    row, col, leg_of, arrival, photons = (np.concatenate(part) for part in zip(*parts, strict=True))
-    if photons.sum() > _MOST_LIGHT * whole.histograms.photons.sum(dtype=np.float64):
+    camera, index = fit.solution.cameras[whole.view], fit.solution.medium.return_group_index
+    parts = [(*(np.zeros(0) for _ in range(2)), np.zeros(0, dtype=int), np.zeros(0), np.zeros(0))]
+    for of in lit_places(
+        fit, number, whole, source_told=source_told, near_px=_FAR_PX, run_on=_RUN_ON
+    ):
+        arrival = of.event_ps + camera.return_times_ps(of.points_mm, return_group_index=index)
+        known = np.isfinite(of.row + of.col + arrival + of.photons)
+        leg = np.full(len(known), of.leg)
+        parts.append(tuple(x[known] for x in (of.row, of.col, leg, arrival, of.photons)))
+    row, col, leg, arrival, photons = (np.concatenate(part) for part in zip(*parts, strict=True))
+    beam = Beam(np.column_stack((row, col)), leg, arrival, photons, std_ps)
+    # More light than there is: a leg's line is off its pixels, and bright by exp(400).
+    shown = beam.sides(camera.shape) < 0
+    if photons[shown].sum() > _MOST_LIGHT * whole.histograms.photons.sum(dtype=np.float64):
         raise NothingFoundError("the line of a leg lies beside its light")
-    return light.Beam(np.column_stack((row, col)), leg_of, arrival, photons, std_ps)
+    return beam
 
 
-def _measured(known: Known, beam: light.Beam, part: float) -> _Measured:
+def _measured(known: Known, beam: Beam, part: float) -> _Measured:
     """Times of the path's pulses, the last step after those at which the pixels were fitted."""
     pixels, pulses, strengths = known.pixels, known.pulses, known.strengths
     beside, seen = known.beside, known.beside.seen
     s = pulses.late_ps.shape[1]
     own = slice(s, 2 * s)
-    mine = replace(beside, cells=pixels.cells, wide=part * beside.wide)
+    mine = beside.of_repeat(pixels.cells, part)
     spread, _, by_second = mine.other(strengths, known.second)
     taken = pixels.taken_of(mine.columns(pixels, strengths, by_second))[:, own]
     shift = np.nan_to_num(pixels.late_ps - pulses.late_ps) - taken @ known.step

@@ -17,10 +17,7 @@ from scipy.special import ndtr
 
 from lightflight.camera.stand_in import stand_in_of
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.membership import tip_of_leg
 from lightflight.reconstruct.model.counted import Pixels
-from lightflight.reconstruct.model.geometry import PathState
-from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.second_path import (
     Mirror,
     Places,
@@ -28,8 +25,8 @@ from lightflight.reconstruct.model.second_path import (
     return_ps_per_mm,
 )
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.model.strength import strength_as_seen
 from lightflight.reconstruct.other_light.around import Group, Seen
+from lightflight.reconstruct.other_light.lit_places import lit_places
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
@@ -42,8 +39,6 @@ _BEYOND_PX = 12.0
 """Light this far outside of the picture may have its image in it, px."""
 _RUN_ON = 0.5
 """Share of a leg's length that is looked at beyond the end of the path."""
-_PER_PX = 3.0
-"""Places per pixel of a leg."""
 _TURNS = (-4.0, -2.0, -1.2, -0.8, -0.5, -0.35, -0.23, -0.11)
 """Tangents of a mirror's turn out of the picture's plane that are tried, with their opposites: a
 turn by 6 degrees shifts the image's times along 200 mm by a pulse."""
@@ -88,58 +83,19 @@ def places_of_path(
     Places
         Outside of the picture a leg is as bright as where it leaves it.
     """
-    camera, picture = fit.solution.cameras[whole.view], fit.pictures[number]
-    state, medium = fit.solution.state, fit.solution.medium
-    times = state.vertex_times_ps(medium)
-    brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
-    runs_in = fit.tips[0] is None and not source_told
-    runs_out = {k for k in state.last_legs if tip_of_leg(fit.tips, k, state) is None}
-    # About light that is mostly another's, a leg may run away from the picture: no place then.
+    camera, medium = fit.solution.cameras[whole.view], fit.solution.medium
     parts = [(np.zeros((0, 3)), *(np.zeros(0, dtype=each) for each in (int, bool, float, float)))]
-    for k, (leg, of) in enumerate(zip(picture.legs, picture.fits, strict=True)):
-        if leg.dark:
-            continue
-        # A path ends where the view does, its light runs on; where light ends in view it does not.
-        before = _RUN_ON if k == 0 and runs_in else 0.0
-        after = _RUN_ON if k in runs_out else 0.0
-        share = _shares_about_view(state, k, camera, (-before, 1.0 + after))
-        if len(share) < 2:
-            continue
-        points = state.points_mm(k, share)
-        row, col = camera.pixels_from_points(points)
-        along = leg.along_across(undistorted_px(camera, row, col))[0]
-        strength, beyond = strength_as_seen(of.spline, of.spline_covariance, brightest, along)
-        light = np.sqrt(2.0 * np.pi) * picture.spot_std_px * strength * np.abs(np.gradient(along))
-        way2 = np.sum((points - camera.center_mm) ** 2, axis=1)
-        start_ps = times[state.leg_starts[k]]
-        event = start_ps + state.shares_of_way(k, share) * (times[k + 1] - start_ps)
-        parts.append((points, np.full(len(share), k), beyond, event, light * way2))
-    points, of_leg, beyond, event, light = (
-        np.concatenate(part) for part in zip(*parts, strict=True)
-    )
+    for of in lit_places(
+        fit, number, whole, source_told=source_told, near_px=_BEYOND_PX, run_on=_RUN_ON
+    ):
+        way2 = np.sum((of.points_mm - camera.center_mm) ** 2, axis=1)
+        of_leg = np.full(len(of.beyond), of.leg)
+        parts.append((of.points_mm, of_leg, of.beyond, of.event_ps, of.photons * way2))
+    points, leg, beyond, event, light = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Places(
-        points, of_leg, beyond, event, light, picture.spot_std_px, std_ps,
+        points, leg, beyond, event, light, fit.pictures[number].spot_std_px, std_ps,
         return_ps_per_mm(medium.return_group_index),
     )  # fmt: skip
-
-
-def _shares_about_view(
-    state: PathState, leg: int, camera: Camera, between: tuple[float, float]
-) -> Floats:
-    """(n,), places along a leg, in its length, as far as it runs in the picture or near it."""
-    share, (rows, cols) = np.linspace(*between, 801), camera.shape
-    row, col = camera.pixels_from_points(state.points_mm(leg, share))
-    with np.errstate(invalid="ignore"):
-        near = (np.abs(row - 0.5 * rows) < 0.5 * rows + _BEYOND_PX) & (
-            np.abs(col - 0.5 * cols) < 0.5 * cols + _BEYOND_PX
-        )
-    if np.count_nonzero(near) < 2:
-        return np.zeros(0)
-    low, high = share[near][[0, -1]]
-    length_px = float(np.sum(np.hypot(np.diff(row[near]), np.diff(col[near]))))
-    n = int(np.ceil(_PER_PX * length_px))
-    shares: Floats = low + (high - low) * (np.arange(n) + 0.5) / n
-    return shares
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,7 +68,7 @@ def second_pulse_in(
     """
     pixels, strengths = known.pixels, known.strengths
     tried = light.other_lags(lags_ps, std_ps, (-np.inf, np.inf))
-    own = light.diffuse_light(pixels, known.beside.wide, strengths.tails)
+    own = light.diffuse_light(pixels, known.beside.spread, strengths)
     both = np.concatenate((own, light.other_pulses(pixels, tried)), axis=2)
     score, information, _ = pixels.said_of(both)
     k = own.shape[2]

@@ -28,6 +28,7 @@ from lightflight.reconstruct.model.second_path import Images, SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
+from lightflight.reconstruct.model.spread import SIDES, Beam, Spread, spread_light
 from lightflight.reconstruct.other_light.around import Group, Seen
 
 Floats = NDArray[np.float64]
@@ -46,6 +47,9 @@ _LEAST_STEP = 0.25
 """Of a whole step."""
 _WAIT_STD = 0.6
 """How far mean waits may be from those of the table, ln: half of the way to the next one."""
+_OUTSIDE_STD = 1.0
+"""By how much light that runs on outside of the picture may be brighter than where it leaves it, as
+a share: there may be none, or twice as much."""
 _TELLING = 0.01
 """Of the light: shares well below this leave how long they wait where the table has it. Waits of
 light that is hardly there sway about each other for ever; what they do to a path is a hundredth."""
@@ -88,19 +92,20 @@ class Beside:
     seen : Seen
         Asked for where a second path shows alone.
     cells : Cells
-    wide : array of float, shape (n, m, k - 6)
-        Counts at a strength of one.
+    spread : Spread or None
+        Counts of halo and glare; None: there are none, and nobody asks.
     """
 
     seen: Seen
     cells: Cells
-    wide: Floats
+    spread: Spread | None
 
     def other(
         self, strengths: light.Strengths, second: Second | None, images: Images | None = None
     ) -> Other:
         """Light that is no leg's; `images` are those of the second path, where drawn already."""
-        spread: Floats = self.wide @ strengths.wide
+        nothing = np.zeros_like(self.cells.counts)
+        spread = nothing if self.spread is None else strengths.spread(self.spread)
         if not isinstance(second, SecondPath):
             # That of a second pulse is the legs', which their pixels fit with the rest of it.
             size = 0 if second is None else second.size
@@ -111,22 +116,26 @@ class Beside:
         )
         return Other(spread + more, beyond if beyond.any() else None, columns)
 
+    def of_repeat(self, cells: Cells, part: float) -> Beside:
+        """The same pixels in the cells of a repeat that holds `part` of the light."""
+        spread = None if self.spread is None else self.spread.times(part)
+        return replace(self, cells=cells, spread=spread)
+
     def columns(self, pixels: Pixels, strengths: light.Strengths, by_second: Floats) -> Floats:
         """How the counts of lit pixels follow all unknowns (n, m, k): strengths, second light."""
-        own = light.diffuse_light(pixels, self.wide, strengths.tails)
+        own = light.diffuse_light(pixels, self.spread, strengths)
         if pixels.second is not None:
             by_second = light_of_second_pulse(pixels, pixels.second, strengths.tails)
         return np.concatenate((own, by_second), axis=2)
 
 
-def beside_in(whole: Sighting, seen: Seen, cells: Cells, beam: light.Beam) -> Beside:
+def beside_in(whole: Sighting, seen: Seen, cells: Cells, beam: Beam) -> Beside:
     """Halo and glare in cells of some pixels."""
     points, reference = np.column_stack((seen.rows, seen.cols)), seen.arrival_ps[:, 0]
-    wide = light.spread_light(cells, points, reference, beam, whole.blind.shape)
-    return Beside(seen, cells, wide)
+    return Beside(seen, cells, spread_light(cells, points, reference, beam, whole.blind.shape))
 
 
-def beside_dark(whole: Sighting, dark: Group | None, beam: light.Beam) -> Beside | None:
+def beside_dark(whole: Sighting, dark: Group | None, beam: Beam) -> Beside | None:
     """The same in pixels that no leg lights."""
     if dark is None:
         return None
@@ -225,43 +234,32 @@ def strengths_of(
     Known
         Unknowns in the order of `light.LABELS`, then those of the second light.
     """
-    n_late, size = light.N_LATE, 2 * light.N_LATE + beside.wide.shape[2]
-    free = 0 if second is None else second.size
-    at_dark = np.r_[n_late : size - n_late, size : size + free]
-    value, before, damping = np.zeros(size), np.zeros(size + free), 1.0
+    size = len(light.LABELS)
+    value: Floats = np.zeros(size)
+    before: Floats = np.zeros(size + (0 if second is None else second.size))
+    damping = 1.0
     for number in range(_MOST_ROUNDS):
-        now = light.Strengths(value, np.zeros((size, size)))
-        # The images fall on lit pixels and on dark ones: they are drawn once for both.
-        images = second.images() if isinstance(second, SecondPath) else None
-        expected, other = pulses, beside.other(now, second, images)
-        pixels = lit_pixels(
-            beside.cells, pulses, dispersion=dispersion, tails=now.tails, other=other.counts,
-            beyond=other.beyond, second=_pulse_of(second),
-        )  # fmt: skip
-        score, information, _ = pixels.said_of(beside.columns(pixels, now, other.by_second))
-        if dark is not None and unlit is not None:
-            other = unlit.other(now, second, images)
-            empty = dark_pixels(
-                unlit.cells, dispersion=dispersion, other=other.counts, beyond=other.beyond
-            )
-            dark = replace(dark, pixels=empty)
-            said = empty.said_of(np.concatenate((unlit.wide, other.by_second), axis=2))
-            score[at_dark] += said[0]
-            information[np.ix_(at_dark, at_dark)] += said[1]
+        expected, now = pulses, light.Strengths(value, np.zeros((size, size)))
+        told = _told(now, pulses, beside, dark, unlit, second, dispersion)
+        pixels, dark, score, information = told
         prior = _precision(value, second, rough=rough)
         total = information + np.diag(prior)
         held = np.zeros(0) if second is None else second.value
-        step = np.linalg.solve(total, score - prior * np.append(value, held))
-        moved = float(step @ total @ step)
+        pull = score - prior * np.append(value, held)
+        whole = np.linalg.solve(total, pull).astype(np.float64, copy=False)
+        moved = float(whole @ total @ whole)
         # A shape's width and what flight adds to it sway about each other: half as far, then.
-        swayed = float(before @ total @ step) < 0.0
+        swayed = float(before @ total @ whole) < 0.0
         damping = max(0.5 * damping, _LEAST_STEP) if swayed else min(1.4 * damping, 1.0)
-        before = step
-        step = damping * step / max(1.0, _length(step, second))
+        before = whole
+        step: Floats = damping / max(1.0, _length(whole, second)) * whole
         value = value + step[:size]
         second = None if second is None else second.moved(step[size:])
-        small = second is None and np.abs(value[:-n_late]).max() < _LINEAR
-        still = np.abs(step[:n_late]).max() < _ROUGHLY_STILL if rough else moved < _STILL**2
+        shares = light.Strengths(value, now.covariance).shares
+        small = second is None and np.abs(shares).max() < _LINEAR
+        still = moved < _STILL**2
+        if rough:
+            still = np.abs(step[: light.N_LATE]).max() < _ROUGHLY_STILL
         settled = bool(small or still)
         hopeless = number >= _PATIENCE and _misfit(pixels, dark) - _HOPES * moved > most_misfit
         if settled or hopeless:
@@ -275,6 +273,41 @@ def strengths_of(
     covariance: Floats = np.linalg.inv(total).astype(np.float64, copy=False)
     found = light.Strengths(value, covariance)
     return Known(found, second, pixels, dark, step, settled, dispersion, expected, beside)
+
+
+def _told(
+    now: light.Strengths,
+    pulses: Pulses,
+    beside: Beside,
+    dark: Group | None,
+    unlit: Beside | None,
+    second: Second | None,
+    dispersion: float,
+) -> tuple[Pixels, Group | None, Floats, Floats]:
+    """What lit and dark pixels say of all unknowns: these fitted, score (k,) and information."""
+    size = len(light.LABELS)
+    free = np.arange(size, size + (0 if second is None else second.size))
+    lit = np.append(light.OF_PULSES if beside.spread is None else np.arange(size), free)
+    score, information = np.zeros(size + len(free)), np.zeros((size + len(free),) * 2)
+    # The images fall on lit pixels and on dark ones: they are drawn once for both.
+    images = second.images() if isinstance(second, SecondPath) else None
+    other = beside.other(now, second, images)
+    pixels = lit_pixels(
+        beside.cells, pulses, dispersion=dispersion, tails=now.tails, other=other.counts,
+        beyond=other.beyond, second=_pulse_of(second),
+    )  # fmt: skip
+    said = pixels.said_of(beside.columns(pixels, now, other.by_second))
+    score[lit], information[np.ix_(lit, lit)] = said[:2]
+    if dark is None or unlit is None or unlit.spread is None:
+        return pixels, dark, score, information
+    other = unlit.other(now, second, images)
+    empty = dark_pixels(unlit.cells, dispersion=dispersion, other=other.counts, beyond=other.beyond)
+    by_spread = unlit.spread.columns(now.wide, now.outside)
+    said = empty.said_of(np.concatenate((by_spread, other.by_second), axis=2))
+    in_dark = np.append(light.OF_SPREAD, free)
+    score[in_dark] += said[0]
+    information[np.ix_(in_dark, in_dark)] += said[1]
+    return pixels, replace(dark, pixels=empty), score, information
 
 
 def _pulse_of(second: Second | None) -> Echo | None:
@@ -306,7 +339,7 @@ def tails_of(cells: Cells, pulses: Pulses) -> tuple[Tails, Pixels]:
     # Which pixels these are is asked of light that others send to them: there is none here.
     nowhere, none = np.zeros(0, dtype=np.int64), np.zeros((0, 1))
     seen = Seen(nowhere, nowhere, none.astype(np.int64), none, none, none, none)
-    own = Beside(seen, cells, np.zeros((*cells.counts.shape, 0)))
+    own = Beside(seen, cells, None)
     known = strengths_of(pulses, own, None, None, rough=True)
     if not known.settled:
         raise NothingFoundError("the shares of late light do not settle")
@@ -315,11 +348,12 @@ def tails_of(cells: Cells, pulses: Pulses) -> tuple[Tails, Pixels]:
 
 def _precision(value: Floats, second: Second | None, *, rough: bool) -> Floats:
     """Of what would surprise nobody: the same for all kinds of diffuse light, and for shares."""
-    size, n = len(value), light.N_LATE
-    prior = np.full(size, PLAUSIBLE[FindingName.HAZE].size ** -2.0)
-    here = value[:n] ** 2
+    waits = light.OF_PULSES[light.N_LATE :]
+    prior = np.full(len(value), PLAUSIBLE[FindingName.HAZE].size ** -2.0)
+    here = value[: light.N_LATE] ** 2
     freedom = 1.0 if rough else (here + 1e-8) / (here + _TELLING**2)
-    prior[size - n :] = (_WAIT_STD * freedom) ** -2.0
+    prior[waits] = (_WAIT_STD * freedom) ** -2.0
+    prior[-len(SIDES) :] = _OUTSIDE_STD**-2.0
     return prior if second is None else np.append(prior, second.precision)
 
 
@@ -327,6 +361,8 @@ def _length(step: Floats, second: Second | None) -> float:
     """Of a step, in the longest that its parts may be."""
     free = 0 if second is None else second.size
     longest = np.full(len(step), _LONGEST)
+    size = len(light.LABELS)
+    longest[size - len(SIDES) : size] = _OUTSIDE_STD
     if second is not None:
         longest[len(step) - free :] = second.longest
     return float(np.abs(step / longest).max())
@@ -335,7 +371,7 @@ def _length(step: Floats, second: Second | None) -> float:
 def of_repeat(known: Known, cells: Cells, part: float) -> Known:
     """One repeat, in the light that all of them show: `part` of it."""
     second = None if known.second is None else known.second.times(part)
-    mine = replace(known.beside, cells=cells, wide=part * known.beside.wide)
+    mine = known.beside.of_repeat(cells, part)
     other = mine.other(known.strengths, second)
     pixels = lit_pixels(
         cells,

@@ -21,6 +21,7 @@ from lightflight.reconstruct.model.counted import Pulses
 from lightflight.reconstruct.model.second_path import Places, SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.spread import Beam
 from lightflight.reconstruct.other_light.around import (
     FINE_GROWTH,
     FINE_STDS,
@@ -71,7 +72,7 @@ class Asked:
     whole: Sighting
     seen: Seen
     pulses: Pulses
-    beam: light.Beam
+    beam: Beam
     dark: Group | None
     std_ps: float
     nominal: bool
@@ -111,7 +112,7 @@ class Asked:
         lit = beside_in(self.whole, self.seen, self.cells(self.whole, None), self.beam)
         return lit, self.dark, beside_dark(self.whole, self.dark, self.beam)
 
-    def lit_by(self, second: Second | None) -> light.Beam:
+    def lit_by(self, second: Second | None) -> Beam:
         """The light that is spread, that of a second pulse included."""
         return self.beam.with_second(second) if isinstance(second, Echo) else self.beam
 

@@ -23,6 +23,7 @@ from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
+from lightflight.reconstruct.model.spread import HALO_PX, Beam, glare, halo, spread_light
 from lightflight.reconstruct.other_light.around import (
     FINE_GROWTH,
     FINE_STDS,
@@ -162,7 +163,7 @@ def _held(
         for kind, own in ((0, bright), (1, ~bright))
         if own.any()
     ]
-    beam = light.Beam(
+    beam = Beam(
         points[bright].astype(float),
         seen.leg[near][bright, 0],
         reference[bright] + lit.late_ps[bright, 0],
@@ -201,8 +202,8 @@ def _spread(
     diffuse = whole.diffuse
     if diffuse is None:
         return 0.0, None
-    wide = light.spread_light(cells, points_px, reference_ps, diffuse.beam, whole.blind.shape)
-    counts: Floats = wide @ diffuse.strengths.wide
+    found = spread_light(cells, points_px, reference_ps, diffuse.beam, whole.blind.shape)
+    counts = diffuse.strengths.spread(found)
     if not isinstance(diffuse.second, SecondPath):
         return counts, None
     rows, cols = points_px.astype(np.int64).T
@@ -210,14 +211,14 @@ def _spread(
     return counts + images, beyond if beyond.any() else None
 
 
-def _columns(group: Group, beam: light.Beam, lags: Floats, whole: Sighting) -> Columns:
+def _columns(group: Group, beam: Beam, lags: Floats, whole: Sighting) -> Columns:
     """The columns of a group, in the order of `causes`.
 
     Late light, other pulses and pile-up show where the light is, halo and glare where none is. In
     between the light of the legs takes both up.
     """
     pixels, cells = group.pixels, group.pixels.cells
-    n_own, n_spread = len(light.LATE_PS) + len(lags) + 1, len(light.HALO_PX) + 3
+    n_own, n_spread = len(light.LATE_PS) + len(lags) + 1, len(HALO_PX) + 3
     parts, used = [], np.zeros(0, dtype=np.int64)
     size = cells.width_ps / beam.std_ps
     if group.of_class[0] == 0:
@@ -232,8 +233,8 @@ def _columns(group: Group, beam: light.Beam, lags: Floats, whole: Sighting) -> C
         size = np.broadcast_to(share, cells.counts.shape)
     elif group.of_class[0] > 1:
         parts = [
-            light.halo(cells, group.points_px, group.reference_ps, beam, whole.blind.shape),
-            light.glare(cells, group.reference_ps, beam, whole.blind.size),
+            halo(cells, group.points_px, group.reference_ps, beam, whole.blind.shape),
+            glare(cells, group.reference_ps, beam, whole.blind.size),
         ]
         used = n_own + np.arange(n_spread)
     table = light.classes(cells, group.of_class, np.array(_TABLE_PS), size)
@@ -293,7 +294,7 @@ def causes(lags: Floats) -> list[Cause]:
         )
     )
     at += 1
-    n_halo = len(light.HALO_PX) + 1
+    n_halo = len(HALO_PX) + 1
     found.append(
         Cause(
             FindingName.HALO,
@@ -301,7 +302,7 @@ def causes(lags: Floats) -> list[Cause]:
             PLAUSIBLE["halo"].size,
             "{size:.2g} of the light lies about the path, over {each}",
             "clean and focus the lens, stop it down, shade it from the beam's ends",
-            labels=(*(f"{px:g} px" for px in light.HALO_PX), f"{light.HALO_PX[-1]:g} px and late"),
+            labels=(*(f"{px:g} px" for px in HALO_PX), f"{HALO_PX[-1]:g} px and late"),
         )
     )
     at += n_halo

@@ -1,0 +1,229 @@
+"""Light of a flight that lens and room spread over the picture: halo and glare.
+
+A halo falls into the picture from outside of it as well. How bright the light is there nobody saw:
+as bright as where it leaves the picture is a guess, one for each side, that the counts correct.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.reconstruct.model.cells import Cells, as_counted
+from lightflight.reconstruct.model.counted import cumulated
+from lightflight.reconstruct.model.second_pulse import Echo
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+HALO_PX = (1.0, 3.0, 8.0)
+"""Reach of a halo: neighbouring pixels, a lens out of focus or dusty, inner reflections, px."""
+HALO_LATE_PS = 600.0
+"""Mean delay of a halo that is scattered about the lens' surroundings, ps."""
+GLARE_LATE_PS = 3000.0
+"""Mean delay of light that a room throws back to all of the picture, ps."""
+WIDE_PX = HALO_PX[1:]
+"""Nearer than 2 px to a leg's line a halo cannot be told from brightness."""
+WIDE_LABELS = (
+    *(f"about the path by {reach:g} px" for reach in WIDE_PX),
+    f"about the path by {WIDE_PX[-1]:g} px and late by {HALO_LATE_PS:g} ps",
+    "over the picture",
+    f"over the picture and late by {GLARE_LATE_PS:g} ps",
+)
+SIDES = ("above", "below", "left of", "right of")
+"""Of the picture, where light may run on."""
+_STEPS_OF_TIME = 120
+
+
+@dataclass(frozen=True, eq=False)
+class Beam:
+    """Where the light is that halo and glare spread, and when: bright pixels, or places of legs.
+
+    Attributes
+    ----------
+    points_px : array of float, shape (k, 2)
+        (row, column).
+    leg : array of int, shape (k,)
+        The leg that lights each.
+    arrival_ps : array of float, shape (k,)
+        When its light comes, ps on the clock.
+    photons : array of float, shape (k,)
+        Outside of the picture a guess.
+    std_ps : float
+        Standard deviation of a pulse, ps.
+    """
+
+    points_px: Floats
+    leg: Indices
+    arrival_ps: Floats
+    photons: Floats
+    std_ps: float
+
+    def of(self, kept: NDArray[np.bool_]) -> Beam:
+        """Some of the places."""
+        arrays = {f.name: getattr(self, f.name)[kept] for f in fields(self) if f.name != "std_ps"}
+        return replace(self, **arrays)
+
+    def sides(self, shape: tuple[int, int]) -> Indices:
+        """(k,), which of `SIDES` of a picture of `shape` each place lies on; -1: in it."""
+        row, col = self.points_px.T
+        beyond = np.stack(
+            (-0.5 - row, row - shape[0] + 0.5, -0.5 - col, col - shape[1] + 0.5), axis=1
+        )
+        side: Indices = np.where(beyond.max(axis=1) > 0.0, np.argmax(beyond, axis=1), -1)
+        return side
+
+    def with_second(self, second: Echo) -> Beam:
+        """The light of both pulses; the second's is that of further legs."""
+        return Beam(
+            np.concatenate((self.points_px, self.points_px)),
+            np.concatenate((self.leg, self.leg + int(self.leg.max(initial=0)) + 1)),
+            np.concatenate((self.arrival_ps, self.arrival_ps + second.delay_ps)),
+            np.concatenate((self.photons, second.share * self.photons)),
+            self.std_ps,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Counts that spread light brings to m cells of n pixels, at strengths of one.
+
+    Attributes
+    ----------
+    wide : array of float, shape (n, m, 5)
+        In the order of `WIDE_LABELS`, the light outside as bright as guessed.
+    outside : array of float, shape (n, m, s, 3)
+        Of the halos among them, what comes from each of s sides.
+    sides : array of int, shape (s,)
+        Which of `SIDES` these are.
+    """
+
+    wide: Floats
+    outside: Floats
+    sides: Indices
+
+    def counts(self, wide: Floats, outside: Floats) -> Floats:
+        """(n, m), at strengths `wide` (5,), light outside brighter by shares `outside` (4,)."""
+        more = outside[self.sides, np.newaxis] * wide[: self.outside.shape[3]]
+        counts: Floats = self.wide @ wide
+        if more.any():
+            counts = counts + self.outside.reshape(*counts.shape, -1) @ more.ravel()
+        return counts
+
+    def columns(self, wide: Floats, outside: Floats) -> Floats:
+        """(n, m, 9), how `counts` follow `wide` and `outside`."""
+        n_halos = self.outside.shape[3]
+        columns = np.zeros((*self.wide.shape[:2], len(wide) + len(outside)))
+        columns[:, :, : len(wide)] = self.wide
+        columns[:, :, :n_halos] += np.einsum("nmsj,s->nmj", self.outside, outside[self.sides])
+        columns[:, :, len(wide) + self.sides] = self.outside @ wide[:n_halos]
+        return columns
+
+    def times(self, factor: float) -> Spread:
+        """The same of a recording `factor` times as long."""
+        return replace(self, wide=factor * self.wide, outside=factor * self.outside)
+
+
+def spread_light(
+    cells: Cells, points_px: Indices, reference_ps: Floats, beam: Beam, shape: tuple[int, int]
+) -> Spread:
+    """Halo over `WIDE_PX` and late, glare at once and late, per share of the light.
+
+    Parameters
+    ----------
+    cells : Cells
+        Of n pixels.
+    points_px : array of int, shape (n, 2)
+        (row, column).
+    reference_ps : array of float, shape (n,)
+        Arrival time at which their lags are zero, ps on the clock.
+    beam : Beam
+        Light that is spread; what lies outside of the picture makes no glare in it.
+    shape : (int, int)
+        Of the picture.
+
+    Returns
+    -------
+    Spread
+    """
+    side = beam.sides(shape)
+    if not (side < 0).any():
+        beam, side = beam.of(side < 0), np.zeros(0, dtype=np.int64)
+    sides = np.unique(side[side >= 0])
+    n, m = cells.counts.shape
+    seen = beam.of(side < 0)
+    outside = np.zeros((n, m, len(sides), len(WIDE_PX) + 1))
+    for k, one in enumerate(sides):
+        outside[:, :, k] = halo(
+            cells, points_px, reference_ps, beam.of(side == one), shape, WIDE_PX
+        )
+    wide = np.zeros((n, m, len(WIDE_LABELS)))
+    if len(seen.leg):
+        within = halo(cells, points_px, reference_ps, seen, shape, WIDE_PX)
+        wide[:, :, : within.shape[2]] = within + outside.sum(axis=2)
+        wide[:, :, within.shape[2] :] = glare(cells, reference_ps, seen, shape[0] * shape[1])
+    return Spread(wide, outside, sides)
+
+
+def halo(
+    cells: Cells,
+    points_px: Indices,
+    reference_ps: Floats,
+    beam: Beam,
+    shape: tuple[int, int],
+    reaches_px: Sequence[float] = HALO_PX,
+) -> Floats:
+    """(n, m, j + 1): light of the beam spread over j reaches, and over the widest late as well.
+
+    `points_px` (n, 2) are the pixels, of a picture of `shape`. Of the light that a leg sends to a
+    pixel the mean time and its spread are taken.
+    """
+    n, m = cells.counts.shape
+    out = np.zeros((n, m, len(reaches_px) + 1))
+    row, col = points_px.T
+    for leg in np.unique(beam.leg):
+        own = beam.leg == leg
+        center = float(np.median(beam.arrival_ps[own]))
+        gap = beam.arrival_ps[own] - center
+        moments = beam.photons[own] * gap ** np.arange(3)[:, np.newaxis]
+        for j, reach in enumerate(reaches_px):
+            down, across = (
+                _blur(size, beam.points_px[own, axis], reach) for axis, size in enumerate(shape)
+            )
+            light, first, second = ((down * one) @ across.T for one in moments)
+            light, first, second = light[row, col], first[row, col], second[row, col]
+            # Where a leg's halo is a ten-thousandth of its brightest it is none.
+            lit = np.flatnonzero(light > 1e-4 * float(light.max(initial=1e-300)))
+            mean, square = first[lit] / light[lit], second[lit] / light[lit]
+            spread = np.sqrt(np.maximum(square - mean**2, 0.0) + beam.std_ps**2)
+            late, edges = mean + center - reference_ps[lit], cells.edges_ps[lit]
+            waits = (0.0, HALO_LATE_PS) if reach == reaches_px[-1] else (0.0,)
+            for k, wait in enumerate(waits):
+                by_edge = cumulated(edges, late, spread, wait)
+                out[lit, :, j + k] += light[lit, np.newaxis] * np.diff(by_edge, axis=1)
+    return as_counted(cells, out)
+
+
+def _blur(size: int, places: Floats, reach_px: float) -> Floats:
+    """(size, k): share of the light at each place that a Gaussian spreads to each row."""
+    gap = np.subtract.outer(np.arange(size), places) / reach_px
+    share: Floats = np.exp(-0.5 * gap**2) / (reach_px * np.sqrt(2.0 * np.pi))
+    return share
+
+
+def glare(cells: Cells, reference_ps: Floats, beam: Beam, n_pixels: int) -> Floats:
+    """(n, m, 2): light of the beam over all of the picture alike, at once and `GLARE_LATE_PS`."""
+    first, last = beam.arrival_ps.min(), beam.arrival_ps.max()
+    wide = np.full(len(beam.leg), beam.std_ps)
+    parts = []
+    for wait in (0.0, GLARE_LATE_PS):
+        reach = first - 5.0 * beam.std_ps, last + 5.0 * beam.std_ps + 8.0 * wait
+        grid = np.linspace(*reach, _STEPS_OF_TIME)
+        by_source = cumulated(np.tile(grid, (len(wide), 1)), beam.arrival_ps, wide, wait)
+        by_time = beam.photons @ by_source / n_pixels
+        places = cells.edges_ps + reference_ps[:, np.newaxis]
+        parts.append(np.diff(np.interp(places, grid, by_time), axis=1))
+    return as_counted(cells, np.stack(parts, axis=2))
