@@ -106,7 +106,8 @@ def lit_places(
         row, col = camera.pixels_from_points(points)
         along = leg.along_across(undistorted_px(camera, row, col))[0]
         strength, beyond = strength_as_seen(of.spline, of.spline_covariance, brightest, along)
-        photons = np.sqrt(2.0 * np.pi) * picture.spot_std_px * strength * np.abs(np.gradient(along))
+        across = np.sqrt(2.0 * np.pi) * of.spot_std_at(along)
+        photons = across * strength * np.abs(np.gradient(along))
         start_ps = times[state.leg_starts[k]]
         event = start_ps + state.shares_of_way(k, share) * (times[k + 1] - start_ps)
         yield LitPlaces(k, points, row, col, event, photons, beyond)
