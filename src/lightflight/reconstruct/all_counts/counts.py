@@ -41,6 +41,7 @@ from lightflight.reconstruct.model.geometry import (
 )
 from lightflight.reconstruct.model.glass import beside_glass
 from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.light import Diffuse
 from lightflight.reconstruct.model.picture import (
     LegInPicture,
     Picture,
@@ -131,13 +132,25 @@ def without_outliers(
         # tells of the first camera's pulses.
         wrong = rough.residuals[~rough.residuals["used"]]
         blind[wrong["row"], wrong["col"]] = True
-    if sighting.diffuse is not None and isinstance(sighting.diffuse.second, SecondPath):
-        # Images of what nobody saw may be twice as bright as told, or none: beyond chance.
-        guessed, chance = sighting.diffuse.second.guessed(), np.sqrt(sighting.histograms.photons)
-        blind |= guessed > chance
+    if sighting.diffuse is not None:
+        # Light that is not told, or only guessed, beyond the chance of the counts.
+        blind |= _not_told(sighting, sighting.diffuse) > np.sqrt(sighting.histograms.photons)
     if len(rough.residuals):
         blind |= pixels_off_the_path(sighting, rough, std_ps, tips, setting)
     return replace(sighting, blind=blind)
+
+
+def _not_told(sighting: Sighting, diffuse: Diffuse) -> Floats:
+    """(rows, cols), photons of other light that may be there, and that nobody tells of.
+
+    Images of what nobody saw may be twice as bright as told, or none; and where no pulse of the
+    path was measured (within 2 px of a corner, say) what of it is late is not expected.
+    """
+    arrivals, share = sighting.arrivals, abs(sum(share for share, _ in diffuse.strengths.tails))
+    late = np.zeros(sighting.blind.shape)
+    np.add.at(late, (arrivals.row, arrivals.col), share * np.nan_to_num(arrivals.photons))
+    late[diffuse.rows, diffuse.cols] = 0.0
+    return late + diffuse.second.guessed() if isinstance(diffuse.second, SecondPath) else late
 
 
 def pixels_off_the_path(
