@@ -14,6 +14,7 @@ import pytest
 
 import lightflight as lf
 from lightflight.errors import LightflightWarning
+from lightflight.reconstruct.all_counts import counts
 from lightflight.reconstruct.other_light import diffuse, second_path, twice
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
@@ -69,6 +70,23 @@ def test_images_of_what_nobody_saw_move_no_path(seed, method, was):
     error, stated = found(walled(seed, 15.0), seed, method)
     most = 2.7 if method == "joint" else 4.3
     assert np.sqrt(error @ np.linalg.solve(stated, error) / 2.0) < most, was
+
+
+def test_counts_under_images_of_what_nobody_saw_are_not_believed(monkeypatch):
+    """Five recordings of three legs: an rms pull of 1.33 with them, of 0.93 without (`photon`)."""
+    seen = []
+    without = counts.without_outliers
+
+    def kept(sighting, *given):
+        seen.append((sighting, without(sighting, *given)))
+        return seen[-1][1]
+
+    monkeypatch.setattr(counts, "without_outliers", kept)
+    path_of(walled(2295, 15.0), 2295, "photon")
+    before, after = seen[-1]
+    many = before.diffuse.second.guessed() > np.sqrt(before.histograms.photons)
+    assert 0 < np.count_nonzero(many & ~before.blind) < np.count_nonzero(before.diffuse.photons)
+    assert after.blind[many].all()
 
 
 def test_a_wall_that_all_counts_bear_out_is_no_contradiction():
