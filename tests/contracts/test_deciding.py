@@ -77,3 +77,28 @@ def test_a_number_is_moved_wherever_it_is_copied():
     assert done.returncode == 0, done.stderr
     copies, numbers = map(int, done.stdout.split())
     assert copies > numbers > 1
+
+
+REACHED = """\
+from benchmarks import reached
+from lightflight.reconstruct.model import strength
+_, ran = reached.running(lambda: strength.knots_over(0.0, 9.0))
+assert reached.may_change({"KNOT_SPACING_PX"}, ran)
+assert not reached.may_change({"_KNOWN_LN"}, ran)
+_, ran = reached.running(lambda: strength.span_of_knots([0.0] * 8))
+assert ran and not reached.may_change({"KNOT_SPACING_PX"}, ran)
+# What is worked out from a number where a module is read: `light.N_WIDE` from the halos' reaches.
+from lightflight.reconstruct.model import light
+_, ran = reached.running(lambda: light.Strengths(None, None).__class__)
+assert not reached.may_change({"_NUDGE"}, ran)
+readers = {one.file for one in reached._readers_of(frozenset({"WIDE_PX"}))}
+assert {"reconstruct/model/spread.py", "reconstruct/model/light.py"} <= readers
+"""
+
+
+def test_scenes_are_run_again_where_what_runs_reads_the_number():
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{REACHED}"],
+        capture_output=True, text=True, check=False, cwd=ROOT,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,95 @@
+"""Halo and glare of a beam, of which part lies outside of the picture."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from lightflight.reconstruct.model import spread
+from lightflight.reconstruct.model.cells import Cells
+from lightflight.reconstruct.model.light import Strengths
+
+SHAPE = (17, 21)
+PHOTONS_PER_PX = 1000.0
+PER_PX = 4
+ROW = 8.0
+
+
+def beam(first_px: float, last_px: float) -> spread.Beam:
+    """Even light along a row of the picture, all of it at one time."""
+    n = int((last_px - first_px) * PER_PX)
+    col = first_px + (np.arange(n) + 0.5) / PER_PX
+    return spread.Beam(
+        np.column_stack((np.full(n, ROW), col)), np.zeros(n, dtype=int), np.zeros(n),
+        np.full(n, PHOTONS_PER_PX / PER_PX), 50.0,
+    )  # fmt: skip
+
+
+def light_in(points: np.ndarray, of: spread.Beam) -> spread.Spread:
+    """Spread light in pixels, in one cell that holds all times."""
+    n = len(points)
+    edges = np.tile([-1e6, 1e6], (n, 1))
+    one = np.ones((n, 1))
+    cells = Cells(edges, one, one > 0.0, 0.0 * one, one)
+    return spread.spread_light(cells, points, np.zeros(n), of, SHAPE)
+
+
+def test_the_halo_of_a_line_that_runs_on_is_even():
+    points = np.array([[8, 0], [8, 10], [8, 20], [5, 0], [11, 20]])
+    found = light_in(points, beam(-60.0, 80.0))
+    for k, reach in enumerate(spread.WIDE_PX):
+        across = norm.pdf(points[:, 0] - ROW, scale=reach)
+        # Gaussians at a pixel's middle, steps of a quarter pixel: even to a millionth.
+        assert found.wide[:, 0, k] == pytest.approx(PHOTONS_PER_PX * across, rel=1e-6)
+    # What comes from outside of the picture: by the line's share beyond its edge.
+    assert list(found.sides) == [2, 3]
+    for k, reach in enumerate(spread.WIDE_PX):
+        across = PHOTONS_PER_PX * norm.pdf(points[:, 0] - ROW, scale=reach)
+        left = norm.cdf((-0.5 - points[:, 1]) / reach)
+        right = norm.sf((SHAPE[1] - 0.5 - points[:, 1]) / reach)
+        assert found.outside[:, 0, 0, k] == pytest.approx(across * left, rel=2e-3, abs=0.02)
+        assert found.outside[:, 0, 1, k] == pytest.approx(across * right, rel=2e-3, abs=0.02)
+
+
+def test_light_outside_makes_no_glare():
+    points = np.array([[2, 3]])
+    found = light_in(points, beam(-60.0, 80.0))
+    inside = SHAPE[1] * PHOTONS_PER_PX
+    assert found.wide[0, 0, 3] == pytest.approx(inside / (SHAPE[0] * SHAPE[1]), rel=1e-6)
+
+
+def test_counts_follow_their_columns():
+    points = np.array([[8, 0], [8, 10], [3, 20]])
+    light = light_in(points, beam(-60.0, 80.0))
+    rng = np.random.default_rng(3)
+    wide, outside = rng.normal(size=5), rng.normal(size=4)
+    columns = light.columns(wide, outside)
+    step = 1e-6
+    for k in range(9):
+        more, brighter = wide.copy(), outside.copy()
+        (more if k < 5 else brighter)[k % 5 if k < 5 else k - 5] += step
+        by = (light.counts(more, brighter) - light.counts(wide, outside)) / step
+        assert columns[:, :, k] == pytest.approx(by, rel=1e-5, abs=1e-5)
+    # None outside: minus once as much as was guessed.
+    alone = light_in(points, beam(-0.5, SHAPE[1] - 0.5))
+    assert light.counts(wide, -np.ones(4)) == pytest.approx(alone.counts(wide, outside), rel=1e-9)
+
+
+def test_strengths_tell_their_parts_apart():
+    from lightflight.reconstruct.model.light import LABELS
+
+    value = np.arange(float(len(LABELS)))
+    of = Strengths(value, np.zeros((len(value), len(value))))
+    told = dict(zip(LABELS, value, strict=True))
+    assert of.wide[0] == told["about the path by 3 px"]
+    assert of.outside[3] == told["how much brighter it is right of the picture"]
+    assert len(of.shares) == 8
+    assert of.shares[0] == told["late by 150 ps"]
+    assert of.tails[1][0] == told["late by 500 ps"]
+
+
+def test_a_path_outside_of_the_picture_spreads_nothing():
+    found = light_in(np.array([[8, 0]]), beam(30.0, 60.0))
+    assert not found.wide.any()
+    assert not found.outside.any()
