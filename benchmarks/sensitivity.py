@@ -100,7 +100,8 @@ NOT_MOVED = {
         "same_camera._STEPS",
     ),
     "grids of tables": (
-        "_GRID_PS", "_GRID_LATE_PS", "_STEPS_OF_TIME", "_TABLE", "_FINE", "_GRID",
+        "_FINE_PS", "_AROUND_PS", "_COARSE_PS", "_COARSE_FOR_PS", "_STEPS_OF_TIME", "_TABLE",
+        "_FINE", "_GRID",
         "(_NODES, _NODE_WEIGHTS)",
     ),
 }  # fmt: skip

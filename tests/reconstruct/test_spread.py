@@ -71,6 +71,9 @@ def test_counts_follow_their_columns():
         (more if k < 5 else brighter)[k % 5 if k < 5 else k - 5] += step
         by = (light.counts(more, brighter) - light.counts(wide, outside)) / step
         assert columns[:, :, k] == pytest.approx(by, rel=1e-5, abs=1e-5)
+    # The same with the light outside as bright as it is then.
+    brighter = light_in(points, beam(-60.0, 80.0).brighter(outside, SHAPE))
+    assert light.counts(wide, outside) == pytest.approx(brighter.wide @ wide, rel=1e-9)
     # None outside: minus once as much as was guessed.
     alone = light_in(points, beam(-0.5, SHAPE[1] - 0.5))
     assert light.counts(wide, -np.ones(4)) == pytest.approx(alone.counts(wide, outside), rel=1e-9)
@@ -89,7 +92,8 @@ def test_strengths_tell_their_parts_apart():
     assert of.tails[1][0] == told["late by 500 ps"]
 
 
-def test_a_path_outside_of_the_picture_spreads_nothing():
-    found = light_in(np.array([[8, 0]]), beam(30.0, 60.0))
-    assert not found.wide.any()
-    assert not found.outside.any()
+def test_light_that_is_all_outside_makes_a_halo_and_no_glare():
+    found = light_in(np.array([[8, 20]]), beam(SHAPE[1] - 0.5, 80.0))
+    assert list(found.sides) == [3]
+    assert found.wide[0, 0, :3] == pytest.approx(found.outside[0, 0, 0])
+    assert not found.wide[0, 0, 3:].any()

@@ -17,7 +17,7 @@ from lightflight.reconstruct.model.cells import Cells, as_counted
 from lightflight.reconstruct.model.counted import GAUSSIAN, Pixels, Shape, Tails, cumulated
 from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
-from lightflight.reconstruct.model.spread import SIDES, WIDE_LABELS, Beam, Spread, spread_light
+from lightflight.reconstruct.model.spread import SIDES, WIDE_LABELS, Beam, Spread, wide_light
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -32,9 +32,10 @@ more than its error all the same, which `blind_to` says. With a third more the s
 trusted, and the same causes named."""
 _NEAREST_STDS = 1.5
 """Nearer to the own pulse than this another one only moves and widens it."""
-_GRID_PS = (1500.0, 1500.0, 25.0)
-_GRID_LATE_PS = (1500.0, 20_000.0, 250.0)
-"""From, to and step of the times about a pulse between which diffuse light is a straight line."""
+_FINE_PS, _AROUND_PS = 25.0, 1500.0
+_COARSE_PS, _COARSE_FOR_PS = 250.0, 18_500.0
+"""Steps of the times between which diffuse light is a straight line: from so long before the light
+until so long after it, and from then on for so long."""
 
 
 N_LATE, N_WIDE = len(LATE_PS), len(WIDE_LABELS)
@@ -155,6 +156,15 @@ class Diffuse:
             modes[own, self.leg[at[own], k]] = self.modes_ps[at[own], k]
         return modes
 
+    def spread(
+        self, cells: Cells, points_px: Indices, reference_ps: Floats, shape: tuple[int, int]
+    ) -> Floats:
+        """(n, m), counts of halo and glare in cells of some pixels; as `spread_light`."""
+        beam = self.beam.brighter(self.strengths.outside, shape)
+        wide = wide_light(cells, points_px, reference_ps, beam, shape)
+        counts: Floats = wide @ self.strengths.wide
+        return counts
+
     def counts(
         self,
         rows: Indices,
@@ -170,15 +180,16 @@ class Diffuse:
         """
         at = self.at_pixels(rows, cols, shape)
         points = np.column_stack((rows, cols))
-        middle = 0.5 * float(np.min(self.beam.arrival_ps) + np.max(self.beam.arrival_ps))
-        reference = np.where(at >= 0, np.nan_to_num(self.arrival_ps[at, 0], nan=middle), middle)
-        lags = np.concatenate(
-            (np.arange(-_GRID_PS[0], _GRID_PS[1], _GRID_PS[2]), np.arange(*_GRID_LATE_PS))
-        )
+        # One grid for all pixels: what falls into one may come from the other end of the flight.
+        first, last = float(np.min(self.beam.arrival_ps)), float(np.max(self.beam.arrival_ps))
+        middle = 0.5 * (first + last)
+        fine = np.arange(first - middle - _AROUND_PS, last - middle + _AROUND_PS, _FINE_PS)
+        lags = np.concatenate((fine, np.arange(fine[-1], fine[-1] + _COARSE_FOR_PS, _COARSE_PS)[1:]))
+        reference = np.full(len(rows), middle)
         edges = np.tile(lags, (len(rows), 1))
         nothing = np.zeros((len(rows), len(lags) - 1))
         cells = Cells(edges, nothing, nothing == 0.0, nothing, nothing + 1.0)
-        found = self.strengths.spread(spread_light(cells, points, reference, self.beam, shape))
+        found = self.spread(cells, points, reference, shape)
         for k in range(self.leg.shape[1]):
             own = np.flatnonzero((at >= 0) & (self.photons[at, k] > 0.0))
             late = self.arrival_ps[at[own], k] - reference[own]
@@ -192,7 +203,7 @@ class Diffuse:
         for i in range(len(rows)):
             low, up = (each[i] - reference[i] for each in intervals_ps)
             if period_ps > 0.0:
-                lap = period_ps * np.floor((low + _GRID_PS[0]) / period_ps)
+                lap = period_ps * np.floor((low - lags[0]) / period_ps)
                 low, up = low - lap, up - lap
             out[i] = np.interp(up, lags, before[i]) - np.interp(low, lags, before[i])
         if isinstance(self.second, SecondPath):

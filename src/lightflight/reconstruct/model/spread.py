@@ -76,6 +76,12 @@ class Beam:
         side: Indices = np.where(beyond.max(axis=1) > 0.0, np.argmax(beyond, axis=1), -1)
         return side
 
+    def brighter(self, outside: Floats, shape: tuple[int, int]) -> Beam:
+        """The same with light outside of the picture brighter by shares `outside` (4,)."""
+        side = self.sides(shape)
+        factor = np.where(side < 0, 1.0, 1.0 + outside[side])
+        return replace(self, photons=factor * self.photons)
+
     def with_second(self, second: Echo) -> Beam:
         """The light of both pulses; the second's is that of further legs."""
         return Beam(
@@ -150,22 +156,26 @@ def spread_light(
     Spread
     """
     side = beam.sides(shape)
-    if not (side < 0).any():
-        beam, side = beam.of(side < 0), np.zeros(0, dtype=np.int64)
     sides = np.unique(side[side >= 0])
-    n, m = cells.counts.shape
-    seen = beam.of(side < 0)
-    outside = np.zeros((n, m, len(sides), len(WIDE_PX) + 1))
+    outside = np.zeros((*cells.counts.shape, len(sides), len(WIDE_PX) + 1))
     for k, one in enumerate(sides):
-        outside[:, :, k] = halo(
-            cells, points_px, reference_ps, beam.of(side == one), shape, WIDE_PX
-        )
-    wide = np.zeros((n, m, len(WIDE_LABELS)))
-    if len(seen.leg):
-        within = halo(cells, points_px, reference_ps, seen, shape, WIDE_PX)
-        wide[:, :, : within.shape[2]] = within + outside.sum(axis=2)
-        wide[:, :, within.shape[2] :] = glare(cells, reference_ps, seen, shape[0] * shape[1])
+        there = beam.of(side == one)
+        outside[:, :, k] = halo(cells, points_px, reference_ps, there, shape, WIDE_PX)
+    wide = wide_light(cells, points_px, reference_ps, beam.of(side < 0), shape)
+    wide[:, :, : outside.shape[3]] += outside.sum(axis=2)
     return Spread(wide, outside, sides)
+
+
+def wide_light(
+    cells: Cells, points_px: Indices, reference_ps: Floats, beam: Beam, shape: tuple[int, int]
+) -> Floats:
+    """(n, m, 5), the same of all sides together, in the order of `WIDE_LABELS`."""
+    over = np.zeros((*cells.counts.shape, 2))
+    seen = beam.sides(shape) < 0
+    if seen.any():
+        over = glare(cells, reference_ps, beam.of(seen), shape[0] * shape[1])
+    about = halo(cells, points_px, reference_ps, beam, shape, WIDE_PX)
+    return np.concatenate((about, over), axis=2)
 
 
 def halo(

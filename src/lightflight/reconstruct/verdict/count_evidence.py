@@ -23,7 +23,7 @@ from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
-from lightflight.reconstruct.model.spread import HALO_PX, Beam, glare, halo, spread_light
+from lightflight.reconstruct.model.spread import HALO_PX, Beam, glare, halo
 from lightflight.reconstruct.other_light.around import (
     FINE_GROWTH,
     FINE_STDS,
@@ -202,8 +202,7 @@ def _spread(
     diffuse = whole.diffuse
     if diffuse is None:
         return 0.0, None
-    found = spread_light(cells, points_px, reference_ps, diffuse.beam, whole.blind.shape)
-    counts = diffuse.strengths.spread(found)
+    counts = diffuse.spread(cells, points_px, reference_ps, whole.blind.shape)
     if not isinstance(diffuse.second, SecondPath):
         return counts, None
     rows, cols = points_px.astype(np.int64).T

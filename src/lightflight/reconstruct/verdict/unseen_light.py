@@ -22,7 +22,7 @@ from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.geometry import vertex_time_jacobian
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
-from lightflight.reconstruct.model.spread import Beam, spread_light
+from lightflight.reconstruct.model.spread import Beam, wide_light
 from lightflight.reconstruct.other_light.around import Group
 from lightflight.reconstruct.verdict.count_tests import (
     Cause,
@@ -175,13 +175,13 @@ def shift_of_pulses(
             continue
         used, taken = left.used, left.taken
         if not fit.strengths:
-            wide = spread_light(
+            wide = wide_light(
                 left.pixels.cells,
                 one.group.points_px,
                 one.group.reference_ps,
                 one.beam,
                 one.shape,
-            ).wide
+            )
             used = np.append(used, spread)
             taken = np.concatenate((taken, left.pixels.taken_of(wide)), axis=2)
         pulse, pixel, slot = _pulses_at(one, fit)
