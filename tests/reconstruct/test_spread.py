@@ -72,8 +72,8 @@ def test_counts_follow_their_columns():
         by = (light.counts(more, brighter) - light.counts(wide, outside)) / step
         assert columns[:, :, k] == pytest.approx(by, rel=1e-5, abs=1e-5)
     # The same with the light outside as bright as it is then.
-    brighter = light_in(points, beam(-60.0, 80.0).brighter(outside, SHAPE))
-    assert light.counts(wide, outside) == pytest.approx(brighter.wide @ wide, rel=1e-9)
+    as_bright = light_in(points, beam(-60.0, 80.0).brighter(outside, SHAPE))
+    assert light.counts(wide, outside) == pytest.approx(as_bright.wide @ wide, rel=1e-9)
     # None outside: minus once as much as was guessed.
     alone = light_in(points, beam(-0.5, SHAPE[1] - 0.5))
     assert light.counts(wide, -np.ones(4)) == pytest.approx(alone.counts(wide, outside), rel=1e-9)
