@@ -94,6 +94,8 @@ class JointFit:
         Of diffuse light, by camera and clock; empty: the pulses are as they were found.
     active_px : mapping of int to float
         Side of the active area of cameras whose counts or path show one.
+    n_shown : int or None
+        Legs that the recording shows by itself, where the user told of more; None: as many.
     """
 
     solution: Solution
@@ -109,6 +111,7 @@ class JointFit:
     sightings: tuple[Sighting, ...]
     strengths: tuple[Strengths, ...] = ()
     active_px: Mapping[int, float] = field(default_factory=dict)
+    n_shown: int | None = None
 
 
 def pulse_std_ps(sightings: list[Sighting]) -> float:

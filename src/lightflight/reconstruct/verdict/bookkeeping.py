@@ -85,9 +85,17 @@ def evidence_of_own_errors(
 
 
 def noticed(
-    path: LightPath, sightings: Sequence[Sighting], *, nominal_clock: bool, n_legs: int | None
+    path: LightPath,
+    sightings: Sequence[Sighting],
+    *,
+    nominal_clock: bool,
+    n_legs: int | None,
+    n_shown: int | None = None,
 ) -> tuple[Finding, ...]:
-    """Findings that are no tests."""
+    """Findings that are no tests.
+
+    `n_shown` is how many legs the recording shows by itself, where more were told.
+    """
     found = []
     if nominal_clock:
         found.append(
@@ -117,6 +125,17 @@ def noticed(
                 FindingName.LEG_COUNT,
                 f"{n_legs} legs were told and the recording shows {n_legs - len(unseen)}: the "
                 f"light is not seen to turn at corner{'s' if len(unseen) > 1 else ''} {which}",
+                0.0,
+                "leave the number of legs open, or give a start",
+                Severity.CHECK,
+            )
+        )
+    elif n_legs is not None and n_shown is not None:
+        found.append(
+            Finding(
+                FindingName.LEG_COUNT,
+                f"{n_legs} legs were told and the recording by itself shows {n_shown}: where the "
+                "others begin and end rests on that number",
                 0.0,
                 "leave the number of legs open, or give a start",
                 Severity.CHECK,

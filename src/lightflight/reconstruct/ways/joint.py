@@ -125,8 +125,10 @@ def fit_of_request(request: Request) -> JointFit:
     fit, legs = (
         _fit_as_found(request, brightest=True) if n_legs is None else _fit_as_told(request, n_legs)
     )
+    n_shown = fit.n_shown
     fit = _without_short_pieces(fit, setting)
     fit = with_diffuse(fit, setting, nominal=request.timing is None)
+    fit = replace(fit, n_shown=n_shown)
     if request.timing is None and fit.floor_ps > MUCH_SCATTER * pulse_std_ps(sightings):
         warn_of_scatter(fit.floor_ps, legs, sightings[0], setting.camera)
     return fit
@@ -178,8 +180,10 @@ def _fit_as_told(request: Request, n_legs: int) -> tuple[JointFit, tuple[ImageLe
     sightings, setting = request.sightings, request.setting
     try:
         found, legs = _fit_as_found(request, brightest=False)
-        if found.solution.state.n_told <= n_legs:
-            return with_n_legs(sightings, found, setting, n_legs), legs
+        n_shown = found.solution.state.n_told
+        if n_shown <= n_legs:
+            fit = with_n_legs(sightings, found, setting, n_legs)
+            return replace(fit, n_shown=n_shown if n_shown < n_legs else None), legs
     except (GeometryError, NothingFoundError):
         pass
     legs = legs_in_all_pictures(sightings, setting, n_legs)
