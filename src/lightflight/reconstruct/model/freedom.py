@@ -22,6 +22,7 @@ from lightflight.flight import Source
 from lightflight.path.bends import Bend
 from lightflight.reconstruct.model.drawn import told_of_curve
 from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.image_plane import inside_edges_px
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 
 if TYPE_CHECKING:
@@ -237,10 +238,8 @@ def last_in_view(
 
 def view_end_at(camera: Camera, position: Floats) -> ViewEnd:
     """An end at the last point in view (3,), world, mm, which slides along the picture's edge."""
-    row, col = (float(x) for x in camera.pixels_from_points(position))
-    rows, cols = camera.shape
     # The nearest edge says which way the end may slide: along that edge.
-    to_edge = np.array([row + 0.5, rows - 0.5 - row, col + 0.5, cols - 0.5 - col])
+    to_edge = inside_edges_px(*camera.pixels_from_points(position), camera.shape)
     along_edge = (0.0, 1.0) if np.argmin(np.abs(to_edge)) < 2 else (1.0, 0.0)
     return end_in_picture(camera, position, along_edge)
 
@@ -255,9 +254,7 @@ def ends_in_view(camera: Camera, position_mm: Floats) -> bool:
     position_mm : array of float, shape (3,)
         World, mm.
     """
-    row, col = (float(x) for x in camera.pixels_from_points(position_mm))
-    rows, cols = camera.shape
-    inside = min(row + 0.5, rows - 0.5 - row, col + 0.5, cols - 0.5 - col)
+    inside = inside_edges_px(*camera.pixels_from_points(position_mm), camera.shape).min()
     return bool(inside > _AT_EDGE_PX)
 
 

@@ -65,6 +65,15 @@ def along_across(points: Floats, origin_px: Floats, direction_px: Floats) -> tup
     return offset @ direction_px, across
 
 
+def inside_edges_px(row: ArrayLike, col: ArrayLike, shape: tuple[int, int]) -> Floats:
+    """(..., 4), how far inside of a picture's upper, lower, left and right edge places lie, px."""
+    row, col = np.asarray(row, dtype=float), np.asarray(col, dtype=float)
+    inside: Floats = np.stack(
+        (row + 0.5, shape[0] - 0.5 - row, col + 0.5, shape[1] - 0.5 - col), axis=-1
+    )
+    return inside
+
+
 def mean_focal_px(camera: Camera) -> float:
     """Geometric mean of the two focal lengths, px."""
     return float(np.sqrt(abs(camera.matrix[0, 0] * camera.matrix[1, 1])))

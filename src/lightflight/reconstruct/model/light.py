@@ -45,11 +45,10 @@ LABELS = (
     *(f"how late those of {wait:g} ps are" for wait in LATE_PS),
     *(f"how much brighter it is {side} the picture" for side in SIDES),
 )
-_SHARES, _WIDE = slice(0, N_LATE + N_WIDE), slice(N_LATE, N_LATE + N_WIDE)
-_WAITS, _OUTSIDE = slice(_WIDE.stop, _WIDE.stop + N_LATE), slice(_WIDE.stop + N_LATE, None)
-OF_PULSES = np.r_[:N_LATE, _WAITS]
-OF_SPREAD = np.r_[_WIDE, _WAITS.stop : len(LABELS)]
-"""Which of `LABELS` are a pulse's own, and which are of light from elsewhere."""
+SHARES, WIDE = slice(0, N_LATE + N_WIDE), slice(N_LATE, N_LATE + N_WIDE)
+WAITS, OUTSIDE = slice(WIDE.stop, WIDE.stop + N_LATE), slice(WIDE.stop + N_LATE, len(LABELS))
+OF_PULSES, OF_SPREAD = np.r_[:N_LATE, WAITS], np.r_[WIDE, OUTSIDE]
+"""Where the kinds of `LABELS` stand: which are a pulse's own, which are of light from elsewhere."""
 _NUDGE = 1e-3
 """Step of a mean wait for its derivative, ln."""
 
@@ -72,27 +71,23 @@ class Strengths:
     @property
     def shares(self) -> Floats:
         """(k - 7,), without the waits, and how bright it is outside."""
-        return self.value[_SHARES]
+        return self.value[SHARES]
 
     @property
     def wide(self) -> Floats:
         """(5,), halo and glare."""
-        return self.value[_WIDE]
+        return self.value[WIDE]
 
     @property
     def outside(self) -> Floats:
         """(4,), by how much the light on each side of the picture is brighter than guessed."""
-        return self.value[_OUTSIDE]
+        return self.value[OUTSIDE]
 
     @property
     def tails(self) -> Tails:
         """Of each pulse: share that is late, and its mean wait, ps."""
-        waits = np.array(LATE_PS) * np.exp(self.value[_WAITS])
+        waits = np.array(LATE_PS) * np.exp(self.value[WAITS])
         return tuple(zip(self.value[:N_LATE].tolist(), waits.tolist(), strict=True))
-
-    def spread(self, light: Spread) -> Floats:
-        """(n, m), counts of halo and glare."""
-        return light.counts(self.wide, self.outside)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lightflight.reconstruct.model.cells import Cells, as_counted
 from lightflight.reconstruct.model.counted import cumulated
+from lightflight.reconstruct.model.image_plane import inside_edges_px
 from lightflight.reconstruct.model.second_pulse import Echo
 
 Floats = NDArray[np.float64]
@@ -69,11 +70,8 @@ class Beam:
 
     def sides(self, shape: tuple[int, int]) -> Indices:
         """(k,), which of `SIDES` of a picture of `shape` each place lies on; -1: in it."""
-        row, col = self.points_px.T
-        beyond = np.stack(
-            (-0.5 - row, row - shape[0] + 0.5, -0.5 - col, col - shape[1] + 0.5), axis=1
-        )
-        side: Indices = np.where(beyond.max(axis=1) > 0.0, np.argmax(beyond, axis=1), -1)
+        inside = inside_edges_px(self.points_px[:, 0], self.points_px[:, 1], shape)
+        side: Indices = np.where(inside.min(axis=1) < 0.0, np.argmin(inside, axis=1), -1)
         return side
 
     def brighter(self, outside: Floats, shape: tuple[int, int]) -> Beam:

@@ -136,7 +136,7 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
             if far:
                 again = fit_joint(clear, better.solution.state, setting, legs=None)
                 better = with_fine_light(again, setting)
-            fit = replace(better, strengths=strengths)
+            fit = replace(better, strengths=strengths, n_shown=fit.n_shown)
             # Images and halos follow the path and its brightness, which in turn follow them.
             if moved < (_STILL_STDS if mirrors or much else _FAR_STDS):
                 break
@@ -241,10 +241,10 @@ def beam_of_path(
     Raises
     ------
     NothingFoundError
-        Where a leg gives more light than the recording holds.
+        Where no leg is near the picture, or one gives more light than the recording holds.
     """
     camera, index = fit.solution.cameras[whole.view], fit.solution.medium.return_group_index
-    parts = [(*(np.zeros(0) for _ in range(2)), np.zeros(0, dtype=int), np.zeros(0), np.zeros(0))]
+    parts = []
     for of in lit_places(
         fit, number, whole, source_told=source_told, near_px=_FAR_PX, run_on=_RUN_ON
     ):
@@ -252,6 +252,8 @@ def beam_of_path(
         known = np.isfinite(of.row + of.col + arrival + of.photons)
         leg = np.full(len(known), of.leg)
         parts.append(tuple(x[known] for x in (of.row, of.col, leg, arrival, of.photons)))
+    if not parts:
+        raise NothingFoundError("no leg runs in the picture or near it")
     row, col, leg, arrival, photons = (np.concatenate(part) for part in zip(*parts, strict=True))
     beam = Beam(np.column_stack((row, col)), leg, arrival, photons, std_ps)
     # More light than there is: a leg's line is off its pixels, and bright by exp(400).

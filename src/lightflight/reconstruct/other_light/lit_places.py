@@ -13,7 +13,7 @@ from lightflight.reconstruct.fit.ends import DARK_PX
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.membership import tip_of_leg
 from lightflight.reconstruct.model.geometry import PathState
-from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.image_plane import inside_edges_px, undistorted_px
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.strength import strength_as_seen
 
@@ -115,11 +115,7 @@ def lit_places(
 
 def _in_picture(tip: Floats | None, camera: Camera) -> bool:
     """Whether light begins or stops in the picture: one cut at its edge may run on as well."""
-    if tip is None:
-        return False
-    rows, cols = camera.shape
-    to_edge = min(tip[0] + 0.5, rows - 0.5 - tip[0], tip[1] + 0.5, cols - 0.5 - tip[1])
-    return bool(to_edge > DARK_PX)
+    return tip is not None and bool(inside_edges_px(tip[0], tip[1], camera.shape).min() > DARK_PX)
 
 
 def _shares_about_view(

@@ -28,7 +28,7 @@ from lightflight.reconstruct.model.second_path import Images, SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
-from lightflight.reconstruct.model.spread import SIDES, Beam, Spread, spread_light
+from lightflight.reconstruct.model.spread import Beam, Spread, spread_light
 from lightflight.reconstruct.other_light.around import Group, Seen
 
 Floats = NDArray[np.float64]
@@ -104,8 +104,9 @@ class Beside:
         self, strengths: light.Strengths, second: Second | None, images: Images | None = None
     ) -> Other:
         """Light that is no leg's; `images` are those of the second path, where drawn already."""
-        nothing = np.zeros_like(self.cells.counts)
-        spread = nothing if self.spread is None else strengths.spread(self.spread)
+        spread = np.zeros_like(self.cells.counts)
+        if self.spread is not None:
+            spread = self.spread.counts(strengths.wide, strengths.outside)
         if not isinstance(second, SecondPath):
             # That of a second pulse is the legs', which their pixels fit with the rest of it.
             size = 0 if second is None else second.size
@@ -240,8 +241,9 @@ def strengths_of(
     damping = 1.0
     for number in range(_MOST_ROUNDS):
         expected, now = pulses, light.Strengths(value, np.zeros((size, size)))
-        told = _told(now, pulses, beside, dark, unlit, second, dispersion)
-        pixels, dark, score, information = told
+        pixels, dark, score, information = _said(
+            now, pulses, beside, dark, unlit, second, dispersion
+        )
         prior = _precision(value, second, rough=rough)
         total = information + np.diag(prior)
         held = np.zeros(0) if second is None else second.value
@@ -255,8 +257,7 @@ def strengths_of(
         step: Floats = damping / max(1.0, _length(whole, second)) * whole
         value = value + step[:size]
         second = None if second is None else second.moved(step[size:])
-        shares = light.Strengths(value, now.covariance).shares
-        small = second is None and np.abs(shares).max() < _LINEAR
+        small = second is None and np.abs(value[light.SHARES]).max() < _LINEAR
         still = moved < _STILL**2
         if rough:
             still = np.abs(step[: light.N_LATE]).max() < _ROUGHLY_STILL
@@ -275,7 +276,7 @@ def strengths_of(
     return Known(found, second, pixels, dark, step, settled, dispersion, expected, beside)
 
 
-def _told(
+def _said(
     now: light.Strengths,
     pulses: Pulses,
     beside: Beside,
@@ -348,12 +349,11 @@ def tails_of(cells: Cells, pulses: Pulses) -> tuple[Tails, Pixels]:
 
 def _precision(value: Floats, second: Second | None, *, rough: bool) -> Floats:
     """Of what would surprise nobody: the same for all kinds of diffuse light, and for shares."""
-    waits = light.OF_PULSES[light.N_LATE :]
     prior = np.full(len(value), PLAUSIBLE[FindingName.HAZE].size ** -2.0)
     here = value[: light.N_LATE] ** 2
     freedom = 1.0 if rough else (here + 1e-8) / (here + _TELLING**2)
-    prior[waits] = (_WAIT_STD * freedom) ** -2.0
-    prior[-len(SIDES) :] = _OUTSIDE_STD**-2.0
+    prior[light.WAITS] = (_WAIT_STD * freedom) ** -2.0
+    prior[light.OUTSIDE] = _OUTSIDE_STD**-2.0
     return prior if second is None else np.append(prior, second.precision)
 
 
@@ -361,8 +361,7 @@ def _length(step: Floats, second: Second | None) -> float:
     """Of a step, in the longest that its parts may be."""
     free = 0 if second is None else second.size
     longest = np.full(len(step), _LONGEST)
-    size = len(light.LABELS)
-    longest[size - len(SIDES) : size] = _OUTSIDE_STD
+    longest[light.OUTSIDE] = _OUTSIDE_STD
     if second is not None:
         longest[len(step) - free :] = second.longest
     return float(np.abs(step / longest).max())

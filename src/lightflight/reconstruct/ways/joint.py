@@ -125,10 +125,8 @@ def fit_of_request(request: Request) -> JointFit:
     fit, legs = (
         _fit_as_found(request, brightest=True) if n_legs is None else _fit_as_told(request, n_legs)
     )
-    n_shown = fit.n_shown
     fit = _without_short_pieces(fit, setting)
     fit = with_diffuse(fit, setting, nominal=request.timing is None)
-    fit = replace(fit, n_shown=n_shown)
     if request.timing is None and fit.floor_ps > MUCH_SCATTER * pulse_std_ps(sightings):
         warn_of_scatter(fit.floor_ps, legs, sightings[0], setting.camera)
     return fit
