@@ -43,6 +43,7 @@ import lightflight as lf
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.fisher import fisher
+from tests.oracles.worlds.miss import across, error_and_covariance
 from tests.oracles.worlds.random_worlds import random_world
 from tests.oracles.worlds.world import World
 
@@ -83,35 +84,13 @@ def world_of(name: str, n_legs: int, seed: int) -> World:
     return DEFECTS[defect].applied(plain, float(strength))
 
 
-def across(world: World) -> np.ndarray:
-    """(k, 2 or 3 n): what is compared, as rows over x, y, z of the vertices in question."""
-    if world.n_legs > 1:
-        return np.eye(3 * (world.n_legs - 1))
-    ahead = world.vertices[1] - world.vertices[0]
-    return np.linalg.svd(ahead[np.newaxis])[2][1:]
-
-
-def error_and_covariance(path: lf.LightPath, world: World) -> tuple[np.ndarray, np.ndarray]:
-    """Error (k,) in mm of what is compared, and its stated covariance (k, k)."""
-    frame = across(world)
-    if world.n_legs > 1:
-        inner = np.arange(4 * len(path.vertices_mm)).reshape(-1, 4)[1:-1, :3].ravel()
-        off = (path.vertices_mm - world.vertices)[1:-1].ravel()
-        return frame @ off, path.covariance[np.ix_(inner, inner)]
-    # The path ends where the view does: its direction is carried on to the world's vertex.
-    step, truth = np.diff(path.vertices_mm, axis=0)[0], np.diff(world.vertices, axis=0)[0]
-    longer = float(truth @ truth / (step @ truth))
-    last = frame @ path.covariance[4:7, 4:7] @ frame.T
-    return frame @ (longer * step - truth), longer**2 * last
-
-
 def bound_of(world: World, name: str) -> np.ndarray:
     """(k, k), least covariance of what is compared."""
     words = FREE.get(name.partition("_")[0], ())
     known = fisher(world, also=dict.fromkeys(words, math.inf))
     vertices = range(1, world.n_legs) if world.n_legs > 1 else range(1, 2)
     own = [known.names.index(f"{axis}{k}") for k in vertices for axis in "xyz"]
-    frame = across(world)
+    frame = across(world.vertices)
     return np.asarray(frame @ known.covariance[np.ix_(own, own)] @ frame.T)
 
 
@@ -135,7 +114,7 @@ def result_of(name: str, n_legs: int, method: str, seed: int) -> Row:
     world = world_of(name, n_legs, seed)
     path, row = path_of(world, method, seed)
     if path is not None and path.n_legs == n_legs:
-        error, stated = error_and_covariance(path, world)
+        error, stated = error_and_covariance(path, world.vertices)
         row["error"], row["stated"] = error.tolist(), stated.tolist()
     return row
 

@@ -293,10 +293,10 @@ def result_of(scene: Row) -> Row:
 
 
 def _off(path: Any, scene: Row) -> np.ndarray:
-    from benchmarks.other_light import error_and_covariance
+    from tests.oracles.worlds.miss import error_and_covariance
 
     if "world" in scene:
-        error, _ = error_and_covariance(path, scene["world"])
+        error, _ = error_and_covariance(path, scene["world"].vertices)
         off = np.linalg.solve(np.linalg.cholesky(scene["bound"]), error)
         return np.asarray(off / np.sqrt(len(error)))
     corners = (path.vertices_mm - scene["truth"])[1:-1]
@@ -386,8 +386,8 @@ def run_all(wanted: list[Origin], folder: Path, scenes: range, jobs: int, whole:
 
 def changeable(origin: Origin, rows: dict[Any, Row], scene: int) -> bool:
     """Whether anything that reads the numbers runs in the scene as it is."""
-    ran = {(file, line) for file, line in rows["", 1.0, scene]["ran"]}
-    return reached.may_change(origin.words, ran)
+    before = rows.get(("", 1.0, scene))
+    return before is None or reached.may_change(origin.words, set(map(tuple, before["ran"])))
 
 
 def compared(origin: Origin, factor: float, rows: dict[Any, Row], scenes: range) -> Row | None:

@@ -19,6 +19,7 @@ import lightflight as lf
 from lightflight.errors import LightflightWarning
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
+from tests.oracles.worlds.miss import error_and_covariance, pulls
 from tests.oracles.worlds.random_worlds import random_world
 from tests.oracles.worlds.world import World
 
@@ -29,15 +30,6 @@ def reconstructed(world: World, seed: int, method: str = "joint") -> lf.LightPat
         return lf.reconstruct(record(world, seed), method=method, **what_the_user_tells(world))
 
 
-def pulls(path: lf.LightPath, world: World) -> np.ndarray:
-    """(2,), error of a single leg across its direction, whitened by the stated errors."""
-    step, truth = np.diff(path.vertices_mm, axis=0)[0], np.diff(world.vertices, axis=0)[0]
-    frame = np.linalg.svd(truth[np.newaxis])[2][1:]
-    longer = float(truth @ truth / (step @ truth))
-    stated = longer**2 * frame @ path.covariance[4:7, 4:7] @ frame.T
-    return np.linalg.solve(np.linalg.cholesky(stated), frame @ (longer * step - truth))
-
-
 @pytest.mark.parametrize("method", ["joint", "photon"])
 @pytest.mark.parametrize("reach", ["3px", "8px"])
 @pytest.mark.parametrize("seed", [1251, 1288])
@@ -46,9 +38,20 @@ def test_halos_of_light_that_runs_on_pulled_the_path(seed, reach, method):
     world = DEFECTS[f"prompt_halo_{reach}"].applied(random_world(seed, 1), 0.2)
     path = reconstructed(world, seed, method)
     assert path.n_legs == 1
-    assert np.abs(pulls(path, world)).max() < 4.0
+    assert np.abs(pulls(path, world.vertices)).max() < 4.0
     assert path.verdict.level == "check"
     assert "taken into the fit" in str(path.verdict.findings[0].sentence)
+
+
+def test_each_place_spreads_what_its_own_spot_holds():
+    """Spot and brightness trade along a leg between two columns of pixels. With one spot for all of
+    it halo and line held each other where they were: 0.07 mm off, stated 0.06, contradicted."""
+    world = DEFECTS["prompt_halo_3px"].applied(random_world(1253, 1), 0.2)
+    path = reconstructed(world, 1253)
+    error, _ = error_and_covariance(path, world.vertices)
+    assert np.abs(pulls(path, world.vertices)).max() < 4.0
+    assert abs(error[0]) < 0.03
+    assert path.verdict.level == "check"
 
 
 def test_light_that_stops_beside_the_picture_spreads_nothing():
@@ -63,5 +66,5 @@ def test_light_that_stops_beside_the_picture_spreads_nothing():
     stopped = world.but(vertices=np.array([world.vertices[0], places[inside][-1]]))
     path = reconstructed(stopped, seed)
     assert path.n_legs == 1
-    assert np.abs(pulls(path, stopped)).max() < 4.0
+    assert np.abs(pulls(path, stopped.vertices)).max() < 4.0
     assert path.verdict.level == "check"

@@ -23,6 +23,7 @@ from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
 from lightflight.reconstruct.ways import joint
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
+from tests.oracles.worlds.miss import error_and_covariance
 from tests.oracles.worlds.mistakes import piled_up
 from tests.oracles.worlds.random_worlds import random_world
 
@@ -90,11 +91,7 @@ def test_known_pile_up_thins_haze_as_it_thins_the_legs():
     """Four of five frames occupied, ten periods each; false alarm 2e-4, and it was 3.3 errors."""
     world = piled_up(10, 10)(disturbed("haze_500ps", 1, 288), 0.8)
     path = found(world, 288, "photon")
-    truth, step = (one[1] - one[0] for one in (world.vertices, path.vertices_mm))
-    frame = np.linalg.svd(truth[np.newaxis])[2][1:]
-    longer = float(truth @ truth / (step @ truth))
-    stated = longer**2 * frame @ path.covariance[4:7, 4:7] @ frame.T
-    error = frame @ (longer * step - truth)
+    error, stated = error_and_covariance(path, world.vertices)
     assert np.sqrt(error @ np.linalg.solve(stated, error) / 2.0) < 2.9
 
 

@@ -18,6 +18,7 @@ from lightflight.reconstruct.all_counts import counts
 from lightflight.reconstruct.other_light import diffuse, second_path, twice
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
+from tests.oracles.worlds.miss import error_and_covariance
 from tests.oracles.worlds.random_worlds import random_world
 
 
@@ -38,12 +39,7 @@ def found(world, seed, method):
     """Error across the leg (2,), mm at the world's vertex, and its stated covariance."""
     path = path_of(world, seed, method)
     assert path.n_legs == 1
-    truth = world.vertices[1] - world.vertices[0]
-    frame = np.linalg.svd(truth[np.newaxis])[2][1:]
-    step = path.vertices_mm[1] - path.vertices_mm[0]
-    longer = float(truth @ truth / (step @ truth))
-    stated = longer**2 * frame @ path.covariance[4:7, 4:7] @ frame.T
-    return frame @ (longer * step - truth), stated
+    return error_and_covariance(path, world.vertices)
 
 
 @pytest.mark.parametrize(

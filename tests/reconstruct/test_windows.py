@@ -29,6 +29,7 @@ from tests.oracles.refracted_bound import (
     emission_freedom,
     medium_freedom,
 )
+from tests.oracles.worlds.miss import error_and_covariance
 
 FALSE_ALARM = 1e-5
 """Chance that a right estimator fails one of the six cells of the first test: 1e-4 over all."""
@@ -36,16 +37,7 @@ FALSE_ALARM = 1e-5
 
 def off_and_freedom(path: lf.LightPath, scene: RefractedScene) -> tuple[float, int]:
     """Squared distance from the truth by the stated covariance, and its degrees of freedom."""
-    if scene.n_legs > 1:
-        inner = np.arange(4 * len(path.vertices_mm)).reshape(-1, 4)[1:-1, :3].ravel()
-        off = (path.vertices_mm - scene.vertices_mm)[1:-1].ravel()
-        stated = path.covariance[np.ix_(inner, inner)]
-    else:
-        step, truth = (np.diff(each, axis=0)[0] for each in (path.vertices_mm, scene.vertices_mm))
-        across = np.linalg.svd(truth[np.newaxis])[2][1:]
-        longer = float(truth @ truth / (step @ truth))
-        off = across @ (longer * step - truth)
-        stated = longer**2 * (across @ path.covariance[4:7, 4:7] @ across.T)
+    off, stated = error_and_covariance(path, np.asarray(scene.vertices_mm, dtype=float))
     return float(off @ np.linalg.solve(stated, off)), len(off)
 
 
