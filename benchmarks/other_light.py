@@ -40,10 +40,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import lightflight as lf
+from tests.oracles.miss import across, error_and_covariance
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.fisher import fisher
-from tests.oracles.worlds.miss import across, error_and_covariance
 from tests.oracles.worlds.random_worlds import random_world
 from tests.oracles.worlds.world import World
 

@@ -293,7 +293,7 @@ def result_of(scene: Row) -> Row:
 
 
 def _off(path: Any, scene: Row) -> np.ndarray:
-    from tests.oracles.worlds.miss import error_and_covariance
+    from tests.oracles.miss import error_and_covariance
 
     if "world" in scene:
         error, _ = error_and_covariance(path, scene["world"].vertices)

@@ -17,9 +17,9 @@ import pytest
 
 import lightflight as lf
 from lightflight.errors import LightflightWarning
+from tests.oracles.miss import error_and_covariance, pulls
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
-from tests.oracles.worlds.miss import error_and_covariance, pulls
 from tests.oracles.worlds.random_worlds import random_world
 from tests.oracles.worlds.world import World
 

@@ -13,9 +13,9 @@ import numpy as np
 
 import lightflight as lf
 from lightflight.errors import LightflightWarning
+from tests.oracles.miss import pulls
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
-from tests.oracles.worlds.miss import pulls
 from tests.oracles.worlds.random_worlds import random_world
 
 

@@ -21,9 +21,9 @@ from lightflight.reconstruct.other_light import diffuse, twice
 from lightflight.reconstruct.verdict import taken_up
 from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
 from lightflight.reconstruct.ways import joint
+from tests.oracles.miss import error_and_covariance
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
-from tests.oracles.worlds.miss import error_and_covariance
 from tests.oracles.worlds.mistakes import piled_up
 from tests.oracles.worlds.random_worlds import random_world
 

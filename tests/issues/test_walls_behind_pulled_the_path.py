@@ -16,9 +16,9 @@ import lightflight as lf
 from lightflight.errors import LightflightWarning
 from lightflight.reconstruct.all_counts import counts
 from lightflight.reconstruct.other_light import diffuse, second_path, twice
+from tests.oracles.miss import error_and_covariance
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
-from tests.oracles.worlds.miss import error_and_covariance
 from tests.oracles.worlds.random_worlds import random_world
 
 

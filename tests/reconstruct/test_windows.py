@@ -14,6 +14,7 @@ from scipy.stats import chi2
 
 import lightflight as lf
 from lightflight.camera.refraction import interface_moved
+from tests.oracles.miss import error_and_covariance
 from tests.oracles.refracted import (
     RefractedScene,
     in_picture,
@@ -29,7 +30,6 @@ from tests.oracles.refracted_bound import (
     emission_freedom,
     medium_freedom,
 )
-from tests.oracles.worlds.miss import error_and_covariance
 
 FALSE_ALARM = 1e-5
 """Chance that a right estimator fails one of the six cells of the first test: 1e-4 over all."""
