@@ -105,9 +105,13 @@ def bent_instead(
     bent = _cheapest([one for one in begun if one.has_legs(n_legs)], sightings, setting)
     if bent is None:
         return None
-    bent = _pruned(_grown(bent, sightings, setting), sightings, setting)
-    bent = _finer_in_picture(bent, sightings, setting)
-    cost, without = cost_with_kinks(bent, sightings), cost_with_kinks(fit, list(fit.sightings))
+    without = cost_with_kinks(fit, list(fit.sightings))
+    bent = _grown(bent, sightings, setting)
+    if not may_bend and not explains_all(bent, sightings, without):
+        # Shapes fewer, or finer ones in the picture, explain no more.
+        return None
+    bent = _finer_in_picture(_pruned(bent, sightings, setting), sightings, setting)
+    cost = cost_with_kinks(bent, sightings)
     # In light as the straight path has it: what differs then are bends.
     fine = with_fine_light(bent, setting)
     if _gained(fine, fit, sightings) < price_of(0, sightings):
