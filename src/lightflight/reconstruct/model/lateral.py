@@ -291,7 +291,7 @@ def _fitted_finely(
         rough = rough_unequal(residual, counted)
         weights = _without_strangers(replace(problem, unequal=rough), parameters)
         kept = weights > 0
-        unequal = likeliest_unequal(residual[kept], counted[kept], problem.starts[-1] + 1)
+        unequal = likeliest_unequal(residual[kept], counted[kept], len(parameters))
         parameters = _scored(replace(problem, unequal=unequal), parameters, weights)
     problem = replace(problem, unequal=unequal)
     if active_px is None:
@@ -317,7 +317,7 @@ def _with_active_area(
         residual, counted = _off(problem, parameters)
         weights = _without_strangers(problem, parameters)
         kept = weights > 0
-        unequal = likeliest_unequal(residual[kept], counted[kept], problem.starts[-1] + 1)
+        unequal = likeliest_unequal(residual[kept], counted[kept], len(parameters))
         problem = replace(problem, unequal=unequal)
         asked = _asked_area(_slope_at(problem, parameters, weights))
     return problem, _scored(problem, parameters, weights), weights
@@ -436,7 +436,7 @@ class _AskedArea:
 
 def _asked_area(slope: _Slope) -> _AskedArea:
     problem, mean = slope.problem, slope.expected.photons
-    by_area = slope.expected.seen.by_area
+    by_area = slope.expected.by_area
     weighted = by_area * slope.weight
     crossed = slope.expected.gradient * (weighted * mean)[:, np.newaxis]
     shared = _summed(problem.columns.ravel(), crossed, len(slope.held))
@@ -480,6 +480,8 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
         parameters[stop - problem.of_spot : stop] for stop in problem.starts[1:]
     ]
     common = float(own[:, :2].mean())
+    # What of the halo is told anew is no leg's.
+    n_touching = 5 + problem.lever.shape[1] + problem.of_spot
     fits = []
     for k, here in enumerate(problem.pixels):
         start, stop = problem.starts[k], problem.starts[k + 1]
@@ -494,7 +496,7 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
             Kinkable(
                 problem.data.along_px[here],
                 gradient[here, 4 : 4 + n_offsets].sum(axis=1),
-                over_leg(problem, k, gradient),
+                over_leg(problem, k, gradient[:, :n_touching]),
                 mean[here],
                 residual[here],
                 variance[here],

@@ -17,7 +17,14 @@ from lightflight.reconstruct.model.cells import Cells, as_counted
 from lightflight.reconstruct.model.counted import GAUSSIAN, Pixels, Shape, Tails, cumulated
 from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
-from lightflight.reconstruct.model.spread import SIDES, WIDE_LABELS, Beam, Spread, wide_light
+from lightflight.reconstruct.model.spread import (
+    SIDES,
+    WIDE_LABELS,
+    WIDE_PX,
+    Beam,
+    Spread,
+    wide_light,
+)
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -47,6 +54,7 @@ LABELS = (
 )
 SHARES, WIDE = slice(0, N_LATE + N_WIDE), slice(N_LATE, N_LATE + N_WIDE)
 WAITS, OUTSIDE = slice(WIDE.stop, WIDE.stop + N_LATE), slice(WIDE.stop + N_LATE, len(LABELS))
+HALOS = slice(N_LATE, N_LATE + len(WIDE_PX) + 1)
 OF_PULSES, OF_SPREAD = np.r_[:N_LATE, WAITS], np.r_[WIDE, OUTSIDE]
 """Where the kinds of `LABELS` stand: which are a pulse's own, which are of light from elsewhere."""
 _NUDGE = 1e-3
@@ -126,6 +134,17 @@ class Diffuse:
     modes_ps: Floats
     second: SecondPath | Echo | None = None
     shape: Shape = field(default=GAUSSIAN, kw_only=True)
+
+    @property
+    def has_halo(self) -> bool:
+        """Whether light is spread about the path."""
+        return bool(self.strengths.value[HALOS].any())
+
+    def without_halo(self) -> Diffuse:
+        """The same without the light that is spread about the path."""
+        value = self.strengths.value.copy()
+        value[HALOS] = 0.0
+        return replace(self, strengths=replace(self.strengths, value=value))
 
     def times(self, factor: float) -> Diffuse:
         """The same of a recording `factor` times as long."""

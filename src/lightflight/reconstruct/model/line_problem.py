@@ -31,6 +31,12 @@ Indices = NDArray[np.int64]
 _OFFSET_PRIOR_PX = 1.0
 """A line is looked for about where it is expected; few pixels must not throw it far, px."""
 
+_HALO_PRIOR_LN = 1.0
+"""How much more halo there may be than was told of the line as it was, ln: the share that was found
+goes with the brightness that was found, and both are found anew."""
+_MOST_MORE_LN = 3.0
+"""A trial that makes more of a halo than this is refused for its counts in any case."""
+_LOG_ROOT_2_PI = 0.5 * float(np.log(2.0 * np.pi))
 _STRENGTH_PRIOR_LN = 13.0
 """How far the light on a line may be from its brightest pixels nearby, ln: pixels on one side of a
 line cannot tell a near line from a far one that is brighter without end. Pixels that are five stds
@@ -60,6 +66,11 @@ class LineData:
         many more as the picture of a bent one has numbers.
     heading_rad : float or array of float, shape (n,), optional
         Direction of flight in the picture there, from u to v.
+    halo : float or array of float, shape (n,), optional
+        Photons among those that are halo of the leg's light nearby, as it was told of a line of
+        `log_light`; 0: no halo is among them.
+    log_light : float or array of float, shape (n,), optional
+        Of that line, ln of the photons per px of its length.
     """
 
     along_px: Floats
@@ -68,20 +79,25 @@ class LineData:
     empty_variance: Floats
     n_offsets: int = 2
     heading_rad: Floats | float = 0.0
+    halo: Floats | float = 0.0
+    log_light: Floats | float = 0.0
 
 
 _OF_PIXELS = ("along_px", "across_px", "photons", "empty_variance")
 """What `LineData` holds pixel by pixel."""
+_PERHAPS_OF_PIXELS = ("heading_rad", "halo", "log_light")
+"""What it holds pixel by pixel, or once for all."""
 
 
 @dataclass(frozen=True, eq=False)
 class LineProblem:
     """Data of all legs in one stack; parameters: spline of each leg, its two offsets and the s
-    numbers of its own spot (three, or none), and last the log of the spot of all.
+    numbers of its own spot (three, or none), then, where halo is among the photons, the log of how
+    much more there is than told, and last the log of the spot of all.
 
     Each pixel is touched by few of them: four of the cubic spline, its leg's two offsets and s of
-    its spot, and the spot of all. Bent legs have more offsets, and where there is one w is the most
-    that any has; columns that a leg does not fill name the spot, with a share of zero.
+    its spot, the spot of all and the halo. Bent legs have more offsets, and where there is one w is
+    the most that any has; columns that a leg does not fill name the spot, with a share of zero.
 
     Attributes
     ----------
@@ -90,15 +106,15 @@ class LineProblem:
     pixels : list of slice
         Where each leg's pixels stand in `data`.
     starts : list of int
-        Where each leg's parameters start; last, where the spot's stands.
+        Where each leg's parameters start; last, where those of all legs do.
     spacing_px : list of float
         Largest distance of each leg's knots, px.
     knots : list of array of float
         Knots of each leg's log-strength, px along it.
     anchors : list of array of float
         Where along each leg its offsets are taken, px.
-    columns : array of int, shape (n, 5 + w + s)
-        The parameters that touch each pixel.
+    columns : array of int, shape (n, 5 + w + s) or (n, 6 + w + s)
+        The parameters that touch each pixel, that of the halo last.
     basis : array of float, shape (n, 4)
         Values of the splines.
     lever : array of float, shape (n, w)
@@ -138,7 +154,7 @@ class LineProblem:
     @cached_property
     def cells(self) -> Indices:
         """(n c^2,), places in the flattened information of each pixel's products."""
-        size = self.starts[-1] + 1
+        size = len(self.expected)
         cells: Indices = (
             self.columns[:, :, np.newaxis] * size + self.columns[:, np.newaxis]
         ).ravel()
@@ -169,7 +185,7 @@ def problem_of(data: list[LineData], spacing_px: list[float], *, fine: bool) -> 
     n_spot = OF_SPOT if fine else 0
     for d, spacing in zip(data, spacing_px, strict=True):
         # Knots only where there is light: a dark end would leave its coefficients to chance.
-        lit = d.along_px[d.photons > 3.0 * np.sqrt(d.empty_variance + 1.0)]
+        lit = d.along_px[d.photons - d.halo > 3.0 * np.sqrt(d.empty_variance + 1.0)]
         lit = lit if len(lit) > 1 else d.along_px
         low, high = float(lit.min()) - 0.5, float(lit.max()) + 0.5
         knot = knots_over(low, high, spacing)
@@ -192,20 +208,26 @@ def problem_of(data: list[LineData], spacing_px: list[float], *, fine: bool) -> 
         np.tile(stop - n_spot + np.arange(n_spot), (len(d.photons), 1))
         for stop, d in zip(starts[1:], data, strict=True)
     ]
-    touched = np.hstack((_filled(columns, starts[-1]), np.vstack(of_spot)))
+    joined = _joined(data)
+    has_halo = bool(np.any(joined.halo))
+    size = starts[-1] + has_halo + 1
+    # The spot of all, then the halo's part.
+    of_all = np.arange(size - 1, starts[-1] - 1, -1)
+    touched = np.hstack((_filled(columns, size - 1), np.vstack(of_spot)))
+    level = [np.full((1, 1), _HALO_PRIOR_LN**-2.0)] * has_halo
     return LineProblem(
-        data=_joined(data),
+        data=joined,
         pixels=pixels,
         starts=starts,
         spacing_px=spacing_px,
         knots=knots,
         anchors=anchors,
-        columns=np.column_stack((touched, np.full(len(touched), starts[-1]))),
+        columns=np.hstack((touched, np.tile(of_all, (len(touched), 1)))),
         basis=np.vstack(bases),
         lever=_filled(levers, 0.0),
         spot_lever=np.vstack(spots),
-        precision=block_diag(*stiff, np.full((1, 1), SPOT_PRIOR[1] ** -2.0)),
-        expected=np.zeros(starts[-1] + 1),
+        precision=block_diag(*stiff, *level, np.full((1, 1), SPOT_PRIOR[1] ** -2.0)),
+        expected=np.zeros(size),
     )
 
 
@@ -214,8 +236,13 @@ def _joined(data: list[LineData]) -> LineData:
     along, across, photons, empty = (
         np.concatenate([getattr(d, name) for d in data]) for name in _OF_PIXELS
     )
-    heading = [np.broadcast_to(d.heading_rad, d.along_px.shape) for d in data]
-    return LineData(along, across, photons, empty, heading_rad=np.concatenate(heading))
+    heading, halo, log_light = (
+        np.concatenate([np.broadcast_to(getattr(d, name), d.along_px.shape) for d in data])
+        for name in _PERHAPS_OF_PIXELS
+    )
+    return LineData(
+        along, across, photons, empty, heading_rad=heading, halo=halo, log_light=log_light
+    )
 
 
 def _filled(parts: list[NDArray[Any]], value: float) -> NDArray[Any]:
@@ -278,6 +305,7 @@ def expected_by_priors(problem: LineProblem, guess: Floats) -> Floats:
     pull = guess / _STRENGTH_PRIOR_LN**2
     for stop, anchors in zip(problem.starts[1:], problem.anchors, strict=True):
         pull[stop - len(anchors) - problem.of_spot : stop] = 0.0
+    pull[problem.starts[-1] :] = 0.0
     pull[-1] = SPOT_PRIOR[0] * problem.precision[-1, -1]
     # Level and smoothness are two priors on one strength: this is where they agree.
     expected: Floats = np.linalg.solve(problem.precision, pull).astype(np.float64, copy=False)
@@ -296,11 +324,11 @@ def first_guess(problem: LineProblem) -> Floats:
     -------
     array of float, shape (p,)
     """
-    parameters = np.zeros(problem.starts[-1] + 1)
+    parameters = np.zeros(len(problem.expected))
     parameters[-1] = SPOT_PRIOR[0]
     for k, here in enumerate(problem.pixels):
         along, across = problem.data.along_px[here], problem.data.across_px[here]
-        photons = problem.data.photons[here]
+        photons = (problem.data.photons - problem.data.halo)[here]
         low, high = span_of_knots(problem.knots[k])
         bins = np.clip(((along - low) // 1.5).astype(int), 0, None)
         brightest = np.zeros(bins.max() + 1)
@@ -357,26 +385,35 @@ class Expected:
     Attributes
     ----------
     photons : array of float, shape (n,)
-        Of the legs alone.
+        Of the legs, with what of their halo is among the counts.
     problem : LineProblem
         Of the counts.
     seen : SeenLine
-        How that follows from line and spot.
+        How what is no halo follows from line and spot.
+    direct : array of float, shape (n,)
+        Share of the photons that is no halo.
     """
 
     photons: Floats
     problem: LineProblem
     seen: SeenLine
+    direct: Floats
 
     @cached_property
     def gradient(self) -> Floats:
-        """D ln(photons) / d(the parameters that touch each pixel), (n, 5 + w + s)."""
-        problem = self.problem
-        by_offset = -self.seen.by_across[:, np.newaxis]
-        by_spot = self.seen.by_log_spot[:, np.newaxis]
-        return np.hstack(
-            (problem.basis, by_offset * problem.lever, by_spot * problem.spot_lever, by_spot)
-        )
+        """D ln(photons) / d(the parameters that touch each pixel), (n, 5 + w + s) or one more."""
+        problem, halo = self.problem, 1.0 - self.direct
+        by_offset = -(self.direct * self.seen.by_across)[:, np.newaxis]
+        # A wider spot of the same brightness holds more light, and so does its halo.
+        by_spot = (self.direct * self.seen.by_log_spot + halo)[:, np.newaxis]
+        columns = (problem.basis, by_offset * problem.lever, by_spot * problem.spot_lever, by_spot)
+        gradient = np.hstack((*columns, halo[:, np.newaxis]))
+        return gradient[:, : problem.columns.shape[1]]
+
+    @property
+    def by_area(self) -> Floats:
+        """(n,), d ln(photons) / d(fourth power of the active side)."""
+        return self.direct * self.seen.by_area
 
 
 def expected_photons(problem: LineProblem, parameters: Floats) -> Expected:
@@ -394,12 +431,18 @@ def expected_photons(problem: LineProblem, parameters: Floats) -> Expected:
     Expected
         For all pixels.
     """
-    own, last = parameters[problem.columns], -1 - problem.of_spot
-    log_spot = own[:, -1] + np.sum(problem.spot_lever * own[:, last:-1], axis=1)
-    spot = np.exp(np.clip(log_spot, *LOG_SPOT_RANGE))
-    line = np.sum(problem.lever * own[:, 4:last], axis=1)
-    data = problem.data
+    data, own = problem.data, parameters[problem.columns]
+    spot_at = 4 + problem.lever.shape[1] + problem.of_spot
+    of_spot = own[:, spot_at - problem.of_spot : spot_at]
+    log_spot = own[:, spot_at] + np.sum(problem.spot_lever * of_spot, axis=1)
+    log_spot = np.clip(log_spot, *LOG_SPOT_RANGE)
+    line = np.sum(problem.lever * own[:, 4 : spot_at - problem.of_spot], axis=1)
     heading = np.asarray(data.heading_rad)
-    seen = seen_line(data.across_px - line, spot, heading, active_px=problem.active_px)
-    log_mean = np.sum(problem.basis * own[:, :4], axis=1) + seen.log_light
-    return Expected(np.exp(np.clip(log_mean, -60, 40)), problem, seen)
+    seen = seen_line(data.across_px - line, np.exp(log_spot), heading, active_px=problem.active_px)
+    log_strength = np.sum(problem.basis * own[:, :4], axis=1)
+    direct = np.exp(np.clip(log_strength + seen.log_light, -60, 40))
+    if own.shape[1] == spot_at + 1:
+        return Expected(direct, problem, seen, np.ones(len(direct)))
+    log_more = log_strength + log_spot + _LOG_ROOT_2_PI - data.log_light + own[:, -1]
+    halo = data.halo * np.exp(np.clip(log_more, -_MOST_MORE_LN, _MOST_MORE_LN))
+    return Expected(direct + halo, problem, seen, direct / (direct + halo))

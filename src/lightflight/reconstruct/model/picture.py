@@ -21,6 +21,7 @@ from lightflight.reconstruct.model.image_plane import along_across, undistorted_
 from lightflight.reconstruct.model.lateral import LineFit, dark_line, fit_lines
 from lightflight.reconstruct.model.line_problem import LineData
 from lightflight.reconstruct.model.sighting import Sighting, photons_at_times
+from lightflight.reconstruct.model.spread import Beam
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -351,6 +352,15 @@ def measure_picture(
         # Across a pixel the time runs by the slope: a third of that is its spread.
         width[here, k] = np.hypot(std_ps, 0.35 * print_.slope_ps_per_px)
     photons, empty, _ = photons_at_times(sighting, pixels.rows, pixels.cols, arrival, width)
+    halo, beam = np.zeros(photons.shape), None
+    if fine and sighting.diffuse is not None and sighting.diffuse.has_halo:
+        # A halo is as bright as the line that it is of: what it adds says how bright that is.
+        beam, bare = (
+            sighting.diffuse.beam,
+            replace(sighting, diffuse=sighting.diffuse.without_halo()),
+        )
+        counted, empty, _ = photons_at_times(bare, pixels.rows, pixels.cols, arrival, width)
+        halo = np.maximum(counted - photons, 0.0)
     blended = _blended(arrival, width)
     told, data = [], []
     for k in state.seen:
@@ -372,10 +382,13 @@ def measure_picture(
         of_bend = sum(bend.orders for bend in state.bends if bend.leg == k)
         places = pixels.along[use, k], pixels.across[use, k]
         told.append(k)
+        log_light = None if beam is None else _log_light(beam, k, legs[k], camera, places[0])
+        spread = np.zeros(len(places[0])) if log_light is None else halo[use, k]
         data.append(
             LineData(
-                *places, photons[use, k], empty[use, k], n_offsets=2 + of_bend,
-                heading_rad=legs[k].heading_rad(places[0]),
+                *places, photons[use, k] + spread, empty[use, k], n_offsets=2 + of_bend,
+                heading_rad=legs[k].heading_rad(places[0]), halo=spread,
+                log_light=0.0 if log_light is None else log_light,
             )
         )  # fmt: skip
     # All legs at once, because they share the spot. Scaled intensities do not scatter as photons
@@ -387,6 +400,19 @@ def measure_picture(
     for k, line in zip(told, found, strict=True):
         fits[k] = line
     return Picture(tuple(legs), tuple(fits), spot)
+
+
+def _log_light(
+    beam: Beam, k: int, leg: LegInPicture, camera: Camera, along_px: Floats
+) -> Floats | None:
+    """(n,), ln of a leg's photons per px of its line at some places; None: no light is told of."""
+    own = beam.of(beam.leg == k)
+    if len(own.photons) < 2:
+        return None
+    along = leg.along_across(undistorted_px(camera, *own.points_px.T))[0]
+    order = np.argsort(along)
+    per_px = own.photons / np.maximum(np.abs(np.gradient(along)), 1e-9)
+    return np.interp(along_px, along[order], np.log(np.maximum(per_px, 1e-9))[order])
 
 
 def lit_by_legs(legs: tuple[LegInPicture, ...], points_px: Floats, *, spot_px: float) -> Bools:
