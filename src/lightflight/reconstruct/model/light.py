@@ -37,6 +37,8 @@ LEAST_SHARE = 0.005
 """Of the path's light: less is less than is known of the shape of pulses. It may move a path by
 more than its error all the same, which `blind_to` says. With a third more the same recordings are
 trusted, and the same causes named."""
+MUCH = 0.03
+"""Of the light: where as much is diffuse, lines and brightness in the picture are moved by it."""
 _NEAREST_STDS = 1.5
 """Nearer to the own pulse than this another one only moves and widens it."""
 _FINE_PS, _AROUND_PS = 25.0, 1500.0
@@ -137,8 +139,8 @@ class Diffuse:
 
     @property
     def has_halo(self) -> bool:
-        """Whether light is spread about the path."""
-        return bool(self.strengths.value[HALOS].any())
+        """Whether much light is spread about the path."""
+        return bool(np.abs(self.strengths.value[HALOS]).max() > MUCH)
 
     def without_halo(self) -> Diffuse:
         """The same without the light that is spread about the path."""

@@ -54,8 +54,6 @@ _FAR_STDS = 1.0
 """Pulses are told apart anew where the path moves by more than this many of its errors."""
 _STILL_STDS = 0.2
 """With a mirror a path is settled once it moves by less of its errors than this."""
-_MUCH = 0.03
-"""Of the light: where as much is diffuse, lines and brightness in the picture are moved by it."""
 _LEAST_LIT = 1e-3
 """Of the brightest pixel's light: pixels that a leg is to give less hold none of its pulses."""
 _LEAST_SHARE = 0.5
@@ -127,7 +125,7 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
             twice = [o.diffuse.second for o in clear if o.diffuse is not None]
             seconds = any(one is not None for one in twice)
             mirrors = any(isinstance(one, SecondPath) for one in twice)
-            much = any(np.abs(one.shares).max() > _MUCH for one in strengths)
+            much = any(np.abs(one.shares).max() > light.MUCH for one in strengths)
             # Lines and brightness, too, without what is no leg's.
             shown = finely_lit(fit, clear, setting) if seconds or much else fit
             better = fitted_again(shown, clear, setting)
