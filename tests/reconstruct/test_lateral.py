@@ -13,6 +13,7 @@ import pytest
 
 from lightflight.reconstruct.model.lateral import LineFit, fit_lines
 from lightflight.reconstruct.model.line_problem import (
+    Halo,
     LineData,
     expected_photons,
     first_guess,
@@ -52,6 +53,14 @@ def drawn_line(
     mean = strength(along) * np.exp(-0.5 * ((across - true) / spot) ** 2)
     photons = rng.poisson(mean) + np.sqrt(noise_variance) * rng.normal(size=len(mean))
     return LineData(along, across, photons, np.full(len(mean), noise_variance))
+
+
+def halo_of(along: np.ndarray, photons: np.ndarray, log_light: float) -> Halo:
+    """A halo over 3 px, as told of a line that is even."""
+    places = np.arange(-30.0, 30.1, 0.5)
+    shares = np.exp(-0.5 * (np.subtract.outer(along, places) / 3.0) ** 2)
+    shares /= shares.sum(axis=1, keepdims=True)
+    return Halo(photons, places, np.full(len(places), log_light), shares)
 
 
 def true_offset(fit: LineFit, start: float, end: float) -> np.ndarray:
@@ -138,10 +147,9 @@ class TestRecovery:
             light = 0.3 * np.sqrt(2.0 * np.pi) * 20_000.0
             halo = 0.25 * light * np.exp(-0.5 * (across / 3.0) ** 2) / (3.0 * np.sqrt(2.0 * np.pi))
             line = 20_000.0 * np.exp(-0.5 * (across / 0.3) ** 2)
-            data = LineData(
-                along, across, rng.poisson(np.exp(growth * along) * (line + halo)),
-                np.zeros(len(along)), halo=1.4 * halo, log_light=np.log(light),
-            )  # fmt: skip
+            counted = rng.poisson(np.exp(growth * along) * (line + halo))
+            told = halo_of(along, 1.4 * halo, np.log(light))
+            data = LineData(along, across, counted, np.zeros(len(along)), halo=told)
             (fit,) = fit_lines([data], fine=True)
             off.append(fit.offset_px)
             ends = np.array([-12.0, 12.0])
@@ -259,9 +267,12 @@ class TestTrouble:
 
 
 def test_what_is_expected_follows_all_that_is_fitted(rng):
-    """Derivatives against differences, with halo among the photons: two legs, each its own spot."""
-    data = [replace(drawn_line(rng, tilt=tilt), halo=5.0, log_light=5.0) for tilt in (0.13, 0.4)]
-    problem = problem_of(data, [KNOT_SPACING_PX] * 2, fine=True)
+    """Derivatives against differences, with halo among the photons of two of three legs."""
+    data = [drawn_line(rng, tilt=tilt) for tilt in (0.13, 0.4, 0.2)]
+    for k in (0, 2):
+        told = halo_of(data[k].along_px, np.full(len(data[k].photons), 5.0), 5.0)
+        data[k] = replace(data[k], halo=told)
+    problem = problem_of(data, [KNOT_SPACING_PX] * 3, fine=True)
     at = first_guess(problem) + 0.05 * rng.normal(size=len(problem.expected))
     expected = expected_photons(problem, at)
     for k in range(len(at)):

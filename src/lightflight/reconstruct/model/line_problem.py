@@ -48,6 +48,27 @@ OF_SPOT = 3
 
 
 @dataclass(frozen=True, eq=False)
+class Halo:
+    """Light of a leg that is spread to n pixels about it, as it was told of the line as it was.
+
+    Attributes
+    ----------
+    photons : array of float, shape (n,)
+    along_px : array of float, shape (p,)
+        Places along the line that the light comes from, px.
+    log_light : array of float, shape (p,)
+        As told, ln of the photons per px of its length there.
+    shares : array of float, shape (n, p)
+        Of a pixel's halo, from each place; they sum to one.
+    """
+
+    photons: Floats
+    along_px: Floats
+    log_light: Floats
+    shares: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class LineData:
     """Photon counts of the pixels about one leg.
 
@@ -66,11 +87,8 @@ class LineData:
         many more as the picture of a bent one has numbers.
     heading_rad : float or array of float, shape (n,), optional
         Direction of flight in the picture there, from u to v.
-    halo : float or array of float, shape (n,), optional
-        Photons among those that are halo of the leg's light nearby, as it was told of a line of
-        `log_light`; 0: no halo is among them.
-    log_light : float or array of float, shape (n,), optional
-        Of that line, ln of the photons per px of its length.
+    halo : Halo or None, optional
+        What of the photons is halo of the leg's light nearby; None: nothing is.
     """
 
     along_px: Floats
@@ -79,14 +97,41 @@ class LineData:
     empty_variance: Floats
     n_offsets: int = 2
     heading_rad: Floats | float = 0.0
-    halo: Floats | float = 0.0
-    log_light: Floats | float = 0.0
+    halo: Halo | None = None
+
+    @property
+    def halo_photons(self) -> Floats | float:
+        """(n,), what of the photons is halo."""
+        return 0.0 if self.halo is None else self.halo.photons
 
 
 _OF_PIXELS = ("along_px", "across_px", "photons", "empty_variance")
 """What `LineData` holds pixel by pixel."""
-_PERHAPS_OF_PIXELS = ("heading_rad", "halo", "log_light")
-"""What it holds pixel by pixel, or once for all."""
+
+
+@dataclass(frozen=True, eq=False)
+class HaloTable:
+    """How the halo among the photons of n pixels follows what is fitted.
+
+    Attributes
+    ----------
+    photons : array of float, shape (n,)
+        As told.
+    columns : array of int, shape (n, h)
+        Coefficients of the spline of the leg that it is of.
+    basis : array of float, shape (n, h)
+        Their values at the places that it comes from, by the shares of these.
+    spot_lever : array of float, shape (n, s)
+        The same of the numbers of the leg's own spot.
+    log_light : array of float, shape (n,)
+        The same of the line as told, ln of the photons per px.
+    """
+
+    photons: Floats
+    columns: Indices
+    basis: Floats
+    spot_lever: Floats
+    log_light: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +158,8 @@ class LineProblem:
         Knots of each leg's log-strength, px along it.
     anchors : list of array of float
         Where along each leg its offsets are taken, px.
-    columns : array of int, shape (n, 5 + w + s) or (n, 6 + w + s)
-        The parameters that touch each pixel, that of the halo last.
+    columns : array of int, shape (n, 5 + w + s) or (n, 6 + w + s + h)
+        The parameters that touch each pixel; those of its halo, and of all halo, last.
     basis : array of float, shape (n, 4)
         Values of the splines.
     lever : array of float, shape (n, w)
@@ -127,6 +172,8 @@ class LineProblem:
         What the priors expect.
     unequal : float
         Variance of the pixels' efficiencies, ln^2.
+    halo : HaloTable or None
+        What of the photons is halo; None: nothing is.
     active_px : float
         Side of the pixels' active area in pitches, as the spot is made of it; 0: a Gaussian.
     """
@@ -144,6 +191,7 @@ class LineProblem:
     precision: Floats
     expected: Floats
     unequal: float = 0.0
+    halo: HaloTable | None = None
     active_px: float = 0.0
 
     @property
@@ -185,7 +233,7 @@ def problem_of(data: list[LineData], spacing_px: list[float], *, fine: bool) -> 
     n_spot = OF_SPOT if fine else 0
     for d, spacing in zip(data, spacing_px, strict=True):
         # Knots only where there is light: a dark end would leave its coefficients to chance.
-        lit = d.along_px[d.photons - d.halo > 3.0 * np.sqrt(d.empty_variance + 1.0)]
+        lit = d.along_px[d.photons - d.halo_photons > 3.0 * np.sqrt(d.empty_variance + 1.0)]
         lit = lit if len(lit) > 1 else d.along_px
         low, high = float(lit.min()) - 0.5, float(lit.max()) + 0.5
         knot = knots_over(low, high, spacing)
@@ -208,26 +256,65 @@ def problem_of(data: list[LineData], spacing_px: list[float], *, fine: bool) -> 
         np.tile(stop - n_spot + np.arange(n_spot), (len(d.photons), 1))
         for stop, d in zip(starts[1:], data, strict=True)
     ]
-    joined = _joined(data)
-    has_halo = bool(np.any(joined.halo))
+    has_halo = any(d.halo is not None for d in data)
     size = starts[-1] + has_halo + 1
-    # The spot of all, then the halo's part.
-    of_all = np.arange(size - 1, starts[-1] - 1, -1)
-    touched = np.hstack((_filled(columns, size - 1), np.vstack(of_spot)))
+    touched = [
+        _filled(columns, size - 1),
+        np.vstack(of_spot),
+        np.full((pixels[-1].stop, 1), size - 1),
+    ]
+    halo = _halo_of(data, knots, anchors, starts, n_spot) if has_halo else None
+    if halo is not None:
+        touched += [np.full((pixels[-1].stop, 1), size - 2), halo.columns]
     level = [np.full((1, 1), _HALO_PRIOR_LN**-2.0)] * has_halo
     return LineProblem(
-        data=joined,
+        data=_joined(data),
         pixels=pixels,
         starts=starts,
         spacing_px=spacing_px,
         knots=knots,
         anchors=anchors,
-        columns=np.hstack((touched, np.tile(of_all, (len(touched), 1)))),
+        columns=np.hstack(touched),
         basis=np.vstack(bases),
         lever=_filled(levers, 0.0),
         spot_lever=np.vstack(spots),
         precision=block_diag(*stiff, *level, np.full((1, 1), SPOT_PRIOR[1] ** -2.0)),
         expected=np.zeros(size),
+        halo=halo,
+    )
+
+
+def _halo_of(
+    data: list[LineData],
+    knots: list[Floats],
+    anchors: list[Floats],
+    starts: list[int],
+    n_spot: int,
+) -> HaloTable:
+    """The halo among the photons of all legs, leg after leg."""
+    photons, columns, bases, levers, log_light = [], [], [], [], []
+    for k, d in enumerate(data):
+        n, n_spline = len(d.photons), len(knots[k]) - 4
+        columns.append(np.tile(starts[k] + np.arange(n_spline), (n, 1)))
+        if d.halo is None:
+            photons.append(np.zeros(n))
+            bases.append(np.zeros((n, n_spline)))
+            levers.append(np.zeros((n, n_spot)))
+            log_light.append(np.zeros(n))
+            continue
+        # Beyond what is shown a line is as bright as where it ends.
+        places = np.clip(d.halo.along_px, *span_of_knots(knots[k]))
+        spot = SpotAlong(anchors[k][[0, -1]], np.zeros(3))
+        photons.append(d.halo.photons)
+        bases.append(d.halo.shares @ BSpline.design_matrix(places, knots[k], 3).toarray())
+        levers.append(d.halo.shares @ spot.shares(places)[:, :n_spot])
+        log_light.append(d.halo.shares @ d.halo.log_light)
+    return HaloTable(
+        np.concatenate(photons),
+        _filled(columns, starts[-1]),
+        _filled(bases, 0.0),
+        np.vstack(levers),
+        np.concatenate(log_light),
     )
 
 
@@ -236,13 +323,8 @@ def _joined(data: list[LineData]) -> LineData:
     along, across, photons, empty = (
         np.concatenate([getattr(d, name) for d in data]) for name in _OF_PIXELS
     )
-    heading, halo, log_light = (
-        np.concatenate([np.broadcast_to(getattr(d, name), d.along_px.shape) for d in data])
-        for name in _PERHAPS_OF_PIXELS
-    )
-    return LineData(
-        along, across, photons, empty, heading_rad=heading, halo=halo, log_light=log_light
-    )
+    heading = [np.broadcast_to(d.heading_rad, d.along_px.shape) for d in data]
+    return LineData(along, across, photons, empty, heading_rad=np.concatenate(heading))
 
 
 def _filled(parts: list[NDArray[Any]], value: float) -> NDArray[Any]:
@@ -328,7 +410,9 @@ def first_guess(problem: LineProblem) -> Floats:
     parameters[-1] = SPOT_PRIOR[0]
     for k, here in enumerate(problem.pixels):
         along, across = problem.data.along_px[here], problem.data.across_px[here]
-        photons = (problem.data.photons - problem.data.halo)[here]
+        photons = problem.data.photons[here]
+        if problem.halo is not None:
+            photons = photons - problem.halo.photons[here]
         low, high = span_of_knots(problem.knots[k])
         bins = np.clip(((along - low) // 1.5).astype(int), 0, None)
         brightest = np.zeros(bins.max() + 1)
@@ -401,14 +485,17 @@ class Expected:
 
     @cached_property
     def gradient(self) -> Floats:
-        """D ln(photons) / d(the parameters that touch each pixel), (n, 5 + w + s) or one more."""
-        problem, halo = self.problem, 1.0 - self.direct
-        by_offset = -(self.direct * self.seen.by_across)[:, np.newaxis]
+        """D ln(photons) / d(the parameters that touch each pixel), as `LineProblem.columns`."""
+        problem, direct = self.problem, self.direct[:, np.newaxis]
+        by_spot = direct * self.seen.by_log_spot[:, np.newaxis]
+        by_offset = -direct * self.seen.by_across[:, np.newaxis]
+        of_line = direct * problem.basis, by_offset * problem.lever
+        if problem.halo is None:
+            return np.hstack((*of_line, by_spot * problem.spot_lever, by_spot))
         # A wider spot of the same brightness holds more light, and so does its halo.
-        by_spot = (self.direct * self.seen.by_log_spot + halo)[:, np.newaxis]
-        columns = (problem.basis, by_offset * problem.lever, by_spot * problem.spot_lever, by_spot)
-        gradient = np.hstack((*columns, halo[:, np.newaxis]))
-        return gradient[:, : problem.columns.shape[1]]
+        halo = 1.0 - direct
+        of_spot = by_spot * problem.spot_lever + halo * problem.halo.spot_lever
+        return np.hstack((*of_line, of_spot, by_spot + halo, halo, halo * problem.halo.basis))
 
     @property
     def by_area(self) -> Floats:
@@ -441,8 +528,12 @@ def expected_photons(problem: LineProblem, parameters: Floats) -> Expected:
     seen = seen_line(data.across_px - line, np.exp(log_spot), heading, active_px=problem.active_px)
     log_strength = np.sum(problem.basis * own[:, :4], axis=1)
     direct = np.exp(np.clip(log_strength + seen.log_light, -60, 40))
-    if own.shape[1] == spot_at + 1:
+    told = problem.halo
+    if told is None:
         return Expected(direct, problem, seen, np.ones(len(direct)))
-    log_more = log_strength + log_spot + _LOG_ROOT_2_PI - data.log_light + own[:, -1]
-    halo = data.halo * np.exp(np.clip(log_more, -_MOST_MORE_LN, _MOST_MORE_LN))
+    # The spot of all, how much more halo there is, and the line where the halo comes from.
+    log_more = own[:, spot_at] + own[:, spot_at + 1] + _LOG_ROOT_2_PI - told.log_light
+    log_more += np.sum(told.basis * own[:, spot_at + 2 :], axis=1)
+    log_more += np.sum(told.spot_lever * of_spot, axis=1)
+    halo = told.photons * np.exp(np.clip(log_more, -_MOST_MORE_LN, _MOST_MORE_LN))
     return Expected(direct + halo, problem, seen, direct / (direct + halo))

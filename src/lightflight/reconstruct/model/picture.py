@@ -19,9 +19,10 @@ from lightflight.flight import Medium
 from lightflight.reconstruct.model.geometry import Footprint, Indices, PathState, footprints
 from lightflight.reconstruct.model.image_plane import along_across, undistorted_px
 from lightflight.reconstruct.model.lateral import LineFit, dark_line, fit_lines
-from lightflight.reconstruct.model.line_problem import LineData
+from lightflight.reconstruct.model.light import Diffuse
+from lightflight.reconstruct.model.line_problem import Halo, LineData
 from lightflight.reconstruct.model.sighting import Sighting, photons_at_times
-from lightflight.reconstruct.model.spread import Beam
+from lightflight.reconstruct.model.spread import WIDE_PX
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -352,13 +353,11 @@ def measure_picture(
         # Across a pixel the time runs by the slope: a third of that is its spread.
         width[here, k] = np.hypot(std_ps, 0.35 * print_.slope_ps_per_px)
     photons, empty, _ = photons_at_times(sighting, pixels.rows, pixels.cols, arrival, width)
-    halo, beam = np.zeros(photons.shape), None
+    halo, diffuse = np.zeros(photons.shape), None
     if fine and sighting.diffuse is not None and sighting.diffuse.has_halo:
         # A halo is as bright as the line that it is of: what it adds says how bright that is.
-        beam, bare = (
-            sighting.diffuse.beam,
-            replace(sighting, diffuse=sighting.diffuse.without_halo()),
-        )
+        diffuse = sighting.diffuse
+        bare = replace(sighting, diffuse=diffuse.without_halo())
         counted, empty, _ = photons_at_times(bare, pixels.rows, pixels.cols, arrival, width)
         halo = np.maximum(counted - photons, 0.0)
     blended = _blended(arrival, width)
@@ -382,13 +381,14 @@ def measure_picture(
         of_bend = sum(bend.orders for bend in state.bends if bend.leg == k)
         places = pixels.along[use, k], pixels.across[use, k]
         told.append(k)
-        log_light = None if beam is None else _log_light(beam, k, legs[k], camera, places[0])
-        spread = np.zeros(len(places[0])) if log_light is None else halo[use, k]
+        spread = (
+            None if diffuse is None else _halo(diffuse, k, legs[k], camera, places, halo[use, k])
+        )
+        counted_there = photons[use, k] + (0.0 if spread is None else spread.photons)
         data.append(
             LineData(
-                *places, photons[use, k] + spread, empty[use, k], n_offsets=2 + of_bend,
+                *places, counted_there, empty[use, k], n_offsets=2 + of_bend,
                 heading_rad=legs[k].heading_rad(places[0]), halo=spread,
-                log_light=0.0 if log_light is None else log_light,
             )
         )  # fmt: skip
     # All legs at once, because they share the spot. Scaled intensities do not scatter as photons
@@ -402,17 +402,26 @@ def measure_picture(
     return Picture(tuple(legs), tuple(fits), spot)
 
 
-def _log_light(
-    beam: Beam, k: int, leg: LegInPicture, camera: Camera, along_px: Floats
-) -> Floats | None:
-    """(n,), ln of a leg's photons per px of its line at some places; None: no light is told of."""
-    own = beam.of(beam.leg == k)
+def _halo(
+    diffuse: Diffuse,
+    k: int,
+    leg: LegInPicture,
+    camera: Camera,
+    places: tuple[Floats, Floats],
+    photons: Floats,
+) -> Halo | None:
+    """A leg's halo among the photons at some places along and across; None: no light is told of."""
+    own = diffuse.beam.of(diffuse.beam.leg == k)
     if len(own.photons) < 2:
         return None
     along = leg.along_across(undistorted_px(camera, *own.points_px.T))[0]
-    order = np.argsort(along)
-    per_px = own.photons / np.maximum(np.abs(np.gradient(along)), 1e-9)
-    return np.interp(along_px, along[order], np.log(np.maximum(per_px, 1e-9))[order])
+    per_px = np.maximum(own.photons / np.maximum(np.abs(np.gradient(along)), 1e-9), 1e-9)
+    gap2 = np.subtract.outer(places[0], along) ** 2 + places[1][:, np.newaxis] ** 2
+    shares = np.full(gap2.shape, 1e-12)
+    for share, reach in zip(diffuse.strengths.wide, WIDE_PX, strict=False):
+        shares += max(share, 0.0) / reach**2 * np.exp(-0.5 * gap2 / reach**2)
+    shares *= own.photons
+    return Halo(photons, along, np.log(per_px), shares / shares.sum(axis=1, keepdims=True))
 
 
 def lit_by_legs(legs: tuple[LegInPicture, ...], points_px: Floats, *, spot_px: float) -> Bools:
