@@ -337,21 +337,7 @@ def measure_picture(
         dark = (dark_line(_USUAL_SPOT_PX),) * state.n_legs
         return Picture(tuple(legs), dark, _USUAL_SPOT_PX)
     pixels = _pixels_near(legs, camera, sighting.blind)
-    arrival = np.full(pixels.near.shape, np.nan)
-    width = np.full(pixels.near.shape, std_ps)
-    for k in state.seen:
-        here = pixels.near[:, k]
-        print_ = footprints(
-            state,
-            camera=camera,
-            medium=medium,
-            legs=k,
-            rows=pixels.rows[here],
-            cols=pixels.cols[here],
-        )
-        arrival[here, k] = print_.arrival_ps
-        # Across a pixel the time runs by the slope: a third of that is its spread.
-        width[here, k] = np.hypot(std_ps, 0.35 * print_.slope_ps_per_px)
+    arrival, width = _pulses_of_legs(state, pixels, camera, medium, std_ps)
     photons, empty, _ = photons_at_times(sighting, pixels.rows, pixels.cols, arrival, width)
     halo, diffuse = np.zeros(photons.shape), None
     if fine and sighting.diffuse is not None and sighting.diffuse.has_halo:
@@ -400,6 +386,28 @@ def measure_picture(
     for k, line in zip(told, found, strict=True):
         fits[k] = line
     return Picture(tuple(legs), tuple(fits), spot)
+
+
+def _pulses_of_legs(
+    state: PathState, pixels: _NearPixels, camera: Camera, medium: Medium, std_ps: float
+) -> tuple[Floats, Floats]:
+    """When each leg's light comes to pixels, and how wide its pulse is there, (n, L); ps."""
+    arrival = np.full(pixels.near.shape, np.nan)
+    width = np.full(pixels.near.shape, std_ps)
+    for k in state.seen:
+        here = pixels.near[:, k]
+        print_ = footprints(
+            state,
+            camera=camera,
+            medium=medium,
+            legs=k,
+            rows=pixels.rows[here],
+            cols=pixels.cols[here],
+        )
+        arrival[here, k] = print_.arrival_ps
+        # Across a pixel the time runs by the slope: a third of that is its spread.
+        width[here, k] = np.hypot(std_ps, 0.35 * print_.slope_ps_per_px)
+    return arrival, width
 
 
 def _halo(
