@@ -481,7 +481,7 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
     ]
     common = float(own[:, :2].mean())
     # What of the halo is told anew is no leg's.
-    n_touching = 5 + problem.lever.shape[1] + problem.of_spot
+    of_legs = slice(0, problem.spot_column + 1)
     fits = []
     for k, here in enumerate(problem.pixels):
         start, stop = problem.starts[k], problem.starts[k + 1]
@@ -496,7 +496,7 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
             Kinkable(
                 problem.data.along_px[here],
                 gradient[here, 4 : 4 + n_offsets].sum(axis=1),
-                over_leg(problem, k, gradient[:, :n_touching]),
+                over_leg(problem, k, gradient[:, of_legs]),
                 mean[here],
                 residual[here],
                 variance[here],

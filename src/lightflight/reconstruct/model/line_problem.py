@@ -195,6 +195,11 @@ class LineProblem:
     active_px: float = 0.0
 
     @property
+    def spot_column(self) -> int:
+        """Which of `columns` is the spot of all; those behind it are the halo's."""
+        return 4 + int(self.lever.shape[1]) + self.of_spot
+
+    @property
     def of_spot(self) -> int:
         """Numbers of each leg's own spot: three, or none."""
         return int(self.spot_lever.shape[1])
@@ -519,7 +524,7 @@ def expected_photons(problem: LineProblem, parameters: Floats) -> Expected:
         For all pixels.
     """
     data, own = problem.data, parameters[problem.columns]
-    spot_at = 4 + problem.lever.shape[1] + problem.of_spot
+    spot_at = problem.spot_column
     of_spot = own[:, spot_at - problem.of_spot : spot_at]
     log_spot = own[:, spot_at] + np.sum(problem.spot_lever * of_spot, axis=1)
     log_spot = np.clip(log_spot, *LOG_SPOT_RANGE)

@@ -337,7 +337,7 @@ def measure_picture(
         dark = (dark_line(_USUAL_SPOT_PX),) * state.n_legs
         return Picture(tuple(legs), dark, _USUAL_SPOT_PX)
     pixels = _pixels_near(legs, camera, sighting.blind)
-    arrival, width = _pulses_of_legs(state, pixels, camera, medium, std_ps)
+    arrival, width = _times_of_legs(state, pixels, camera, medium, std_ps)
     photons, empty, _ = photons_at_times(sighting, pixels.rows, pixels.cols, arrival, width)
     halo, diffuse = np.zeros(photons.shape), None
     if fine and sighting.diffuse is not None and sighting.diffuse.has_halo:
@@ -368,7 +368,9 @@ def measure_picture(
         places = pixels.along[use, k], pixels.across[use, k]
         told.append(k)
         spread = (
-            None if diffuse is None else _halo(diffuse, k, legs[k], camera, places, halo[use, k])
+            None
+            if diffuse is None
+            else _halo_of_leg(diffuse, k, legs[k], camera, places, halo[use, k])
         )
         counted_there = photons[use, k] + (0.0 if spread is None else spread.photons)
         data.append(
@@ -388,7 +390,7 @@ def measure_picture(
     return Picture(tuple(legs), tuple(fits), spot)
 
 
-def _pulses_of_legs(
+def _times_of_legs(
     state: PathState, pixels: _NearPixels, camera: Camera, medium: Medium, std_ps: float
 ) -> tuple[Floats, Floats]:
     """When each leg's light comes to pixels, and how wide its pulse is there, (n, L); ps."""
@@ -410,7 +412,7 @@ def _pulses_of_legs(
     return arrival, width
 
 
-def _halo(
+def _halo_of_leg(
     diffuse: Diffuse,
     k: int,
     leg: LegInPicture,
@@ -425,8 +427,9 @@ def _halo(
     along = leg.along_across(undistorted_px(camera, *own.points_px.T))[0]
     per_px = np.maximum(own.photons / np.maximum(np.abs(np.gradient(along)), 1e-9), 1e-9)
     gap2 = np.subtract.outer(places[0], along) ** 2 + places[1][:, np.newaxis] ** 2
+    # Where no halo is positive, from all places alike.
     shares = np.full(gap2.shape, 1e-12)
-    for share, reach in zip(diffuse.strengths.wide, WIDE_PX, strict=False):
+    for share, reach in zip(diffuse.strengths.wide[: len(WIDE_PX)], WIDE_PX, strict=True):
         shares += max(share, 0.0) / reach**2 * np.exp(-0.5 * gap2 / reach**2)
     shares *= own.photons
     return Halo(photons, along, np.log(per_px), shares / shares.sum(axis=1, keepdims=True))
