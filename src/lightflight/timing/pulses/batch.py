@@ -34,7 +34,14 @@ TOLERANCE = 1e-6
 """Squared length of a step, in standard errors, below which a fit has converged."""
 
 GOOD_ENOUGH = 1e-3
-"""... and is taken, out of steps (a background that creeps to zero)."""
+"""... and is taken, out of steps (a background that creeps to zero) or where they lead nowhere."""
+
+_STALLED_BY = 10.0
+"""A step that gains less than this part of what is good enough leads nowhere: two pulses that trade
+light sway about the top for fifty steps."""
+
+_HOPES = 10.0
+"""What a fit may still gain, in squared lengths of its last step: half of one near the top."""
 
 _BATCH_BINS = 1 << 17
 """Pixels times bins fitted at once: what a pixel needs stays in the cache."""
@@ -214,12 +221,16 @@ class Fit:
             getattr(self, name)[index] = getattr(other, name)
 
 
-def fit(bins: Bins, start: Floats, model: Model, *, fit_std: bool = True) -> Fit:
+def fit(
+    bins: Bins, start: Floats, model: Model, *, fit_std: bool = True, enough: Floats | None = None
+) -> Fit:
     """Damped Fisher scoring from `start` (p, 2 J + 2); no step lowers the objective.
 
     A Poisson fit looks at a window that follows and grows with the pulses; the rest enters
-    through sums, so it is the full-range fit.
+    through sums, so it is the full-range fit. One that will not come to an objective of `enough`
+    (p,) is left where it is seen to.
     """
+    asked = np.full(len(start), -np.inf) if enough is None else enough
     theta, found = start.copy(), Fit.empty(*start.shape)
     bounds = _bounds(bins, model)
     theta[:, -2] = np.clip(theta[:, -2], bounds[:, 0], bounds[:, 1])
@@ -237,7 +248,7 @@ def fit(bins: Bins, start: Floats, model: Model, *, fit_std: bool = True) -> Fit
                 some = bins.some(at)
                 window = window_at(some, first[part], m[part], lap[part])
                 one, escaped = _fit_in(
-                    window, some, theta[at], bounds[at], model, fit_std, steps[at]
+                    window, some, theta[at], bounds[at], model, fit_std, steps[at], asked[at]
                 )
                 found.put(at, one)
                 theta[at], steps[at] = one.theta, one.steps
@@ -268,26 +279,31 @@ def _bounds(bins: Bins, model: Model) -> Floats:
 
 def _fit_in(
     window: Window, bins: Bins, theta: Floats, bounds: Floats, model: Model, fit_std: bool,
-    steps: Indices,
+    steps: Indices, enough: Floats,
 ) -> tuple[Fit, Bools]:  # fmt: skip
     """`fit` in a given window, and which pixels' pulses have left it."""
     theta, steps = theta.copy(), steps.copy()
     p, size = theta.shape
     state = _score(window, bins.dark, theta, model)
-    damping, length2 = np.zeros(p), np.full(p, np.inf)
+    damping, (length2, gained) = np.zeros(p), np.full((2, p), np.inf)
     escaped, done, free = np.zeros(p, bool), np.zeros(p, bool), np.ones((p, size), bool)
     active, accepted = np.arange(p), np.ones(p, bool)
     trial, trial_score = theta.copy(), state
     unit = np.ones(p)
     while True:
         took = active[accepted]
+        gained[took] = trial_score.objective[accepted] - state.objective[took]
         theta[took] = trial[accepted]
         for old, new in zip(state, trial_score, strict=True):
             old[took] = new[accepted]
         if not model.poisson:
             spare = np.maximum(window.m[active] - size, 1)
             unit[active] = np.maximum(-2.0 * state.objective[active] / spare, 1e-300)
-        converged = accepted & (length2[active] < TOLERANCE * unit[active]) & (damping[active] < 1)
+        converged = (length2[active] < TOLERANCE * unit[active]) & (damping[active] < 1)
+        converged |= np.maximum(length2, _STALLED_BY * gained)[active] < GOOD_ENOUGH * unit[active]
+        hopes = state.objective[active] + _HOPES * length2[active]
+        converged |= (hopes < enough[active]) & (damping[active] < 1)
+        converged &= accepted
         eased = np.where(damping[active] < 1e-2, 0.0, 0.1 * damping[active])
         damping[active] = np.where(accepted, eased, np.maximum(10.0 * damping[active], 1e-2))
         gone = ~_holds(window, theta[active], model, active) & (steps[active] < MAX_STEPS)

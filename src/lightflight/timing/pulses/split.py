@@ -82,9 +82,9 @@ class Search:
             self.double_code[index],
         )  # fmt: skip
 
-    def fit(self, theta: Floats, *, fit_std: bool = True) -> Fit:
-        """See `_pulse_batch.fit`."""
-        return fit(self.bins, theta, self.model, fit_std=fit_std)
+    def fit(self, theta: Floats, *, fit_std: bool = True, enough: Floats | None = None) -> Fit:
+        """See `batch.fit`."""
+        return fit(self.bins, theta, self.model, fit_std=fit_std, enough=enough)
 
 
 def wrapped(difference: Floats, period: float) -> Floats:
@@ -335,9 +335,10 @@ def _starts(search: Search, theta: Floats, number: int) -> tuple[Floats, Bools]:
     return more, np.ones(len(theta), dtype=bool)
 
 
-def best_with_one_more(search: Search, theta: Floats) -> tuple[Fit, Bools]:
+def best_with_one_more(search: Search, theta: Floats, enough: Floats) -> tuple[Fit, Bools]:
     """Fits with one more pulse, the best of several starts, and whether each explains the counts.
 
+    Those that will not come to an objective of `enough` (p,), or to the best, are not finished.
     The first fit that explains the counts is taken. Starts: the largest excess over the fit; the
     same with the array's std (or, unknown, 0.4 of the fitted one, for a fit that spans two
     pulses); a symmetric split of the first pulse.
@@ -349,7 +350,8 @@ def best_with_one_more(search: Search, theta: Floats) -> tuple[Fit, Bools]:
     for number in range(3):
         more, some = _starts(search.some(left), theta[left], number)
         here = left[some]
-        found = search.some(here).fit(more[some])
+        asked = np.maximum(enough, best.objective)[here]
+        found = search.some(here).fit(more[some], enough=asked)
         better = found.objective > best.objective[here]
         here = here[better]
         best.put(here, _rows(found, better))
@@ -378,7 +380,8 @@ def split_pulses(search: Search, theta: Floats, max_pulses: int) -> list[tuple[I
         if not len(pixels):
             break
         now = search.some(pixels)
-        more, explained = best_with_one_more(now, before.theta)
+        enough = before.objective + now.log_alarms
+        more, explained = best_with_one_more(now, before.theta, enough)
         span, n = now.bins.span, now.bins.n
         places = np.maximum(span / more.theta[:, -2], 1.0)
         needed = search.log_alarms + np.log(places) + 1.0
