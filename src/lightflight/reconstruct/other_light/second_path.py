@@ -124,32 +124,29 @@ class _Scores:
     ) -> Floats:
         """(c,), chi-square of light of a free strength at places (c, k) with their times."""
         (rows, cols), g = self.place.shape, len(self.lags_ps)
+        # Of two mirrors in five nothing falls into the picture.
         seen = (row >= -1.0) & (row < rows) & (col >= -1.0) & (col < cols) & (light > 0.0)
-        some = np.flatnonzero(seen.any(axis=1))
-        if len(some) < len(row):
-            # Of two mirrors in five nothing falls into the picture.
-            of_all = np.zeros(len(row))
-            if len(some):
-                row, col, arrival_ps, light = (one[some] for one in (row, col, arrival_ps, light))
-                of_all[some] = self.along(row, col, arrival_ps, light, spot_px)
-            return of_all
-        total = np.zeros((2, len(row)))
+        mirror, place = np.nonzero(seen)
+        row, col, lag, light = (one[mirror, place] for one in (row, col, arrival_ps, light))
         # A frame of pixels that say nothing: what falls outside of the picture is looked up there.
         framed = np.pad(self.place % len(self.reference_ps), 1, constant_values=len(self.score) - 1)
         step = self.lags_ps[1] - self.lags_ps[0]
-        first = (self.reference_ps + self.lags_ps[0]) / step
-        lag, score, information = arrival_ps / step, self.score.ravel(), self.information.ravel()
-        for r, near in _either_side(np.nan_to_num(row, nan=-9.0), rows, spot_px):
+        first, lag = (self.reference_ps + self.lags_ps[0]) / step, lag / step
+        score, information = self.score.ravel(), self.information.ravel()
+        total, across = np.zeros((2, len(mirror))), _either_side(col, cols, spot_px)
+        for r, near in _either_side(row, rows, spot_px):
             bright = light * near
-            for c, too in _either_side(np.nan_to_num(col), cols, spot_px):
+            for c, too in across:
                 at = framed[r, c]
-                late = np.rint(np.clip(np.nan_to_num(lag - first[at]), 0, g - 1)).astype(np.int64)
+                late = np.rint(np.clip(lag - first[at], 0, g - 1)).astype(np.int64)
                 late += at * g
                 weight = bright * too
-                total[0] += np.sum(weight * score[late], axis=1)
-                total[1] += np.sum(weight**2 * information[late], axis=1)
+                total[0] += weight * score[late]
+                weight *= weight
+                total[1] += weight * information[late]
+        says, knows = (np.bincount(mirror, each, minlength=len(seen)) for each in total)
         # Light cannot be less than none.
-        found: Floats = np.maximum(total[0], 0.0) ** 2 / np.maximum(total[1], 1e-12)
+        found: Floats = np.maximum(says, 0.0) ** 2 / np.maximum(knows, 1e-12)
         return found
 
 
@@ -194,12 +191,17 @@ def _score_of(pixels: Pixels, lags_ps: Floats, std_ps: float) -> tuple[Floats, F
     cells = pixels.cells
     z = (cells.edges_ps[:, :, np.newaxis] - lags_ps) / std_ps
     columns = np.diff(ndtr(z), axis=1) * (cells.live * cells.open_share)[:, :, np.newaxis]
-    taken = pixels.taken_of(columns)
-    left = columns - pixels.slopes @ taken
-    residual = pixels.weight * (cells.counts - pixels.mean)
-    score = np.einsum("nm,nmg->ng", residual, left) - np.einsum("nqg,nq->ng", taken, pixels.pull)
-    left *= columns
-    information = np.einsum("nmg,nm->ng", left, pixels.weight)
+    # Told by sums over cells alone: what is left of each column is never written down.
+    weighted = pixels.weight[:, :, np.newaxis] * columns
+    slopes = np.swapaxes(pixels.slopes, 1, 2)
+    shared = slopes @ weighted
+    taken = pixels.inverse @ shared
+    residual = (pixels.weight * (cells.counts - pixels.mean))[:, :, np.newaxis]
+    pull = slopes @ residual + pixels.pull[:, :, np.newaxis]
+    weighted *= columns
+    information = weighted.sum(axis=1) - np.einsum("nqg,nqg->ng", shared, taken)
+    columns *= residual
+    score = columns.sum(axis=1) - np.einsum("nqg,nq->ng", taken, pull[:, :, 0])
     return score, np.maximum(information, 0.0)
 
 
