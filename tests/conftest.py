@@ -51,6 +51,17 @@ def unexamined(monkeypatch: pytest.MonkeyPatch) -> None:
     without_verdict(monkeypatch)
 
 
+@pytest.fixture
+def as_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No detours, bends and arms instead of a path that the counts contradict, proved elsewhere.
+
+    Most of the time of such a recording goes to them.
+    """
+    from tests.labs import without_others_tried
+
+    without_others_tried(monkeypatch)
+
+
 def pytest_collection_modifyitems() -> None:
     """Give the names of two rooms back to the functions.
 

@@ -35,6 +35,7 @@ def asked(monkeypatch):
     return said
 
 
+@pytest.mark.usefixtures("as_found")
 def test_a_corner_that_a_clock_explains_is_in_doubt(asked):
     """Named by its tests; by its corner where, as once, all tests pass."""
     world = random_world(9253, 3).but(scale=1e-3)

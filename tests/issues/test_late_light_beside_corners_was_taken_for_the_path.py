@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+import pytest
 
 import lightflight as lf
 from lightflight.errors import LightflightWarning
@@ -19,6 +20,7 @@ from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
+@pytest.mark.usefixtures("as_found")
 def test_late_light_beside_corners_was_taken_for_the_path():
     seed = 1292
     world = DEFECTS["haze_500ps"].applied(random_world(seed, 3), 0.5)

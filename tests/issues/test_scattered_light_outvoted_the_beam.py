@@ -38,6 +38,7 @@ def test_the_beams_pulses_are_those_that_are_used() -> None:
     assert np.median(found.std_ps[~beam]) > 4.0 * np.median(found.std_ps[beam])
 
 
+@pytest.mark.usefixtures("as_found")
 @pytest.mark.parametrize(("seed", "n_legs", "photons"), [(5101, 1, 40_000.0), (5110, 3, 4_000.0)])
 def test_paths_in_fog_are_those_of_the_beam(seed: int, n_legs: int, photons: float) -> None:
     world = fog(seed, n_legs, photons)

@@ -9,6 +9,7 @@ from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
+@pytest.mark.usefixtures("as_found")
 @pytest.mark.parametrize(
     ("defect", "strength", "seed", "n_legs"),
     [("stale_delays", 0, 0, 3), ("stale_gains", 1, 300, 1)],

@@ -127,6 +127,7 @@ def test_a_defect_is_named(defect, seed):
     assert len(verdict.findings) <= 6
 
 
+@pytest.mark.usefixtures("as_found")
 def test_a_leg_opened_for_a_late_trigger_is_asked_for_other_causes():
     path = reconstructed(0, "clock_early")
     assert path.n_legs == 4
@@ -136,6 +137,7 @@ def test_a_leg_opened_for_a_late_trigger_is_asked_for_other_causes():
     assert {finding.name for finding in path.verdict.findings} == group
 
 
+@pytest.mark.usefixtures("as_found")
 def test_a_leg_that_no_pulse_speaks_for_is_never_trusted():
     """Here the search opened one and no other cause does as well, though the clock drifted."""
     path = reconstructed(4, "drift_in_one")
@@ -144,6 +146,7 @@ def test_a_leg_that_no_pulse_speaks_for_is_never_trusted():
     assert [finding.name for finding in path.verdict.findings] == ["unseen_leg"]
 
 
+@pytest.mark.usefixtures("as_found")
 def test_wrong_pulses_that_a_misfit_hides_do_not_decide_between_causes():
     """Two pulses that merge at a corner are 19 of their errors off once the drift is freed."""
     path = reconstructed(5, "drift_in_one")
