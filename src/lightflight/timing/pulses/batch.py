@@ -36,7 +36,7 @@ TOLERANCE = 1e-6
 GOOD_ENOUGH = 1e-3
 """... and is taken, out of steps (a background that creeps to zero) or where they lead nowhere."""
 
-_STALLED_BY = 10.0
+_STALLED_BY = 100.0
 """A step that gains less than this part of what is good enough leads nowhere: two pulses that trade
 light sway about the top for fifty steps."""
 
