@@ -346,6 +346,11 @@ def _statements_of_path(fit: JointFit, timing: CodeClock | None) -> tuple[str, .
             f"The times scatter about the path by {fit.floor_ps:.2g} ps more than their stated "
             "errors: misfit, which the error bars include and do not explain."
         )
+    if not fit.strengths:
+        said.append(
+            "Haze, halo and glare could not be told from the path's light: their part of the times "
+            "is neither taken off nor stated."
+        )
     if not fit.solution.converged:
         said.append("The fit stopped before it converged: do not trust its errors.")
     told = _told_columns(fit)
