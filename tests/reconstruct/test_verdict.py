@@ -188,7 +188,8 @@ def test_light_that_turns_back_turns():
 def test_blind_spots_are_what_moves_the_path_unseen():
     """Seen at half of the power where it is as large as said; what is larger would be seen."""
     spots = reconstructed(1).verdict.blind_to
-    assert spots
+    # Of light out of the picture counts tell, of all else here the times.
+    assert {"index", "pose", "focal_length"} < {spot.name for spot in spots}
     assert all(spot.moves_mm > 0.0 and spot.size > 0.0 for spot in spots)
     moved = [spot.moves_mm for spot in spots]
     assert moved == sorted(moved, reverse=True)

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.special import chdtri
 
 from lightflight.arguments import real_numbers
 from lightflight.errors import (
@@ -56,8 +57,9 @@ _RECOUNTED_UP_TO_PULSES = 12
 """A leg that no more pulses than this speak for is looked at again by all its counts."""
 _SHORT_PX = 40.0
 """The tips of a leg no longer than this in the picture, px, hold much of what it can tell."""
-_WORSE_CHI2 = 10.0
-"""The path by all counts must not miss the pulses by more than this."""
+_ANOTHER_HILL = 1e-4
+"""Chance that the path by all counts misses the pulses by so much more than their own best path: of
+its p numbers each takes one of their chi-square."""
 
 
 def path_by_joint(request: Request) -> tuple[LightPath, JointFit]:
@@ -279,7 +281,7 @@ def _by_all_counts(fit: JointFit, request: Request, path: LightPath) -> LightPat
         return path
     # The likelihood may have climbed another hill; then the pulses would tell.
     chi2 = [one.goodness.chi2_with_floor or 0.0 for one in (path, better)]
-    worse = chi2[1] > chi2[0] + _WORSE_CHI2
+    worse = chi2[1] > chi2[0] + float(chdtri(len(fit.labels), _ANOTHER_HILL))
     if worse or not better.goodness.converged:
         return path
     said = f"{why}: all counts were fitted."
