@@ -55,7 +55,7 @@ WORLDS = (
     "pulse_echo_300ps:0.1",
 )  # fmt: skip
 FREE = {
-    "haze": ("haze",), "prompt": ("halo",), "veiling": ("glare",),
+    "haze": ("haze",), "prompt": ("halo",), "veiling": ("glare",), "lens": ("ghost",),
     "wall": ("wall", "wall_depth_mm"), "tail": ("tail",), "fog": ("late_halo",),
     "second": ("second", "second_ps"), "pulse": ("second", "second_ps"),
 }  # fmt: skip

@@ -5,12 +5,17 @@ Legs of its light, joined to the first by mirrors that nobody saw, explained all
 
 from __future__ import annotations
 
+import importlib
+from types import SimpleNamespace
+
 import pytest
 
 import lightflight as lf
 from lightflight.errors import SuspectDataWarning
+from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.random_worlds import random_world
+from tests.path_fakes import make_path
 
 
 def test_a_second_pulse_is_no_detour():
@@ -20,3 +25,17 @@ def test_a_second_pulse_is_no_detour():
     assert path.n_legs == 3
     assert not path.gaps
     assert path.verdict.findings[0].name == "other_pulse"
+
+
+@pytest.mark.parametrize("name", [FindingName.OTHER_PULSE, FindingName.UNSEEN_LEG])
+def test_no_detour_is_tried_beside_a_second_pulse(name, monkeypatch):
+    """Whatever else the verdict leaves open; where it names none, one is tried."""
+    chain, asked = importlib.import_module("lightflight.reconstruct.chain"), []
+    finding = Finding(name, "", 9.0, "", Severity.CONTRADICTED)
+    path = make_path(verdict=Verdict(Level.CONTRADICTED, (finding,)))
+    monkeypatch.setattr(chain, "_without_images", lambda *_: None)
+    monkeypatch.setattr(chain, "leaves_misfit", lambda _: True)
+    monkeypatch.setattr(chain, "_detour", lambda *given: asked.append(given))
+    monkeypatch.setattr(chain, "_bent", lambda *_: None)
+    assert chain._reconsidered(path, None, SimpleNamespace(may_bend=False), None) is path
+    assert len(asked) == (name is FindingName.UNSEEN_LEG)

@@ -343,3 +343,17 @@ def test_the_arm_of_a_splitter_is_the_same_light_on_another_way() -> None:
     after = whole.but(vertices=np.array([place, LEG[1]]), emission_ps=late, flux=0.7 * whole.flux)
     parts = sum(expected_counts(part) for part in (alone, before, after))
     np.testing.assert_allclose(expected_counts(split), parts, rtol=1e-3, atol=1e-3)
+
+
+def test_the_ghost_of_a_lens_is_the_picture_turned_about_its_middle():
+    """A spark: as much light at the pixel opposite, later; nothing where it was."""
+    world = random_world(0, 1, uneven=0.0).but(ghost=0.05, ghost_ps=300.0)
+    plain = world.but(ghost=0.0, spot_std_px=world.ghost_std_px)
+    more = expected_counts(world) - expected_counts(world.but(ghost=0.0))
+    turned = 0.05 * expected_counts(plain, background=False)[::-1, ::-1]
+    np.testing.assert_allclose(more.sum(axis=2), turned.sum(axis=2), atol=1e-6 * turned.max())
+    bright = np.unravel_index(np.argmax(turned.sum(axis=2)), turned.shape[:2])
+    code = np.arange(more.shape[2])
+    late = [float(code @ each[bright] / each[bright].sum()) for each in (turned, more)]
+    codes = abs(late[1] - late[0])
+    assert codes * world.clock.width_ps == pytest.approx(300.0, rel=0.02)

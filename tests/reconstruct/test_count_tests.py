@@ -360,6 +360,7 @@ def verdict_of(*world, method="joint", **others):
         ("veiling_glare", 1, 1, "photon", "glare"),
         ("pulse_echo_300ps", 1, 0, "joint", "other_pulse"),
         ("glint", 3, 1, "joint", "unexplained_light"),
+        ("lens_ghost", 1, 0, "joint", "unexplained_light"),
         ("pile_up_of_ten_periods", 1, 2, "joint", "pile_up"),
     ],
 )

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ from lightflight.errors import LightflightWarning
 from lightflight.reconstruct.model.detour import detours_of, mirrors, with_detours_level
 from lightflight.reconstruct.model.freedom import Freedom
 from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.verdict import lost
 from tests.oracles.refracted import paper_scene
 from tests.oracles.refracted_border import camera_told, histograms
 from tests.oracles.refracted_bound import bound
@@ -144,6 +147,16 @@ def test_a_mirror_that_an_error_puts_off_is_no_detour(told):
     path = found(scene, 5, told=told)
     assert path.unseen_legs == ()
     assert path.verdict.level != "trust"
+
+
+@pytest.mark.parametrize(("floor_ps", "cost"), [(0.0, 5000.0), (3.0, 150.0), (3.0, 5000.0)])
+def test_a_path_that_leaves_misfit_does_not_explain_all(floor_ps, cost, monkeypatch):
+    """All pulses lie on it, a hundred; the path that it stands for cost 6,000."""
+    share = SimpleNamespace(n_found=100, photons=100.0, photons_found=100.0)
+    monkeypatch.setattr(lost, "explained_by_fit", lambda *_: share)
+    monkeypatch.setattr(lost, "cost_of_pulses", lambda *_: cost)
+    fit: Any = SimpleNamespace(floor_ps=floor_ps)
+    assert lost.explains_all(fit, [], 6000.0) == (floor_ps == 0.0 or cost < 1000.0)
 
 
 # --- the model of a detour ------------------------------------------------------------------

@@ -117,6 +117,7 @@ _TABLE: tuple[tuple[str, str, tuple[float, float, float], str, Change], ...] = (
      _share("late_halo", late_halo_std_px=60.0, late_halo_ps=3000.0)),
     ("wall_60mm", "unexplained_light", (0.03, 0.1, 0.3), "share", walled(60.0)),
     ("wall_250mm", "unexplained_light", (0.03, 0.1, 0.3), "share", walled(250.0)),
+    ("lens_ghost", "unexplained_light", (0.002, 0.01, 0.05), "share", _share("ghost")),
     ("glint", "unexplained_light", (0.02, 0.1, 0.3), "share", glinting),
     ("lamp", "unexplained_light", (0.2, 0.5, 1.0), "share",
      lambda w, s: w.but(lamp=s, background_per_ps=10.0 * w.background_per_ps)),

@@ -198,6 +198,10 @@ def light_series(world: World, weights: Weights | None = None) -> np.ndarray:
         series = series + world.late_halo * spread(world, broad, world.late_halo_std_px) * late
     if world.wall:
         series = series + spread(world, mirrored(world, beam), world.spot_std_px)
+    if world.ghost:
+        blurred = spread(world, beam, world.ghost_std_px)
+        # Row by row a picture turned by half a turn is its pixels in the other order.
+        series = series + world.ghost * blurred[::-1] * np.exp(-1j * omega * world.ghost_ps)
     for arm in world.arms:
         series = series + spread(world, along_arm(world, arm), world.spot_std_px)
     if world.glint:

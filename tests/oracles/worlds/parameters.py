@@ -24,6 +24,7 @@ _STEPS = {
 }  # fmt: skip
 _ONE_SIDED = {
     "haze": 1e-3, "halo": 1e-3, "late_halo": 1e-3, "glare": 1e-3, "crosstalk": 1e-3,
+    "ghost": 1e-3,
     "second": 1e-3, "wall": 1e-3, "glint": 1e-3, "tail": 1e-3, "pile_up": 1e-3,
     "uneven_codes": 1e-3,
 }  # fmt: skip
@@ -41,7 +42,7 @@ _PLAUSIBLE_SHARE = 0.5
 
 SHAPES = (
     "haze_ps", "halo_std_px", "late_halo_std_px", "late_halo_ps", "second_ps", "tail_ps",
-    "wall_depth_mm", "glint_mm", "glint_ps",
+    "wall_depth_mm", "glint_mm", "glint_ps", "ghost_std_px", "ghost_ps",
 )  # fmt: skip
 """What a share's own parameter does not say: taken from the world that is to be explained."""
 

@@ -126,6 +126,10 @@ class World:
     late_halo_std_px: float = 8.0
     late_halo_ps: float = 600.0
     glare: float = 0.0
+    ghost: float = 0.0
+    """Of a lens between whose faces light goes to and fro: the picture turned about its middle."""
+    ghost_std_px: float = 1.0
+    ghost_ps: float = 30.0
     crosstalk: float = 0.0
     second: float = 0.0
     second_ps: float = 3000.0
