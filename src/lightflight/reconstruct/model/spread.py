@@ -219,7 +219,7 @@ def halo(
 
 
 def _slots(beam: Beam) -> tuple[list[Indices], Floats, Floats]:
-    """Places whose light comes within half a pulse of each other's; mean time and width of each."""
+    """Places whose light comes within a quarter of a pulse; mean time and width of each."""
     late = beam.arrival_ps - beam.arrival_ps.min()
     slot = np.floor(late / (_SLOT_STDS * beam.std_ps))
     _, of, size = np.unique(slot, return_inverse=True, return_counts=True)
