@@ -207,9 +207,7 @@ class Pixels:
 
     def taken_of(self, columns: Floats) -> Floats:
         """By how much the pixels' unknowns take up columns (n, m, k); (n, q, k)."""
-        weighted = self.weight[:, :, np.newaxis] * columns
-        taken: Floats = self.inverse @ (np.swapaxes(self.slopes, 1, 2) @ weighted)
-        return taken
+        return self._eliminated(columns)[2]
 
     def said_of(self, columns: Floats) -> tuple[Floats, Floats, Floats]:
         """What the counts say of the sizes of columns (n, m, k), the pixels' own eliminated.
@@ -217,15 +215,35 @@ class Pixels:
         Score (k,) and information (k, k), and what the unknowns take up of the columns (n, q, k).
         """
         k = columns.shape[2]
-        weighted = self.weight[:, :, np.newaxis] * columns
-        shared = np.swapaxes(self.slopes, 1, 2) @ weighted
-        taken = self.inverse @ shared
-        rest = (self.weight * (self.cells.counts - self.mean))[:, :, np.newaxis]
-        pull = np.swapaxes(self.slopes, 1, 2) @ rest + self.pull[:, :, np.newaxis]
+        weighted, shared, taken = self._eliminated(columns)
+        rest, pull = self._rest_and_pull()
         score = rest.ravel() @ columns.reshape(-1, k) - pull.ravel() @ taken.reshape(-1, k)
         information = weighted.reshape(-1, k).T @ columns.reshape(-1, k)
         information -= shared.reshape(-1, k).T @ taken.reshape(-1, k)
         return score, 0.5 * (information + information.T), taken
+
+    def said_of_each(self, columns: Floats) -> tuple[Floats, Floats]:
+        """What each pixel's counts say of each column alone: score and information, (n, k)."""
+        weighted, shared, taken = self._eliminated(columns)
+        rest, pull = self._rest_and_pull()
+        weighted *= columns
+        information = weighted.sum(axis=1) - np.einsum("nqk,nqk->nk", shared, taken)
+        np.multiply(rest, columns, out=weighted)
+        score = weighted.sum(axis=1) - np.einsum("nqk,nq->nk", taken, pull[:, :, 0])
+        return score, information
+
+    def _eliminated(self, columns: Floats) -> tuple[Floats, Floats, Floats]:
+        """Columns by their weight (n, m, k); what unknowns share of them, and take up (n, q, k)."""
+        weighted = self.weight[:, :, np.newaxis] * columns
+        shared: Floats = np.swapaxes(self.slopes, 1, 2) @ weighted
+        taken: Floats = self.inverse @ shared
+        return weighted, shared, taken
+
+    def _rest_and_pull(self) -> tuple[Floats, Floats]:
+        """What the fit leaves, by its weight (n, m, 1), and the unknowns' slope (n, q, 1)."""
+        rest = (self.weight * (self.cells.counts - self.mean))[:, :, np.newaxis]
+        pull: Floats = np.swapaxes(self.slopes, 1, 2) @ rest + self.pull[:, :, np.newaxis]
+        return rest, pull
 
 
 def _background(cells: Cells, near: NDArray[np.bool_]) -> Floats:

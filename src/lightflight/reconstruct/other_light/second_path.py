@@ -191,17 +191,7 @@ def _score_of(pixels: Pixels, lags_ps: Floats, std_ps: float) -> tuple[Floats, F
     cells = pixels.cells
     z = (cells.edges_ps[:, :, np.newaxis] - lags_ps) / std_ps
     columns = np.diff(ndtr(z), axis=1) * (cells.live * cells.open_share)[:, :, np.newaxis]
-    # Told by sums over cells alone: what is left of each column is never written down.
-    weighted = pixels.weight[:, :, np.newaxis] * columns
-    slopes = np.swapaxes(pixels.slopes, 1, 2)
-    shared = slopes @ weighted
-    taken = pixels.inverse @ shared
-    residual = (pixels.weight * (cells.counts - pixels.mean))[:, :, np.newaxis]
-    pull = slopes @ residual + pixels.pull[:, :, np.newaxis]
-    weighted *= columns
-    information = weighted.sum(axis=1) - np.einsum("nqg,nqg->ng", shared, taken)
-    columns *= residual
-    score = columns.sum(axis=1) - np.einsum("nqg,nq->ng", taken, pull[:, :, 0])
+    score, information = pixels.said_of_each(columns)
     return score, np.maximum(information, 0.0)
 
 
