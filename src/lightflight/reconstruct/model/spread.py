@@ -201,6 +201,7 @@ def halo(
     for leg in np.unique(beam.leg):
         one = beam.of(beam.leg == leg)
         slots, times, stds = _slots(one)
+        rises = {wait: _rise(times, stds, wait) for wait in (0.0, HALO_LATE_PS)}
         for j, reach in enumerate(reaches_px):
             down, across = (
                 _blur(size, one.points_px[:, axis], reach) for axis, size in enumerate(shape)
@@ -213,7 +214,7 @@ def halo(
             edges = cells.edges_ps[lit] + reference_ps[lit, np.newaxis]
             waits = (0.0, HALO_LATE_PS) if reach == reaches_px[-1] else (0.0,)
             for k, wait in enumerate(waits):
-                by_edge = _come_by(edges, by_time[lit], times, stds, wait)
+                by_edge = _come_by(edges, by_time[lit], rises[wait], wait)
                 out[lit, :, j + k] += np.diff(by_edge, axis=1)
     return as_counted(cells, out)
 
@@ -229,17 +230,22 @@ def _slots(beam: Beam) -> tuple[list[Indices], Floats, Floats]:
     return slots, beam.arrival_ps.min() + mean, stds
 
 
-def _come_by(
-    edges_ps: Floats, light: Floats, times_ps: Floats, stds_ps: Floats, wait_ps: float
-) -> Floats:
-    """(n, m), what of light (n, b) at times (b,) has come by each edge (n, m), late by a wait."""
-    least, widest = stds_ps.min(), stds_ps.max()
-    first, last = times_ps[0] - _REACH_STDS * widest, times_ps[-1] + _REACH_STDS * widest
-    step = _GRID_STDS * least
-    grid = np.arange(first, last + step, step)
+def _rise(times_ps: Floats, stds_ps: Floats, wait_ps: float) -> tuple[Floats, Floats]:
+    """Times (g,), and the share of the light of each slot (b, g) that has come, late by a wait."""
+    reach = _REACH_STDS * stds_ps.max()
+    step = _GRID_STDS * stds_ps.min()
+    grid = np.arange(times_ps[0] - reach, times_ps[-1] + reach + step, step)
     grids = np.tile(grid, (len(times_ps), 1))
-    by_grid = light @ cumulated(grids, times_ps, stds_ps, wait_ps)
-    place = np.clip((edges_ps - first) / step, 0.0, len(grid) - 1.0)
+    return grid, cumulated(grids, times_ps, stds_ps, wait_ps)
+
+
+def _come_by(
+    edges_ps: Floats, light: Floats, rise: tuple[Floats, Floats], wait_ps: float
+) -> Floats:
+    """(n, m), what has come by each edge (n, m) of the light of slots (n, b), late by a wait."""
+    grid, come_of_slots = rise
+    by_grid = light @ come_of_slots
+    place = np.clip((edges_ps - grid[0]) / (grid[1] - grid[0]), 0.0, len(grid) - 1.0)
     low = np.minimum(place.astype(np.int64), len(grid) - 2)
     before, after = (np.take_along_axis(by_grid, low + k, axis=1) for k in range(2))
     come: Floats = before + (place - low) * (after - before)
