@@ -131,12 +131,6 @@ def without_verdict(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(chain, "examined", lambda path, *_, **__: path)
 
 
-def without_others_tried(patch: pytest.MonkeyPatch) -> None:
-    """What the fixture `as_found` does, for fixtures of a module."""
-    chain = importlib.import_module("lightflight.reconstruct.chain")
-    patch.setattr(chain, "_reconsidered", lambda path, *_: path)
-
-
 @cache
 def known_path(lab: Lab, method: str) -> LightPath:
     """Of a lab's recording 1, all else told exactly: made once, for tests that only read it."""
