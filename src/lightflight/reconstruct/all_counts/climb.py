@@ -33,6 +33,7 @@ from lightflight.reconstruct.model.shared import (
     shared_errors,
 )
 from lightflight.reconstruct.model.strength import SPOT_PRIOR
+from lightflight.reconstruct.model.thick_beam import BEAM_SHARE_STD
 from lightflight.units import std_from_mad
 
 Floats = NDArray[np.float64]
@@ -363,6 +364,8 @@ class _Hill:
             for start, spot in zip(layout.spot_starts, at.light.spots, strict=True):
                 own[start : start + 3] = spot.varies_ln
             own[-2] = at.light.log_spot_px - SPOT_PRIOR[0]
+            if layout.beam is not None:
+                own[layout.beam] = at.light.beam_share
             held[places] += own
             score[places[layout.unit_priors][: layout.n_modes]] = -at.modes
             squared += float(at.modes @ at.modes)
@@ -387,6 +390,8 @@ def _priors(freedom: Freedom, order: Order, views: Sequence[View]) -> tuple[Floa
             own = places[first : first + 3]
             hold[np.ix_(own, own)] = spot.precision
         hold[places[-2], places[-2]] = 1.0 / SPOT_PRIOR[1] ** 2
+        if layout.beam is not None:
+            hold[places[layout.beam], places[layout.beam]] = 1.0 / BEAM_SHARE_STD**2
     return prior, hold
 
 

@@ -40,7 +40,7 @@ from lightflight.reconstruct.model.geometry import (
     state_of_path,
 )
 from lightflight.reconstruct.model.glass import beside_glass
-from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.image_plane import inside_edges_px, undistorted_px
 from lightflight.reconstruct.model.light import Diffuse
 from lightflight.reconstruct.model.picture import (
     LegInPicture,
@@ -468,7 +468,10 @@ def view_of_counts(
             "too little light: the counts lose the path from the picture; record longer, or "
             "give a starting path (start=)"
         ) from lost
-    light = replace(light_from_picture(picture, counts.intrinsic_ps), cut_ends=cut_ends)
+    light = replace(
+        light_from_picture(picture, counts.intrinsic_ps), cut_ends=cut_ends,
+        beam_share=0.0 if _shows_cuts(in_view, cut_ends, own.camera) else None,
+    )  # fmt: skip
     # Light of a leg that the picture says too little of is not expected: its pixels are left out.
     few = tuple(leg_in_picture(state, k, own.camera) for k in in_view.seen if picture.legs[k].dark)
     if few:
@@ -488,6 +491,14 @@ def view_of_counts(
     codes = codes_of_pixels(pixels, whole, state, own, std_ps)
     uneven = counts.uneven[pixels.rows, pixels.cols]
     return View(whole.view, light, pixels, codes, uneven, state.dark)
+
+
+def _shows_cuts(state: PathState, cut_ends: tuple[bool, ...], camera: Camera) -> bool:
+    """Whether the end of a leg is in the picture, where a thick beam looks otherwise."""
+    corners = [leg + 1 for leg in state.seen if leg not in state.last_legs]
+    places = camera.pixels_from_points(state.vertices_mm[corners])
+    inside = np.nan_to_num(inside_edges_px(*places, camera.shape), nan=-np.inf)
+    return any(cut_ends) or bool((inside.min(axis=1) > -_AT_TIP_PX).any())
 
 
 def _lit_pixels(

@@ -16,13 +16,13 @@ from lightflight import flags
 from lightflight.reconstruct.fit.least_squares import TimeData
 from lightflight.reconstruct.model.geometry import Footprint, Indices, PathState, footprints
 from lightflight.reconstruct.model.picture import (
-    CLEAR_OF_CORNER_PX,
     LineDataInPicture,
     Picture,
     footprint_corrections,
 )
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.thick_beam import clear_of_corners_px
 
 if TYPE_CHECKING:
     from lightflight.timing.pulses.arrivals import Arrivals
@@ -201,7 +201,9 @@ def assigned(
         print_ = prints_of_leg(sighting, state, setting, usable, k)
         near = np.abs(print_.lateral_px) < max(CLAIM_REACH_PX, 3.0 * picture.spot_std_px)
         # Where two legs light a pixel its one time is neither's.
-        near &= _clear_of_corners(print_, k, state, None if members is None else members[usable])
+        clear_px = clear_of_corners_px(state, k, setting.camera, picture.spot_std_px)
+        own = None if members is None else members[usable]
+        near &= _clear_of_corners(print_, k, state, own, clear_px)
         near &= clear_of_tips(print_, k, state, tips, setting)
         correction = footprint_corrections(
             picture,
@@ -235,7 +237,9 @@ def assigned(
     return time_data(sighting, index, leg_of, footprint_ps)
 
 
-def on_leg(print_: Footprint, leg: int, state: PathState, *, margin_px: float) -> NDArray[np.bool_]:
+def on_leg(
+    print_: Footprint, leg: int, state: PathState, *, margin_px: float | tuple[float, float]
+) -> NDArray[np.bool_]:
     """True where a pixel's foot lies on the leg, or at most `margin_px` beyond its corners.
 
     A negative margin keeps clear of the corners. The ends of the path are not corners.
@@ -248,16 +252,17 @@ def on_leg(print_: Footprint, leg: int, state: PathState, *, margin_px: float) -
         Index of the leg.
     state : PathState
         The path as it is now.
-    margin_px : float
-        How far beyond a corner still counts, px; negative: how clear of it.
+    margin_px : float or (float, float)
+        How far beyond a corner still counts, px; negative: how clear of it. Two: at the leg's start
+        and at its end.
 
     Returns
     -------
     array of bool, shape (n,)
     """
-    margin = margin_px / print_.px_per_leg
-    low = -margin if leg > 0 else np.full_like(margin, -np.inf)
-    high = np.full_like(margin, np.inf) if leg in state.last_legs else 1 + margin
+    first, last = margin_px if isinstance(margin_px, tuple) else (margin_px, margin_px)
+    low = -first / print_.px_per_leg if leg > 0 else -np.inf
+    high = np.inf if leg in state.last_legs else 1.0 + last / print_.px_per_leg
     inside: NDArray[np.bool_] = (print_.fraction > low) & (print_.fraction < high)
     return inside
 
@@ -271,13 +276,17 @@ def roughly_on_leg(print_: Footprint, leg: int, state: PathState) -> NDArray[np.
 
 
 def _clear_of_corners(
-    print_: Footprint, leg: int, state: PathState, members: Indices | None
+    print_: Footprint,
+    leg: int,
+    state: PathState,
+    members: Indices | None,
+    clear_px: tuple[float, float],
 ) -> NDArray[np.bool_]:
     """True where a pixel's foot is on the leg and no corner is within the spot."""
-    clear = on_leg(print_, leg, state, margin_px=-CLEAR_OF_CORNER_PX)
+    clear = on_leg(print_, leg, state, margin_px=(-clear_px[0], -clear_px[1]))
     if members is None:
         return clear
-    beyond = ~on_leg(print_, leg, state, margin_px=CLEAR_OF_CORNER_PX)
+    beyond = ~on_leg(print_, leg, state, margin_px=clear_px)
     clear |= beyond & (members == leg)
     return clear
 

@@ -45,6 +45,12 @@ from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.picture import LegInPicture, arrival_curvature
 from lightflight.reconstruct.model.spot import SeenLine, seen_line
 from lightflight.reconstruct.model.strength import LOG_SPOT_RANGE, SpotAlong, span_of_knots
+from lightflight.reconstruct.model.thick_beam import (
+    BEAM_SHARES,
+    ThickFooting,
+    slant_of_leg,
+    thick_footing,
+)
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -79,6 +85,9 @@ class Light:
         How the spot of each leg differs from that of all; (): it does not.
     active_px : float
         Side of the pixels' active area, which makes that spot with the lens; 0: it is a Gaussian.
+    beam_share : float or None
+        Share of the spot's variance that is the beam's own thickness, which corners cut otherwise;
+        None: no corner is seen that would tell.
     """
 
     lines: tuple[LegInPicture, ...]
@@ -90,6 +99,7 @@ class Light:
     cut_ends: tuple[bool, ...] = (False, False)
     spots: tuple[SpotAlong, ...] = ()
     active_px: float = 0.0
+    beam_share: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +202,8 @@ class Layout:
         Shared errors of camera and medium.
     spot_starts : tuple of int
         First number of each leg's own spot; (): all legs have one.
+    beam : int or None
+        Place of the beam's share of the spot; None: it is not asked for.
     """
 
     n_free: int
@@ -200,6 +212,7 @@ class Layout:
     size: int
     n_shared: int = 0
     spot_starts: tuple[int, ...] = ()
+    beam: int | None = None
 
     @property
     def unit_priors(self) -> slice:
@@ -215,8 +228,9 @@ class Layout:
 
 
 def layout_of(n_free: int, n_modes: int, light: Light, n_shared: int = 0) -> Layout:
-    """Order of the parameters: path, modes, shared errors, splines and then spots leg by leg, and
-    last the log of the spot of all and of the pulse's std.
+    """Order of the parameters: path, modes, shared errors, splines and then spots leg by leg, the
+    beam's share of the spot where it is asked for, and last the log of the spot of all and of the
+    pulse's std.
 
     Parameters
     ----------
@@ -239,7 +253,10 @@ def layout_of(n_free: int, n_modes: int, light: Light, n_shared: int = 0) -> Lay
         starts.append(at)
         at += len(coefficients)
     spots = tuple(at + 3 * k for k in range(len(light.spots)))
-    return Layout(n_free, n_modes, tuple(starts), at + 3 * len(spots) + 2, n_shared, spots)
+    at += 3 * len(spots)
+    beam = None if light.beam_share is None else at
+    size = at + (beam is not None) + 2
+    return Layout(n_free, n_modes, tuple(starts), size, n_shared, spots, beam)
 
 
 def moved_light(light: Light, step: Floats, layout: Layout) -> Light:
@@ -266,10 +283,14 @@ def moved_light(light: Light, step: Floats, layout: Layout) -> Light:
         replace(spot, varies_ln=spot.varies_ln + np.clip(step[start : start + 3], -0.5, 0.5))
         for spot, start in zip(light.spots, layout.spot_starts, strict=True)
     )
+    share = light.beam_share
+    if share is not None and layout.beam is not None:
+        share = float(np.clip(share + step[layout.beam], *BEAM_SHARES))
     return replace(
         light,
         coefficients=coefficients,
         spots=spots,
+        beam_share=share,
         log_spot_px=float(np.clip(light.log_spot_px + step[-2], *LOG_SPOT_RANGE)),
         log_std_ps=float(light.log_std_ps + np.clip(step[-1], -0.5, 0.5)),
     )
@@ -362,6 +383,8 @@ class _SeenLeg:
         Where the footprint is cut.
     feet : Footing
         Moments of the footprint.
+    thick : ThickFooting or None
+        The same with what a thick beam adds; None: nothing is asked of it.
     """
 
     leg: int
@@ -374,6 +397,7 @@ class _SeenLeg:
     across: SeenLine
     corners: Corners
     feet: Footing
+    thick: ThickFooting | None
 
 
 def _seen_leg(
@@ -407,16 +431,22 @@ def _seen_leg(
     if light.spots:
         spot = spot * np.exp(light.spots[k].log_at(along))
         slope = slope + light.spots[k].growth_at(along) * (2.0 + (across / spot) ** 2)
-    feet = footing(
-        slope,
-        print_.slope_ps_per_px,
-        arrival_curvature(print_, state=state, camera=camera, medium=medium),
-        corners,
-        spot_px=spot,
-    )
+    curvature = arrival_curvature(print_, state=state, camera=camera, medium=medium)
+    of_leg = slope, print_.slope_ps_per_px, curvature, corners
+    thick = None
+    if light.beam_share is None:
+        feet = footing(*of_leg, spot_px=spot)
+    else:
+        thick = thick_footing(
+            *of_leg, slant_of_leg(state, k, camera),
+            spot_px=spot, across_px=across, share=light.beam_share,
+        )  # fmt: skip
+        feet = thick.feet
     heading = light.lines[k].heading_rad(along)
     seen = seen_line(across, spot, heading, active_px=light.active_px)
-    return _SeenLeg(k, print_, by_state, across, across_by_state, along, spot, seen, corners, feet)
+    return _SeenLeg(
+        k, print_, by_state, across, across_by_state, along, spot, seen, corners, feet, thick
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -525,6 +555,9 @@ def _fill_leg(
         by_growth[row] = by_slope * (2.0 + (across / spot) ** 2)
         by_spot[row] = scale * moment.by_log_spot - 2.0 * by_slope * growth * (across / spot) ** 2
         by_path[row] += (2.0 * by_slope * growth * across / spot**2)[:, np.newaxis] * slopes.across
+        if seen.thick is not None:
+            by_path[row] += (scale * seen.thick.by_across[row])[:, np.newaxis] * slopes.across
+            jacobian[here, at + row, layout.beam] = scale * seen.thick.by_share[row]
     by_spot[0] += seen.across.by_log_spot
     by_spot[1] += per_px * seen.across.ahead_by_log_spot
     by_path[0] += (seen.across.by_across + inwards)[:, np.newaxis] * slopes.across

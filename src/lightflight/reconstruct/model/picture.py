@@ -23,6 +23,7 @@ from lightflight.reconstruct.model.light import Diffuse
 from lightflight.reconstruct.model.line_problem import Halo, LineData
 from lightflight.reconstruct.model.sighting import Sighting, photons_at_times
 from lightflight.reconstruct.model.spread import WIDE_PX
+from lightflight.reconstruct.model.thick_beam import clear_of_corners_px
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -33,8 +34,6 @@ Bools = NDArray[np.bool_]
 PICTURE_REACH_PX = 3.2
 """Pixels this near to a leg's line share its light and are counted for it, px: eight stds of a
 usual spot, so that dark pixels beside the line tell how wide it is."""
-CLEAR_OF_CORNER_PX = 1.5
-"""Pixels this near to a corner in the picture belong to no one leg, px: both legs light them."""
 
 _BOW_DEGREE = 6
 """Of the polynomial that bows a leg's image: 1e-6 px from the image through a tank at 30 deg."""
@@ -48,6 +47,8 @@ _LEAST_BOWED_PX = 2.0
 """A shorter image is straight to 1e-3 px."""
 _USUAL_SPOT_PX = 0.4
 """Std of the spot in a picture that shows none of the path, px: of a usual lens."""
+_WIDER = 1.25
+"""A spot wider than a usual one by this is measured farther from corners."""
 _LEAST_PIXELS = 4
 """Fewer pixels than this do not say where a leg's line runs; on it within half a spot, places."""
 _ON_LINE_PX = 0.75
@@ -336,6 +337,51 @@ def measure_picture(
     if not state.seen:
         dark = (dark_line(_USUAL_SPOT_PX),) * state.n_legs
         return Picture(tuple(legs), dark, _USUAL_SPOT_PX)
+    counted = _counted(state, legs, sighting, camera, medium, std_ps, fine=fine)
+    # Scaled intensities do not scatter as photons do: of them nobody knows what is a pixel's own.
+    fine = fine and sighting.histograms.poisson
+
+    def measured(spot_px: float) -> Picture:
+        shown, data = _lines_told(state, legs, counted, camera, spot_px, may_miss)
+        # All legs at once, because they share the spot.
+        found = fit_lines(data, fine=fine, active_px=active_px) if data else []
+        spot = found[0].spot_std_px if found else _USUAL_SPOT_PX
+        fits = [dark_line(spot)] * len(shown)
+        told = (k for k in state.seen if not shown[k].dark)
+        for k, line in zip(told, found, strict=True):
+            fits[k] = line
+        return Picture(shown, tuple(fits), spot)
+
+    picture = measured(_USUAL_SPOT_PX)
+    if state.n_legs > 1 and picture.spot_std_px > _WIDER * _USUAL_SPOT_PX:
+        # The wider the spot, the farther from a corner is its light cut.
+        picture = measured(picture.spot_std_px)
+    return picture
+
+
+@dataclass(frozen=True, eq=False)
+class _Counted:
+    """What the counts hold of the n pixels near the legs; (n, L) each."""
+
+    pixels: _NearPixels
+    photons: Floats
+    empty: Floats
+    halo: Floats
+    blended: Bools
+    diffuse: Diffuse | None
+
+
+def _counted(
+    state: PathState,
+    legs: Sequence[LegInPicture],
+    sighting: Sighting,
+    camera: Camera,
+    medium: Medium,
+    std_ps: float,
+    *,
+    fine: bool,
+) -> _Counted:
+    """Photons of each leg in the pixels near it, and whose light is mixed with another's."""
     pixels = _pixels_near(legs, camera, sighting.blind)
     arrival, width = _times_of_legs(state, pixels, camera, medium, std_ps)
     photons, empty, _ = photons_at_times(sighting, pixels.rows, pixels.cols, arrival, width)
@@ -344,18 +390,29 @@ def measure_picture(
         # A halo is as bright as the line that it is of: what it adds says how bright that is.
         diffuse = sighting.diffuse
         bare = replace(sighting, diffuse=diffuse.without_halo())
-        counted, empty, _ = photons_at_times(bare, pixels.rows, pixels.cols, arrival, width)
-        halo = np.maximum(counted - photons, 0.0)
-    blended = _blended(arrival, width)
-    told, data = [], []
+        bright, empty, _ = photons_at_times(bare, pixels.rows, pixels.cols, arrival, width)
+        halo = np.maximum(bright - photons, 0.0)
+    return _Counted(pixels, photons, empty, halo, _blended(arrival, width), diffuse)
+
+
+def _lines_told(
+    state: PathState,
+    legs: Sequence[LegInPicture],
+    counted: _Counted,
+    camera: Camera,
+    spot_px: float,
+    may_miss: Collection[int],
+) -> tuple[tuple[LegInPicture, ...], list[LineData]]:
+    """Legs of which the pixels tell a line, the others dark, and those pixels leg by leg."""
+    shown, data, pixels = list(legs), [], counted.pixels
     for k in state.seen:
-        margin = _corner_margin(legs[k], k, state)
+        margin = _corner_margin(legs[k], k, state, camera, spot_px)
         clear = (pixels.along[:, k] > margin[0]) & (pixels.along[:, k] < margin[1])
-        seen = pixels.near[:, k] & np.isfinite(empty[:, k])
-        own = seen & ~blended[:, k]
+        seen = pixels.near[:, k] & np.isfinite(counted.empty[:, k])
+        own = seen & ~counted.blended[:, k]
         on_line = own & clear & (np.abs(pixels.across[:, k]) < _ON_LINE_PX)
         if k in may_miss and len(np.unique(np.rint(pixels.along[on_line, k]))) < _LEAST_PIXELS:
-            legs[k] = DARK_LEG
+            shown[k] = DARK_LEG
             continue
         # A leg of few pixels takes those it shares as well: better a rough line than none.
         use = next((some for some in (own & clear, own, seen) if some.sum() >= _LEAST_PIXELS), own)
@@ -366,28 +423,19 @@ def measure_picture(
             )
         of_bend = sum(bend.orders for bend in state.bends if bend.leg == k)
         places = pixels.along[use, k], pixels.across[use, k]
-        told.append(k)
         spread = (
             None
-            if diffuse is None
-            else _halo_of_leg(diffuse, k, legs[k], camera, places, halo[use, k])
+            if counted.diffuse is None
+            else _halo_of_leg(counted.diffuse, k, legs[k], camera, places, counted.halo[use, k])
         )
-        counted_there = photons[use, k] + (0.0 if spread is None else spread.photons)
+        photons = counted.photons[use, k] + (0.0 if spread is None else spread.photons)
         data.append(
             LineData(
-                *places, counted_there, empty[use, k], n_offsets=2 + of_bend,
+                *places, photons, counted.empty[use, k], n_offsets=2 + of_bend,
                 heading_rad=legs[k].heading_rad(places[0]), halo=spread,
             )
         )  # fmt: skip
-    # All legs at once, because they share the spot. Scaled intensities do not scatter as photons
-    # do: of them nobody knows what is a pixel's own.
-    fine = fine and sighting.histograms.poisson
-    found = fit_lines(data, fine=fine, active_px=active_px) if data else []
-    spot = found[0].spot_std_px if found else _USUAL_SPOT_PX
-    fits = [dark_line(spot)] * len(legs)
-    for k, line in zip(told, found, strict=True):
-        fits[k] = line
-    return Picture(tuple(legs), tuple(fits), spot)
+    return tuple(shown), data
 
 
 def _times_of_legs(
@@ -460,12 +508,15 @@ def lit_by_legs(legs: tuple[LegInPicture, ...], points_px: Floats, *, spot_px: f
     return near
 
 
-def _corner_margin(leg: LegInPicture, k: int, state: PathState) -> tuple[float, float]:
+def _corner_margin(
+    leg: LegInPicture, k: int, state: PathState, camera: Camera, spot_px: float
+) -> tuple[float, float]:
     """Span without the neighbourhood of corners, where two legs share the pixels."""
     first, last = leg.span_px
+    before, after = clear_of_corners_px(state, k, camera, spot_px)
     return (
-        first + (CLEAR_OF_CORNER_PX if k > 0 else 0.0),
-        last - (0.0 if k in state.last_legs else CLEAR_OF_CORNER_PX),
+        first + (before if k > 0 else 0.0),
+        last - (0.0 if k in state.last_legs else after),
     )
 
 

@@ -1,0 +1,294 @@
+"""A beam that is thick: how mirrors and apertures cut it, and what a pixel then sees of a leg.
+
+The spot of a leg is made by the lens and by the beam's own thickness. Away from corners the two look
+alike. At a corner they do not: the lens blurs the end of a thin beam alike in all directions, and a
+mirror cuts a thick one along its own plane, aslant, the more so the more grazing it is. One owner
+for that cut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.reconstruct.model.footing import Corners, Footing, Moment, footing
+from lightflight.reconstruct.model.geometry import PathState
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+
+Floats = NDArray[np.float64]
+
+BEAM_SHARE_STD = 0.5
+"""Of the spot's variance, what of it is the beam's; about none: a usual beam is a millimetre thick,
+a usual pixel sees several, but nobody is surprised by a beam that makes all of the spot."""
+BEAM_SHARES = (-0.3, 0.95)
+"""Shares of the spot's variance that a fit may try. Where there is no such beam half of all
+recordings ask for less than none; some of the spot is always the lens'."""
+
+CLEAR_OF_CORNER_PX = 1.5
+"""Pixels this near to a corner in the picture belong to no one leg, px: both legs light them."""
+_CLEAR_STDS = 3.0
+"""The same in standard deviations of the place where a mirror cuts a thick beam: there 0.4 % of one
+are left of the shift of the mean time."""
+
+_GRAZING = 0.1
+"""Sine of the least angle between beam and mirror that is believed: what turns light by less is a
+mirror of metres, or none."""
+_LEAST_CUT = 0.1
+"""Of the spot's variance, that of a cut at least: one that is sharper cannot be told."""
+_STEP = 0.02
+"""Of the derivative by the beam's share."""
+
+
+@dataclass(frozen=True, eq=False)
+class Slant:
+    """How the ends of a leg cut a thick beam; `before` and `after` it.
+
+    Attributes
+    ----------
+    leans : (float, float)
+        By how much light goes on longer, px along the leg's image per px to its right.
+    deepens : (float, float)
+        The same per px away from the flight in depth, towards the camera; 1 is as the lens blurs.
+    towards : (float, float)
+        Cosine of the angle between the flight and the way to the camera.
+    """
+
+    leans: tuple[float, float]
+    deepens: tuple[float, float]
+    towards: tuple[float, float]
+
+
+def slant_of_leg(state: PathState, leg: int, camera: Camera) -> Slant:
+    r"""How mirrors at both ends of a leg cut it, as a camera sees it.
+
+    Light at the place a right of the flight and c before it, across it in the plane of flight and
+    camera, meets a mirror of normal m after :math:`-(a\,m e_a + c\,m e_c) / m d` more of its way.
+    Where a path begins or ends the cut is square to the flight.
+
+    Parameters
+    ----------
+    state : PathState
+        The path.
+    leg : int
+        One that a picture shows.
+    camera : Camera
+        The camera that sees it.
+    """
+    found = []
+    for vertex, place in ((int(state.leg_starts[leg]), 0.0), (leg + 1, 1.0)):
+        flight = _unit(state.tangents_mm(leg, np.array([place]))[0])
+        corner = state.vertices_mm[vertex]
+        back = camera.way_back(corner[np.newaxis], return_group_index=1.0)
+        to_camera = _unit(-back.optical_by_point[0])
+        cos = float(flight @ to_camera)
+        sin = max(float(np.sqrt(max(1.0 - cos**2, 0.0))), 1e-6)
+        right = np.cross(flight, to_camera) / sin
+        # A picture that is shown mirrored has its right on the other side.
+        shown = np.nan_to_num(camera.pixel_jacobian(corner))
+        (row_ahead, col_ahead), (row_right, col_right) = shown @ flight, shown @ right
+        side = 1.0 if row_right * col_ahead - col_right * row_ahead >= 0.0 else -1.0
+        before_it = (to_camera - cos * flight) / sin
+        normal = _mirror(state, vertex)
+        ahead = float(normal @ flight)
+        if not normal.any():
+            lean, deep = 0.0, 0.0
+        else:
+            ahead = float(np.copysign(max(abs(ahead), _GRAZING), ahead))
+            lean, deep = -side * float(normal @ right) / ahead, -float(normal @ before_it) / ahead
+        found.append((sin * lean, sin * deep - cos, cos))
+    (lean, deep, cos), (lean_after, deep_after, cos_after) = found
+    return Slant((lean, lean_after), (deep, deep_after), (cos, cos_after))
+
+
+def _unit(vector: Floats) -> Floats:
+    return vector / max(float(np.linalg.norm(vector)), 1e-12)
+
+
+def _mirror(state: PathState, vertex: int) -> Floats:
+    """(3,), unit normal of the mirror at a vertex; zeros where a path begins or ends."""
+    leaving = [k for k in range(state.n_legs) if state.leg_starts[k] == vertex]
+    if vertex == 0 or not leaving:
+        return np.zeros(3)
+    into = _unit(state.tangents_mm(vertex - 1, np.ones(1))[0])
+    turns = [_unit(state.tangents_mm(k, np.zeros(1))[0]) - into for k in leaving]
+    # Of the arms of a splitter one goes straight on: the other shows the plane.
+    turn = max(turns, key=lambda each: float(each @ each))
+    return _unit(turn)
+
+
+def clear_of_corners_px(
+    state: PathState, leg: int, camera: Camera, spot_px: float
+) -> tuple[float, float]:
+    """How near to the corners at its start and at its end a leg's light may be cut, px.
+
+    Parameters
+    ----------
+    state : PathState
+        The path.
+    leg : int
+        One that a picture shows.
+    camera : Camera
+        The camera that sees it.
+    spot_px : float
+        Standard deviation of the spot, px.
+    """
+    if state.n_legs == 1:
+        return CLEAR_OF_CORNER_PX, CLEAR_OF_CORNER_PX
+    slant = slant_of_leg(state, leg, camera)
+    ends = np.array(camera.pixels_from_points(state.points_mm(leg, np.array([0.0, 1.0]))))
+    long_px = float(np.nan_to_num(np.linalg.norm(ends[:, 1] - ends[:, 0])))
+    # A short leg is left half of its light.
+    most = max(CLEAR_OF_CORNER_PX, 0.25 * long_px)
+    stds = (
+        np.sqrt(_cut_variance(lean, deep, BEAM_SHARE_STD))
+        for lean, deep in zip(slant.leans, slant.deepens, strict=True)
+    )
+    first, last = (min(most, max(CLEAR_OF_CORNER_PX, _CLEAR_STDS * spot_px * std)) for std in stds)
+    return float(first), float(last)
+
+
+def _cut_variance(lean: Floats | float, deep: Floats | float, share: float) -> Floats | float:
+    """Of the place along the leg at which light is cut, over the spot's variance."""
+    return 1.0 - share + share * (lean**2 * (1.0 - share) + deep**2)
+
+
+@dataclass(frozen=True, eq=False)
+class ThickFooting:
+    """Moments of the footprints on a leg of a thick beam; each of (n,).
+
+    Attributes
+    ----------
+    feet : Footing
+        The moments, as of a thin beam.
+    by_across : tuple of array of float
+        Of log share, time and variance, by the distance of a pixel from the leg, per px.
+    by_share : tuple of array of float
+        By the beam's share of the spot's variance.
+    """
+
+    feet: Footing
+    by_across: tuple[Floats, Floats, Floats]
+    by_share: tuple[Floats, Floats, Floats]
+
+
+def thick_footing(
+    log_slope: Floats,
+    time_slope: Floats,
+    time_curvature: Floats,
+    corners: Corners,
+    slant: Slant,
+    *,
+    spot_px: Floats,
+    across_px: Floats,
+    share: float,
+) -> ThickFooting:
+    r"""`footing` under a spot of which the beam's own thickness makes a share of the variance.
+
+    Parameters
+    ----------
+    log_slope, time_slope, time_curvature, corners
+        As for `footing`.
+    slant : Slant
+        How the leg's ends cut it.
+    spot_px : array of float, shape (n,)
+        Standard deviation of the spot, px.
+    across_px : array of float, shape (n,)
+        Distance of the pixels from the leg, to its right, px.
+    share : float
+        Of the spot's variance.
+
+    Returns
+    -------
+    ThickFooting
+
+    Notes
+    -----
+    Of spot variance v the share :math:`\beta` is the beam's. The light of a pixel y right of the leg
+    comes from :math:`\xi` ahead of its foot by the lens, :math:`(1 - \beta) v`, from a to the right,
+    :math:`N(\beta y, \beta (1 - \beta) v)`, and from c before the flight, :math:`\beta v`; it is
+    late by :math:`t'(\xi - c)`, and there where :math:`q = \xi - A a - K c` is short of the corner.
+    What hangs on q is a footprint of its spread cut at the corner, the rest is not cut.
+    """
+    thin = _moments(
+        log_slope, time_slope, time_curvature, corners, slant, spot_px, across_px, share
+    )
+    more = _moments(
+        log_slope, time_slope, time_curvature, corners, slant, spot_px, across_px, share + _STEP
+    )
+    lean, *_ = _at_nearest(corners, slant)
+
+    def moments(feet: Footing) -> tuple[Moment, Moment, Moment]:
+        return feet.log_share, feet.offset_ps, feet.variance_ps2
+
+    by_share = [
+        (there.value - here.value) / _STEP
+        for here, there in zip(moments(thin), moments(more), strict=True)
+    ]
+    # To the right the corner lies farther.
+    by_across = [share * lean * (each.by_before + each.by_after) for each in moments(thin)]
+    return ThickFooting(thin, (by_across[0], by_across[1], by_across[2]), tuple(by_share))
+
+
+def _at_nearest(corners: Corners, slant: Slant) -> tuple[Floats, Floats, Floats]:
+    """Lean, depth and cosine (n,) of the corner that is nearer to each pixel."""
+    first = np.abs(corners.before) <= np.abs(corners.after)
+    lean, deep, cos = (
+        np.where(first, *each) for each in (slant.leans, slant.deepens, slant.towards)
+    )
+    return lean, deep, cos
+
+
+def _moments(
+    log_slope: Floats,
+    time_slope: Floats,
+    time_curvature: Floats,
+    corners: Corners,
+    slant: Slant,
+    spot_px: Floats,
+    across_px: Floats,
+    share: float,
+) -> Footing:
+    """The moments for one share; their derivatives at a fixed one."""
+    lean, deep, cos = _at_nearest(corners, slant)
+    # Variances and covariances of cut q, time in px and place along the leg, over the spot's.
+    cut = np.maximum(_cut_variance(lean, deep, share), _LEAST_CUT)
+    time_cut, time_place = 1.0 - share + share * deep, 1.0 - share - share * cos
+    place_cut = 1.0 - share - share * deep * cos
+    moved = share * lean * across_px
+    shifted = Corners(
+        corners.before + moved, corners.after + moved,
+        corners.before_by_state, corners.after_by_state,
+    )  # fmt: skip
+    variance = spot_px**2
+    feet = footing(
+        log_slope * place_cut / cut, time_slope * time_cut / cut, time_curvature, shifted,
+        spot_px=np.sqrt(cut) * spot_px,
+    )  # fmt: skip
+    # What of time and place does not hang on the cut.
+    uneven = variance * time_slope * (time_place - time_cut * place_cut / cut)
+    bowed = 0.5 * time_curvature * variance * (1.0 - cut)
+    spread = variance * time_slope**2 * np.maximum(1.0 - time_cut**2 / cut, 0.0)
+    by_slope = place_cut / cut
+    share_, offset, width = feet.log_share, feet.offset_ps, feet.variance_ps2
+    none = np.zeros_like(spot_px)
+    return Footing(
+        _more(share_, none, none, by_slope),
+        _more(offset, log_slope * uneven + bowed, uneven, by_slope),
+        _more(width, spread, none, by_slope),
+    )
+
+
+def _more(moment: Moment, value: Floats, by_slope: Floats, factor: Floats) -> Moment:
+    """A moment and what is not cut, which grows with the spot's variance."""
+    return Moment(
+        moment.value + value,
+        factor * moment.by_slope + by_slope,
+        moment.by_log_spot + 2.0 * value,
+        moment.by_before,
+        moment.by_after,
+    )
