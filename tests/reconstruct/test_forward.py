@@ -23,8 +23,8 @@ from lightflight.reconstruct.model.forward import (
 )
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.leg_in_picture import leg_in_picture
 from lightflight.reconstruct.model.likelihood import likelihood
-from lightflight.reconstruct.model.picture import leg_in_picture
 from lightflight.reconstruct.model.strength import SpotAlong
 
 CAMERA = Camera.facing_plane((12, 16), distance_mm=535.0, field_of_view_mm=(122.5, 91.9))

@@ -41,19 +41,15 @@ from lightflight.reconstruct.model.geometry import (
 )
 from lightflight.reconstruct.model.glass import beside_glass
 from lightflight.reconstruct.model.image_plane import inside_edges_px, undistorted_px
+from lightflight.reconstruct.model.leg_in_picture import LegInPicture, leg_in_picture, lit_by_legs
 from lightflight.reconstruct.model.light import Diffuse
-from lightflight.reconstruct.model.picture import (
-    LegInPicture,
-    Picture,
-    leg_in_picture,
-    lit_by_legs,
-    measure_picture,
-)
+from lightflight.reconstruct.model.picture import Picture, measure_picture
 from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting, clock_errors, pixel_counts
 from lightflight.reconstruct.model.strength import span_of_knots, strength_spline
+from lightflight.reconstruct.model.thick_beam import clear_of_corners_px
 from lightflight.timing.pulses.pile_up import open_share_of
 
 if TYPE_CHECKING:
@@ -287,7 +283,12 @@ def pixels_near_path(
     rows, cols = (index.ravel() for index in np.indices(camera.shape))
     points = undistorted_px(camera, rows, cols)
     # Pixels beyond reach would only add background, which tells nothing of the path.
-    near = lit_by_legs(light.lines, points, spot_px=float(np.exp(light.log_spot_px)))
+    spot_px, beyond_px = float(np.exp(light.log_spot_px)), None
+    if light.beam_share is not None:
+        beyond_px = [
+            clear_of_corners_px(state, k, camera, spot_px) for k in range(len(light.lines))
+        ]
+    near = lit_by_legs(light.lines, points, spot_px=spot_px, beyond_px=beyond_px)
     keep = near.any(axis=1) & ~sighting.blind.ravel()
     rows, cols, near, points = rows[keep], cols[keep], near[keep], points[keep]
     timing = sighting.timing

@@ -6,12 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from lightflight.reconstruct.model.geometry import PathState
-from lightflight.reconstruct.model.picture import (
-    Picture,
-    crosses_picture,
-    leg_in_picture,
-    measure_picture,
-)
+from lightflight.reconstruct.model.leg_in_picture import crosses_picture, leg_in_picture
+from lightflight.reconstruct.model.picture import Picture, measure_picture
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 

@@ -22,7 +22,7 @@ from scipy.linalg import cho_solve, solve_triangular
 from lightflight.reconstruct.model.geometry import Footprint, Indices, footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.lateral import LineFit
-from lightflight.reconstruct.model.picture import LegInPicture
+from lightflight.reconstruct.model.leg_in_picture import LegInPicture
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.strength import KNOT_SPACING_PX, span_of_knots

@@ -21,7 +21,7 @@ from lightflight.reconstruct.model.forward import (
 from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.glass import looks_at_blocks
 from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
-from lightflight.reconstruct.model.picture import (
+from lightflight.reconstruct.model.leg_in_picture import (
     DARK_LEG,
     LegInPicture,
     leg_in_picture,

@@ -40,9 +40,10 @@ from lightflight.reconstruct.model.geometry import (
     arrival_jacobian,
 )
 from lightflight.reconstruct.model.image_plane import mean_focal_px
+from lightflight.reconstruct.model.leg_in_picture import LegInPicture
 from lightflight.reconstruct.model.nudges import Nudges
 from lightflight.reconstruct.model.offsets import line_offsets
-from lightflight.reconstruct.model.picture import LegInPicture, arrival_curvature
+from lightflight.reconstruct.model.picture import arrival_curvature
 from lightflight.reconstruct.model.spot import SeenLine, seen_line
 from lightflight.reconstruct.model.strength import LOG_SPOT_RANGE, SpotAlong, span_of_knots
 from lightflight.reconstruct.model.thick_beam import (

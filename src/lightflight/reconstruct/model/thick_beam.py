@@ -1,9 +1,9 @@
 """A beam that is thick: how mirrors and apertures cut it, and what a pixel then sees of a leg.
 
-The spot of a leg is made by the lens and by the beam's own thickness. Away from corners the two look
-alike. At a corner they do not: the lens blurs the end of a thin beam alike in all directions, and a
-mirror cuts a thick one along its own plane, aslant, the more so the more grazing it is. One owner
-for that cut.
+The spot of a leg is made by the lens and by the beam's own thickness. Away from corners the two
+look alike. At a corner they do not: the lens blurs the end of a thin beam alike in all directions,
+and a mirror cuts a thick one along its own plane, aslant, the more so the more grazing it is. One
+owner for that cut.
 """
 
 from __future__ import annotations
@@ -144,17 +144,15 @@ def clear_of_corners_px(
     long_px = float(np.nan_to_num(np.linalg.norm(ends[:, 1] - ends[:, 0])))
     # A short leg is left half of its light.
     most = max(CLEAR_OF_CORNER_PX, 0.25 * long_px)
-    stds = (
-        np.sqrt(_cut_variance(lean, deep, BEAM_SHARE_STD))
-        for lean, deep in zip(slant.leans, slant.deepens, strict=True)
-    )
-    first, last = (min(most, max(CLEAR_OF_CORNER_PX, _CLEAR_STDS * spot_px * std)) for std in stds)
+    variance = _cut_variance(np.array(slant.leans), np.array(slant.deepens), BEAM_SHARE_STD)
+    first, last = np.clip(_CLEAR_STDS * spot_px * np.sqrt(variance), CLEAR_OF_CORNER_PX, most)
     return float(first), float(last)
 
 
-def _cut_variance(lean: Floats | float, deep: Floats | float, share: float) -> Floats | float:
+def _cut_variance(lean: Floats, deep: Floats, share: float) -> Floats:
     """Of the place along the leg at which light is cut, over the spot's variance."""
-    return 1.0 - share + share * (lean**2 * (1.0 - share) + deep**2)
+    variance: Floats = 1.0 - share + share * (lean**2 * (1.0 - share) + deep**2)
+    return variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,12 +166,12 @@ class ThickFooting:
     by_across : tuple of array of float
         Of log share, time and variance, by the distance of a pixel from the leg, per px.
     by_share : tuple of array of float
-        By the beam's share of the spot's variance.
+        Of the same three, by the beam's share of the spot's variance.
     """
 
     feet: Footing
-    by_across: tuple[Floats, Floats, Floats]
-    by_share: tuple[Floats, Floats, Floats]
+    by_across: tuple[Floats, ...]
+    by_share: tuple[Floats, ...]
 
 
 def thick_footing(
@@ -208,18 +206,15 @@ def thick_footing(
 
     Notes
     -----
-    Of spot variance v the share :math:`\beta` is the beam's. The light of a pixel y right of the leg
-    comes from :math:`\xi` ahead of its foot by the lens, :math:`(1 - \beta) v`, from a to the right,
-    :math:`N(\beta y, \beta (1 - \beta) v)`, and from c before the flight, :math:`\beta v`; it is
-    late by :math:`t'(\xi - c)`, and there where :math:`q = \xi - A a - K c` is short of the corner.
-    What hangs on q is a footprint of its spread cut at the corner, the rest is not cut.
+    Of spot variance v the share :math:`\beta` is the beam's. The light of a pixel y right of the
+    leg comes from :math:`\xi` ahead of its foot by the lens, of variance :math:`(1 - \beta) v`,
+    from a to the right, about :math:`\beta y` by :math:`\beta (1 - \beta) v`, and from c towards
+    the camera by :math:`\beta v`. It is late by :math:`t'(\xi - c)`, and is there where
+    :math:`q = \xi - A a - K c` is short of the corner. What hangs on q is a footprint of its spread
+    cut at the corner; the rest is not cut.
     """
-    thin = _moments(
-        log_slope, time_slope, time_curvature, corners, slant, spot_px, across_px, share
-    )
-    more = _moments(
-        log_slope, time_slope, time_curvature, corners, slant, spot_px, across_px, share + _STEP
-    )
+    told = log_slope, time_slope, time_curvature, corners, slant, spot_px, across_px
+    feet, more = _moments(*told, share), _moments(*told, share + _STEP)
     lean, *_ = _at_nearest(corners, slant)
 
     def moments(feet: Footing) -> tuple[Moment, Moment, Moment]:
@@ -227,11 +222,11 @@ def thick_footing(
 
     by_share = [
         (there.value - here.value) / _STEP
-        for here, there in zip(moments(thin), moments(more), strict=True)
+        for here, there in zip(moments(feet), moments(more), strict=True)
     ]
     # To the right the corner lies farther.
-    by_across = [share * lean * (each.by_before + each.by_after) for each in moments(thin)]
-    return ThickFooting(thin, (by_across[0], by_across[1], by_across[2]), tuple(by_share))
+    by_across = [share * lean * (each.by_before + each.by_after) for each in moments(feet)]
+    return ThickFooting(feet, tuple(by_across), tuple(by_share))
 
 
 def _at_nearest(corners: Corners, slant: Slant) -> tuple[Floats, Floats, Floats]:
