@@ -159,18 +159,20 @@ class TestShared:
     """Derivatives by the path, the light and the clock, through the pixels' own nuisances."""
 
     @pytest.mark.parametrize(
-        ("state", "slope", "growing", "active"),
+        ("state", "slope", "growing", "active", "beam"),
         [
-            (CORNER, 0.03, 0.0, 0.0),
-            (CORNER, 0.2, 0.0, 0.0),
-            (STEEP, 0.03, 0.0, 0.0),
-            (ASIDE, 0.2, 0.0, 0.0),
-            (CORNER, 0.1, 0.3, 0.0),
-            (CORNER, 0.1, 0.0, 1.0),
-            (ASIDE, 0.1, 0.3, 0.9),
+            (CORNER, 0.03, 0.0, 0.0, None),
+            (CORNER, 0.2, 0.0, 0.0, None),
+            (STEEP, 0.03, 0.0, 0.0, None),
+            (ASIDE, 0.2, 0.0, 0.0, None),
+            (CORNER, 0.1, 0.3, 0.0, None),
+            (CORNER, 0.1, 0.0, 1.0, None),
+            (ASIDE, 0.1, 0.3, 0.9, None),
+            (CORNER, 0.1, 0.0, 0.0, 0.5),
+            (ASIDE, 0.1, 0.3, 0.9, 0.0),
         ],
     )
-    def test_score_is_the_slope_of_the_value(self, state, slope, growing, active):
+    def test_score_is_the_slope_of_the_value(self, state, slope, growing, active, beam):
         """Pixels' nuisances follow a step as `nuisance_gain` says; the slope along that way is the
         efficient score. In standard errors of each parameter alone; corners in view included."""
         light, pixels = scene_of(state, slope=slope, pixel_std=2.0, scatter=0.1, n_modes=2)
@@ -178,7 +180,7 @@ class TestShared:
             varies = np.array([-growing, growing, 0.3 * growing])
             spots = tuple(SpotAlong(np.array([-6.0, 6.0]), varies) for _ in light.lines)
             light = replace(light, spots=spots)
-        light = replace(light, active_px=active)
+        light = replace(light, active_px=active, beam_share=beam)
         model = Model(state, light, pixels, seed=1)
         found = model.at()
         error = 1.0 / np.sqrt(np.diag(found.information) + 1e-12)

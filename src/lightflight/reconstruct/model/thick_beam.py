@@ -40,7 +40,7 @@ _GRAZING = 0.1
 mirror of metres, or none."""
 _LEAST_CUT = 0.1
 """Of the spot's variance, that of a cut at least: one that is sharper cannot be told."""
-_STEP = 0.02
+_STEP = 1e-4
 """Of the derivative by the beam's share."""
 
 
