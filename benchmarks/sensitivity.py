@@ -65,8 +65,9 @@ TOGETHER = {
         "unclaimed.EXPLAINED_REACH_PX", "unclaimed.EXPLAINED_REACH_SPOTS",
     ),
     "how clear of corners and tips": (
-        "picture.CLEAR_OF_CORNER_PX", "membership._TIP_PX", "counts._AT_TIP_PX",
-        "bend.BEND_FROM_CORNER_PX", "curves._KINK_FROM_END_PX",
+        "thick_beam.CLEAR_OF_CORNER_PX", "thick_beam._CLEAR_STDS", "leg_in_picture._BEYOND_PX",
+        "membership._TIP_PX", "counts._AT_TIP_PX", "bend.BEND_FROM_CORNER_PX",
+        "curves._KINK_FROM_END_PX",
     ),
     "where a fit ends": (
         "information._TOLERANCE", "information._TINY", "climb._LEVEL", "joint._STILL",

@@ -1,9 +1,10 @@
-"""Beams as thick as a pixel, turned by mirrors in view, by an oracle that shares no line with us.
+"""Beams turned by mirrors in view: thick ones, bright and hidden mirrors, by an oracle of its own.
 
     python benchmarks/thick_beams.py                        # 12 recordings a cell, both methods
     python benchmarks/thick_beams.py --runs 40 --methods joint --only "2 mm"
 
-A path of two legs whose corner is in the picture (`tests/oracles/thick_beam.py`). Source and
+A path of two legs whose corner is in the picture (`tests/oracles/thick_beam.py`, which shares no
+line with the package); beams by their standard deviation, seen by pixels of 8 mm. Source and
 emission time are told, the number of legs is not. Printed: recordings with the right number of
 legs, rms error of the corner, mm, rms pull of what its covariance leaves independent with its 95 %
 interval (bootstrap), and verdicts.
@@ -35,6 +36,9 @@ WORLDS = {
     "1 mm, 64 x 64": ThickBeam(1.0, pixels=64, photons=10_000.0),
     "2 mm, 64 x 64": ThickBeam(2.0, pixels=64, photons=10_000.0),
     "4 mm": ThickBeam(4.0),
+    "bright mirror, 10": ThickBeam(0.7, photons=10_000.0, glint=10.0),
+    "bright mirror, 100": ThickBeam(0.7, photons=10_000.0, glint=100.0),
+    "hidden mirror, 12 mm": ThickBeam(0.7, photons=10_000.0, hidden_mm=12.0),
 }
 
 

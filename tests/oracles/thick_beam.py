@@ -48,6 +48,11 @@ class ThickBeam:
         Standard deviation of the lens' own spot, px.
     active : float
         Side of the pixels' active areas, pitches.
+    glint : float
+        Light that the mirrors scatter themselves where the beam meets them, over what a pixel's
+        breadth of the beam scatters.
+    hidden_mm : float
+        Light this near to a corner is hidden, mm: by the mirror's mount.
     """
 
     beam_mm: float
@@ -56,6 +61,8 @@ class ThickBeam:
     shape: str = "gauss"
     lens_px: float = 0.3
     active: float = 0.5
+    glint: float = 0.0
+    hidden_mm: float = 0.0
 
 
 _AT_ONCE = 1_000_000
@@ -128,7 +135,25 @@ def _scattered(
         if k + 1 < len(flights):
             there &= (places - vertices[k + 1]) @ (flights[k + 1] - flight) > 0.0
         parts.append((places[there], begun[k] + INDEX * along[there] / SPEED))
+    per_mm = n / float((last - first).sum())
+    lit = int(beam.glint * per_mm * 2.0 * HALF_FIELD * EYE[2] / beam.pixels)
+    for k in range(1, len(flights)):
+        parts = [_not_hidden(vertices[k], beam, *part) for part in parts]
+    for k in range(1, len(flights)):
+        normal = flights[k] - flights[k - 1]
+        beside = beam.beam_mm * rng.normal(size=(lit, 3))
+        # On the mirror, where the flat front meets it.
+        beside -= np.outer(beside @ normal / (normal @ normal), normal)
+        parts.append((vertices[k] + beside, begun[k] + INDEX * (beside @ flights[k]) / SPEED))
     return np.concatenate([p for p, _ in parts]), np.concatenate([t for _, t in parts])
+
+
+def _not_hidden(
+    corner: Floats, beam: ThickBeam, places: Floats, times: Floats
+) -> tuple[Floats, Floats]:
+    """Of the light about a corner what its mount leaves."""
+    seen = np.linalg.norm(places - corner, axis=1) >= beam.hidden_mm
+    return places[seen], times[seen]
 
 
 def _in_view(vertices: Floats, beam: ThickBeam, spare: Floats) -> tuple[Floats, Floats]:

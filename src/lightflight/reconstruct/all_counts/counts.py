@@ -16,6 +16,7 @@ from scipy.interpolate import BSpline
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path.light_path import LightPath
 from lightflight.reconstruct.all_counts.climb import Climb, View, uneven_pixels
+from lightflight.reconstruct.all_counts.corners import pixels_of_uneven_corners
 from lightflight.reconstruct.all_counts.strangers import (
     counts_of_pulses,
     further_pulses,
@@ -532,8 +533,15 @@ def with_uneven(counts: list[Counts], ended: Climb) -> tuple[list[Counts], bool]
     for own, view, at, told in zip(counts, ended.views, ended.points, ended.told, strict=True):
         found = uneven_pixels(view, at, told)
         new |= bool((found & ~view.uneven).any())
-        uneven = own.uneven.copy()
-        uneven[view.pixels.rows, view.pixels.cols] |= found
+        rows, cols = view.pixels.rows, view.pixels.cols
+        uneven, near = own.uneven.copy(), np.zeros_like(own.uneven)
+        uneven[rows, cols] |= found
+        near[rows, cols] = view.pixels.near
+        corners = pixels_of_uneven_corners(
+            uneven, near, ended.state, ended.seen.at(view.number).camera,
+            float(np.exp(at.light.log_spot_px)),
+        )  # fmt: skip
+        whole = replace(own.whole, blind=own.whole.blind | corners)
         std_ps = float(np.exp(at.light.log_std_ps))
-        after.append(Counts(own.whole, std_ps, uneven, own.active_px))
+        after.append(Counts(whole, std_ps, uneven, own.active_px))
     return after, new

@@ -1,0 +1,70 @@
+"""Corners whose own light is none of the legs': what a mirror scatters, what its mount hides.
+
+A beam that meets a mirror in view lights it, often brighter than all of the leg, and mounts and
+edges hide light there. What pixels about such a corner count is no cut leg, and says nothing of
+the path.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.thick_beam import clear_of_corners_px
+
+if TYPE_CHECKING:
+    from lightflight.camera.model import Camera
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+_AROUND_PX = 1.5
+"""Uneven pixels this far beyond the reach of a corner belong to it, px: wings of a bright one, and
+where the brightness of the leg went astray beside it."""
+_KEPT = 0.5
+"""Share of the pixels of each of its legs that a corner leaves, or it stays."""
+
+
+def pixels_of_uneven_corners(
+    uneven: Bools, near: Bools, state: PathState, camera: Camera, spot_px: float
+) -> Bools:
+    """Pixels about corners of which one counts other than its legs' light.
+
+    Parameters
+    ----------
+    uneven : array of bool, shape (rows, cols, L)
+        True where a pixel's light departs from its leg's.
+    near : array of bool, shape (rows, cols, L)
+        True where a leg's light reaches a pixel that takes part.
+    state : PathState
+        The path.
+    camera : Camera
+        The camera that sees it.
+    spot_px : float
+        Standard deviation of the spot, px.
+
+    Returns
+    -------
+    array of bool, shape (rows, cols)
+        True in pixels to be left out.
+    """
+    left_out = np.zeros(uneven.shape[:2], dtype=bool)
+    rows, cols = np.indices(left_out.shape)
+    for corner in state.corners_seen:
+        legs = [k for k in state.seen if corner in (k + 1, state.leg_starts[k])]
+        row, col = camera.pixels_from_points(state.vertices_mm[corner])
+        away = np.hypot(rows - row, cols - col)
+        reach = max(
+            clear_of_corners_px(state, k, camera, spot_px)[1 if corner == k + 1 else 0]
+            for k in legs
+        )
+        own = away[uneven[:, :, legs].any(axis=2) & (away < reach + _AROUND_PX)]
+        if not len(own):
+            continue
+        about = away < max(reach, own.max() + 0.5)
+        if all(near[about, k].sum() <= (1.0 - _KEPT) * near[:, :, k].sum() for k in legs):
+            left_out |= about
+    return left_out
