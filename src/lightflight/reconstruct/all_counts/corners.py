@@ -7,16 +7,21 @@ the path.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.reconstruct.all_counts.climb import GAUGE
 from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.information import covariance_from_information
 from lightflight.reconstruct.model.thick_beam import clear_of_corners_px
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
+    from lightflight.reconstruct.all_counts.climb import Climb
+    from lightflight.reconstruct.all_counts.counts import Counts
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -24,14 +29,16 @@ Bools = NDArray[np.bool_]
 _AROUND_PX = 1.5
 """Uneven pixels this far beyond the reach of a corner belong to it, px: wings of a bright one, and
 where the brightness of the leg went astray beside it."""
+_SEEN_STDS = 3.0
+"""A beam's share of the spot is told where it is so many of its standard deviations."""
 _KEPT = 0.5
 """Share of the pixels of each of its legs that a corner leaves, or it stays."""
 
 
 def pixels_of_uneven_corners(
     uneven: Bools, near: Bools, state: PathState, camera: Camera, spot_px: float
-) -> Bools:
-    """Pixels about corners of which one counts other than its legs' light.
+) -> tuple[Bools, tuple[int, ...]]:
+    """Pixels about corners of which one counts other than its legs' light, and these corners.
 
     Parameters
     ----------
@@ -48,9 +55,12 @@ def pixels_of_uneven_corners(
 
     Returns
     -------
-    array of bool, shape (rows, cols)
+    left_out : array of bool, shape (rows, cols)
         True in pixels to be left out.
+    corners : tuple of int
+        Vertices.
     """
+    corners: list[int] = []
     left_out = np.zeros(uneven.shape[:2], dtype=bool)
     rows, cols = np.indices(left_out.shape)
     for corner in state.corners_seen:
@@ -67,4 +77,37 @@ def pixels_of_uneven_corners(
         about = away < max(reach, own.max() + 0.5)
         if all(near[about, k].sum() <= (1.0 - _KEPT) * near[:, :, k].sum() for k in legs):
             left_out |= about
-    return left_out
+            corners.append(corner)
+    return left_out, tuple(corners)
+
+
+def statements_of_corners(ended: Climb, counts: Sequence[Counts]) -> tuple[str, ...]:
+    """What corners in view showed of the light, one sentence each.
+
+    Parameters
+    ----------
+    ended : Climb
+        To the path.
+    counts : sequence of Counts
+        Of its cameras, as they went in.
+    """
+    said = [
+        f"What pixels count about vertex {vertex} is more or less than the light of its legs (a "
+        "mirror that shines, a mount that hides): they were left out."
+        for vertex in sorted({corner for own in counts for corner in own.corners})
+    ]
+    whole = ended.information + ended.prior + ended.hold
+    for at, layout, places in zip(
+        ended.points, ended.order.layouts, ended.order.places, strict=True
+    ):
+        share = at.light.beam_share
+        if share is None or layout.beam is None:
+            continue
+        covariance = covariance_from_information(whole, rcond=GAUGE)
+        std = float(np.sqrt(covariance[places[layout.beam], places[layout.beam]]))
+        if share > _SEEN_STDS * std:
+            said.append(
+                f"The beam's own thickness makes {share:.0%} ± {std:.0%} of the spot's variance: "
+                "its mirrors and ends cut it aslant."
+            )
+    return tuple(said)

@@ -383,12 +383,15 @@ class Counts:
         True where a pixel's light was seen to depart from its leg's.
     active_px : float or None
         Side of the pixels' active area; None: what each picture says of it.
+    corners : tuple of int
+        Vertices whose pixels are left out, since what they count is no light of legs alone.
     """
 
     whole: Sighting
     intrinsic_ps: float
     uneven: NDArray[np.bool_]
     active_px: float | None = None
+    corners: tuple[int, ...] = ()
 
 
 def clean_counts(
@@ -537,11 +540,11 @@ def with_uneven(counts: list[Counts], ended: Climb) -> tuple[list[Counts], bool]
         uneven, near = own.uneven.copy(), np.zeros_like(own.uneven)
         uneven[rows, cols] |= found
         near[rows, cols] = view.pixels.near
-        corners = pixels_of_uneven_corners(
+        left_out, corners = pixels_of_uneven_corners(
             uneven, near, ended.state, ended.seen.at(view.number).camera,
             float(np.exp(at.light.log_spot_px)),
         )  # fmt: skip
-        whole = replace(own.whole, blind=own.whole.blind | corners)
+        whole = replace(own.whole, blind=own.whole.blind | left_out)
         std_ps = float(np.exp(at.light.log_std_ps))
-        after.append(Counts(whole, std_ps, uneven, own.active_px))
+        after.append(Counts(whole, std_ps, uneven, own.active_px, (*own.corners, *corners)))
     return after, new

@@ -20,6 +20,7 @@ from lightflight.errors import NothingFoundError
 from lightflight.path.light_path import LightPath
 from lightflight.path.tables import Goodness
 from lightflight.reconstruct.all_counts.climb import GAUGE, Climb, climb
+from lightflight.reconstruct.all_counts.corners import statements_of_corners
 from lightflight.reconstruct.all_counts.counts import (
     Counts,
     clean_counts,
@@ -165,13 +166,14 @@ def _climbed(
                 "and camera (lightflight check)"
             )
         state, shared = ended.state, ended.shared
-        counts, new = with_uneven(counts, ended)
+        climbed, (counts, new) = counts, with_uneven(counts, ended)
         step = np.abs(state.vertices_mm - previous.vertices_mm).max()
         if step < 0.02 and not new:
             break
     assert ended is not None
     refuse_run_away(state)
-    return _path_from_climb(ended, rough)
+    path = _path_from_climb(ended, rough)
+    return replace(path, statements=(*path.statements, *statements_of_corners(ended, climbed)))
 
 
 def _ending_at_tips(

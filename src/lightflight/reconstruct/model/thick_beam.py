@@ -35,9 +35,9 @@ _CLEAR_STDS = 3.0
 """The same in standard deviations of the place where a mirror cuts a thick beam: there 0.4 % of one
 are left of the shift of the mean time."""
 
-_GRAZING = 0.1
-"""Sine of the least angle between beam and mirror that is believed: what turns light by less is a
-mirror of metres, or none."""
+_GRAZING = 0.25
+"""Sine of the least angle between beam and mirror that is believed: labs turn light by 30 degrees
+and more, and what turns by less is as often a curve, or no corner."""
 _LEAST_CUT = 0.1
 """Of the spot's variance, that of a cut at least: one that is sharper cannot be told."""
 _STEP = 1e-4
@@ -110,9 +110,10 @@ def _unit(vector: Floats) -> Floats:
 
 
 def _mirror(state: PathState, vertex: int) -> Floats:
-    """(3,), unit normal of the mirror at a vertex; zeros where a path begins or ends."""
+    """(3,), unit normal of the mirror at a vertex; zeros where a path begins or ends, and on faces
+    of glass."""
     leaving = [k for k in range(state.n_legs) if state.leg_starts[k] == vertex]
-    if vertex == 0 or not leaving:
+    if vertex == 0 or not leaving or vertex in state.on_faces:
         return np.zeros(3)
     into = _unit(state.tangents_mm(vertex - 1, np.ones(1))[0])
     turns = [_unit(state.tangents_mm(k, np.zeros(1))[0]) - into for k in leaving]

@@ -285,7 +285,7 @@ def _by_all_counts(fit: JointFit, request: Request, path: LightPath) -> LightPat
     if worse or not better.goodness.converged:
         return path
     said = f"{why}: all counts were fitted."
-    return replace(better, method="joint", statements=(said, *path.statements))
+    return replace(better, method="joint", statements=(said, *better.statements))
 
 
 def _why_all_counts(fit: JointFit) -> str:
