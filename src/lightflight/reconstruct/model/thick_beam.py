@@ -111,7 +111,8 @@ def _unit(vector: Floats) -> Floats:
 
 def _mirror(state: PathState, vertex: int) -> Floats:
     """(3,), unit normal of the mirror at a vertex; zeros where a path begins or ends, and on faces
-    of glass."""
+    of glass.
+    """
     leaving = [k for k in range(state.n_legs) if state.leg_starts[k] == vertex]
     if vertex == 0 or not leaving or vertex in state.on_faces:
         return np.zeros(3)
