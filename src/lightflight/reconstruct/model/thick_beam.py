@@ -8,7 +8,7 @@ owner for that cut.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -216,7 +216,9 @@ def thick_footing(
     cut at the corner; the rest is not cut.
     """
     told = log_slope, time_slope, time_curvature, corners, slant, spot_px, across_px
-    feet, more = _moments(*told, share), _moments(*told, share + _STEP)
+    # There is no beam of less than no thickness: below, all goes on as at none, in straight lines.
+    real = max(share, 0.0)
+    feet, more = _moments(*told, real), _moments(*told, real + _STEP)
     lean, *_ = _at_nearest(corners, slant)
 
     def moments(feet: Footing) -> tuple[Moment, Moment, Moment]:
@@ -226,6 +228,12 @@ def thick_footing(
         (there.value - here.value) / _STEP
         for here, there in zip(moments(feet), moments(more), strict=True)
     ]
+    if share < 0.0:
+        values = [one.value + share * by for one, by in zip(moments(feet), by_share, strict=True)]
+        log_share, offset, width = (
+            replace(one, value=value) for one, value in zip(moments(feet), values, strict=True)
+        )
+        feet = Footing(log_share, offset, width)
     # To the right the corner lies farther.
     by_across = [share * lean * (each.by_before + each.by_after) for each in moments(feet)]
     return ThickFooting(feet, tuple(by_across), tuple(by_share))
