@@ -9,6 +9,7 @@ from lightflight.reconstruct.model.state import PathState
 from lightflight.reconstruct.model.thick_beam import (
     Slant,
     clear_of_corners_px,
+    share_beyond_lens,
     slant_of_leg,
     thick_footing,
 )
@@ -151,10 +152,16 @@ def test_a_slant_is_where_rays_meet_the_mirror(leg, end):
 
 
 def test_grazing_mirrors_keep_pulses_far_from_corners():
-    """Of a usual spot and a sharp turn no farther than ever; of half of a short leg at most."""
+    """Of a sharp turn no farther than ever; of half of a short leg at most; of a lens never."""
     sharp = PathState(np.array([[60.0, 40, 0], [190, 40, 0], [190, 120, 0]]), 0.0)
     grazing = PathState(np.array([[60.0, 40, 0], [190, 40, 0], [300, 40, -45]]), 0.0)
-    assert clear_of_corners_px(sharp, 0, CAMERA, 0.4)[1] == pytest.approx(1.5)
-    assert clear_of_corners_px(grazing, 0, CAMERA, 0.4)[1] > 3.0
     short = PathState(np.array([[174.0, 40, 0], [190, 40, 0], [300, 40, -45]]), 0.0)
-    assert clear_of_corners_px(short, 0, CAMERA, 1.0)[1] == pytest.approx(1.5)
+
+    def clear(state, spot, share):
+        return clear_of_corners_px(state, 0, CAMERA, spot, share=share)[1]
+
+    assert clear(sharp, 0.4, 0.5) == pytest.approx(1.5)
+    assert clear(grazing, 0.4, 0.5) > 3.0
+    assert clear(grazing, 0.4, share_beyond_lens(0.4)) == pytest.approx(1.5)
+    assert clear(grazing, 0.6, share_beyond_lens(0.6)) > 3.0
+    assert clear(short, 1.0, 0.5) == pytest.approx(1.5)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lightflight.reconstruct.all_counts.climb import GAUGE
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.information import covariance_from_information
-from lightflight.reconstruct.model.thick_beam import clear_of_corners_px
+from lightflight.reconstruct.model.thick_beam import BEAM_SHARE_STD, clear_of_corners_px
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -68,7 +68,9 @@ def pixels_of_uneven_corners(
         row, col = camera.pixels_from_points(state.vertices_mm[corner])
         away = np.hypot(rows - row, cols - col)
         reach = max(
-            clear_of_corners_px(state, k, camera, spot_px)[1 if corner == k + 1 else 0]
+            clear_of_corners_px(state, k, camera, spot_px, share=BEAM_SHARE_STD)[
+                1 if corner == k + 1 else 0
+            ]
             for k in legs
         )
         own = away[uneven[:, :, legs].any(axis=2) & (away < reach + _AROUND_PX)]

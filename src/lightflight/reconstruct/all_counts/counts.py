@@ -50,7 +50,7 @@ from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting, clock_errors, pixel_counts
 from lightflight.reconstruct.model.strength import span_of_knots, strength_spline
-from lightflight.reconstruct.model.thick_beam import clear_of_corners_px
+from lightflight.reconstruct.model.thick_beam import BEAM_SHARE_STD, clear_of_corners_px
 from lightflight.timing.pulses.pile_up import open_share_of
 
 if TYPE_CHECKING:
@@ -287,7 +287,8 @@ def pixels_near_path(
     spot_px, beyond_px = float(np.exp(light.log_spot_px)), None
     if light.beam_share is not None:
         beyond_px = [
-            clear_of_corners_px(state, k, camera, spot_px) for k in range(len(light.lines))
+            clear_of_corners_px(state, k, camera, spot_px, share=BEAM_SHARE_STD)
+            for k in range(len(light.lines))
         ]
     near = lit_by_legs(light.lines, points, spot_px=spot_px, beyond_px=beyond_px)
     keep = near.any(axis=1) & ~sighting.blind.ravel()

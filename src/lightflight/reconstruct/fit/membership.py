@@ -22,7 +22,7 @@ from lightflight.reconstruct.model.picture import (
 )
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.model.thick_beam import clear_of_corners_px
+from lightflight.reconstruct.model.thick_beam import clear_of_corners_px, share_beyond_lens
 
 if TYPE_CHECKING:
     from lightflight.timing.pulses.arrivals import Arrivals
@@ -201,7 +201,10 @@ def assigned(
         print_ = prints_of_leg(sighting, state, setting, usable, k)
         near = np.abs(print_.lateral_px) < max(CLAIM_REACH_PX, 3.0 * picture.spot_std_px)
         # Where two legs light a pixel its one time is neither's.
-        clear_px = clear_of_corners_px(state, k, setting.camera, picture.spot_std_px)
+        spot_px = picture.spot_std_px
+        clear_px = clear_of_corners_px(
+            state, k, setting.camera, spot_px, share=share_beyond_lens(spot_px)
+        )
         own = None if members is None else members[usable]
         near &= _clear_of_corners(print_, k, state, own, clear_px)
         near &= clear_of_tips(print_, k, state, tips, setting)

@@ -23,7 +23,11 @@ from lightflight.reconstruct.model.light import Diffuse
 from lightflight.reconstruct.model.line_problem import Halo, LineData
 from lightflight.reconstruct.model.sighting import Sighting, photons_at_times
 from lightflight.reconstruct.model.spread import WIDE_PX
-from lightflight.reconstruct.model.thick_beam import clear_of_corners_px
+from lightflight.reconstruct.model.thick_beam import (
+    USUAL_SPOT_PX,
+    clear_of_corners_px,
+    share_beyond_lens,
+)
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -35,10 +39,6 @@ PICTURE_REACH_PX = 3.2
 """Pixels this near to a leg's line share its light and are counted for it, px: eight stds of a
 usual spot, so that dark pixels beside the line tell how wide it is."""
 
-_USUAL_SPOT_PX = 0.4
-"""Std of the spot in a picture that shows none of the path, px: of a usual lens."""
-_WIDER = 1.25
-"""A spot wider than a usual one by this is measured farther from corners."""
 _LEAST_PIXELS = 4
 """Fewer pixels than this do not say where a leg's line runs; on it within half a spot, places."""
 _ON_LINE_PX = 0.75
@@ -163,8 +163,8 @@ def measure_picture(
         for k in range(state.n_legs)
     ]
     if not state.seen:
-        dark = (dark_line(_USUAL_SPOT_PX),) * state.n_legs
-        return Picture(tuple(legs), dark, _USUAL_SPOT_PX)
+        dark = (dark_line(USUAL_SPOT_PX),) * state.n_legs
+        return Picture(tuple(legs), dark, USUAL_SPOT_PX)
     counted = _counted(state, legs, sighting, camera, medium, std_ps, fine=fine)
     # Scaled intensities do not scatter as photons do: of them nobody knows what is a pixel's own.
     fine = fine and sighting.histograms.poisson
@@ -173,16 +173,16 @@ def measure_picture(
         shown, data = _lines_told(state, legs, counted, camera, spot_px, may_miss)
         # All legs at once, because they share the spot.
         found = fit_lines(data, fine=fine, active_px=active_px) if data else []
-        spot = found[0].spot_std_px if found else _USUAL_SPOT_PX
+        spot = found[0].spot_std_px if found else USUAL_SPOT_PX
         fits = [dark_line(spot)] * len(shown)
         told = (k for k in state.seen if not shown[k].dark)
         for k, line in zip(told, found, strict=True):
             fits[k] = line
         return Picture(shown, tuple(fits), spot)
 
-    picture = measured(_USUAL_SPOT_PX)
-    if state.n_legs > 1 and picture.spot_std_px > _WIDER * _USUAL_SPOT_PX:
-        # The wider the spot, the farther from a corner is its light cut.
+    picture = measured(USUAL_SPOT_PX)
+    if state.n_legs > 1 and picture.spot_std_px > USUAL_SPOT_PX:
+        # The wider the spot, the farther from a corner its light is cut.
         picture = measured(picture.spot_std_px)
     return picture
 
@@ -316,7 +316,7 @@ def _corner_margin(
 ) -> tuple[float, float]:
     """Span without the neighbourhood of corners, where two legs share the pixels."""
     first, last = leg.span_px
-    before, after = clear_of_corners_px(state, k, camera, spot_px)
+    before, after = clear_of_corners_px(state, k, camera, spot_px, share=share_beyond_lens(spot_px))
     return (
         first + (before if k > 0 else 0.0),
         last - (0.0 if k in state.last_legs else after),

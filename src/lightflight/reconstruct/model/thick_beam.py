@@ -29,6 +29,8 @@ BEAM_SHARES = (-0.3, 0.95)
 """Shares of the spot's variance that a fit may try. Where there is no such beam half of all
 recordings ask for less than none; some of the spot is always the lens'."""
 
+USUAL_SPOT_PX = 0.4
+"""Standard deviation of the spot of a usual lens, px."""
 CLEAR_OF_CORNER_PX = 1.5
 """Pixels this near to a corner in the picture belong to no one leg, px: both legs light them."""
 _CLEAR_STDS = 3.0
@@ -123,8 +125,13 @@ def _mirror(state: PathState, vertex: int) -> Floats:
     return _unit(turn)
 
 
+def share_beyond_lens(spot_px: float) -> float:
+    """What of a spot's variance is more than a usual lens makes."""
+    return max(0.0, 1.0 - (USUAL_SPOT_PX / spot_px) ** 2)
+
+
 def clear_of_corners_px(
-    state: PathState, leg: int, camera: Camera, spot_px: float
+    state: PathState, leg: int, camera: Camera, spot_px: float, *, share: float
 ) -> tuple[float, float]:
     """How near to the corners at its start and at its end a leg's light may be cut, px.
 
@@ -138,6 +145,8 @@ def clear_of_corners_px(
         The camera that sees it.
     spot_px : float
         Standard deviation of the spot, px.
+    share : float
+        Of its variance, what may be the beam's.
     """
     if state.n_legs == 1:
         return CLEAR_OF_CORNER_PX, CLEAR_OF_CORNER_PX
@@ -146,7 +155,7 @@ def clear_of_corners_px(
     long_px = float(np.nan_to_num(np.linalg.norm(ends[:, 1] - ends[:, 0])))
     # A short leg is left half of its light.
     most = max(CLEAR_OF_CORNER_PX, 0.25 * long_px)
-    variance = _cut_variance(np.array(slant.leans), np.array(slant.deepens), BEAM_SHARE_STD)
+    variance = _cut_variance(np.array(slant.leans), np.array(slant.deepens), share)
     first, last = np.clip(_CLEAR_STDS * spot_px * np.sqrt(variance), CLEAR_OF_CORNER_PX, most)
     return float(first), float(last)
 
