@@ -38,8 +38,8 @@ _CLEAR_STDS = 3.0
 are left of the shift of the mean time."""
 
 _GRAZING = 0.25
-"""Sine of the least angle between beam and mirror that is believed: labs turn light by 30 degrees
-and more, and what turns by less is as often a curve, or no corner."""
+"""Sine of the least angle between beam and mirror: labs turn light by 30 degrees and more, and what
+turns by less is taken for a curve, or no corner, and for cut square to the flight."""
 _LEAST_CUT = 0.1
 """Of the spot's variance, that of a cut at least: one that is sharper cannot be told."""
 _STEP = 1e-4
@@ -97,10 +97,8 @@ def slant_of_leg(state: PathState, leg: int, camera: Camera) -> Slant:
         before_it = (to_camera - cos * flight) / sin
         normal = _mirror(state, vertex)
         ahead = float(normal @ flight)
-        if not normal.any():
-            lean, deep = 0.0, 0.0
-        else:
-            ahead = float(np.copysign(max(abs(ahead), _GRAZING), ahead))
+        lean, deep = 0.0, 0.0
+        if abs(ahead) > _GRAZING:
             lean, deep = -side * float(normal @ right) / ahead, -float(normal @ before_it) / ahead
         found.append((sin * lean, sin * deep - cos, cos))
     (lean, deep, cos), (lean_after, deep_after, cos_after) = found
@@ -155,8 +153,10 @@ def clear_of_corners_px(
     long_px = float(np.nan_to_num(np.linalg.norm(ends[:, 1] - ends[:, 0])))
     # A short leg is left half of its light.
     most = max(CLEAR_OF_CORNER_PX, 0.25 * long_px)
-    variance = _cut_variance(np.array(slant.leans), np.array(slant.deepens), share)
-    first, last = np.clip(_CLEAR_STDS * spot_px * np.sqrt(variance), CLEAR_OF_CORNER_PX, most)
+    stds = np.sqrt(_cut_variance(np.array(slant.leans), np.array(slant.deepens), share))
+    # No farther than ever where no mirror cuts the beam longer than a lens blurs it.
+    reach = np.where(stds > 1.0, _CLEAR_STDS * spot_px * stds, CLEAR_OF_CORNER_PX)
+    first, last = np.clip(reach, CLEAR_OF_CORNER_PX, most)
     return float(first), float(last)
 
 
