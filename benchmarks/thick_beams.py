@@ -48,16 +48,14 @@ def recording(path: str, beam: ThickBeam, seed: int) -> lf.Histograms:
     return lf.Histograms(counts, bin_width_ps=CODE_PS, laser_period_ps=CODE_PS * CODES)
 
 
-def path_of(
-    path: str, beam: ThickBeam, hist: lf.Histograms, method: str, **told: object
-) -> lf.LightPath:
+def path_of(path: str, beam: ThickBeam, hist: lf.Histograms, method: str) -> lf.LightPath:
     """The path of a recording of the oracle, source and emission time told."""
     camera = lf.Camera.facing_plane(
         center_mm=(187.5, 37.5), distance_mm=535.0, shape=(beam.pixels, beam.pixels)
     )
     source = lf.Source(tuple(PATHS[path][0]), emission_time_ps=EMISSION_PS)
     timing = lf.TimingCalibration.nominal(hist)
-    return lf.reconstruct(hist, camera=camera, source=source, timing=timing, method=method, **told)
+    return lf.reconstruct(hist, camera=camera, source=source, timing=timing, method=method)
 
 
 def lines_of(name: str, path: str, methods: list[str], seeds: range) -> list[str]:

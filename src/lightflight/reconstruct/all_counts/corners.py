@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.reconstruct.all_counts.climb import GAUGE
 from lightflight.reconstruct.model.geometry import PathState
-from lightflight.reconstruct.model.information import covariance_from_information
 from lightflight.reconstruct.model.thick_beam import BEAM_SHARE_STD, clear_of_corners_px
 
 if TYPE_CHECKING:
@@ -83,7 +81,9 @@ def pixels_of_uneven_corners(
     return left_out, tuple(corners)
 
 
-def statements_of_corners(ended: Climb, counts: Sequence[Counts]) -> tuple[str, ...]:
+def statements_of_corners(
+    ended: Climb, counts: Sequence[Counts], covariance: Floats
+) -> tuple[str, ...]:
     """What corners in view showed of the light, one sentence each.
 
     Parameters
@@ -92,20 +92,20 @@ def statements_of_corners(ended: Climb, counts: Sequence[Counts]) -> tuple[str, 
         To the path.
     counts : sequence of Counts
         Of its cameras, as they went in.
+    covariance : array of float, shape (P, P)
+        Of all parameters of the climb.
     """
     said = [
         f"What pixels count about vertex {vertex} is more or less than the light of its legs (a "
         "mirror that shines, a mount that hides): they were left out."
         for vertex in sorted({corner for own in counts for corner in own.corners})
     ]
-    whole = ended.information + ended.prior + ended.hold
     for at, layout, places in zip(
         ended.points, ended.order.layouts, ended.order.places, strict=True
     ):
         share = at.light.beam_share
         if share is None or layout.beam is None:
             continue
-        covariance = covariance_from_information(whole, rcond=GAUGE)
         std = float(np.sqrt(covariance[places[layout.beam], places[layout.beam]]))
         if share > _SEEN_STDS * std:
             said.append(

@@ -172,8 +172,7 @@ def _climbed(
             break
     assert ended is not None
     refuse_run_away(state)
-    path = _path_from_climb(ended, rough)
-    return replace(path, statements=(*path.statements, *statements_of_corners(ended, climbed)))
+    return _path_from_climb(ended, rough, climbed)
 
 
 def _ending_at_tips(
@@ -202,7 +201,7 @@ def _ending_at_tips(
     return replace(state, vertices_mm=vertices, start_time_ps=start_time)
 
 
-def _path_from_climb(ended: Climb, rough: LightPath) -> LightPath:
+def _path_from_climb(ended: Climb, rough: LightPath, counts: list[Counts]) -> LightPath:
     total = ended.information + ended.prior + ended.hold
     covariance = covariance_from_information(total, rcond=GAUGE)
     by_delay = np.zeros_like(total)
@@ -256,6 +255,7 @@ def _path_from_climb(ended: Climb, rough: LightPath) -> LightPath:
         covariance_parts={"photon": whole - pixel - shared, "pixel": pixel, "shared": shared},
         residuals=residuals,
         prior=prior_in_words(seen.source),
+        statements=(*rough.statements, *statements_of_corners(ended, counts, covariance)),
         bends=ended.state.bends,
         bend_covariance=with_bends[:, n:],
         group_index_std=group_index_std(ended.errors, covariance[shared_at, shared_at]),

@@ -169,8 +169,8 @@ def measure_picture(
     # Scaled intensities do not scatter as photons do: of them nobody knows what is a pixel's own.
     fine = fine and sighting.histograms.poisson
 
-    def measured(spot_px: float) -> Picture:
-        shown, data = _lines_told(state, legs, counted, camera, spot_px, may_miss)
+    def measured(spans: dict[int, tuple[float, float]]) -> Picture:
+        shown, data = _lines_told(state, legs, counted, camera, spans, may_miss)
         # All legs at once, because they share the spot.
         found = fit_lines(data, fine=fine, active_px=active_px) if data else []
         spot = found[0].spot_std_px if found else USUAL_SPOT_PX
@@ -180,11 +180,14 @@ def measure_picture(
             fits[k] = line
         return Picture(shown, tuple(fits), spot)
 
-    picture = measured(USUAL_SPOT_PX)
-    if state.n_legs > 1 and picture.spot_std_px > USUAL_SPOT_PX:
-        # The wider the spot, the farther from a corner its light is cut.
-        picture = measured(picture.spot_std_px)
-    return picture
+    def clear(spot_px: float) -> dict[int, tuple[float, float]]:
+        return {k: _clear_span(legs[k], k, state, camera, spot_px) for k in state.seen}
+
+    usual = clear(USUAL_SPOT_PX)
+    picture = measured(usual)
+    # The wider the spot, the farther from a corner its light is cut.
+    spans = clear(picture.spot_std_px)
+    return picture if spans == usual else measured(spans)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,14 +231,14 @@ def _lines_told(
     legs: Sequence[LegInPicture],
     counted: _Counted,
     camera: Camera,
-    spot_px: float,
+    spans: dict[int, tuple[float, float]],
     may_miss: Collection[int],
 ) -> tuple[tuple[LegInPicture, ...], list[LineData]]:
     """Legs of which the pixels tell a line, the others dark, and those pixels leg by leg."""
     shown, data, pixels = list(legs), [], counted.pixels
     for k in state.seen:
-        margin = _corner_margin(legs[k], k, state, camera, spot_px)
-        clear = (pixels.along[:, k] > margin[0]) & (pixels.along[:, k] < margin[1])
+        first, last = spans[k]
+        clear = (pixels.along[:, k] > first) & (pixels.along[:, k] < last)
         seen = pixels.near[:, k] & np.isfinite(counted.empty[:, k])
         own = seen & ~counted.blended[:, k]
         on_line = own & clear & (np.abs(pixels.across[:, k]) < _ON_LINE_PX)
@@ -311,7 +314,7 @@ def _halo_of_leg(
     return Halo(photons, along, np.log(per_px), shares / shares.sum(axis=1, keepdims=True))
 
 
-def _corner_margin(
+def _clear_span(
     leg: LegInPicture, k: int, state: PathState, camera: Camera, spot_px: float
 ) -> tuple[float, float]:
     """Span without the neighbourhood of corners, where two legs share the pixels."""

@@ -224,11 +224,11 @@ def thick_footing(
     :math:`q = \xi - A a - K c` is short of the corner. What hangs on q is a footprint of its spread
     cut at the corner; the rest is not cut.
     """
-    told = log_slope, time_slope, time_curvature, corners, slant, spot_px, across_px
+    nearest = _at_nearest(corners, slant)
+    told = log_slope, time_slope, time_curvature, corners, nearest, spot_px, across_px
     # There is no beam of less than no thickness: below, all goes on as at none, in straight lines.
     real = max(share, 0.0)
     feet, more = _moments(*told, real), _moments(*told, real + _STEP)
-    lean, *_ = _at_nearest(corners, slant)
 
     def moments(feet: Footing) -> tuple[Moment, Moment, Moment]:
         return feet.log_share, feet.offset_ps, feet.variance_ps2
@@ -244,6 +244,7 @@ def thick_footing(
         )
         feet = Footing(log_share, offset, width)
     # To the right the corner lies farther.
+    lean = nearest[0]
     by_across = [share * lean * (each.by_before + each.by_after) for each in moments(feet)]
     return ThickFooting(feet, tuple(by_across), tuple(by_share))
 
@@ -262,13 +263,13 @@ def _moments(
     time_slope: Floats,
     time_curvature: Floats,
     corners: Corners,
-    slant: Slant,
+    nearest: tuple[Floats, Floats, Floats],
     spot_px: Floats,
     across_px: Floats,
     share: float,
 ) -> Footing:
     """The moments for one share; their derivatives at a fixed one."""
-    lean, deep, cos = _at_nearest(corners, slant)
+    lean, deep, cos = nearest
     # Variances and covariances of cut q, time in px and place along the leg, over the spot's.
     cut = np.maximum(_cut_variance(lean, deep, share), _LEAST_CUT)
     time_cut, time_place = 1.0 - share + share * deep, 1.0 - share - share * cos
