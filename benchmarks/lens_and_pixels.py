@@ -49,16 +49,19 @@ def sharp(points: Floats) -> Floats:
 
 def tilted(points: Floats) -> Floats:
     """A quarter wider at the right edge of the picture, as much narrower at the left."""
-    return 0.5 * np.exp(0.25 * (points[:, 0] - EYE[0]) / 122)
+    spot: Floats = 0.5 * np.exp(0.25 * (points[:, 0] - EYE[0]) / 122)
+    return spot
 
 
 def defocused(points: Floats) -> Floats:
     """In focus 10 mm before the board; light 40 mm away is spread by 0.7 px."""
-    return np.hypot(0.4, 0.015 * (points[:, 2] - 10.0))
+    spot: Floats = np.hypot(0.4, 0.015 * (points[:, 2] - 10.0))
+    return spot
 
 
 def soft_at_the_edge(points: Floats) -> Floats:
-    return 0.45 + 0.1 * np.abs(points[:, 0] - EYE[0]) / 122
+    spot: Floats = 0.45 + 0.1 * np.abs(points[:, 0] - EYE[0]) / 122
+    return spot
 
 
 @dataclass(frozen=True)

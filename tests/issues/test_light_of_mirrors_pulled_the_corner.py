@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-import lightflight as lf
-from tests.oracles.thick_beam import CODE_PS, CODES, EMISSION_PS, PATHS, ThickBeam, counts_of
+from benchmarks.thick_beams import path_of, recording
+from tests.oracles.thick_beam import PATHS, ThickBeam
 
 CHANCE = 1e-5
 """That a right path with honest errors fails here: three numbers of one corner."""
@@ -27,15 +27,7 @@ CHANCE = 1e-5
 def test_light_of_mirrors_pulled_the_corner(path, beam, seed):
     """The corner, at its stated errors: whitened chi-square of three numbers, chance 1e-5 each."""
     vertices = PATHS[path]
-    counts = counts_of(vertices, beam, seed)
-    hist = lf.Histograms(counts, bin_width_ps=CODE_PS, laser_period_ps=CODE_PS * CODES)
-    found = lf.reconstruct(
-        hist,
-        camera=lf.Camera.facing_plane(center_mm=(187.5, 37.5), distance_mm=535.0),
-        source=lf.Source(tuple(vertices[0]), emission_time_ps=EMISSION_PS),
-        timing=lf.TimingCalibration.nominal(hist),
-        method="photon",
-    )
+    found = path_of(path, beam, recording(path, beam, seed), "photon")
     off = found.vertices_mm[1] - vertices[1]
     chi2 = off @ np.linalg.solve(found.covariance[4:7, 4:7], off)
     assert chi2 < chdtri(3, CHANCE)

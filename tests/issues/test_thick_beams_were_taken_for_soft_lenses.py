@@ -9,15 +9,8 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-import lightflight as lf
-from tests.oracles.thick_beam import (
-    CODE_PS,
-    CODES,
-    EMISSION_PS,
-    PATHS,
-    ThickBeam,
-    counts_of,
-)
+from benchmarks.thick_beams import path_of, recording
+from tests.oracles.thick_beam import PATHS, ThickBeam
 
 CHANCE = 1e-5
 """That a right path with honest errors fails here: three numbers of one corner."""
@@ -30,15 +23,8 @@ CHANCE = 1e-5
 def test_thick_beams_were_taken_for_soft_lenses(path, beam_mm, method, seed):
     """The corner, at its stated errors: whitened chi-square of three numbers, chance 1e-5 each."""
     vertices = PATHS[path]
-    counts = counts_of(vertices, ThickBeam(beam_mm), seed)
-    hist = lf.Histograms(counts, bin_width_ps=CODE_PS, laser_period_ps=CODE_PS * CODES)
-    found = lf.reconstruct(
-        hist,
-        camera=lf.Camera.facing_plane(center_mm=(187.5, 37.5), distance_mm=535.0),
-        source=lf.Source(tuple(vertices[0]), emission_time_ps=EMISSION_PS),
-        timing=lf.TimingCalibration.nominal(hist),
-        method=method,
-    )
+    beam = ThickBeam(beam_mm)
+    found = path_of(path, beam, recording(path, beam, seed), method)
     assert found.n_legs == 2
     off = found.vertices_mm[1] - vertices[1]
     chi2 = off @ np.linalg.solve(found.covariance[4:7, 4:7], off)
