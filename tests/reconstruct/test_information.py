@@ -131,3 +131,17 @@ def test_a_ridge_that_winds_is_followed_to_its_top():
     x, _, converged = ascend(np.array([-5.0, 25.0]), slope_at, _added, most_steps=10, winds=True)
     assert converged
     np.testing.assert_allclose(x, [1.0, 1.0], atol=0.01)
+
+
+def test_a_slope_that_is_no_number_moves_nothing():
+    """Light without bounds has one; what moves may refuse it, as a record of a medium does."""
+
+    def slope_at(x):
+        return _Slope(0.0, np.array([np.nan]), np.eye(1))
+
+    def moved(x, _, step):
+        raise ValueError("path_group_index must lie between 1 and 10, got nan")
+
+    x, _, converged = ascend(np.array([1.5]), slope_at, moved, most_steps=20)
+    assert x == 1.5
+    assert not converged

@@ -159,6 +159,9 @@ def ascend(
     information, score = slope.information, slope.score
     for number in range(1, most_steps + 1):
         step = damped_step(information, score, damping + gauge)
+        if not np.isfinite(step).all():
+            # Light without bounds, whose score is no number: no record of a set-up takes that.
+            break
         trial = moved(point, slope, step)
         # A step too far may leave nothing finite: it is refused below.
         with np.errstate(over="ignore", invalid="ignore"):
