@@ -6,6 +6,7 @@
     python benchmarks/bends.py --straight 400             # straight legs: how many are called bent
     python benchmarks/bends.py --airy 10                  # the paper's self-bending beam, in depth
     python benchmarks/bends.py --drawn 20                 # a drawn fibre, and the index along it
+    python benchmarks/bends.py --lengths 20               # legs of told length, and the index
     python benchmarks/bends.py --rows rows.jsonl          # keep rows, and go on from there
 
 Scenes are those of `tests/oracles/bent.py`: one leg, or the paper's three whose first is bent, by
@@ -16,7 +17,8 @@ of the true curve (an independent forward model, differentiated; the plausible s
 with its 95 % interval (bootstrap over recordings); stated error over the bound; rms pull of the
 place in the middle of the bent leg's view; verdicts; CPU seconds of the middle one. `--told start`
 begins at 0.85 of the true sagitta and 2 mm beside the true vertices, `--told "may bend"` says so.
-`--drawn` tells the curve by 21 measured places, and an index of 1.44 +- 0.05 for one of 1.47.
+`--drawn` tells the curve by 21 measured places, and an index of 1.44 +- 0.05 for one of 1.47;
+`--lengths` that legs may bend, the same index, and how long one leg is, to 0.2 mm, or not.
 """
 
 from __future__ import annotations
@@ -28,9 +30,11 @@ import time
 import warnings
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 import lightflight as lf
 
@@ -45,9 +49,10 @@ from tests.oracles.bent import (
     axes_of_leg,
     bent_scene,
     bow_freedoms,
+    fibre_in_view,
     measured_places,
 )
-from tests.oracles.refracted import in_picture, paper_scene, positions_at
+from tests.oracles.refracted import RefractedScene, in_picture, paper_scene, positions_at
 from tests.oracles.refracted_border import histograms, what_the_user_tells
 from tests.oracles.refracted_bound import bound
 
@@ -207,22 +212,81 @@ DRAWN = {
 """Errors of measured places, mm, and what is known of the source."""
 
 
+INDEX = 1.47
+"""Of all fibres."""
+
+
+def told_of_fibre(scene: RefractedScene, hist: lf.Histograms) -> Row:
+    """What is told of a fibre whose index is known to 0.05, beside how it lies."""
+    call = what_the_user_tells(scene, hist)
+    back = call["medium"].return_group_index
+    medium = lf.Medium(1.44, back, path_group_index_std=0.05, index_correlation=0.0)
+    return call | {"medium": medium}
+
+
+def index_of(path: lf.LightPath) -> Row:
+    """What is said of the index, and how far it is off."""
+    off = path.medium.path_group_index - INDEX
+    return {
+        "index2": (off / path.group_index_std) ** 2,
+        "std": path.group_index_std,
+        "level": str(path.verdict.level),
+    }
+
+
+def column(rows: list[Row], key: str) -> NDArray[np.generic]:
+    """One key of all rows."""
+    return np.array([row[key] for row in rows])
+
+
+def levels_of(rows: list[Row]) -> str:
+    """How many are trusted, to be checked, contradicted."""
+    each = ("trust", "check", "contradicted")
+    return "/".join(str(np.count_nonzero(column(rows, "level") == one)) for one in each)
+
+
+def lengths(n: int, photons: float, methods: list[str]) -> None:
+    """Print what a told length, 0.2 mm uncertain, says of legs and of their index."""
+    three = replace(paper_scene(), path_group_index=INDEX, photons=photons)
+    fibres = {way: fibre_in_view(way, photons=photons) for way in ("picture", "depth")}
+    print("| scene | length | method | n | error / stated of the index | stated | pull of a corner "
+          "or end | error, mm | trust/check/contradicted |")  # fmt: skip
+    print("|---|---|---|---|---|---|---|---|---|")
+    for name, scene in {"three legs": three, **fibres}.items():
+        leg, more = (1, {}) if scene is three else (0, {"free": ("bend",), "n_legs": 1})
+        true = np.asarray(scene.vertices_mm[1], dtype=float)
+        for told, method in product((False, True), methods):
+            rows = []
+            for seed in range(4000, 4000 + n):
+                hist = histograms(scene, seed)
+                measured = scene.leg_lengths_mm[leg] + 0.2 * np.random.default_rng(seed).normal()
+                length = [(leg, measured, 0.2)] if told else []
+                path = lf.reconstruct(
+                    hist, method=method, lengths=length, **told_of_fibre(scene, hist), **more
+                )
+                off = path.vertices_mm[1] - true
+                pull2 = off @ np.linalg.solve(path.covariance[4:7, 4:7], off) / 3.0
+                rows.append(index_of(path) | {"pull2": pull2, "error2": off @ off})
+            cells = [
+                name, "± 0.2 mm" if told else "not told", method, str(n),
+                interval(column(rows, "index2"), 1.0), f"{np.median(column(rows, 'std')):.4f}",
+                interval(column(rows, "pull2"), 1.0),
+                f"{np.sqrt(column(rows, 'error2').mean()):.2f}", levels_of(rows),
+            ]  # fmt: skip
+            print("| " + " | ".join(cells) + " |", flush=True)
+
+
 def drawn(n: int) -> None:
     """Print what is found of a fibre on a circle, drawn from 21 places, its index told +- 0.05."""
-    index = 1.47
     print("| places, mm | curve | n | error / stated of the index | stated | rms error in view, mm "
           "| stated | pull | trust/check/contradicted |")  # fmt: skip
     print("|---|---|---|---|---|---|---|---|---|")
     for name, (errors, source) in DRAWN.items():
         for way in ("depth", "picture"):
-            scene, rows = arc_scene(sagitta_mm=20.0, way=way, index=index), []
+            scene, rows = arc_scene(sagitta_mm=20.0, way=way, index=INDEX), []
             for seed in range(2000, 2000 + n):
                 hist = histograms(scene, seed)
-                call = what_the_user_tells(scene, hist)
-                back = call["medium"].return_group_index
-                call["medium"] = lf.Medium(
-                    1.44, back, path_group_index_std=0.05, index_correlation=0.0
-                )
+                call = told_of_fibre(scene, hist)
                 if source == "unknown":
                     call["source"] = lf.Source()
                 curve = lf.DrawnCurve(
@@ -231,22 +295,12 @@ def drawn(n: int) -> None:
                     turn_std_deg=errors.get("turn_deg", 0.0),
                 )  # fmt: skip
                 path = lf.reconstruct(hist, curves=[curve], **call)
-                off = path.medium.path_group_index - index
-                rows.append(
-                    errors_of(path, scene)
-                    | {"index2": (off / path.group_index_std) ** 2, "std": path.group_index_std}
-                    | {"level": str(path.verdict.level)}
-                )
-            told = {key: np.array([row[key] for row in rows]) for key in rows[0]}
-            levels = "/".join(
-                str(np.count_nonzero(told["level"] == one))
-                for one in ("trust", "check", "contradicted")
-            )
-            rms = {key: np.sqrt(told[key].mean()) for key in ("error2", "stated2")}
+                rows.append(errors_of(path, scene) | index_of(path))
+            rms = {key: np.sqrt(column(rows, key).mean()) for key in ("error2", "stated2")}
             cells = [
-                name, way, str(n), interval(told["index2"], 1.0), f"{np.median(told['std']):.5f}",
-                f"{rms['error2']:.3f}", f"{rms['stated2']:.3f}", interval(told["pull2"], 1.0),
-                levels,
+                name, way, str(n), interval(column(rows, "index2"), 1.0),
+                f"{np.median(column(rows, 'std')):.5f}", f"{rms['error2']:.3f}",
+                f"{rms['stated2']:.3f}", interval(column(rows, "pull2"), 1.0), levels_of(rows),
             ]  # fmt: skip
             print("| " + " | ".join(cells) + " |", flush=True)
 
@@ -264,6 +318,7 @@ def main() -> None:
     parser.add_argument("--straight", type=int, metavar="N", help="N recordings of straight legs")
     parser.add_argument("--airy", type=int, metavar="N", help="N recordings of the Airy beam")
     parser.add_argument("--drawn", type=int, metavar="N", help="N recordings of a drawn fibre")
+    parser.add_argument("--lengths", type=int, metavar="N", help="N recordings of told lengths")
     parser.add_argument("--rows", type=Path)
     chosen = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -272,6 +327,9 @@ def main() -> None:
         return
     if chosen.drawn:
         drawn(chosen.drawn)
+        return
+    if chosen.lengths:
+        lengths(chosen.lengths, chosen.photons, chosen.methods)
         return
     if chosen.airy:
         airy(chosen.airy, 5.0)

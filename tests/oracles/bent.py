@@ -95,6 +95,20 @@ def arc_scene(*, sagitta_mm: float, way: str, index: float, photons: float = 40_
     )  # fmt: skip
 
 
+def fibre_in_view(way: str, *, index: float = 1.47, photons: float = 4000.0) -> BentScene:
+    """A fibre of 213 or 215 mm that begins and ends in the picture, bowed by 15 or 20 mm.
+
+    `way`: "picture" or "depth".
+    """
+    base = paper_scene()
+    bow = {"picture": [0.0, 15.0, 0.0], "depth": [0.0, 0.0, 20.0]}[way]
+    return BentScene(
+        np.array([[85.0, 20.0, 0.0], [290.0, 55.0, 30.0]]), base.camera, clock=base.clock,
+        emission_time_ps=base.emission_time_ps, photons=photons, path_group_index=index,
+        bows_mm={0: np.array([bow])},
+    )  # fmt: skip
+
+
 def measured_places(
     scene: BentScene,
     leg: int,

@@ -10,13 +10,13 @@ from lightflight.flight import Source
 from lightflight.reconstruct.fit.result import prior_in_words
 from lightflight.reconstruct.fit.statements import statements_from_covariance
 from lightflight.reconstruct.model.freedom import (
-    checked_waypoints,
     end_in_picture,
     freedom_of_path,
     state_vector,
     view_end,
 )
 from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.told import checked_waypoints
 from tests.path_fakes import PAPER_VERTICES
 from tests.reconstruct.fakes import camera_like
 

@@ -263,6 +263,11 @@ RECONSTRUCT_KEYS = (
         "known places of vertices, one row (vertex, x, y, z, std) each, mm",
         config.table_of_numbers(5),
     ),
+    Key(
+        "lengths",
+        "known lengths of legs, one row (leg from 0, length, std) each, mm",
+        config.table_of_numbers(3),
+    ),
 )
 
 SCENE_KEYS = (

@@ -178,11 +178,14 @@ def reconstruct_options(lab: Lab) -> dict[str, Any]:
     Returns
     -------
     dict of str
-        Its keys; `waypoints` as (vertex, (x, y, z), std) each, mm; and the curve of [curve].
+        Its keys; `waypoints` as (vertex, (x, y, z), std) each, `lengths` as (leg, length, std), mm;
+        and the curve of [curve].
     """
     options = dict(lab.reconstruct)
     waypoints = [(int(row[0]), row[1:4], row[4]) for row in options.pop("waypoints", ())]
-    return {**options, "waypoints": waypoints, "curves": _curves_from_table(lab.curve)}
+    lengths = [(int(leg), length, std) for leg, length, std in options.pop("lengths", ())]
+    curves = _curves_from_table(lab.curve)
+    return {**options, "waypoints": waypoints, "lengths": lengths, "curves": curves}
 
 
 def _curves_from_table(table: Mapping[str, Any]) -> tuple[DrawnCurve, ...]:

@@ -161,7 +161,7 @@ def checked_media(setting: Setting, method: str) -> None:
     ------
     ValueError
         Where the medium is not the one behind the last interface, or the estimator knows no
-        interfaces, blocks or curves; for curves beside blocks.
+        interfaces, blocks, curves or lengths; for curves beside blocks.
     GeometryError
         Where pixels look along rays that never get behind the interfaces, or the beam comes through
         one from the source.
@@ -175,6 +175,10 @@ def checked_media(setting: Setting, method: str) -> None:
         raise ValueError(
             f"method={method!r} knows straight legs, and a curve is told: use method='joint' or "
             "'photon'"
+        )
+    if setting.lengths and estimator_named(method).of_fit is None:
+        raise ValueError(
+            f"method={method!r} takes no lengths of legs: use method='joint' or 'photon'"
         )
     if setting.curves and setting.medium.blocks:
         raise ValueError(

@@ -23,10 +23,10 @@ from lightflight.reconstruct.estimators import Estimator, estimator_named
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.result import explained, mirror_of_fit, on_first_lap
 from lightflight.reconstruct.legs.direction import legs_in_all_pictures
-from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed, freed_names
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.told import Waypoint, checked_lengths, checked_waypoints
 from lightflight.reconstruct.other_light.diffuse import with_diffuse
 from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
@@ -34,7 +34,7 @@ from lightflight.reconstruct.trials.revise import fit_without_dim_legs
 from lightflight.reconstruct.verdict.alternatives import Other, others_beside, with_others
 from lightflight.reconstruct.verdict.arms import leaves_light, take_up_most, with_arms
 from lightflight.reconstruct.verdict.asked import shares_asked_for
-from lightflight.reconstruct.verdict.bent import asks_for_bends, bent_instead
+from lightflight.reconstruct.verdict.bent import asks_for_bends, bent_instead, bent_to_lengths
 from lightflight.reconstruct.verdict.detours import detour_instead, has_weak_leg
 from lightflight.reconstruct.verdict.examine import examined
 from lightflight.reconstruct.verdict.judge import leaves_misfit, names_symptom
@@ -62,6 +62,7 @@ def reconstruct(
     start: LightPath | ArrayLike | None = None,
     free: Iterable[str] = (),
     curves: Sequence[DrawnCurve] = (),
+    lengths: Sequence[tuple[int, float, float]] = (),
 ) -> LightPath:
     """Path of the pulse in space and time from what the camera recorded.
 
@@ -106,6 +107,9 @@ def reconstruct(
     curves : sequence of DrawnCurve, optional
         Curves that legs are known to run along (a fibre, a circle, a parabola). Without a `start`
         one for each leg: none is looked for in the picture.
+    lengths : sequence of (int, float, float), optional
+        (leg, length_mm, std_mm) of legs, from 0, whose way is known: a fibre, two mirrors measured
+        with a ruler. Both ends must be corners, ends of the light in view, or the source.
 
     Raises
     ------
@@ -134,7 +138,7 @@ def reconstruct(
     medium = scene_medium(views[0]) if medium is None else medium
     setting = Setting(
         views[0], source, medium, checked_waypoints(waypoints, n_legs), tuple(views[1:]),
-        checked_curves(curves, n_legs, begun=start is not None),
+        checked_curves(curves, n_legs, begun=start is not None), checked_lengths(lengths, n_legs),
     )  # fmt: skip
     checked_media(setting, method)
     told, wanted = clocks[0], freed_names(free)
@@ -240,6 +244,8 @@ def path_from_sightings(
         return _through_blocks(request, estimator)
     if setting.curves:
         return _along_curves(request, estimator)
+    if setting.lengths and may_bend:
+        return _of_told_length(request, estimator)
     try:
         path, fit = estimator.fit(request)
     except (GeometryError, NothingFoundError):
@@ -258,6 +264,24 @@ def _through_blocks(request: Request, estimator: Estimator) -> LightPath:
     path, fit = estimator.fit(request)
     refuse_other_crossings(path.vertices_mm, request.setting.medium.blocks)
     return _warned(_judged(path, fit, request, estimator))
+
+
+def _of_told_length(request: Request, estimator: Estimator) -> LightPath:
+    """The path where legs may bend and lengths are told: of a curve they are not its chord's."""
+    # Without its length, of a curve not even roughly the index is known.
+    medium = replace(request.setting.medium, path_group_index_std=0.0)
+    loose = replace(request, setting=replace(request.setting, lengths=(), medium=medium))
+    begun = fit_of_request(loose)
+    if begun.solution.state.bends:  # by a start
+        return _warned(_judged(*estimator.fit(request), request, estimator))
+    straight = fit_or_reason(partial(fit_of_request, request))
+    sightings = request.sightings
+    curve = bent_instead(
+        begun, sightings, loose.setting, request.n_legs, cut=_as_cut(begun, loose), may_bend=True
+    )
+    bent = bent_to_lengths(curve or begun, straight, sightings, request.setting)
+    told = None if bent is None else _told(bent, request, estimator)
+    return _warned(_judged(*(told or estimator.fit(request)), request, estimator))
 
 
 def _along_curves(request: Request, estimator: Estimator) -> LightPath:
@@ -347,10 +371,13 @@ def _warned(path: LightPath) -> LightPath:
 def _detour(
     fit: JointFit | None, request: Request, estimator: Estimator
 ) -> tuple[LightPath, JointFit] | None:
-    """A path with legs that nobody saw, where that is right; a start says what legs there are."""
-    if estimator.of_fit is None or request.start is not None:
-        return None
+    """A path with legs that nobody saw, where that is right; a start says what legs there are.
+
+    A told length that is wrong looks like a way that nobody saw.
+    """
     setting = request.setting
+    if estimator.of_fit is None or request.start is not None or setting.lengths:
+        return None
     found = detour_instead(fit, request.sightings, setting, request.n_legs)
     return None if found is None else _told(found, request, estimator)
 
@@ -383,9 +410,9 @@ def _forked(fit: JointFit | None, request: Request, estimator: Estimator) -> Lig
 def _may_fork(request: Request, estimator: Estimator) -> bool:
     """Whether arms become part of the path; else the verdict names them.
 
-    Waypoints number the vertices of the path that their user knows: an arm would count them anew.
+    Waypoints and lengths number what their user knows: an arm would count it anew.
     """
-    told = request.start is not None or bool(request.setting.waypoints)
+    told = request.start is not None or bool(request.setting.told_vertices)
     return estimator.of_fit is not None and not told
 
 

@@ -69,15 +69,16 @@ def _photon(request: Request) -> tuple[LightPath, JointFit | None]:
 
 
 def _joint_of_fit(fit: JointFit, request: Request) -> LightPath:
-    from lightflight.reconstruct.ways.joint import path_of_fit
+    from lightflight.reconstruct.ways.joint import path_of_pulses
 
-    return path_of_fit(fit, request)
+    return path_of_pulses(fit, request)
 
 
 def _photon_of_fit(fit: JointFit, request: Request) -> LightPath:
+    from lightflight.reconstruct.ways.joint import path_of_fit
     from lightflight.reconstruct.ways.photon import path_of_all_counts
 
-    return path_of_all_counts(fit, _joint_of_fit(fit, request), request)
+    return path_of_all_counts(fit, path_of_fit(fit, request), request)
 
 
 ESTIMATORS = (

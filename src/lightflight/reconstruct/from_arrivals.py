@@ -13,9 +13,9 @@ from lightflight.curves import DrawnCurve, checked_curves
 from lightflight.flight import Medium, Source
 from lightflight.reconstruct.calls import checked_call, checked_media
 from lightflight.reconstruct.chain import path_from_sightings
-from lightflight.reconstruct.model.freedom import Waypoint, checked_waypoints
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.told import Waypoint, checked_lengths, checked_waypoints
 from lightflight.reconstruct.sightings import clock_or_nominal, unwrapped_sighting
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ def path_from_arrivals(
     n_legs: int | None = None,
     waypoints: Sequence[Waypoint] = (),
     curves: Sequence[DrawnCurve] = (),
+    lengths: Sequence[tuple[int, float, float]] = (),
 ) -> LightPath:
     """Joint path fit to pulses that are already found; otherwise as `reconstruct`.
 
@@ -59,6 +60,7 @@ def path_from_arrivals(
         medium,
         checked_waypoints(waypoints, n_legs),
         curves=checked_curves(curves, n_legs, begun=False),
+        lengths=checked_lengths(lengths, n_legs),
     )
     checked_media(setting, "joint")
     clock = clock_or_nominal(hist, timing)

@@ -179,26 +179,32 @@ def _ending_at_tips(
     state: PathState, ends: Ends, setting: Setting, climbed: PathState | None
 ) -> PathState:
     """The path with its ends where light begins and stops in view: as seen, or as last climbed."""
-    first = ends.tips[0]
-    vertices, start_time = state.vertices_mm.copy(), state.start_time_ps
-    if first is not None and setting.source.position_mm is None:
-        if climbed is not None:
-            vertices[0], start_time = climbed.vertices_mm[0], climbed.start_time_ps
-        else:
-            where = fraction_at(first, 0, state, setting.at(int(first[2])))
-            vertices[0] += where * (vertices[1] - vertices[0])
-            start_time += where * float(np.diff(state.vertex_times_ps(setting.medium))[0])
-    for leg in state.last_legs:
-        last = tip_of_leg(ends.tips, leg, state)
-        if last is None:
+    tips = [(leg, tip_of_leg(ends.tips, leg, state), True) for leg in state.last_legs]
+    if setting.source.position_mm is None:
+        tips.insert(0, (0, ends.tips[0], False))
+    for leg, tip, at_end in tips:
+        if tip is None:
             continue
-        if climbed is not None:
-            vertices[leg + 1] = climbed.vertices_mm[leg + 1]
+        if climbed is None:
+            where = fraction_at(tip, leg, state, setting.at(int(tip[2])))
+            state = state.prolonged(leg, where, setting.medium, at_end=at_end)
         else:
-            where = fraction_at(last, leg, state, setting.at(int(last[2])))
-            start = state.leg_starts[leg]
-            vertices[leg + 1] = vertices[start] + where * (vertices[leg + 1] - vertices[start])
-    return replace(state, vertices_mm=vertices, start_time_ps=start_time)
+            state = _ending_as(climbed, state, leg, at_end=at_end)
+    return state
+
+
+def _ending_as(climbed: PathState, state: PathState, leg: int, *, at_end: bool) -> PathState:
+    """The path with a leg's end, or its start, and the leg's curve from another state of it."""
+    vertices = state.vertices_mm.copy()
+    vertex = leg + 1 if at_end else 0
+    vertices[vertex] = climbed.vertices_mm[vertex]
+    own = {bend.leg: bend for bend in climbed.bends}
+    return replace(
+        state,
+        vertices_mm=vertices,
+        start_time_ps=state.start_time_ps if at_end else climbed.start_time_ps,
+        bends=tuple(own[bend.leg] if bend.leg == leg else bend for bend in state.bends),
+    )
 
 
 def _path_from_climb(ended: Climb, rough: LightPath, counts: list[Counts]) -> LightPath:

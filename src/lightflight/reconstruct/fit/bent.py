@@ -86,6 +86,30 @@ def with_bend(
     return replace(state, bends=tuple(bends))
 
 
+def with_axes_across(state: PathState, camera: Camera) -> PathState:
+    """The path whose bends have axes across the lines between their ends as these are now.
+
+    Along that line a shape would make of one parabola another.
+
+    Parameters
+    ----------
+    state : PathState
+        The path.
+    camera : Camera
+        Whose picture says what is depth.
+
+    Returns
+    -------
+    PathState
+        Its curves as near to those it had as shapes across can make them.
+    """
+    bends = []
+    for bend in state.bends:
+        axes = axes_across(state.starts_mm[bend.leg], state.vertices_mm[bend.leg + 1], camera)
+        bends.append(replace(bend, axes=axes, coefficients_mm=axes @ bend.vectors_mm.T))
+    return replace(state, bends=tuple(bends))
+
+
 def straightened(state: PathState) -> PathState:
     """The path with all its legs straight."""
     return replace(state, bends=())

@@ -27,6 +27,7 @@ from lightflight.reconstruct.model.freedom import (
     Freedom,
     ViewEnd,
     end_in_picture,
+    ends_in_view,
     freedom_of_path,
     last_in_view,
     view_end,
@@ -46,6 +47,8 @@ Floats = NDArray[np.float64]
 
 DARK_PX = 1.2
 """Light whose last pixel is farther than this from the picture's edge ends in the picture, px."""
+_STOPS_PX = 4.0
+"""Light whose last pixel is farther than this from where its leg meets the edge ends there, px."""
 _LIT_SHARE = 0.6
 """Where a leg's light falls below this share of what it was, the leg has ended."""
 _WING_PX = 3.0
@@ -188,9 +191,20 @@ def _with_bent_ends(
         if lit is None:
             continue
         last = _fraction_at_edge(state, leg, lit.fraction, outwards, setting.at(lit.view))
+        if _stops(state, leg, lit, last, setting.at(lit.view)):
+            last = lit.fraction
         if last is not None:
             state = state.prolonged(leg, last, setting.medium, at_end=outwards > 0)
     return state
+
+
+def _stops(state: PathState, leg: int, lit: _Lit, at_edge: float | None, setting: Setting) -> bool:
+    """Whether a bent leg's light stops before the picture's edge, which is at a fraction of it."""
+    if not (lit.in_view and lit.is_sharp) or at_edge is None:
+        return lit.in_view and lit.is_sharp
+    edge = state.points_mm(leg, np.array([at_edge]))[0]
+    gap = np.hypot(*(np.array(setting.camera.pixels_from_points(edge)) - lit.tip_px))
+    return bool(gap >= _STOPS_PX)
 
 
 def _fraction_at_edge(
@@ -253,12 +267,16 @@ def freedom_at(
     GeometryError
         Where a leg at an end points straight at the camera.
     """
+    lengths = setting.lengths
     if ends is None:
+        # Where legs end is not yet known, and so none of their lengths.
+        lengths = ()
         ends = Ends(
             _start_plane(state, setting),
             tuple(_end_plane(state, leg, setting) for leg in state.last_legs),
         )
-    tips: Tips = ends.tips if tips_move else (None,)
+    # A length says where light stops, if to a pixel.
+    tips: Tips = ends.tips if tips_move or lengths else (None,)
 
     def end_basis(basis: Floats, leg: int, at: float, tip: Floats | None) -> Floats:
         if tip is None:
@@ -278,6 +296,7 @@ def freedom_at(
         waypoints=setting.waypoints,
         start_basis=start if setting.source.position_mm is None else None,
         end_bases=lasts,
+        lengths=lengths,
         curves=setting.curves,
     )
     return with_detours_level(freedom, state, setting.camera)
@@ -389,26 +408,22 @@ def _visible_end(
     step = state.tangents_mm(leg, np.array([lit.fraction]))[0]
     direction = step / np.linalg.norm(step)
     if state.is_bent(np.array([leg])):
-        # It was cut where it leaves the view.
-        last = _fraction_at_edge(state, leg, lit.fraction, outwards, setting)
+        # It was cut where it leaves the view, or where its light stops.
         end = state.vertices_mm[leg + 1] if outwards > 0 else state.vertices_mm[0]
-        edge = None if last is None else view_end_at(camera, end)
+        edge = None if ends_in_view(camera, end) else view_end_at(camera, end)
     else:
         edge = view_end(camera, inside, outwards * direction)
-    tip, places, photons = lit.tip_px, lit.places_px, lit.photons
+    tip = lit.tip_px
     dark = all(_recorded_beyond(o, state, setting, leg, tip, std, outwards) for o in sightings)
     seen_tip = np.append(tip, lit.view) if dark else None
-    away = np.hypot(*(places - tip).T)
-    # A tip is believed only on a bright leg, lit at five places and more behind it.
-    sharp = np.median(photons[away < 4.0]) > 50.0 and len(np.unique(np.rint(away[away < 6.0]))) >= 5
     if edge is not None:
         # Along an edge that it leaves slowly a leg has feet beyond it, of pixels that see its spot.
         if not lit.in_view:
             return edge, None
         gap = float(np.hypot(*(np.array(camera.pixels_from_points(edge.position_mm)) - tip)))
         # Near the edge, or with a dim leg, the edge is the better guess of the end.
-        if gap < 4.0 or not sharp:
-            return edge, seen_tip if sharp and gap > DARK_PX else None
+        if gap < _STOPS_PX or not lit.is_sharp:
+            return edge, seen_tip if lit.is_sharp and gap > DARK_PX else None
     along = camera.pixel_jacobian(inside) @ direction
     along = along / max(float(np.hypot(*along)), 1e-9)
     across = float(-along[1]), float(along[0])
@@ -441,6 +456,13 @@ class _Lit:
     places_px: Floats
     photons: Floats
     view: int
+
+    @property
+    def is_sharp(self) -> bool:
+        """Whether a tip is believed: on a bright leg, lit at five places and more behind it."""
+        away = np.hypot(*(self.places_px - self.tip_px).T)
+        bright = np.median(self.photons[away < 4.0]) > 50.0
+        return bool(bright and len(np.unique(np.rint(away[away < 6.0]))) >= 5)
 
 
 def _outermost_lit(

@@ -39,7 +39,6 @@ from lightflight.reconstruct.model.forward import (
 )
 from lightflight.reconstruct.model.freedom import (
     Freedom,
-    checked_waypoints,
     ends_in_view,
     freedom_of_path,
     last_in_view,
@@ -56,6 +55,12 @@ from lightflight.reconstruct.model.shared import (
     local_with_shared,
     shared_errors,
     vertices_by_parameters,
+)
+from lightflight.reconstruct.model.told import (
+    ToldLength,
+    Waypoint,
+    checked_lengths,
+    checked_waypoints,
 )
 from lightflight.timing.clock.response import Response
 
@@ -143,6 +148,7 @@ def bounds(
     pixel_std_ps: float = 0.0,
     timing: CodeClock | None = None,
     waypoints: tuple[tuple[int, ArrayLike, float], ...] = (),
+    lengths: tuple[tuple[int, float, float], ...] = (),
 ) -> Bounds:
     """Cramér-Rao bound of a scene or path.
 
@@ -172,6 +178,8 @@ def bounds(
         A calibration whose errors count beside that: of each pixel, and those all share.
     waypoints : tuple of (int, array_like, float), optional
         (vertex index, position_mm, std_mm) of corners measured otherwise.
+    lengths : tuple of (int, float, float), optional
+        (leg, length_mm, std_mm) of legs, from 0, measured otherwise.
 
     Raises
     ------
@@ -186,7 +194,7 @@ def bounds(
     camera = camera or getattr(subject, "camera", None)
     if not hasattr(subject, "vertices_mm") or camera is None:
         raise ValueError("bounds needs a Scene or a LightPath: vertices_mm and a camera")
-    told = checked_waypoints(waypoints, None)
+    told = checked_waypoints(waypoints, None), checked_lengths(lengths, None)
     conditions = conditions_of(
         subject,
         source,
@@ -207,7 +215,7 @@ def bounds(
     whole = PathState(vertices, start, forks=forks, bends=bends)
     whole = through_blocks(whole, medium.blocks, (camera,))
     # Beyond the view nothing is recorded: what lies there is a gauge, not an error.
-    state, freedom, cut_ends = _state_in_view(whole, camera, medium, source, told)
+    state, freedom, cut_ends = _state_in_view(whole, camera, medium, source, *told)
     setting = Setting(camera, source, medium)
     known = _information(state, whole, freedom, cut_ends, conditions, setting)
     return _bounds(
@@ -226,7 +234,8 @@ def _state_in_view(
     camera: Camera,
     medium: Medium,
     source: Source,
-    waypoints: tuple[tuple[int, ArrayLike, float], ...],
+    waypoints: tuple[Waypoint, ...],
+    lengths: tuple[ToldLength, ...],
 ) -> tuple[PathState, Freedom, tuple[bool, ...]]:
     """The path cut where it enters (unknown source) and leaves the view, and its freedom.
 
@@ -268,6 +277,7 @@ def _state_in_view(
             )
             for (before, tip), cut in zip(ends, cut_ends[1:], strict=True)
         ),
+        lengths=lengths,
     )
     return state, freedom, cut_ends
 

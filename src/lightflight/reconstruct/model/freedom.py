@@ -7,15 +7,14 @@ lies before. The last vertex likewise moves within the plane where the flight le
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from lightflight.arguments import POSITIVE, finite_number, finite_numbers, shown
 from lightflight.curves import DrawnCurve
 from lightflight.errors import GeometryError
 from lightflight.flight import Source
@@ -24,6 +23,14 @@ from lightflight.reconstruct.model.drawn import told_of_curve
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.image_plane import inside_edges_px
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
+from lightflight.reconstruct.model.told import (
+    ToldLength,
+    ToldRow,
+    Waypoint,
+    pieces_of,
+    refuse_unmeasured,
+    way_along,
+)
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -40,62 +47,6 @@ _BEND_AXES = ("in the picture", "in depth")
 _BEND_FALL = 2.0
 """Power by which the plausible size of a bend's shapes falls off with their order: curvature, which
 grows by the square of the order, is as plausible in each."""
-
-Waypoint = tuple[int, ArrayLike, float]
-"""(vertex index, position_mm (3,), one-sigma error in mm): a mirror measured with a ruler."""
-
-
-def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tuple[Waypoint, ...]:
-    """Waypoints as plain numbers.
-
-    Parameters
-    ----------
-    waypoints : sequence of (int, array_like, float)
-        (vertex index, position_mm, std_mm) each.
-    n_legs : int or None
-        How many legs there are, where the user knows it; None: as many as the data show.
-
-    Returns
-    -------
-    tuple of (int, array_like, float)
-        Indices whole, positions (3,) arrays.
-
-    Raises
-    ------
-    ValueError
-        For a vertex that no path can have, or a position or error that makes no sense.
-    """
-    checked: list[Waypoint] = []
-    given: object = waypoints
-    try:
-        listed = None if isinstance(given, str) else list(waypoints)
-    except TypeError:
-        listed = None
-    if listed is None:
-        raise ValueError(
-            "waypoints must be a list of (vertex index, position_mm, std_mm), got "
-            f"{shown(waypoints)}"
-        )
-    for waypoint in listed:
-        try:
-            vertex, position_mm, std_mm = waypoint
-            index = int(vertex)
-        except (TypeError, ValueError, OverflowError) as problem:
-            raise ValueError(
-                f"a waypoint must be (vertex index, position_mm, std_mm), got {shown(waypoint)}"
-            ) from problem
-        if index != vertex or index < 1 or (n_legs is not None and index > n_legs):
-            last = "" if n_legs is None else f" to {n_legs}"
-            raise ValueError(
-                f"waypoint of vertex {vertex}: give a corner or the end, 1{last} (vertex 0 is the "
-                "source: give its position_mm and position_std_mm)"
-            )
-        name, must = f"waypoint of vertex {index}: position_mm", "be three finite numbers"
-        position = finite_numbers(name, position_mm, must, shapes=[(3,)])
-        name, must = f"waypoint of vertex {index}: std_mm", "be positive and finite"
-        std = finite_number(name, std_mm, must, low=POSITIVE)
-        checked.append((index, position, std))
-    return tuple(checked)
 
 
 def sagitta_std_mm(order: int, size_mm: float = PLAUSIBLE["curved_leg"].size) -> float:
@@ -133,6 +84,8 @@ class Freedom:
     curve_moves : array of float, shape (q, 6 k)
         By how much the values of the priors change where each of k drawn curves stands elsewhere;
         (q, 0): none is told.
+    told : tuple of ToldRow
+        Which of the priors are waypoints and lengths.
     """
 
     basis: Floats
@@ -140,6 +93,7 @@ class Freedom:
     prior_values: Floats
     labels: tuple[str, ...]
     curve_moves: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    told: tuple[ToldRow, ...] = ()
 
     @property
     def prior_information(self) -> Floats:
@@ -356,6 +310,7 @@ class _Gathered:
     labels: list[str] = field(default_factory=list)
     rows: list[Floats] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
+    told: list[ToldRow] = field(default_factory=list)
 
     def _at_vertex(self, vertex: int, xyz: Floats) -> Floats:
         """(size,), zero but for a vertex."""
@@ -383,6 +338,21 @@ class _Gathered:
         self.rows.append(row)
         self.values.append(float(row @ self.state))
 
+    def add_waypoint(self, vertex: int, told: Waypoint) -> None:
+        """Say where a vertex is."""
+        number, position_mm, std_mm = told
+        for axis, value in enumerate(np.asarray(position_mm, dtype=float)):
+            words = f"place of vertex {number} in {'xyz'[axis]}"
+            self.told.append(ToldRow(words, len(self.rows), std_mm))
+            self.add_prior(3 * vertex + axis, float(value), float(std_mm))
+
+    def add_length(self, state: PathState, told: ToldLength) -> None:
+        """Say how far light runs along a leg; linear about the path as it is."""
+        way_mm, by_state = way_along(state, pieces_of(state, told))
+        self.told.append(ToldRow(f"length of leg {told.leg + 1}", len(self.rows), told.std_mm))
+        self.rows.append(by_state / told.std_mm)
+        self.values.append(float(by_state @ self.state + told.length_mm - way_mm) / told.std_mm)
+
 
 def freedom_of_path(
     state: PathState,
@@ -391,6 +361,7 @@ def freedom_of_path(
     waypoints: tuple[Waypoint, ...],
     start_basis: Floats | None,
     end_bases: tuple[Floats, ...],
+    lengths: tuple[ToldLength, ...] = (),
     curves: tuple[DrawnCurve, ...] = (),
 ) -> Freedom:
     """Freedom of a whole path.
@@ -403,6 +374,8 @@ def freedom_of_path(
     end_bases : tuple of array of float, shape (3, 2)
         Plane in which the exit moves; (3, 3) where the light stops in view. Of a path with arms
         one for each, in the order of `PathState.last_legs`.
+    lengths : tuple of ToldLength
+        Of legs whose ends the picture or the source shows.
     curves : tuple of DrawnCurve
         That legs are told to run along.
     """
@@ -444,17 +417,11 @@ def freedom_of_path(
             found.columns.append(np.eye(state.size)[own.start + number])
             found.labels.append(f"bend of leg {bend.leg + 1} {_BEND_AXES[axis]}, {order + 1}")
             found.add_prior(own.start + number, 0.0, sagitta_std_mm(order + 1, size))
-    # Who knows a mirror does not count faces of glass.
-    counted = [vertex for vertex in range(m) if vertex not in state.on_faces]
-    for number, position_mm, std_mm in waypoints:
-        if number >= len(counted):
-            raise ValueError(
-                f"waypoint of vertex {number}, but the path found has vertices 0 to "
-                f"{len(counted) - 1}: give n_legs, or leave the waypoint out"
-            )
-        vertex = counted[number]
-        for axis, value in enumerate(np.asarray(position_mm, dtype=float)):
-            found.add_prior(3 * vertex + axis, float(value), float(std_mm))
+    bases = zip(state.ends, (start_basis, *end_bases), strict=True)
+    loose = {vertex for vertex, plane in bases if plane is not None and plane.shape[1] < 3}
+    if source.position_mm is not None:
+        loose.discard(0)
+    _hold_told(found, state, waypoints, lengths, loose)
     basis = np.column_stack(found.columns)
     moves = np.zeros((len(found.rows), 0))
     for curve in curves:
@@ -468,4 +435,27 @@ def freedom_of_path(
         prior_values=np.array(found.values),
         labels=tuple(found.labels),
         curve_moves=moves,
+        told=tuple(found.told),
     )
+
+
+def _hold_told(
+    found: _Gathered,
+    state: PathState,
+    waypoints: tuple[Waypoint, ...],
+    lengths: tuple[ToldLength, ...],
+    loose: set[int],
+) -> None:
+    """Say what is told of vertices and legs; `loose` vertices lie at the picture's edge."""
+    # Who knows a mirror does not count faces of glass.
+    counted = [vertex for vertex in range(len(state.vertices_mm)) if vertex not in state.on_faces]
+    for waypoint in waypoints:
+        if waypoint[0] >= len(counted):
+            raise ValueError(
+                f"waypoint of vertex {waypoint[0]}, but the path found has vertices 0 to "
+                f"{len(counted) - 1}: give n_legs, or leave the waypoint out"
+            )
+        found.add_waypoint(counted[waypoint[0]], waypoint)
+    for length in lengths:
+        refuse_unmeasured(state, length, loose)
+        found.add_length(state, length)

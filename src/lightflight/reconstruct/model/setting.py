@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lightflight.flight import Medium, Source
-from lightflight.reconstruct.model.freedom import Waypoint
+from lightflight.reconstruct.model.told import ToldLength, Waypoint
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
@@ -34,6 +34,8 @@ class Setting:
         Further cameras; `Sighting.view` counts `camera` as 0 and these from 1.
     curves : tuple of DrawnCurve
         That legs are told to run along.
+    lengths : tuple of ToldLength
+        Of legs, measured otherwise.
     """
 
     camera: Camera
@@ -42,6 +44,13 @@ class Setting:
     waypoints: tuple[Waypoint, ...] = ()
     others: tuple[Camera, ...] = ()
     curves: tuple[DrawnCurve, ...] = ()
+    lengths: tuple[ToldLength, ...] = ()
+
+    @property
+    def told_vertices(self) -> frozenset[int]:
+        """Vertices, counted as told, that their user knows by number: none of them is needless."""
+        ends = (vertex for one in self.lengths for vertex in (one.leg, one.leg + 1))
+        return frozenset((*(number for number, _, _ in self.waypoints), *ends))
 
     @property
     def cameras(self) -> tuple[Camera, ...]:

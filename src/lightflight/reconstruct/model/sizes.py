@@ -67,6 +67,8 @@ PLAUSIBLE: dict[str, Plausible] = {
     "curved_leg": Plausible(20.0, "mm sagitta"),
     # A fibre that was moved after it was measured.
     "drawn_curve": Plausible(20.0, "mm"),
+    # A ruler laid to the mount and not to the mirror.
+    "prior": Plausible(20.0, "mm"),
     # A mirror outside the picture.
     "unseen_leg": Plausible(200.0, "mm"),
     "unseen_leg time": Plausible(1000.0, "ps"),

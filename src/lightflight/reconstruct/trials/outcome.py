@@ -23,6 +23,7 @@ class NoFit(Enum):
     NO_GEOMETRY = "its legs cannot follow one another, or do not cross the picture"
     NOTHING_FOUND = "too few pulses lie on it, or a leg has too few pixels"
     SINGULAR = "its matrices cannot be solved"
+    TOLD = "it would part a leg whose length is told"
     NOT_COMPUTABLE = "a waypoint names a vertex it has not, or a table of it is empty"
 
 

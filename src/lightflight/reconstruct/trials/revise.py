@@ -288,6 +288,8 @@ def _opened(
     sightings: list[Sighting], state: PathState, leg: int, fraction: float, setting: Setting
 ) -> JointFit | NoFit:
     """Refit with a corner more, at a fraction of a leg, or why there is no such path."""
+    if any(told.leg == state.as_told(leg) for told in setting.lengths):
+        return NoFit.TOLD
     corner = state.points_mm(leg, np.array([fraction]))[0]
     longer = setting_with_corner(setting, state.as_told(leg))
     return refitted(sightings, state.with_corner(leg, corner), longer)
@@ -301,11 +303,10 @@ def refitted(sightings: list[Sighting], state: PathState, setting: Setting) -> J
 def _merged_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> JointFit | None:
     """The fit without the corner that matters least, where it does not matter."""
     state = fit.solution.state
-    waypoint_vertices = {index for index, _, _ in setting.waypoints}
     trials: list[tuple[float, int, PathState]] = []
     for corner in state.corners_seen:
         # A measured mirror is there, and a clear turn is no error of the model.
-        if state.as_told(corner) in waypoint_vertices or state.turn_deg(corner) > 12.0:
+        if state.as_told(corner) in setting.told_vertices or state.turn_deg(corner) > 12.0:
             continue
         straight = _without_corner(fit, corner, setting)
         if not isinstance(straight, NoFit):
@@ -364,15 +365,20 @@ def _fits_as_well(trial: JointFit, fit: JointFit) -> bool:
 
 
 def setting_with_corner(setting: Setting, leg: int) -> Setting:
-    """The setting of a path with one more corner on a leg: later vertices count one more."""
-    moved = tuple((i + (i > leg), p, s) for i, p, s in setting.waypoints)
-    return replace(setting, waypoints=moved)
+    """The setting of a path with one more corner on a leg: what lies behind counts one more."""
+    waypoints = tuple((i + (i > leg), p, s) for i, p, s in setting.waypoints)
+    lengths = tuple(told._replace(leg=told.leg + (told.leg > leg)) for told in setting.lengths)
+    return replace(setting, waypoints=waypoints, lengths=lengths)
 
 
 def setting_without(setting: Setting, corners: Sequence[int]) -> Setting:
-    """The setting of a path without some corners: waypoints name vertices by number."""
-    moved = tuple((i - sum(k < i for k in corners), p, s) for i, p, s in setting.waypoints)
-    return replace(setting, waypoints=moved)
+    """The setting of a path without some corners: what is told names vertices and legs."""
+    waypoints = tuple((i - sum(k < i for k in corners), p, s) for i, p, s in setting.waypoints)
+    lengths = tuple(
+        told._replace(leg=told.leg - sum(k <= told.leg for k in corners))
+        for told in setting.lengths
+    )
+    return replace(setting, waypoints=waypoints, lengths=lengths)
 
 
 def _without_corner(fit: JointFit, corner: int, setting: Setting) -> Solution | NoFit:

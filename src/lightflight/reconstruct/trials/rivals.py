@@ -242,7 +242,7 @@ def _turned(fit: JointFit, leg: int, setting: Setting) -> PathState:
 def _bent_runs(state: PathState, setting: Setting) -> Iterator[_Trial]:
     """One bent leg for each run of straight legs that turn by little."""
     # Waypoints number vertices: with legs joined, others would bear the numbers.
-    if state.bends or setting.waypoints:
+    if state.bends or setting.told_vertices:
         return
     for corners in runs_of_corners(state):
         for orders in _ORDERS:
@@ -279,7 +279,7 @@ def _joined(corners: tuple[int, ...], _: PathState, legs: Indices, *__: object) 
 
 def _cornered(fit: JointFit, setting: Setting) -> Iterator[_Trial]:
     """Two straight legs for each bent one."""
-    if setting.waypoints:
+    if setting.told_vertices:
         return
     for bend in fit.solution.state.bends:
         yield _Trial(

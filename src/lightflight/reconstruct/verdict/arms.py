@@ -166,7 +166,7 @@ def _up_to_weak_leg(
     """The path up to its first leg that is all but unseen, where a search so joined two arms."""
     state = fit.solution.state
     weak = np.flatnonzero(pulses_of_legs(fit) <= FEW_PULSES)
-    if not len(weak) or weak[0] == 0 or state.forks or state.unseen or setting.waypoints:
+    if not len(weak) or weak[0] == 0 or state.forks or state.unseen or setting.told_vertices:
         return
     shorter = replace(state, vertices_mm=state.vertices_mm[: weak[0] + 1])
     trial = refitted(sightings, shorter, setting)

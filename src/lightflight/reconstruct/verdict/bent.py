@@ -6,6 +6,7 @@ straight is never asked about, and costs nothing.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -17,6 +18,7 @@ from lightflight.reconstruct.fit.bent import (
     bent_for_run,
     runs_of_corners,
     straightened,
+    with_axes_across,
     with_bend,
 )
 from lightflight.reconstruct.fit.fine import with_fine_light
@@ -24,6 +26,7 @@ from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.told import pieces_of, way_along
 from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.trials.revise import refitted, sharpest_bend
 from lightflight.reconstruct.verdict.evidence import WITHIN
@@ -110,7 +113,7 @@ def bent_instead(
     if not may_bend and not explains_all(bent, sightings, without):
         # Shapes fewer, or finer ones in the picture, explain no more.
         return None
-    bent = _finer_in_picture(_pruned(bent, sightings, setting), sightings, setting)
+    bent = _finer(_pruned(bent, sightings, setting), sightings, setting)
     cost = cost_with_kinks(bent, sightings)
     # In light as the straight path has it: what differs then are bends.
     fine = with_fine_light(bent, setting)
@@ -121,6 +124,63 @@ def bent_instead(
         return bent
     clean = explains_all(fine, sightings, without) and not bent.solution.state.unseen
     return bent if clean and _told_apart(bent, cost, sightings, setting) else None
+
+
+def bent_to_lengths(
+    loose: JointFit, straight: JointFit | NoFit, sightings: list[Sighting], setting: Setting
+) -> JointFit | None:
+    """A path whose legs bend to the lengths that are told of them; None where they are straight.
+
+    Parameters
+    ----------
+    loose : JointFit
+        The path without the lengths, its legs straight or bent.
+    straight : JointFit or NoFit
+        The path with straight legs and with the lengths, or why there is none.
+    sightings : list of Sighting
+        The recordings as they were found.
+    setting : Setting
+        With lengths; legs may bend.
+
+    Returns
+    -------
+    JointFit or None
+        With as many shapes as counts and lengths ask for.
+    """
+    state = loose.solution.state
+    begun = [state] if state.bends else [_bowed(state, setting, sign) for sign in (1.0, -1.0)]
+    bent = _cheapest(begun, sightings, setting)
+    if bent is None:
+        return None
+    bent = _grown(bent, sightings, setting)
+    bent = _finer(_pruned(bent, sightings, setting), sightings, setting)
+    if isinstance(straight, NoFit):
+        return bent
+    worth = _gained(with_fine_light(bent, setting), straight, sightings)
+    return bent if worth >= price_of(0, sightings) else None
+
+
+def _bowed(state: PathState, setting: Setting, sign: float) -> PathState:
+    """The path with the legs whose length is told bowed in depth as far as that asks for.
+
+    A parabola of sagitta s on a chord c is longer than it by 8 s^2 / 3 c. Of straight legs no
+    length says which way they bend: a fit would stay there.
+    """
+    for told in setting.lengths:
+        legs = pieces_of(state, told)
+        chord = way_along(state, legs)[0]
+        for leg in legs:
+            state = with_bend(state, leg, 1, setting.camera)
+            longer = max(told.length_mm - chord, told.std_mm) * state.lengths_mm[leg] / chord
+            sagitta = sign * np.sqrt(0.375 * longer * state.lengths_mm[leg])
+            bends = tuple(
+                replace(bend, coefficients_mm=np.array([[0.0], [sagitta]]))
+                if bend.leg == leg
+                else bend
+                for bend in state.bends
+            )
+            state = replace(state, bends=bends)
+    return state
 
 
 def cost_with_kinks(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> float:
@@ -169,7 +229,7 @@ def _joined(state: PathState, setting: Setting) -> list[PathState]:
 
     None where waypoints say which vertex is which: with legs joined, others would bear the numbers.
     """
-    if setting.waypoints:
+    if setting.told_vertices:
         return []
     return [
         bent_for_run(state, corners, orders, setting.camera)
@@ -226,17 +286,20 @@ def _pruned(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Joint
         fit = better
 
 
-def _finer_in_picture(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
+def _finer(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit:
     """The path with a shape more of each bend in the picture than the counts are worth.
 
     What is not worth its price is not zero: left out, it moved places by twice their errors. In the
-    picture it costs one percent of the stated errors, in depth a quarter and more.
+    picture it costs one percent of the stated errors, in depth a quarter and more. Where the index
+    is told with an error, times tell it from depth by the shape of the curve alone: to 0.007 by
+    that of an exact parabola, five such errors off.
     """
-    state = fit.solution.state
+    state, in_depth = fit.solution.state, setting.medium.path_group_index_std > 0.0
     for bend in state.bends:
         orders = min(bend.orders + 1, MOST_ORDERS)
-        alone = bend.more_in_picture + orders - bend.orders
+        alone = bend.more_in_picture + (0 if in_depth else orders - bend.orders)
         state = with_bend(state, bend.leg, orders, setting.camera, more_in_picture=alone)
+    state = with_axes_across(state, setting.camera)
     finer = _fitted(sightings, state, setting)
     return fit if isinstance(finer, NoFit) else finer
 

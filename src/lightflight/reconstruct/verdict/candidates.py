@@ -6,7 +6,7 @@ rows of the joint fit (`least_squares.Solution.rows`) by that parameter.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -34,6 +34,7 @@ from lightflight.reconstruct.model.image_plane import (
 from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.picture import LineDataInPicture
 from lightflight.reconstruct.model.sizes import PLAUSIBLE, Plausible
+from lightflight.reconstruct.model.told import ToldRow
 from lightflight.timing.clock.shared_modes import skewed_delays
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
@@ -312,6 +313,36 @@ def drawn_curve_candidate(rows: Rows, curve_moves: Floats) -> Candidate | None:
     columns[first : first + len(curve_moves)] = curve_moves
     one = (PLAUSIBLE["drawn_curve"],) * 3 + (PLAUSIBLE["pose turn"],) * 3
     return Candidate(FindingName.DRAWN_CURVE, columns, one * (curve_moves.shape[1] // 6))
+
+
+def told_candidate(rows: Rows, told: Sequence[ToldRow]) -> Candidate | None:
+    """Waypoints and lengths that were told and are elsewhere, beyond their errors.
+
+    Parameters
+    ----------
+    rows : Rows
+        The model.
+    told : sequence of ToldRow
+        Which of the freedom's priors they are; these follow the times and lines.
+
+    Returns
+    -------
+    Candidate or None
+        None where nothing of the kind is told.
+    """
+    if not told:
+        return None
+    first, plausible = len(rows.times.leg) + len(rows.lines.leg), PLAUSIBLE["prior"]
+    columns = np.zeros((rows.size, len(told)))
+    for k, one in enumerate(told):
+        columns[first + one.row, k] = plausible.size / one.std_mm
+
+    def worst(sizes: Floats) -> str:
+        """Which of them is farthest off."""
+        k = int(np.argmax(np.abs(sizes)))
+        return f"the told {told[k].words} is off by {sizes[k] * plausible.size:.2g} mm"
+
+    return Candidate(FindingName.PRIOR, columns, (plausible,) * len(told), says=worst)
 
 
 def _late_clocks(rows: Rows) -> Candidate:

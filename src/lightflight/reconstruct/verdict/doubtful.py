@@ -10,7 +10,7 @@ that is slower on a leg bends its times as a curve in depth does, a lens bows it
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +20,6 @@ from lightflight.path.tree import starts_of
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import OUTLIER
-from lightflight.reconstruct.model.freedom import Waypoint
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
@@ -64,7 +63,7 @@ def verdict_with_doubtful_corners(
     """
     if verdict.level is not Level.TRUST:
         return verdict
-    asked = corners_asked_about(fit, setting.waypoints)
+    asked = corners_asked_about(fit, setting.told_vertices)
     if not asked:
         return verdict
     state = fit.solution.state
@@ -79,24 +78,21 @@ def verdict_with_doubtful_corners(
     return verdict
 
 
-def corners_asked_about(
-    fit: JointFit, waypoints: Sequence[Waypoint]
-) -> tuple[tuple[int, ...], ...]:
+def corners_asked_about(fit: JointFit, told: Collection[int]) -> tuple[tuple[int, ...], ...]:
     """Corners that may be taken out together: shallow ones, and both of a leg all but unseen.
 
     Parameters
     ----------
     fit : JointFit
         The path.
-    waypoints : sequence of (int, array, float)
-        Corners that were told: these are none.
+    told : collection of int
+        Vertices that were told (`Setting.told_vertices`): these are none.
 
     Returns
     -------
     tuple of tuple of int
         Numbers of their vertices.
     """
-    told = {index for index, _, _ in waypoints}
     state = fit.solution.state
     open_ = [k for k in state.corners_seen if state.as_told(k) not in told]
     shallow = tuple(k for k in open_ if state.turn_deg(k) < _SHALLOW_DEG)

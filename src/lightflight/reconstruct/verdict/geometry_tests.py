@@ -31,6 +31,7 @@ from lightflight.reconstruct.verdict.candidates import (
     Rows,
     drawn_curve_candidate,
     geometry_candidates,
+    told_candidate,
 )
 from lightflight.reconstruct.verdict.evidence import SEEN_AT, Evidence
 from lightflight.reconstruct.verdict.freed import STRAIGHT, fit_freed
@@ -130,9 +131,10 @@ def evidence_from_geometry(
     clock = _of_single_pixels(fit, times, solution, sightings)
     # Of priors alone, which a fit with a cause freed in times and lines knows nothing of.
     drawn = drawn_curve_candidate(rows, fit.freedom.curve_moves)
-    told = None if drawn is None else _score_test(drawn, examined)
-    curves = () if told is None else (told,)
-    return (*weighed, *curves, _scatter(fit, times, solution), *clock)
+    told = told_candidate(rows, fit.freedom.told)
+    asked = (_score_test(one, examined) for one in (drawn, told) if one is not None)
+    priors = tuple(one for one in asked if one is not None)
+    return (*weighed, *priors, _scatter(fit, times, solution), *clock)
 
 
 def _as_good(block: Evidence, jump: Evidence) -> tuple[Evidence, Evidence]:
@@ -435,6 +437,7 @@ REMEDIES: dict[FindingName, str] = {
     FindingName.CALIBRATION: "calibrate the delays and codes of the pixels anew",
     FindingName.CURVED_LEG: "look for what bends the beam",
     FindingName.DRAWN_CURVE: "measure the told curve anew, or state larger errors of its place",
+    FindingName.PRIOR: "measure it anew, or state a larger error",
     FindingName.UNSEEN_LEG: "look for a mirror outside the picture, and say where it is",
     FindingName.TREND: "look at the residuals along the legs",
 }

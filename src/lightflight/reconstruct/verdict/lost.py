@@ -121,7 +121,7 @@ def _with_mode(sighting: Sighting, column_ps: Floats | float) -> Sighting:
 
 
 def cost_of_pulses(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> float:
-    """Chi-square of all pulses by their stated errors, of lines and of what is shared.
+    """Chi-square of all pulses by their stated errors, of lines, of what is shared and was told.
 
     A pulse that takes no part costs what it may at most. `scatter` is the chi-square per pulse that
     there is in any case: by so much stated errors are too small.
@@ -131,7 +131,9 @@ def cost_of_pulses(fit: JointFit, sightings: list[Sighting], scatter: float = 1.
     squared = solution.residual_ps[used] ** 2 / (times.photon_var + times.pixel_var)[used]
     left = sum(len(o.usable_pulses) for o in sightings) - np.count_nonzero(used)
     shared = np.concatenate((solution.modes, solution.shared))
-    taken = squared.sum() + solution.line_chi2 + shared @ shared
+    first = len(times.leg) + len(fit.lines.leg)
+    told = solution.rows[[first + one.row for one in fit.freedom.told]]
+    taken = squared.sum() + solution.line_chi2 + shared @ shared + told @ told
     return float(taken / scatter + OUTLIER**2 * left)
 
 

@@ -41,6 +41,7 @@ from lightflight.reconstruct.model.geometry import PathState, state_of_path
 from lightflight.reconstruct.model.glass import lit_by_short_pieces, through_blocks
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting, without_pixels
+from lightflight.reconstruct.model.told import ToldLength, statements_of_lengths
 from lightflight.reconstruct.other_light.diffuse import with_diffuse
 from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.reconstruct.trials.revise import (
@@ -85,7 +86,25 @@ def path_by_joint(request: Request) -> tuple[LightPath, JointFit]:
         Where no path stands out.
     """
     fit = fit_of_request(request)
-    return _by_all_counts(fit, request, path_of_fit(fit, request)), fit
+    return path_of_pulses(fit, request), fit
+
+
+def path_of_pulses(fit: JointFit, request: Request) -> LightPath:
+    """The path of a joint fit; by all counts where pulses alone leave much of it unsaid.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The fit.
+    request : Request
+        What it answers.
+
+    Returns
+    -------
+    LightPath
+        Told as `joint`.
+    """
+    return _by_all_counts(fit, request, path_of_fit(fit, request))
 
 
 def fit_of_request(request: Request) -> JointFit:
@@ -253,6 +272,7 @@ def path_of_fit(fit: JointFit, request: Request) -> LightPath:
         statements=(
             *_statements_of_path(fit, request.timing),
             *statements_of_curves(fit.solution.state, request.setting.curves),
+            *statements_of_lengths(request.setting.lengths),
         ),
         truth=request.sightings[0].histograms.truth,
     )
@@ -267,7 +287,7 @@ def _by_all_counts(fit: JointFit, request: Request, path: LightPath) -> LightPat
     part. Counts that no single pulse claims speak for both.
     """
     sightings, setting = list(fit.sightings), request.setting
-    why = _why_all_counts(fit)
+    why = _why_all_counts(fit, setting.lengths)
     if not why or setting.others or not all(o.histograms.poisson for o in sightings):
         return path
     from lightflight.reconstruct.all_counts.photon import photon_path
@@ -288,18 +308,19 @@ def _by_all_counts(fit: JointFit, request: Request, path: LightPath) -> LightPat
     return replace(better, method="joint", statements=(said, *better.statements))
 
 
-def _why_all_counts(fit: JointFit) -> str:
+def _why_all_counts(fit: JointFit, lengths: tuple[ToldLength, ...]) -> str:
     """What pulses alone do not tell of a path; empty where they tell all."""
     n_legs = fit.solution.state.n_legs
     used = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=n_legs)
     # Few pulses settle a leg wrongly as easily as rightly: at wrong times its light is not seen.
     weak = np.flatnonzero(used <= _RECOUNTED_UP_TO_PULSES)
-    weak = np.setdiff1d(weak, fit.solution.state.dark)
+    weak = np.intersect1d(weak, fit.solution.state.seen)
     if len(weak):
         return f"Leg {weak[0] + 1} rests on {used[weak[0]]} pulses"
     for leg, tip in zip((0, *fit.solution.state.last_legs), fit.tips, strict=False):
         first, last = fit.pictures[0].legs[leg].span_px
-        if tip is not None and last - first < _SHORT_PX:
+        short = last - first < _SHORT_PX
+        if tip is not None and (short or any(one.leg == leg for one in lengths)):
             return "Light begins or stops within the picture"
     return ""
 
