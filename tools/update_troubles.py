@@ -35,7 +35,13 @@ from lightflight.path.on_bends import drawn  # noqa: E402
 from lightflight.view import style  # noqa: E402
 from tests.oracles import refracted_border  # noqa: E402
 from tests.oracles.bent import arc_scene, measured_places  # noqa: E402
-from tests.oracles.refracted import AIR, RefractedScene, block_world, tank_world  # noqa: E402
+from tests.oracles.refracted import (  # noqa: E402
+    AIR,
+    RefractedScene,
+    block_world,
+    paper_scene,
+    tank_world,
+)
 from tests.oracles.refracted_border import histograms  # noqa: E402
 from tests.oracles.worlds.border import record, what_the_user_tells  # noqa: E402
 from tests.oracles.worlds.defects import DEFECTS  # noqa: E402
@@ -65,6 +71,7 @@ def _on_pf32(world: World) -> World:
 
 
 TROUBLES = {
+    "prior": Trouble("waypoint", 4.0, "the first mirror measured 4 mm too near, told to 0.5 mm"),
     "source": Trouble("source_off_z", 10.0, "the source is told 10 mm too near"),
     "pose": Trouble("camera_rolled", 1.0, "the camera is rolled by 1°, told upright"),
     "focal_length": Trouble("focal_length_longer", 0.02, "a focal length 2 % longer than told"),
@@ -97,7 +104,7 @@ TROUBLES = {
     "trend": Trouble("uneven_codes", 0.06, "codes uneven by 6 %, told as even"),
     "scatter": Trouble("crosstalk", 0.2, "crosstalk of a fifth between neighbouring pixels"),
 }
-"""By name of the finding. `prior` is found by no test, `not_examined` is no test: see the page."""
+"""By name of the finding. `not_examined` is no test: see the page."""
 
 
 class Case(NamedTuple):
@@ -137,6 +144,13 @@ def case_of_fibre(up_mm: float) -> Case:
     return case_of_scene(scene, source=lf.Source(), curves=[curve])
 
 
+def case_of_waypoint(nearer_mm: float) -> Case:
+    """Three legs, the place of whose first mirror is told so much too near the camera."""
+    scene = paper_scene()
+    told_mm = scene.vertices_mm[1] + np.array([0.0, 0.0, nearer_mm])
+    return case_of_scene(scene, waypoints=[(1, told_mm, 0.5)])
+
+
 def case_of_scene(
     scene: RefractedScene,
     mistaken: Callable[[lf.Camera], lf.Camera] = lambda camera: camera,
@@ -159,6 +173,8 @@ def cases_of(trouble: Trouble, start: World, plain: dict[str, Case]) -> tuple[Ca
         return case_of_tank(0.0), case_of_tank(trouble.strength)
     if trouble.defect == "block":
         return case_of_beam(with_block=False), case_of_beam(with_block=True)
+    if trouble.defect == "waypoint":
+        return case_of_waypoint(0.0), case_of_waypoint(trouble.strength)
     if trouble.defect == "drawn_curve":
         return case_of_fibre(0.0), case_of_fibre(trouble.strength)
     base = trouble.base(start)
