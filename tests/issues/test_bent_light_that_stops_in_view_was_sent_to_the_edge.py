@@ -20,7 +20,7 @@ from tests.oracles.refracted_border import histograms, what_the_user_tells
 @pytest.mark.parametrize("method", ["joint", "photon"])
 def test_bent_light_that_stops_in_view_was_sent_to_the_edge(method):
     """Its end at its stated errors: chance 1e-5."""
-    scene = fibre_in_view("picture", index=1.00027)
+    scene = fibre_in_view("picture", index=1.00027, end_mm=260.0)
     hist = histograms(scene, 5)
     path = lf.reconstruct(
         hist, method=method, n_legs=1, free=("bend",), **what_the_user_tells(scene, hist)

@@ -18,6 +18,7 @@ from lightflight.reconstruct.trials.revise import refitted
 from lightflight.reconstruct.verdict import doubtful, examine
 from lightflight.reconstruct.verdict.doubtful import verdict_with_doubtful_corners
 from tests.oracles.worlds.border import record, what_the_user_tells
+from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
@@ -49,6 +50,18 @@ def test_a_corner_that_a_clock_explains_is_in_doubt(asked):
     assert doubted.level == "check"
     assert "turns by 14° at corner 1" in doubted.findings[0].sentence
     assert "--n-legs" in doubted.findings[0].remedy
+
+
+@pytest.mark.usefixtures("as_found")
+def test_a_corner_is_asked_about_where_the_path_without_loses_pulses():
+    """A source told 3 mm off made four legs of three, trusted: without the corner ten pulses lay on
+    no leg, and each counted against the source, with which they all come back."""
+    world = DEFECTS["source_off_x"].applied(random_world(33508, 3), 3.0)
+    with pytest.warns(lf.errors.SuspectDataWarning):
+        path = lf.reconstruct(record(world, 33508), **what_the_user_tells(world))
+    assert path.n_legs == 4
+    assert path.verdict.level == "check"
+    assert path.verdict.findings[0].name == "source"
 
 
 def test_a_corner_is_asked_about_where_even_light_fits_no_path(asked, monkeypatch):

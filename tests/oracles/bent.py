@@ -95,15 +95,17 @@ def arc_scene(*, sagitta_mm: float, way: str, index: float, photons: float = 40_
     )  # fmt: skip
 
 
-def fibre_in_view(way: str, *, index: float = 1.47, photons: float = 4000.0) -> BentScene:
+def fibre_in_view(
+    way: str, *, index: float = 1.47, photons: float = 4000.0, end_mm: float = 290.0
+) -> BentScene:
     """A fibre of 213 or 215 mm that begins and ends in the picture, bowed by 15 or 20 mm.
 
-    `way`: "picture" or "depth".
+    `way`: "picture" or "depth"; `end_mm`: how far along x it ends, the picture does at 310.
     """
     base = paper_scene()
     bow = {"picture": [0.0, 15.0, 0.0], "depth": [0.0, 0.0, 20.0]}[way]
     return BentScene(
-        np.array([[85.0, 20.0, 0.0], [290.0, 55.0, 30.0]]), base.camera, clock=base.clock,
+        np.array([[85.0, 20.0, 0.0], [end_mm, 55.0, 30.0]]), base.camera, clock=base.clock,
         emission_time_ps=base.emission_time_ps, photons=photons, path_group_index=index,
         bows_mm={0: np.array([bow])},
     )  # fmt: skip

@@ -134,6 +134,18 @@ def test_index_and_place_err_as_stated(name):
     assert chi2.ppf(2.5e-5, 6) < of_place < chi2.ppf(1.0 - 2.5e-5, 6)
 
 
+def test_a_length_belongs_to_where_the_light_stops():
+    """And not to the picture's edge, seven pixels on."""
+    scene = fibre_in_view("depth", end_mm=260.0)
+    hist = histograms(scene, 1)
+    told = [(0, float(scene.leg_lengths_mm[0]), 0.2)]
+    path = lf.reconstruct(
+        hist, n_legs=1, free=("bend",), lengths=told, **told_of_fibre(scene, hist)
+    )
+    assert path.verdict.level is Level.TRUST
+    assert path.legs[0].length_mm == pytest.approx(told[0][1], abs=0.6)
+
+
 def test_it_halves_the_error_of_the_index_and_all_counts_agree():
     scene = three()
     hist = histograms(scene, 7)

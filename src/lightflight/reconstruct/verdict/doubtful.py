@@ -30,6 +30,7 @@ from lightflight.reconstruct.verdict.evidence import MOST_NAMED, WITHIN, Evidenc
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry, stated_solution
 from lightflight.reconstruct.verdict.hidden import pulses_of_legs
 from lightflight.reconstruct.verdict.judge import best_of_each
+from lightflight.reconstruct.verdict.lost import cost_of_pulses, freed_one_by_one
 
 _SHALLOW_DEG = 30.0
 """Corners that turn by more are not asked about, deg: errors of plausible size bend a leg by up to
@@ -203,8 +204,28 @@ def _causes_instead(
     needed = shorter_chi2 - longer_chi2 + OUTLIER**2 * lost
     needed -= _OF_A_CORNER * len(corners) + WITHIN
     evidence = evidence_from_geometry(shorter, sightings, narrowed)
-    enough = [one for one in evidence if not one.symptom and one.gain > max(needed, 0.0)]
+    causes = [one for one in evidence if not one.symptom]
+    enough = [one for one in causes if one.gain > max(needed, 0.0)]
+    if not enough and lost > 0:
+        # What it is told wrong has cost the shorter path pulses, which no test of the others sees.
+        near = [one for one in causes if one.gain > max(needed - OUTLIER**2 * lost, 0.0)]
+        worth = cost_of_pulses(longer, sightings) + _OF_A_CORNER * len(corners) + WITHIN
+        enough = _with_pulses_back(near, shorter, worth, sightings, narrowed)
     return best_of_each(sorted(enough, key=lambda one: -one.gain))
+
+
+def _with_pulses_back(
+    causes: list[Evidence], fit: JointFit, worth: float, sightings: list[Sighting], setting: Setting
+) -> list[Evidence]:
+    """Those of some causes with which, freed in a fit of their own, a path costs no more."""
+    found, named = [], {one.name: one for one in causes}
+    for name, n_freed, there, seen in freed_one_by_one(sightings, setting):
+        if name not in named:
+            continue
+        trial = refitted(seen, fit.solution.state, there)
+        if not isinstance(trial, NoFit) and cost_of_pulses(trial, seen) + n_freed < worth:
+            found.append(named[name])
+    return found
 
 
 def _finding(cause: Evidence, corners: tuple[int, ...], state: PathState) -> Finding:
