@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.oracles.brute_force import C
+from tests.oracles.brute_force import C, camera_over_plane
 from tests.oracles.refracted import (
     AIR,
     RefractedScene,
@@ -21,6 +21,7 @@ from tests.oracles.refracted import (
     signal_counts,
     stations,
 )
+from tests.oracles.several_views import moved_to
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,3 +90,17 @@ def splitter_world(seed: int, *, share: float = 0.5, photons: float = 4_000.0) -
         share,
         replace(paper_scene(), photons=photons),
     )
+
+
+def seen_apart(seed: int, *, arm_first: bool = False) -> list[tuple[Splitter, np.ndarray]]:
+    """A splitter before two cameras, one of which sees three pixels of the arm that turns off.
+
+    Each with what it recorded of one flight; `arm_first`: the camera that sees it whole is first.
+    """
+    flight = np.array([[0, 20, 0], [190, 30, 10], [460, 45, 25], [170, 330, 40]], dtype=float)
+    base = replace(paper_scene(), photons=4_000.0)
+    below = camera_over_plane(center=(187.5, -60.0))
+    aside = moved_to(base.camera, (560.0, 260.0, 420.0), (187.5, 100.0, 15.0))
+    cameras = [aside, below] if arm_first else [below, aside]
+    worlds = [Splitter(*flight, 0.5, replace(base, camera=camera)) for camera in cameras]
+    return [(world, world.recording(10 * seed + k)) for k, world in enumerate(worlds)]

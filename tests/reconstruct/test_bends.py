@@ -12,9 +12,10 @@ from scipy.stats import chi2
 import lightflight as lf
 from lightflight.errors import SuspectDataWarning
 from lightflight.flight import Medium
-from lightflight.path.bends import Bend, BentCourse, shapes_at
+from lightflight.path.bends import Bend, BentCourse, checked_bends, shapes_at
 from lightflight.path.tables import Goodness
 from lightflight.path.verdict import Level
+from lightflight.reconstruct.fit.bent import with_axes_across
 from lightflight.reconstruct.model.freedom import state_vector
 from lightflight.reconstruct.model.geometry import (
     PathState,
@@ -87,6 +88,21 @@ class TestTheCurve:
         np.testing.assert_allclose(
             part.points_mm(inside), course.points_mm(0.2 + 0.7 * inside), atol=1e-9
         )
+
+    def test_axes_follow_the_line_between_its_ends_and_the_curve_stays(self):
+        """What shapes did along the line, by a degree, is left out; so is depth of spare shapes."""
+        state, camera = bent_state(5), lf.Camera.facing_plane()
+        (bend,) = state.bends
+        flat = replace(bend, coefficients_mm=bend.coefficients_mm * [[1, 1, 1], [1, 1, 0]])
+        state = replace(state, bends=(replace(flat, more_in_picture=1),))
+        turned = with_axes_across(state, camera)
+        (own,) = checked_bends(turned.bends, 2, ())
+        along = turned.steps_mm[0] / np.linalg.norm(turned.steps_mm[0])
+        np.testing.assert_allclose(own.axes @ along, 0.0, atol=1e-12)
+        assert own.coefficients_mm[1, 2] == 0.0
+        had = flat.vectors_mm[:2]
+        across = had - np.outer(had @ along, along)
+        np.testing.assert_allclose(own.vectors_mm[:2], across, atol=1e-9)
 
     def test_the_first_shape_s_coefficient_is_the_sagitta(self):
         assert shapes_at(np.array([0.5]), 3)[0].tolist() == [1.0, 0.0, -0.5]

@@ -22,6 +22,7 @@ from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, chec
 from lightflight.reconstruct.estimators import Estimator, estimator_named
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.result import explained, mirror_of_fit, on_first_lap
+from lightflight.reconstruct.fit.short_pieces import without_short_pieces
 from lightflight.reconstruct.legs.direction import legs_in_all_pictures
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed, freed_names
@@ -421,6 +422,7 @@ def _told(
 ) -> tuple[LightPath, JointFit] | None:
     """The estimator's path from a fit of pulses; None where the counts lead nowhere."""
     assert estimator.of_fit is not None
+    found = without_short_pieces(found, request.setting)
     found = with_diffuse(found, request.setting, nominal=request.timing is None)
     try:
         return estimator.of_fit(found, request), found

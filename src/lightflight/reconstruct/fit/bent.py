@@ -106,7 +106,9 @@ def with_axes_across(state: PathState, camera: Camera) -> PathState:
     bends = []
     for bend in state.bends:
         axes = axes_across(state.starts_mm[bend.leg], state.vertices_mm[bend.leg + 1], camera)
-        bends.append(replace(bend, axes=axes, coefficients_mm=axes @ bend.vectors_mm.T))
+        found = axes @ bend.vectors_mm.T
+        found[1, bend.orders - bend.more_in_picture :] = 0.0
+        bends.append(replace(bend, axes=axes, coefficients_mm=found))
     return replace(state, bends=tuple(bends))
 
 

@@ -146,16 +146,22 @@ def lit_by_short_pieces(
     short = [leg for leg in state.dark if leg not in glass]
     lines = [state.vertices_mm[leg : leg + 2] for leg in short]
     lines += [line for block in blocks if (line := way_on_to(state.vertices_mm, block)) is not None]
+    share = np.linspace(0.0, 1.0, _PLACES)[:, np.newaxis]
     lit = np.zeros(camera.shape, dtype=bool)
-    pixels = np.moveaxis(np.indices(camera.shape, dtype=float), 0, -1)
     for line in lines:
-        share = np.linspace(0.0, 1.0, _PLACES)[:, np.newaxis]
-        places = line[0] + share * (line[1] - line[0])
-        places = places[camera.sees(places)]
-        if len(places):
-            image = np.column_stack(camera.pixels_from_points(places))
-            away = np.linalg.norm(pixels[..., np.newaxis, :] - image, axis=-1)
-            lit |= away.min(axis=-1) < _LIT_PX
+        lit |= pixels_lit_from(line[0] + share * (line[1] - line[0]), camera)
+    return lit
+
+
+def pixels_lit_from(places_mm: Floats, camera: Camera) -> NDArray[np.bool_]:
+    """Pixels (rows, cols) that light of places (n, 3), world, mm, may reach in a picture."""
+    lit = np.zeros(camera.shape, dtype=bool)
+    places = places_mm[camera.sees(places_mm)]
+    if len(places):
+        pixels = np.moveaxis(np.indices(camera.shape, dtype=float), 0, -1)
+        image = np.column_stack(camera.pixels_from_points(places))
+        away = np.linalg.norm(pixels[..., np.newaxis, :] - image, axis=-1)
+        lit = away.min(axis=-1) < _LIT_PX
     return lit
 
 

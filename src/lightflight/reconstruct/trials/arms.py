@@ -57,13 +57,13 @@ def fits_with_arm(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
     list of JointFit
         One of each place at which a leg among the other light may leave the path.
     """
-    left = unclaimed_by_path(sightings[0], fit, setting)
-    starts = [
-        start
-        for leg in legs_among(sightings[0], left, setting)
-        for start in _starts(fit.solution.state, leg, setting)
-    ]
-    starts += [(state, setting) for state in _straight_on(fit.solution.state, setting)]
+    starts: list[tuple[PathState, Setting]] = []
+    for view in range(len(setting.cameras)):
+        first, seen = next(o for o in sightings if o.view == view), setting.at(view)
+        left = unclaimed_by_path(first, fit, setting)
+        for leg in legs_among(first, left, seen):
+            starts += _starts(fit.solution.state, leg, setting, view)
+        starts += [(state, setting) for state in _straight_on(fit.solution.state, seen)]
     found = []
     for state, moved in starts:
         # One told to end on a window's very face has no line of sight: its fit is no number.
@@ -88,24 +88,27 @@ def _straight_on(state: PathState, setting: Setting) -> Iterator[PathState]:
 
 
 def _starts(
-    state: PathState, arm: ImageLeg, setting: Setting
+    state: PathState, arm: ImageLeg, setting: Setting, view: int
 ) -> Iterator[tuple[PathState, Setting]]:
-    """Paths with an arm wherever its line meets the path, each with waypoints renumbered."""
-    vertices = set()
+    """Paths with an arm wherever its line in one picture meets the path.
+
+    Each with a setting whose waypoints are numbered anew.
+    """
+    vertices, seen = set(), setting.at(view)
     for leg in state.seen:
-        place = _meeting(state, leg, arm, setting)
+        place = _meeting(state, leg, arm, seen)
         if place is None:
             continue
         share, near = place
         vertices |= near
         if not near:
             corner = state.points_mm(leg, np.array([share]))[0]
-            longer = _with_arm(state.with_corner(leg, corner), leg + 1, arm, setting)
+            longer = _with_arm(state.with_corner(leg, corner), leg + 1, arm, seen)
             if longer is not None:
                 yield longer, setting_with_corner(setting, leg)
     # Two legs may meet the arm at the vertex that they share; light splits at none of the ends.
     for vertex in sorted(vertices - set(state.ends)):
-        longer = _with_arm(state, vertex, arm, setting)
+        longer = _with_arm(state, vertex, arm, seen)
         if longer is not None:
             yield longer, setting
 

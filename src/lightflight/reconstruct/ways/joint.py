@@ -25,6 +25,7 @@ from lightflight.reconstruct.fit.along import begun_along, statements_of_curves,
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.fit.prices import prices_of_fit
 from lightflight.reconstruct.fit.result import path_from_fit
+from lightflight.reconstruct.fit.short_pieces import without_short_pieces
 from lightflight.reconstruct.fit.statements import statements_from_covariance
 from lightflight.reconstruct.legs.direction import (
     MUCH_SCATTER,
@@ -38,9 +39,9 @@ from lightflight.reconstruct.legs.direction import (
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.legs.plausible import refuse_other_units
 from lightflight.reconstruct.model.geometry import PathState, state_of_path
-from lightflight.reconstruct.model.glass import lit_by_short_pieces, through_blocks
+from lightflight.reconstruct.model.glass import through_blocks
 from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.sighting import Sighting, without_pixels
+from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.told import ToldLength, statements_of_lengths
 from lightflight.reconstruct.other_light.diffuse import with_diffuse
 from lightflight.reconstruct.sightings import sighting_from_histograms
@@ -133,7 +134,7 @@ def fit_of_request(request: Request) -> JointFit:
         state = _at_exact_source(_state_from_start(request.start, setting), setting, period_ps)
         state = through_blocks(state, setting.medium.blocks, setting.cameras)
         fit = fit_joint(sightings, with_curves(state, setting), setting, legs=None)
-        fit = _without_short_pieces(fit, setting)
+        fit = without_short_pieces(fit, setting)
         return with_diffuse(fit, setting, nominal=request.timing is None)
     if setting.curves:
         state, shared = begun_along(sightings, setting)
@@ -146,24 +147,11 @@ def fit_of_request(request: Request) -> JointFit:
     fit, legs = (
         _fit_as_found(request, brightest=True) if n_legs is None else _fit_as_told(request, n_legs)
     )
-    fit = _without_short_pieces(fit, setting)
+    fit = without_short_pieces(fit, setting)
     fit = with_diffuse(fit, setting, nominal=request.timing is None)
     if request.timing is None and fit.floor_ps > MUCH_SCATTER * pulse_std_ps(sightings):
         warn_of_scatter(fit.floor_ps, legs, sightings[0], setting.camera)
     return fit
-
-
-def _without_short_pieces(fit: JointFit, setting: Setting) -> JointFit:
-    """The fit, whose recordings leave out pixels with light of pieces too short to be fitted.
-
-    No leg accounts for that light, which would speak against the path in all that is asked of it.
-    """
-    blocks = setting.medium.blocks
-    if not blocks:
-        return fit
-    state = fit.solution.state
-    lit = [lit_by_short_pieces(state, blocks, camera) for camera in setting.cameras]
-    return replace(fit, sightings=tuple(without_pixels(o, lit[o.view]) for o in fit.sightings))
 
 
 def _fit_as_found(request: Request, *, brightest: bool) -> tuple[JointFit, tuple[ImageLeg, ...]]:
