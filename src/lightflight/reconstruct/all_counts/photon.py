@@ -156,7 +156,7 @@ def _climbed(
             view_of_counts(own, state, seen, cut_ends, std_ps, rough.goodness.error_floor_ps)
             for own in counts
         ]
-        freedom = freedom_at(state, seen, ends, tips_move=True)
+        freedom = freedom_at(state, seen, ends)
         # A picture led astray has light without bounds, whose score is no number.
         with np.errstate(invalid="ignore", over="ignore"):
             ended = climb(state, views, freedom, setting, shared=shared)

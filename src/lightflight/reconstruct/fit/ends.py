@@ -239,12 +239,10 @@ def _start_plane(state: PathState, setting: Setting) -> Floats:
     return view_plane(camera, start, start + state.tangents_mm(0, np.zeros(1))[0])
 
 
-def freedom_at(
-    state: PathState, setting: Setting, ends: Ends | None = None, *, tips_move: bool = False
-) -> Freedom:
+def freedom_at(state: PathState, setting: Setting, ends: Ends | None = None) -> Freedom:
     """Freedom of a path in a setting; `ends` None: its ends move across their own legs.
 
-    `tips_move`: an end where the light begins or stops in the picture moves along its leg too.
+    An end where the light is seen to begin or stop in the picture moves along its leg too.
 
     Parameters
     ----------
@@ -254,8 +252,6 @@ def freedom_at(
         Camera, source, medium and waypoints.
     ends : Ends, optional
         Ends as seen; None: they move across their own legs.
-    tips_move : bool, optional
-        An end where the light begins or stops in the picture moves along its leg too.
 
     Returns
     -------
@@ -275,8 +271,7 @@ def freedom_at(
             _start_plane(state, setting),
             tuple(_end_plane(state, leg, setting) for leg in state.last_legs),
         )
-    # A length says where light stops, if to a pixel.
-    tips: Tips = ends.tips if tips_move or lengths else (None,)
+    tips = ends.tips
 
     def end_basis(basis: Floats, leg: int, at: float, tip: Floats | None) -> Floats:
         if tip is None:

@@ -158,7 +158,7 @@ def fitted_again(fit: JointFit, sightings: list[Sighting], setting: Setting) -> 
     # Errors of uneven light stand behind those of the clock, and stay.
     uneven = fit.times.modes_ps[np.concatenate(kept), _n_of_clock(fit) :]
     times = replace(times, modes_ps=np.hstack((times.modes_ps, uneven)))
-    check_enough(times, fit.freedom.basis.shape[1])
+    check_enough(times, fit.freedom.n_unknown)
     solution, times, floor = solve_robustly(
         fit.solution.state, times, fit.lines, fit.freedom, setting, fit.solution.shared
     )

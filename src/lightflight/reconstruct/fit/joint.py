@@ -190,7 +190,7 @@ def fit_joint(
         times = stacked(parts, mode_columns(sightings))
         lines = told_lines(pictures, sightings, setting, seen)
         freedom = freedom_at(state, setting, ends)
-        check_enough(times, freedom.basis.shape[1])
+        check_enough(times, freedom.n_unknown)
         before = state
         solution, times, floor = solve_robustly(state, times, lines, freedom, setting, shared)
         state, shared = solution.state, solution.shared

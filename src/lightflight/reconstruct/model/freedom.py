@@ -96,6 +96,11 @@ class Freedom:
     told: tuple[ToldRow, ...] = ()
 
     @property
+    def n_unknown(self) -> int:
+        """Columns that pulses must tell; where light stops lit pixels say, to a pixel."""
+        return sum(not label.endswith(_END_MOVES[2]) for label in self.labels)
+
+    @property
     def prior_information(self) -> Floats:
         """(p, p), what the priors alone know of the columns of `basis`."""
         rows = self.prior_rows @ self.basis

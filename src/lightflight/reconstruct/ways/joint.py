@@ -42,7 +42,7 @@ from lightflight.reconstruct.model.geometry import PathState, state_of_path
 from lightflight.reconstruct.model.glass import through_blocks
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.model.told import ToldLength, statements_of_lengths
+from lightflight.reconstruct.model.told import statements_of_lengths
 from lightflight.reconstruct.other_light.diffuse import with_diffuse
 from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.reconstruct.trials.revise import (
@@ -57,8 +57,6 @@ from lightflight.timing.clock.code_clock import CodeClock
 
 _RECOUNTED_UP_TO_PULSES = 12
 """A leg that no more pulses than this speak for is looked at again by all its counts."""
-_SHORT_PX = 40.0
-"""The tips of a leg no longer than this in the picture, px, hold much of what it can tell."""
 _ANOTHER_HILL = 1e-4
 """Chance that the path by all counts misses the pulses by so much more than their own best path: of
 its p numbers each takes one of their chi-square."""
@@ -275,8 +273,8 @@ def _by_all_counts(fit: JointFit, request: Request, path: LightPath) -> LightPat
     part. Counts that no single pulse claims speak for both.
     """
     sightings, setting = list(fit.sightings), request.setting
-    why = _why_all_counts(fit, setting.lengths)
-    if not why or setting.others or not all(o.histograms.poisson for o in sightings):
+    why = _why_all_counts(fit, setting)
+    if not why or not all(o.histograms.poisson for o in sightings):
         return path
     from lightflight.reconstruct.all_counts.photon import photon_path
 
@@ -288,7 +286,7 @@ def _by_all_counts(fit: JointFit, request: Request, path: LightPath) -> LightPat
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return path
     # The likelihood may have climbed another hill; then the pulses would tell.
-    chi2 = [one.goodness.chi2_with_floor or 0.0 for one in (path, better)]
+    chi2 = [_chi2_of_residuals(one) for one in (path, better)]
     worse = chi2[1] > chi2[0] + float(chdtri(len(fit.labels), _ANOTHER_HILL))
     if worse or not better.goodness.converged:
         return path
@@ -296,20 +294,24 @@ def _by_all_counts(fit: JointFit, request: Request, path: LightPath) -> LightPat
     return replace(better, method="joint", statements=(said, *better.statements))
 
 
-def _why_all_counts(fit: JointFit, lengths: tuple[ToldLength, ...]) -> str:
+def _chi2_of_residuals(path: LightPath) -> float:
+    """Chi-square of the pulses that took part, with all errors: those of the first camera."""
+    used = path.residuals[path.residuals["used"]]
+    return float(np.sum((used["residual_ps"] / used["std_ps"]) ** 2))
+
+
+def _why_all_counts(fit: JointFit, setting: Setting) -> str:
     """What pulses alone do not tell of a path; empty where they tell all."""
     n_legs = fit.solution.state.n_legs
     used = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=n_legs)
     # Few pulses settle a leg wrongly as easily as rightly: at wrong times its light is not seen.
     weak = np.flatnonzero(used <= _RECOUNTED_UP_TO_PULSES)
     weak = np.intersect1d(weak, fit.solution.state.seen)
-    if len(weak):
+    # Of several cameras another may show the leg well.
+    if len(weak) and not setting.others:
         return f"Leg {weak[0] + 1} rests on {used[weak[0]]} pulses"
-    for leg, tip in zip((0, *fit.solution.state.last_legs), fit.tips, strict=False):
-        first, last = fit.pictures[0].legs[leg].span_px
-        short = last - first < _SHORT_PX
-        if tip is not None and (short or any(one.leg == leg for one in lengths)):
-            return "Light begins or stops within the picture"
+    if any(tip is not None for tip in fit.tips):
+        return "Light begins or stops within the picture"
     return ""
 
 
