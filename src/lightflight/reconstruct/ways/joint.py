@@ -88,24 +88,6 @@ def path_by_joint(request: Request) -> tuple[LightPath, JointFit]:
     return path_of_pulses(fit, request), fit
 
 
-def path_of_pulses(fit: JointFit, request: Request) -> LightPath:
-    """The path of a joint fit; by all counts where pulses alone leave much of it unsaid.
-
-    Parameters
-    ----------
-    fit : JointFit
-        The fit.
-    request : Request
-        What it answers.
-
-    Returns
-    -------
-    LightPath
-        Told as `joint`.
-    """
-    return _by_all_counts(fit, request, path_of_fit(fit, request))
-
-
 def fit_of_request(request: Request) -> JointFit:
     """The joint fit, from legs in the picture or from the user's start.
 
@@ -265,13 +247,26 @@ def path_of_fit(fit: JointFit, request: Request) -> LightPath:
     return replace(path, prices=prices_of_fit(fit, request.setting))
 
 
-def _by_all_counts(fit: JointFit, request: Request, path: LightPath) -> LightPath:
-    """The path; where pulses alone leave much unsaid, by all counts, if those agree with them.
+def path_of_pulses(fit: JointFit, request: Request) -> LightPath:
+    """The path of a joint fit; where pulses leave much unsaid, by all counts that agree with them.
 
     A short leg near a corner or the picture's edge may settle on a wrong line: at wrong times
     its light is not seen. Where the light begins or stops in the picture, the pulses there took no
     part. Counts that no single pulse claims speak for both.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The fit.
+    request : Request
+        What it answers.
+
+    Returns
+    -------
+    LightPath
+        Told as `joint`.
     """
+    path = path_of_fit(fit, request)
     sightings, setting = list(fit.sightings), request.setting
     why = _why_all_counts(fit, setting)
     if not why or not all(o.histograms.poisson for o in sightings):
