@@ -159,7 +159,8 @@ def line_of(own: list[Row]) -> str:
 
 def straight(n: int, photons: float) -> None:
     """Print how many recordings of the paper's three straight legs are called bent."""
-    scene, bent, levels = replace(paper_scene(), photons=photons), 0, {}
+    scene, bent = replace(paper_scene(), photons=photons), 0
+    levels: dict[str, int] = {}
     for seed in range(1000, 1000 + n):
         hist = histograms(scene, seed)
         path = lf.reconstruct(hist, **what_the_user_tells(scene, hist))
@@ -201,7 +202,7 @@ def airy(n: int, bend_mm: float) -> None:
     print(f"error / bound {ratio}")
 
 
-DRAWN = {
+DRAWN: dict[str, tuple[Row, str]] = {
     "0.3": ({"std_mm": 0.3}, "exact"),
     "0.3, source unknown": ({"std_mm": 0.3}, "unknown"),
     "0.3, of a whole 2 mm and 3 deg off": (
@@ -234,15 +235,15 @@ def index_of(path: lf.LightPath) -> Row:
     }
 
 
-def column(rows: list[Row], key: str) -> NDArray[np.generic]:
+def column(rows: list[Row], key: str) -> NDArray[np.float64]:
     """One key of all rows."""
-    return np.array([row[key] for row in rows])
+    return np.array([row[key] for row in rows], dtype=float)
 
 
 def levels_of(rows: list[Row]) -> str:
     """How many are trusted, to be checked, contradicted."""
     each = ("trust", "check", "contradicted")
-    return "/".join(str(np.count_nonzero(column(rows, "level") == one)) for one in each)
+    return "/".join(str(sum(row["level"] == one for row in rows)) for one in each)
 
 
 def lengths(n: int, photons: float, methods: list[str]) -> None:
@@ -253,7 +254,8 @@ def lengths(n: int, photons: float, methods: list[str]) -> None:
           "or end | error, mm | trust/check/contradicted |")  # fmt: skip
     print("|---|---|---|---|---|---|---|---|---|")
     for name, scene in {"three legs": three, **fibres}.items():
-        leg, more = (1, {}) if scene is three else (0, {"free": ("bend",), "n_legs": 1})
+        leg = 1 if scene is three else 0
+        more: Row = {} if scene is three else {"free": ("bend",), "n_legs": 1}
         true = np.asarray(scene.vertices_mm[1], dtype=float)
         for told, method in product((False, True), methods):
             rows = []

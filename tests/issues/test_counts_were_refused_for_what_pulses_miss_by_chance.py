@@ -39,8 +39,11 @@ def test_they_are_not_where_chance_does_not(monkeypatch):
 
     def far_from_pulses(*given, **told):
         path = by_all_counts(*given, **told)
-        chi2 = (path.goodness.chi2_with_floor or 0.0) + 100.0
-        return replace(path, goodness=replace(path.goodness, chi2_with_floor=chi2))
+        residuals = path.residuals.copy()
+        used = residuals["used"]
+        chi2 = np.sum((residuals["residual_ps"] / residuals["std_ps"])[used] ** 2)
+        residuals["residual_ps"] *= np.sqrt(1.0 + 100.0 / chi2)
+        return replace(path, residuals=residuals)
 
     monkeypatch.setattr(photon, "photon_path", far_from_pulses)
     assert outcome().rms_mm > 4.0

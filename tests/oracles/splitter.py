@@ -97,10 +97,15 @@ def seen_apart(seed: int, *, arm_first: bool = False) -> list[tuple[Splitter, np
 
     Each with what it recorded of one flight; `arm_first`: the camera that sees it whole is first.
     """
-    flight = np.array([[0, 20, 0], [190, 30, 10], [460, 45, 25], [170, 330, 40]], dtype=float)
+    source, splitter, straight, turned = np.array(
+        [[0, 20, 0], [190, 30, 10], [460, 45, 25], [170, 330, 40]], dtype=float
+    )
     base = replace(paper_scene(), photons=4_000.0)
     below = camera_over_plane(center=(187.5, -60.0))
     aside = moved_to(base.camera, (560.0, 260.0, 420.0), (187.5, 100.0, 15.0))
     cameras = [aside, below] if arm_first else [below, aside]
-    worlds = [Splitter(*flight, 0.5, replace(base, camera=camera)) for camera in cameras]
+    worlds = [
+        Splitter(source, splitter, straight, turned, 0.5, replace(base, camera=camera))
+        for camera in cameras
+    ]
     return [(world, world.recording(10 * seed + k)) for k, world in enumerate(worlds)]
