@@ -48,6 +48,8 @@ _FIRST_ORDERS = (1, 4)
 _KINK_CHI2 = 20.0
 """A leg whose times and image have no kink worth this in chi-square is not tried with a further
 shape: two numbers are worth no less (ln n each, and what tells two causes apart)."""
+_AKAIKE = 2.0
+"""Chi-square that a shape in depth must win to be in the errors, where none more is looked for."""
 _OF_A_CORNER = 3
 """Numbers of a corner, its place."""
 
@@ -290,18 +292,31 @@ def _finer(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointF
     """The path with a shape more of each bend in the picture than the counts are worth.
 
     What is not worth its price is not zero: left out, it moved places by twice their errors. In the
-    picture it costs one percent of the stated errors, in depth a quarter and more. Where the index
-    is told with an error, times tell it from depth by the shape of the curve alone: to 0.007 by
-    that of an exact parabola, five such errors off.
+    picture it costs one percent of the stated errors, in depth a quarter and more: there it must be
+    worth its price, but no kink need have shown it (a parabola that stands askew to its chord
+    shows none). Where the index is told with an error, times tell it from depth by the shape of the
+    curve alone: to 0.007 by that of an exact parabola, five such errors off.
     """
-    state, in_depth = fit.solution.state, setting.medium.path_group_index_std > 0.0
+    flat = _with_shape_more(fit, sightings, setting, in_depth=False)
+    deep = _with_shape_more(fit, sightings, setting, in_depth=True)
+    if isinstance(flat, NoFit) or isinstance(deep, NoFit):
+        return fit if isinstance(flat, NoFit) else flat
+    scatter = _scatter([flat, deep])
+    without, left = (cost_with_kinks(one, sightings, scatter) for one in (flat, deep))
+    is_worth = without - left > _AKAIKE * len(fit.solution.state.bends)
+    return deep if is_worth or setting.medium.path_group_index_std > 0.0 else flat
+
+
+def _with_shape_more(
+    fit: JointFit, sightings: list[Sighting], setting: Setting, *, in_depth: bool
+) -> JointFit | NoFit:
+    """The path with a shape more of each bend, in the picture or in depth too."""
+    state = fit.solution.state
     for bend in state.bends:
         orders = min(bend.orders + 1, MOST_ORDERS)
         alone = bend.more_in_picture + (0 if in_depth else orders - bend.orders)
         state = with_bend(state, bend.leg, orders, setting.camera, more_in_picture=alone)
-    state = with_axes_across(state, setting.camera)
-    finer = _fitted(sightings, state, setting)
-    return fit if isinstance(finer, NoFit) else finer
+    return _fitted(sightings, with_axes_across(state, setting.camera), setting)
 
 
 def _cheapest(

@@ -186,6 +186,36 @@ def findings_of_bends(fit: JointFit) -> tuple[Finding, ...]:
     )
 
 
+def findings_of_depth(setting: Setting) -> tuple[Finding, ...]:
+    """That depth rests on legs being straight, or bent as found, where they may bend as they like.
+
+    With nothing told of the source the times of a leg tell how far away it is by how they curve
+    along it, and so does a bend.
+
+    Parameters
+    ----------
+    setting : Setting
+        Of legs that may be curves.
+
+    Returns
+    -------
+    tuple of Finding
+        () where a source is told, or the curves.
+    """
+    if setting.source.position_mm is not None or setting.curves:
+        return ()
+    return (
+        Finding(
+            FindingName.CURVED_LEG,
+            "legs may bend, and nothing is told of the source: a bend in depth, and how far away "
+            "the whole path is, look the same",
+            0.0,
+            "tell where the pulse sets out (source), or where the curve runs (curves)",
+            Severity.CHECK,
+        ),
+    )
+
+
 def _causes_instead(
     corners: tuple[int, ...], longer: JointFit, sightings: list[Sighting], setting: Setting
 ) -> list[Evidence]:

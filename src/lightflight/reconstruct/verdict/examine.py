@@ -37,6 +37,7 @@ from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
 from lightflight.reconstruct.verdict.detours import findings_of_detours
 from lightflight.reconstruct.verdict.doubtful import (
     findings_of_bends,
+    findings_of_depth,
     verdict_with_doubtful_corners,
     verdict_with_doubtful_legs,
 )
@@ -82,7 +83,7 @@ def examined(
         if not own and not beyond:
             evidence = (*evidence, evidence_of_own_errors(path, fit, sightings, setting))
         light, unseen = ((), ()) if beyond else _light(fit, sightings, nominal_clock)
-        bends = () if may_bend else findings_of_bends(fit)
+        bends = findings_of_depth(setting) if may_bend else findings_of_bends(fit)
         aside = (*findings_of_detours(fit), *bends, *said, *beyond, *unseen, *hidden)
         verdict = verdict_from_evidence((*evidence, *light), aside)
         verdict = verdict_with_light_taken_up(
