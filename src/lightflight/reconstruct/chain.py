@@ -245,7 +245,7 @@ def path_from_sightings(
         return _through_blocks(request, estimator)
     if setting.curves:
         return _along_curves(request, estimator)
-    if setting.lengths and may_bend:
+    if setting.lengths and may_bend and not _starts_bent(request):
         return _of_told_length(request, estimator)
     try:
         path, fit = estimator.fit(request)
@@ -273,8 +273,6 @@ def _of_told_length(request: Request, estimator: Estimator) -> LightPath:
     medium = replace(request.setting.medium, path_group_index_std=0.0)
     loose = replace(request, setting=replace(request.setting, lengths=(), medium=medium))
     begun = fit_of_request(loose)
-    if begun.solution.state.bends:  # by a start
-        return _warned(_judged(*estimator.fit(request), request, estimator))
     straight = fit_or_reason(partial(fit_of_request, request))
     sightings = request.sightings
     curve = bent_instead(
@@ -282,6 +280,8 @@ def _of_told_length(request: Request, estimator: Estimator) -> LightPath:
     )
     bent = bent_to_lengths(curve or begun, straight, sightings, request.setting)
     told = None if bent is None else _told(bent, request, estimator)
+    if told is None and estimator.of_fit is not None and not isinstance(straight, NoFit):
+        told = estimator.of_fit(straight, request), straight
     return _warned(_judged(*(told or estimator.fit(request)), request, estimator))
 
 

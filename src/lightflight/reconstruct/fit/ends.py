@@ -41,7 +41,7 @@ from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
-    pass
+    from lightflight.camera.model import Camera
 
 Floats = NDArray[np.float64]
 
@@ -200,11 +200,12 @@ def _with_bent_ends(
 
 def _stops(state: PathState, leg: int, lit: _Lit, at_edge: float | None, setting: Setting) -> bool:
     """Whether a bent leg's light stops before the picture's edge, which is at a fraction of it."""
-    if not (lit.in_view and lit.is_sharp) or at_edge is None:
-        return lit.in_view and lit.is_sharp
+    if not (lit.in_view and lit.is_sharp):
+        return False
+    if at_edge is None:
+        return True
     edge = state.points_mm(leg, np.array([at_edge]))[0]
-    gap = np.hypot(*(np.array(setting.camera.pixels_from_points(edge)) - lit.tip_px))
-    return bool(gap >= _STOPS_PX)
+    return lit.gap_px(edge, setting.camera) >= _STOPS_PX
 
 
 def _fraction_at_edge(
@@ -415,7 +416,7 @@ def _visible_end(
         # Along an edge that it leaves slowly a leg has feet beyond it, of pixels that see its spot.
         if not lit.in_view:
             return edge, None
-        gap = float(np.hypot(*(np.array(camera.pixels_from_points(edge.position_mm)) - tip)))
+        gap = lit.gap_px(edge.position_mm, camera)
         # Near the edge, or with a dim leg, the edge is the better guess of the end.
         if gap < _STOPS_PX or not lit.is_sharp:
             return edge, seen_tip if lit.is_sharp and gap > DARK_PX else None
@@ -451,6 +452,10 @@ class _Lit:
     places_px: Floats
     photons: Floats
     view: int
+
+    def gap_px(self, place_mm: Floats, camera: Camera) -> float:
+        """From the tip to the image of a place (3,), world, mm; px."""
+        return float(np.hypot(*(np.array(camera.pixels_from_points(place_mm)) - self.tip_px)))
 
     @property
     def is_sharp(self) -> bool:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint
-from lightflight.reconstruct.model.glass import lit_by_short_pieces, pixels_lit_from
+from lightflight.reconstruct.model.glass import lit_by_short_pieces
+from lightflight.reconstruct.model.leg_in_picture import pixels_lit_from
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import without_pixels
 

@@ -18,6 +18,7 @@ from lightflight.blocks import Block
 from lightflight.errors import GeometryError
 from lightflight.path.glass import Faced, way_on_to, with_faces
 from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.leg_in_picture import pixels_lit_from
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -28,8 +29,6 @@ _SPOT_PX = 1.5
 """Pixels this near to the image of a block take no part, px: four stds of a usual spot."""
 _PLACES = 401
 """At which a leg is asked whether a picture shows it."""
-_LIT_PX = 2.5
-"""Pixels this near to the line of a piece may hold its light, px: six stds of a usual spot."""
 _LEAST_PX = 4.0
 """A piece of a leg of which a picture shows less, px, says nothing of its own."""
 
@@ -150,18 +149,6 @@ def lit_by_short_pieces(
     lit = np.zeros(camera.shape, dtype=bool)
     for line in lines:
         lit |= pixels_lit_from(line[0] + share * (line[1] - line[0]), camera)
-    return lit
-
-
-def pixels_lit_from(places_mm: Floats, camera: Camera) -> NDArray[np.bool_]:
-    """Pixels (rows, cols) that light of places (n, 3), world, mm, may reach in a picture."""
-    lit = np.zeros(camera.shape, dtype=bool)
-    places = places_mm[camera.sees(places_mm)]
-    if len(places):
-        pixels = np.moveaxis(np.indices(camera.shape, dtype=float), 0, -1)
-        image = np.column_stack(camera.pixels_from_points(places))
-        away = np.linalg.norm(pixels[..., np.newaxis, :] - image, axis=-1)
-        lit = away.min(axis=-1) < _LIT_PX
     return lit
 
 

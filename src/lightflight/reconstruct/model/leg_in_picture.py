@@ -33,6 +33,8 @@ _LEAST_BOWED_PX = 2.0
 """A shorter image is straight to 1e-3 px."""
 _BEYOND_PX = 1.5
 """Of the ends of a leg, px: there the spot of a lens still spreads its light."""
+_LIT_PX = 2.5
+"""Pixels this near to the line of a piece may hold its light, px: six stds of a usual spot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +170,18 @@ def leg_in_picture(state: PathState, leg: int, camera: Camera) -> LegInPicture:
     bow, (_, rank, _, _) = Polynomial.fit(along, across, degree, full=True)
     # A trial that looks along the glass has places upon each other: no bow is known of its image.
     return replace(line, bow=bow, bent=bent) if rank > degree else line
+
+
+def pixels_lit_from(places_mm: Floats, camera: Camera) -> NDArray[np.bool_]:
+    """Pixels (rows, cols) that light of places (n, 3), world, mm, may reach in a picture."""
+    lit = np.zeros(camera.shape, dtype=bool)
+    places = places_mm[camera.sees(places_mm)]
+    if len(places):
+        pixels = np.moveaxis(np.indices(camera.shape, dtype=float), 0, -1)
+        image = np.column_stack(camera.pixels_from_points(places))
+        away = np.linalg.norm(pixels[..., np.newaxis, :] - image, axis=-1)
+        lit = away.min(axis=-1) < _LIT_PX
+    return lit
 
 
 def crosses_picture(state: PathState, leg: int, camera: Camera) -> bool:

@@ -7,7 +7,7 @@ told goes along.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,13 +53,9 @@ def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tupl
             f"{shown(waypoints)}"
         )
     for waypoint in listed:
-        try:
-            vertex, position_mm, std_mm = waypoint
-            index = int(vertex)
-        except (TypeError, ValueError, OverflowError) as problem:
-            raise ValueError(
-                f"a waypoint must be (vertex index, position_mm, std_mm), got {shown(waypoint)}"
-            ) from problem
+        vertex, index, position_mm, std_mm = _numbered(
+            waypoint, "a waypoint must be (vertex index, position_mm, std_mm)"
+        )
         if index != vertex or index < 1 or (n_legs is not None and index > n_legs):
             last = "" if n_legs is None else f" to {n_legs}"
             raise ValueError(
@@ -72,6 +68,15 @@ def checked_waypoints(waypoints: Sequence[Waypoint], n_legs: int | None) -> tupl
         std = finite_number(name, std_mm, must, low=POSITIVE)
         checked.append((index, position, std))
     return tuple(checked)
+
+
+def _numbered(row: Any, must: str) -> tuple[Any, int, Any, Any]:
+    """The number that a row of three begins with, the same whole, and the other two, as given."""
+    try:
+        number, value, std = row
+        return number, int(number), value, std
+    except (TypeError, ValueError, OverflowError) as problem:
+        raise ValueError(f"{must}, got {shown(row)}") from problem
 
 
 class ToldLength(NamedTuple):
@@ -121,13 +126,9 @@ def checked_lengths(lengths: object, n_legs: int | None) -> tuple[ToldLength, ..
         )
     found: list[ToldLength] = []
     for each in lengths:
-        try:
-            leg, length_mm, std_mm = each
-            number = int(leg)
-        except (TypeError, ValueError, OverflowError) as problem:
-            raise ValueError(
-                f"a length must be (leg, length_mm, std_mm), got {shown(each)}"
-            ) from problem
+        leg, number, length_mm, std_mm = _numbered(
+            each, "a length must be (leg, length_mm, std_mm)"
+        )
         if number != leg or number < 0 or (n_legs is not None and number >= n_legs):
             last = "" if n_legs is None else f" to {n_legs - 1}"
             raise ValueError(f"length of leg {leg}: give a leg from 0{last}")

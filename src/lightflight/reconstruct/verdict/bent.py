@@ -297,14 +297,16 @@ def _finer(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointF
     shows none). Where the index is told with an error, times tell it from depth by the shape of the
     curve alone: to 0.007 by that of an exact parabola, five such errors off.
     """
-    flat = _with_shape_more(fit, sightings, setting, in_depth=False)
     deep = _with_shape_more(fit, sightings, setting, in_depth=True)
+    if setting.medium.path_group_index_std > 0.0 and not isinstance(deep, NoFit):
+        return deep
+    flat = _with_shape_more(fit, sightings, setting, in_depth=False)
     if isinstance(flat, NoFit) or isinstance(deep, NoFit):
         return fit if isinstance(flat, NoFit) else flat
     scatter = _scatter([flat, deep])
     without, left = (cost_with_kinks(one, sightings, scatter) for one in (flat, deep))
     is_worth = without - left > _AKAIKE * len(fit.solution.state.bends)
-    return deep if is_worth or setting.medium.path_group_index_std > 0.0 else flat
+    return deep if is_worth else flat
 
 
 def _with_shape_more(
