@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
-from scipy.linalg import cho_solve, solve_triangular
 
+from lightflight.reconstruct.fit.rest_of_light import rest_of_light, slopes_of_rest
 from lightflight.reconstruct.model.geometry import Footprint, Indices, footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.lateral import LineFit
@@ -35,14 +35,12 @@ Floats = NDArray[np.float64]
 _ALIKE_PX = 1.0
 """Over so much of the picture the rest is alike: knots at the usual distance leave waves of up to
 6 px, a spot hides those shorter than 3 px; px."""
-_STRENGTHS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
-"""Strengths of the rest that are tried, ln."""
-_GRAINS = (0.0, 0.02, 0.06, 0.2)
-"""Unequal efficiencies of the pixels that are tried, ln: these move no time."""
 _LEAST_PHOTONS = 30.0
 _FEW = 8
 _NEAR_STDS = 2.0
 """Beyond so many standard deviations of the spot its shape is in doubt."""
+_END_PX = 1.0
+"""Of a leg that has grains: so near to its end in the picture the slope of its light is unknown."""
 _LEAST_EFFECT = 0.1
 """Columns that make less than this, in errors of the pulses, are left out."""
 
@@ -158,12 +156,17 @@ def _of_leg(
         rest = rest - np.average(rest, weights=photons[telling])
         # Denser knots leave shorter waves.
         alike = _ALIKE_PX * strength.knot_spacing_px / KNOT_SPACING_PX
-        found = _strongest(
-            _kernel(np.subtract.outer(seen, seen) / alike), rest, 1.0 / photons[telling]
+        found = rest_of_light(
+            seen, rest, 1.0 / photons[telling], alike_px=alike, spot_px=float(np.median(spot))
         )
         if found is not None:
-            mean, more = _slopes_of_rest(along, seen, rest, alike, *found)
+            mean, more = slopes_of_rest(*found, rest, seen, along)
             late, errors = per_slope * mean, np.hstack((errors, more))
+            if found[0].patches:
+                # A grain just outside is not seen, and leads the end of the spline astray.
+                ends = np.flatnonzero((along < low + _END_PX) | (along > high - _END_PX))
+                unknown = np.hypot(found[0].steepest_per_px, strength.log_slope(along[ends]))
+                errors = np.hstack((errors, np.eye(len(along))[:, ends] * unknown))
     scaled = (per_slope / error_ps)[:, np.newaxis] * errors
     across, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
     kept = sizes > _LEAST_EFFECT
@@ -185,44 +188,3 @@ def _slope_errors_of_spline(strength: LineFit, along: Floats) -> Floats:
     values, vectors = np.linalg.eigh(strength.spline_covariance)
     columns: Floats = slopes(np.clip(along, low, high)) @ (vectors * np.sqrt(np.maximum(values, 0)))
     return columns * inside[:, np.newaxis]
-
-
-def _slopes_of_rest(
-    along: Floats, seen: Floats, rest: Floats, alike_px: float, variance: float, factor: Floats
-) -> tuple[Floats, Floats]:
-    """Slopes (n,) of the rest along the line, per px, and one-sigma columns (n, k) of them."""
-    gap = np.subtract.outer(along, seen) / alike_px
-    by_rest = -variance * gap / alike_px * np.exp(-0.5 * gap**2)
-    apart = np.subtract.outer(along, along) / alike_px
-    prior = variance / alike_px**2 * (1.0 - apart**2) * np.exp(-0.5 * apart**2)
-    values, vectors = np.linalg.eigh(prior - by_rest @ cho_solve((factor, True), by_rest.T))
-    columns: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
-    return by_rest @ cho_solve((factor, True), rest), columns
-
-
-def _kernel(gap: Floats) -> Floats:
-    alike: Floats = np.exp(-0.5 * gap**2)
-    return alike
-
-
-def _strongest(alike: Floats, rest: Floats, noise: Floats) -> tuple[float, Floats] | None:
-    """Variance of the rest that the photons make most likely, and the factor of their covariance.
-
-    None where no rest is the most likely.
-    """
-    best, found = -np.inf, None
-    for grain in _GRAINS:
-        last = -np.inf
-        for strength in _STRENGTHS:
-            covariance = strength**2 * alike + np.diag(noise + grain**2)
-            factor: Floats = np.linalg.cholesky(covariance).astype(np.float64, copy=False)
-            scaled = solve_triangular(factor, rest, lower=True, check_finite=False)
-            likely = -0.5 * float(scaled @ scaled) - float(np.log(np.diag(factor)).sum())
-            if likely > best:
-                best = likely
-                found = (strength**2, factor) if strength > 0.0 else None
-            # One maximum: beyond it nothing is gained.
-            if likely < last:
-                break
-            last = likely
-    return found

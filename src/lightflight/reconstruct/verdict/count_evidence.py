@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ from lightflight.reconstruct.other_light.around import (
     pixels_about_path,
     pulses_expected,
 )
+from lightflight.reconstruct.verdict.beside import Brightest, brightest_beside
 from lightflight.reconstruct.verdict.count_tests import (
     Cause,
     Columns,
@@ -100,9 +101,12 @@ def evidence_from_counts(
     fine = lag_edges(std, FINE_STDS * std, FINE_GROWTH, _shortest(periods))
     lags = light.other_lags(fine, std)
     held: list[Held] = []
+    beside: list[Brightest] = []
     for whole, own in alike(sightings):
         expected = whole if taken_up else replace(whole, diffuse=None)
-        held += _held(expected, fit, own, stds[whole.view], fine, lags, nominal)
+        here, bright = _held(expected, fit, own, stds[whole.view], fine, lags, nominal)
+        held += here
+        beside += bright
     if not held:
         raise NothingFoundError("no two usable pixels lie on the path")
     asked, sums = causes(lags), summed([(one.group.pixels, one.columns) for one in held])
@@ -116,7 +120,7 @@ def evidence_from_counts(
     blind = blind_to_light(held, sums, asked, fit, least_size=light.LEAST_SHARE)
     return (
         *(one for one, _ in tested),
-        replace(_elsewhere(groups, sums, explained, said), blind=tuple(blind.values())),
+        replace(_elsewhere(groups, beside, sums, explained, said), blind=tuple(blind.values())),
     )
 
 
@@ -133,12 +137,15 @@ def _held(
     fine: Floats,
     lags: Floats,
     nominal: bool,
-) -> list[Held]:
-    """All usable pixels of a recording in their groups, each with its columns."""
+) -> tuple[list[Held], list[Brightest]]:
+    """All usable pixels of a recording in their groups, each with its columns.
+
+    And the one beside a line that is brightest for it.
+    """
     seen = pixels_about_path(whole, fit, numbers[0], std_ps)
     near, far = np.flatnonzero(seen.leg[:, 0] >= 0), np.flatnonzero(seen.leg[:, 0] == -1)
     if len(near) < 2:
-        return []
+        return [], []
     reference = seen.arrival_ps[near, 0]
     cut = lags_about_legs(seen.of(near), fine, std_ps)
     about = cells_about(whole, seen.rows[near], seen.cols[near], reference, cut, nominal=nominal)
@@ -172,10 +179,12 @@ def _held(
     )
     if dark is not None:
         groups.append(dark)
-    return [
+    held = [
         Held(group, _columns(group, beam, lags, whole), tuple(numbers), beam, whole.blind.shape)
         for group in groups
     ]
+    picture, camera = fit.pictures[numbers[0]], fit.solution.cameras[whole.view]
+    return held, [brightest_beside(lit, seen.of(near), picture, camera)]
 
 
 def _dark(
@@ -337,15 +346,18 @@ def _told(fit: JointFit, sightings: list[Sighting]) -> str:
     return f"{of.n_pulses} of {of.n_found} pulses ({share:.3g} % of their light) are the path's"
 
 
-def _elsewhere(groups: list[Group], sums: Sums, explained: Floats, told: str) -> Evidence:
+def _elsewhere(
+    groups: list[Group], beside: list[Brightest], sums: Sums, explained: Floats, told: str
+) -> Evidence:
     """Whether any single cell of any pixel holds more than chance brings to one of so many.
 
-    `explained` (K,) are the sizes of the best cause: what they leave is the symptom's.
+    Or any pixel `beside` a line. `explained` (K,) are the sizes of the best cause: what they leave
+    is the symptom's.
     """
-    plain = _largest(groups, sums, np.zeros_like(explained))
+    plain = _least_likely([_largest(groups, sums, np.zeros_like(explained)), *beside])
     rest = plain
     if explained.any() and plain.p_value < CHECK_AT:
-        rest = _largest(groups, sums, explained)
+        rest = _least_likely([_largest(groups, sums, explained), *beside])
     sigma = sigma_from_p(plain.p_value)
     row, col = plain.place
     where = f"{plain.photons:.0f} photons in pixel ({row}, {col}), {plain.lag_ps:+.0f} ps from it"
@@ -364,19 +376,15 @@ def _elsewhere(groups: list[Group], sums: Sums, explained: Floats, told: str) ->
     )
 
 
-@dataclass(frozen=True)
-class _Brightest:
-    """The cell that is least likely by chance; `p_value` is that of the least of so many."""
-
-    p_value: float
-    place: tuple[int, int]
-    lag_ps: float
-    photons: float
+def _least_likely(some: list[Brightest]) -> Brightest:
+    """The least likely of several, by the chance that one of so many is."""
+    least = min(some, key=lambda one: one.p_value)
+    return replace(least, p_value=min(1.0, len(some) * least.p_value))
 
 
-def _largest(groups: list[Group], sums: Sums, sizes: Floats) -> _Brightest:
+def _largest(groups: list[Group], sums: Sums, sizes: Floats) -> Brightest:
     """The cell with the least likely excess over what the path, and causes of `sizes`, expect."""
-    least, n = _Brightest(1.0, (0, 0), 0.0, 0.0), 0
+    least, n = Brightest(1.0, (0, 0), 0.0, 0.0), 0
     for group, left in zip(groups, sums.groups, strict=True):
         pixels, cells = group.pixels, group.pixels.cells
         middle = 0.5 * (cells.edges_ps[:, 1:] + cells.edges_ps[:, :-1])
@@ -400,6 +408,6 @@ def _largest(groups: list[Group], sums: Sums, sizes: Floats) -> _Brightest:
             pixel, cell = at[0][best], at[1][best]
             place = int(group.points_px[pixel, 0]), int(group.points_px[pixel, 1])
             excess = float((counts - mean)[pixel, cell])
-            least = _Brightest(float(p_values[best]), place, float(middle[pixel, cell]), excess)
+            least = Brightest(float(p_values[best]), place, float(middle[pixel, cell]), excess)
     p_value = float(-np.expm1(n * np.log1p(-min(least.p_value, 1.0 - 1e-16))))
-    return _Brightest(p_value, least.place, least.lag_ps, least.photons)
+    return Brightest(p_value, least.place, least.lag_ps, least.photons)
