@@ -1,8 +1,8 @@
 """A grain in the beam, ten times as bright as the light about it, is sharper than any spline.
 
-How the light runs within the pixels beside it, and so when their light comes, was taken from a
-spline with knots 1.5 to 3 pixels apart, and its errors from how smooth the rest of the leg is: times
-there were off by up to ten of their errors. Right paths were contradicted (`scatter`) in four of 20
+How light runs within the pixels beside it, and so when it comes, was taken from a spline with
+knots 1.5 to 3 pixels apart, and its errors from how smooth the rest of the leg is: times there were
+off by up to ten of their errors. Right paths were contradicted (`scatter`) in four of 20
 recordings, and one was 3.8 stated errors off.
 """
 
