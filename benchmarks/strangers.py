@@ -41,7 +41,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import lightflight as lf
 from benchmarks.other_light import FAR_MM, FAR_STDS, path_of
 from benchmarks.verdict import interval
-from tests.oracles.worlds.defects import walled
+from tests.oracles.worlds.mistakes import walled
 from tests.oracles.worlds.random_worlds import random_world
 from tests.oracles.worlds.world import NODE_MM, Arm, C, World
 

@@ -160,7 +160,7 @@ class Timed:
             self.cpu_s += time.process_time() - start
 
 
-CHAIN = importlib.import_module("lightflight.reconstruct.chain")
+CHAIN: Any = importlib.import_module("lightflight.reconstruct.chain")
 CHAIN.examined = VERDICTS = Timed(CHAIN.examined)
 
 
@@ -182,7 +182,9 @@ def worst_error(path: lf.LightPath, world: World) -> tuple[float, float]:
 
 
 def wrong(row: Cell) -> bool:
-    return row["outcome"] != "refused" and row["stds"] > WRONG_STDS and row["error_mm"] > WRONG_MM
+    return bool(
+        row["outcome"] != "refused" and row["stds"] > WRONG_STDS and row["error_mm"] > WRONG_MM
+    )
 
 
 def print_undisturbed(rows: list[Cell]) -> None:
@@ -240,8 +242,8 @@ def print_silent(rows: list[Cell]) -> None:
     print()
     print_share("wrong", silent)
     clear = [sigma >= SHOWN_SIGMA for sigma in sigmas]
-    print_share(f"wrong at {SHOWN_SIGMA:g} sigma or more", np.compress(clear, silent))
-    print_share("wrong, no small part", np.compress(np.isnan(sigmas), silent))
+    print_share(f"wrong at {SHOWN_SIGMA:g} sigma or more", np.compress(clear, silent).tolist())
+    print_share("wrong, no small part", np.compress(np.isnan(sigmas), silent).tolist())
     for row, sigma in zip(off, sigmas, strict=True):
         if row["outcome"] != "trust":
             continue
