@@ -33,10 +33,11 @@ def reconstructed(world: World, seed: int, method: str = "joint") -> lf.LightPat
         return lf.reconstruct(record(world, seed), method=method, **what_the_user_tells(world))
 
 
-@pytest.mark.parametrize(("seed", "method"), [(1251, "joint"), (1288, "photon")])
-@pytest.mark.parametrize("reach", ["3px", "8px"])
+@pytest.mark.parametrize(
+    ("seed", "method", "reach"), [(1251, "joint", "3px"), (1288, "photon", "8px")]
+)
 def test_halos_of_light_that_runs_on_pulled_the_path(seed, reach, method):
-    # The chance that an honest pull is above 4: 6e-5, for each of 8.
+    # The chance that an honest pull is above 4: 6e-5, for each of 4.
     world = DEFECTS[f"prompt_halo_{reach}"].applied(random_world(seed, 1), 0.2)
     path = reconstructed(world, seed, method)
     assert path.n_legs == 1

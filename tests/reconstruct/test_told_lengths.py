@@ -118,11 +118,15 @@ SCENES = {
 @pytest.mark.usefixtures("unexamined")
 @pytest.mark.parametrize("name", SCENES)
 def test_index_and_place_err_as_stated(name):
-    """Two recordings, each with a length measured anew: false alarm 1e-4, two tests each."""
+    """One or two recordings, each with a length measured anew: false alarm 1e-4, two tests each.
+
+    One of the fibre in the picture, which takes longest; `benchmarks/bends.py --lengths` has 20.
+    """
     make, leg, more = SCENES[name]
+    n = 1 if name == "in the picture" else 2
     scene, of_index, of_place = make(), 0.0, 0.0
     true = np.asarray(scene.vertices_mm[1], dtype=float)
-    for seed in range(2):
+    for seed in range(n):
         hist = histograms(scene, seed)
         measured = scene.leg_lengths_mm[leg] + 0.2 * np.random.default_rng(seed).normal()
         call = told_of_fibre(scene, hist) | more
@@ -130,8 +134,8 @@ def test_index_and_place_err_as_stated(name):
         of_index += ((path.medium.path_group_index - INDEX) / path.group_index_std) ** 2
         off = path.vertices_mm[1] - true
         of_place += off @ np.linalg.solve(path.covariance[4:7, 4:7], off)
-    assert chi2.ppf(2.5e-5, 2) < of_index < chi2.ppf(1.0 - 2.5e-5, 2)
-    assert chi2.ppf(2.5e-5, 6) < of_place < chi2.ppf(1.0 - 2.5e-5, 6)
+    assert chi2.ppf(2.5e-5, n) < of_index < chi2.ppf(1.0 - 2.5e-5, n)
+    assert chi2.ppf(2.5e-5, 3 * n) < of_place < chi2.ppf(1.0 - 2.5e-5, 3 * n)
 
 
 def test_a_length_belongs_to_where_the_light_stops():

@@ -182,15 +182,16 @@ def test_real_array_halves_of_the_photons_agree(coumarin):
 
 @pytest.mark.slow
 def test_real_array_every_live_pixel_has_a_delay(coumarin):
-    cube, _ = coumarin
+    # Every third row and the last: the two pixels that are blind to light are in the first and last.
+    cube = np.concatenate((coumarin[0][::3], coumarin[0][-1:]))
     hist = lf.Histograms(cube, bin_width_ps=CODE_PS)
     found = delays_from_shaped_flat(hist, timing=TimingCalibration.nominal(hist))
     live = hist.photons >= 100
-    assert np.count_nonzero(live) == 21_853
-    # two of them count evenly at all times: blind to light
+    assert np.count_nonzero(live) == 7_272
+    # two of them count evenly at all times
     blind = (found.flags[live] & flags.NO_PULSE) != 0
     assert np.count_nonzero(blind) == 2
     assert (found.flags[live][~blind] == 0).all()
     np.testing.assert_array_equal(np.isfinite(found.skew_ps[live]), ~blind)
-    assert (found.flags[~live] != 0).sum() > 2600
+    assert (found.flags[~live] != 0).sum() > 850
     assert np.nanmedian(found.skew_std_ps[live]) < 20.0
