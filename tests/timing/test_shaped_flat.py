@@ -182,7 +182,7 @@ def test_real_array_halves_of_the_photons_agree(coumarin):
 
 @pytest.mark.slow
 def test_real_array_every_live_pixel_has_a_delay(coumarin):
-    # Every third row and the last: the two pixels that are blind to light are in the first and last.
+    # Every third row and the last: two pixels, in the first row and the last, are blind to light.
     cube = np.concatenate((coumarin[0][::3], coumarin[0][-1:]))
     hist = lf.Histograms(cube, bin_width_ps=CODE_PS)
     found = delays_from_shaped_flat(hist, timing=TimingCalibration.nominal(hist))

@@ -17,6 +17,7 @@ from lightflight.errors import GeometryError, NothingFoundError, SuspectDataWarn
 from lightflight.flight import Medium, Source
 from lightflight.path.glass import refuse_other_crossings
 from lightflight.path.light_path import LightPath
+from lightflight.path.tables import Explained
 from lightflight.path.verdict import NOT_EXAMINED, FindingName, Level, Verdict, warning_of
 from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, checked_media
 from lightflight.reconstruct.estimators import Estimator, estimator_named
@@ -257,7 +258,32 @@ def path_from_sightings(
         if forked is None:
             raise
         return _warned(forked)
-    return _warned(_reconsidered(_judged(path, fit, request, estimator), fit, request, estimator))
+    found = _reconsidered(_judged(path, fit, request, estimator), fit, request, estimator)
+    return _warned(_with_a_leg_less(found, request, estimator))
+
+
+def _with_a_leg_less(found: LightPath, request: Request, estimator: Estimator) -> LightPath:
+    """The path, or where it is contradicted one with a leg less that explains more, and all.
+
+    A search that parts a leg in two, nearly in line, may lose pulses which the whole leg has.
+    """
+    told = request.n_legs is not None or request.start is not None or request.may_bend
+    chain = found.n_legs > 1 and not (found.forks or found.unseen_legs or found.bends)
+    if told or not chain or found.verdict.level is not Level.CONTRADICTED:
+        return found
+    try:
+        path, fit = estimator.fit(replace(request, n_legs=found.n_legs - 1))
+    except (GeometryError, NothingFoundError):
+        return found
+    sightings = request.sightings if fit is None else list(fit.sightings)
+    if not _explains_more(explained(path, fit, sightings), found.explained):
+        return found
+    judged = _judged(path, fit, request, estimator)
+    return judged if judged.verdict.level is Level.TRUST else found
+
+
+def _explains_more(one: Explained | None, other: Explained | None) -> bool:
+    return one is not None and other is not None and one.n_pulses > other.n_pulses
 
 
 def _through_blocks(request: Request, estimator: Estimator) -> LightPath:

@@ -2,8 +2,9 @@
 
 Takes a path and the pulses that it does not explain. A leg among those whose line in the picture
 meets the path's may be an arm: it starts where they meet, when the light is there, like a path of
-its own from a source that is known. Where a path turns, light may also go straight on: its pulses
-lie on the prolonged leg, and a fit may have taken them for that leg's own.
+its own from a source that is known; or the last leg of an arm turns into it there. Where a path
+turns, light may also go straight on: its pulses lie on the prolonged leg, and a fit may have taken
+them for that leg's own.
 """
 
 from __future__ import annotations
@@ -61,8 +62,12 @@ def fits_with_arm(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
     for view in range(len(setting.cameras)):
         first, seen = next(o for o in sightings if o.view == view), setting.at(view)
         left = unclaimed_by_path(first, fit, setting)
-        for leg in legs_among(first, left, seen):
-            starts += _starts(fit.solution.state, leg, setting, view)
+        legs = legs_among(first, left, seen)
+        for leg in legs:
+            begun = list(_starts(fit.solution.state, leg, setting, view))
+            starts += begun
+            # One whose light is another leg's from a mirror in view on is not right by itself.
+            starts += [longer for one in begun for longer in _turned_into(one, legs, view)]
         starts += [(state, setting) for state in _straight_on(fit.solution.state, seen)]
     found = []
     for state, moved in starts:
@@ -106,6 +111,10 @@ def _starts(
             longer = _with_arm(state.with_corner(leg, corner), leg + 1, arm, seen)
             if longer is not None:
                 yield longer, setting_with_corner(setting, leg)
+        if leg in state.last_legs and state.forks:
+            turned = _turned(state, leg, share, arm, seen)
+            if turned is not None:
+                yield turned, setting_with_corner(setting, leg)
     # Two legs may meet the arm at the vertex that they share; light splits at none of the ends.
     for vertex in sorted(vertices - set(state.ends)):
         longer = _with_arm(state, vertex, arm, seen)
@@ -143,6 +152,36 @@ def _with_arm(state: PathState, vertex: int, arm: ImageLeg, setting: Setting) ->
     if not np.isfinite(end).all():
         return None
     return _with_end(state, vertex, end)
+
+
+def _turned_into(
+    begun: tuple[PathState, Setting], legs: list[ImageLeg], view: int
+) -> Iterator[tuple[PathState, Setting]]:
+    """Paths with an arm whose last leg turns into one of some legs, if that meets it."""
+    state, setting = begun
+    seen, arm = setting.at(view), state.n_legs - 1
+    for leg in legs:
+        place = _meeting(state, arm, leg, seen)
+        turned = None if place is None else _turned(state, arm, place[0], leg, seen)
+        if turned is not None:
+            yield turned, setting_with_corner(setting, arm)
+
+
+def _turned(
+    state: PathState, leg: int, share: float, arm: ImageLeg, setting: Setting
+) -> PathState | None:
+    """The path whose last leg on some branch turns into an arm, at a mirror at that share of it.
+
+    Only of one that forks: the legs of a chain are looked for together.
+    """
+    corner = state.points_mm(leg, np.array([share]))[0]
+    cut = state.with_corner(leg, corner)
+    longer = _with_arm(cut, leg + 1, arm, setting)
+    if longer is None:
+        return None
+    vertices = cut.vertices_mm.copy()
+    vertices[leg + 2] = longer.vertices_mm[-1]
+    return replace(cut, vertices_mm=vertices)
 
 
 def _with_end(state: PathState, vertex: int, end_mm: Floats) -> PathState:

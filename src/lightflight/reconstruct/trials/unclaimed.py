@@ -251,7 +251,7 @@ def _longer_in_picture(
 
 
 def legs_among(sighting: Sighting, left: Indices, setting: Setting) -> list[ImageLeg]:
-    """Legs among some pulses, as the search finds them when it sees these alone; else clusters.
+    """Legs among some pulses, as the search finds them when it sees these alone, and clusters.
 
     Parameters
     ----------
@@ -266,7 +266,10 @@ def legs_among(sighting: Sighting, left: Indices, setting: Setting) -> list[Imag
     -------
     list of ImageLeg
     """
-    return _searched(sighting, left, setting) or _clusters(sighting, left, setting)
+    searched = _searched(sighting, left, setting)
+    # A few pulses beside longer legs may be one, too short for the search.
+    members = np.concatenate([leg.members for leg in searched]) if searched else left[:0]
+    return [*searched, *_clusters(sighting, np.setdiff1d(left, members), setting)]
 
 
 def _searched(sighting: Sighting, left: Indices, setting: Setting) -> list[ImageLeg]:
