@@ -50,6 +50,7 @@ from lightflight.reconstruct.verdict.hidden import (
 from lightflight.reconstruct.verdict.judge import verdict_from_evidence
 from lightflight.reconstruct.verdict.lost import evidence_from_lost_legs
 from lightflight.reconstruct.verdict.taken_up import verdict_with_light_taken_up
+from lightflight.reconstruct.verdict.unclaimed_light import verdict_with_unclaimed_light
 
 
 def examined(
@@ -92,6 +93,7 @@ def examined(
         if n_legs is None:
             verdict = verdict_with_doubtful_corners(verdict, fit, sightings, setting)
             verdict = verdict_with_doubtful_legs(verdict, path)
+        verdict = verdict_with_unclaimed_light(verdict, fit, sightings, setting)
         if name_arms:
             verdict = verdict_with_arm(verdict, fit, sightings, setting)
     if verdict.level is Level.CONTRADICTED:
