@@ -38,7 +38,7 @@ everywhere, nor lines as smooth as their splines."""
 _ABOUT_STDS = 3.0
 """A pulse's light comes within so many of its standard deviations."""
 _AROUND_PX = 3.0
-"""The brightest light of the lines so near to a pixel may be what it shows, px."""
+"""The brightest light of a line so near to a pixel may be what it shows, px."""
 
 
 @dataclass(frozen=True)
@@ -71,12 +71,9 @@ def brightest_beside(lit: Pixels, seen: Seen, picture: Picture, camera: Camera) 
         Of chance one where no pixel is brighter than expected.
     """
     points = undistorted_px(camera, seen.rows, seen.cols)
-    line, told, beside = _light_of_lines(points, seen, picture)
+    line, told, beside = _light_of_lines(points, lit, seen, picture)
     counted, others = _counted_about_pulses(lit)
     photons = counted - others
-    # A grain, or the edge of a shadow, is sharper than the spline of its line.
-    around = np.maximum(line, _brightest_around(points, photons, seen, picture))
-    told, line = told * around / line, around
     usual = _usual_share((photons - told) / line, seen, beside)
     expected = _MARGIN * (told + usual * line)
     asked = beside & np.isfinite(expected) & (photons > LEAST_SHARE * line.max(initial=0.0))
@@ -111,7 +108,9 @@ def _counted_about_pulses(lit: Pixels) -> tuple[Floats, Floats]:
     return counted, np.maximum(others, 0.0)
 
 
-def _light_of_lines(points: Floats, seen: Seen, picture: Picture) -> tuple[Floats, Floats, Bools]:
+def _light_of_lines(
+    points: Floats, lit: Pixels, seen: Seen, picture: Picture
+) -> tuple[Floats, Floats, Bools]:
     """How bright the lines near n pixels are, what they give these, and whether by wings alone."""
     line, told = np.zeros((2, len(points)))
     beside = np.ones(len(points), dtype=bool)
@@ -121,21 +120,16 @@ def _light_of_lines(points: Floats, seen: Seen, picture: Picture) -> tuple[Float
             continue
         along, across = leg.along_across(points[own])
         within = np.clip(along, *span_of_knots(light.spline.t))
-        bright = np.exp(light.spline(within))
+        photons = np.where(seen.leg[own] == k, lit.photons[own], 0.0).sum(axis=1)
+        on_line = np.abs(across) < 2.0 * picture.spot_std_px
+        # A grain, the edge of a shadow or the end of a line is sharper than its spline.
+        near = np.linalg.norm(points[own][:, np.newaxis] - points[own][on_line], axis=2)
+        around = np.where(near < _AROUND_PX, photons[on_line], 0.0).max(axis=1, initial=0.0)
+        bright = np.maximum(np.exp(light.spline(within)), around)
         line[own] += bright
         told[own] += bright * np.exp(light.seen(along, across, leg.heading_rad(along)).log_light)
         beside[own] &= np.abs(across) > _BESIDE_STDS * light.spot_std_at(along)
     return np.maximum(line, 1e-9), told, beside
-
-
-def _brightest_around(points: Floats, photons: Floats, seen: Seen, picture: Picture) -> Floats:
-    """(n,), photons of the brightest pixel on a line near each."""
-    on_line = np.flatnonzero(seen.away_px[:, 0] < 2.0 * picture.spot_std_px)
-    if not len(on_line):
-        return np.zeros(len(points))
-    apart = np.linalg.norm(points[:, np.newaxis] - points[on_line], axis=2)
-    most: Floats = np.where(apart < _AROUND_PX, photons[on_line], 0.0).max(axis=1)
-    return most
 
 
 def _usual_share(share: Floats, seen: Seen, beside: Bools) -> Floats:
