@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from lightflight.arguments import check_kinds
@@ -47,6 +48,9 @@ if TYPE_CHECKING:
     from lightflight.camera.model import Camera
     from lightflight.recording.histograms import Histograms
     from lightflight.timing.clock.code_clock import CodeClock
+
+_IN_LINE_DEG = 5.0
+"""A corner that turns light by less may be a leg that was parted in two; the one that was, by 1."""
 
 
 def reconstruct(
@@ -268,8 +272,12 @@ def _with_a_leg_less(found: LightPath, request: Request, estimator: Estimator) -
     A search that parts a leg in two, nearly in line, may lose pulses which the whole leg has.
     """
     told = request.n_legs is not None or request.start is not None or request.may_bend
-    chain = found.n_legs > 1 and not (found.forks or found.unseen_legs or found.bends)
+    chain = not (found.forks or found.unseen_legs or found.bends)
     if told or not chain or found.verdict.level is not Level.CONTRADICTED:
+        return found
+    steps = np.diff(found.vertices_mm, axis=0)
+    ways = steps / np.linalg.norm(steps, axis=1)[:, np.newaxis]
+    if not (np.sum(ways[1:] * ways[:-1], axis=1) > np.cos(np.radians(_IN_LINE_DEG))).any():
         return found
     try:
         path, fit = estimator.fit(replace(request, n_legs=found.n_legs - 1))
