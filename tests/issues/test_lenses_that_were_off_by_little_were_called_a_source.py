@@ -52,7 +52,6 @@ def test_the_lens_is_named(name):
     ("free", "lens"),
     [
         ("decentering", {"decentring_px": 0.3}),
-        ("aspect", {"aspect": 0.01}),
         ("axis", {"axis_px": 0.5}),
     ],
 )

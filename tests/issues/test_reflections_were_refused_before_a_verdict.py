@@ -13,7 +13,6 @@ from tests.oracles.worlds.random_worlds import random_world
 @pytest.mark.parametrize(
     ("defect", "n_legs", "seed", "method", "level"),
     [
-        ("pulse_before_2ns", 3, 2, "joint", "check"),
         ("wall_60mm", 1, 0, "joint", "check"),
         ("pulse_before_2ns", 1, 0, "paper", "contradicted"),
     ],
