@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from lightflight.arguments import check_kinds
@@ -26,6 +25,7 @@ from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.result import explained, mirror_of_fit, on_first_lap
 from lightflight.reconstruct.fit.short_pieces import without_short_pieces
 from lightflight.reconstruct.legs.direction import legs_in_all_pictures
+from lightflight.reconstruct.model.geometry import state_of_path
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed, freed_names
 from lightflight.reconstruct.model.sighting import Sighting
@@ -275,9 +275,8 @@ def _with_a_leg_less(found: LightPath, request: Request, estimator: Estimator) -
     chain = not (found.forks or found.unseen_legs or found.bends)
     if told or not chain or found.verdict.level is not Level.CONTRADICTED:
         return found
-    steps = np.diff(found.vertices_mm, axis=0)
-    ways = steps / np.linalg.norm(steps, axis=1)[:, np.newaxis]
-    if not (np.sum(ways[1:] * ways[:-1], axis=1) > np.cos(np.radians(_IN_LINE_DEG))).any():
+    state = state_of_path(found)
+    if all(state.turn_deg(corner) >= _IN_LINE_DEG for corner in state.corners_seen):
         return found
     try:
         path, fit = estimator.fit(replace(request, n_legs=found.n_legs - 1))

@@ -105,22 +105,13 @@ class Rest:
 class _Photons:
     """Places, px, log of the rest and variance of that by chance, (n,) each.
 
-    And how alike the rest is at two of them, everywhere and within patches, (n, n).
+    And how alike the rest is at two of them, (n, n), where no patch is.
     """
 
     places_px: Floats
     log_rest: Floats
     noise: Floats
     alike: Floats
-    patch_alike: Floats
-
-    def of_patches(self, patches: tuple[tuple[float, float], ...]) -> Floats:
-        """(n, n), what patches give the covariance."""
-        windows = np.zeros_like(self.alike)
-        for place, std in patches:
-            own = std * _window(self.places_px, place)[0]
-            windows += np.outer(own, own)
-        return windows * self.patch_alike
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,13 +163,8 @@ def rest_of_light(
         Lower. None instead of both where no rest is the most likely.
     """
     none = Rest(0.0, alike_px, (), _PATCH_ALIKE_SPOTS * spot_px)
-    photons = _Photons(
-        places_px,
-        log_rest,
-        noise,
-        _alike(places_px, places_px, alike_px)[0],
-        _alike(places_px, places_px, none.patch_alike_px)[0],
-    )
+    alike = replace(none, std=1.0).covariance(places_px, places_px)
+    photons = _Photons(places_px, log_rest, noise, alike)
     tried = np.arange(places_px.min(), places_px.max() + _STEP_PX, _STEP_PX)
     # So many patches are looked at that one of them is the likelier by that much by chance.
     cost = float(np.log(len(tried) * len(_PATCH_STDS)))
@@ -192,19 +178,22 @@ def rest_of_light(
 
 def _patched(told: _Told, photons: _Photons, tried: Floats, cost: float) -> _Told:
     """With as many patches as are worth their cost; at last as strong elsewhere as is likeliest."""
-    before, of_patches = told.rest, photons.of_patches(())
+    before, places = told.rest, photons.places_px
     stds = _STRENGTHS if before.std > 0.0 else _STRENGTHS[:1]
+    of_patches = np.zeros_like(photons.alike)
     for _ in range(_MOST_PATCHES):
-        place = _where_most_is_left(told, tried, photons.places_px)
+        place = _where_most_is_left(told, tried, places)
+        unit = replace(before, std=0.0, patches=((place, 1.0),)).covariance(places, places)
         more = [
-            (_told(told.rest.with_patch(place, std), told.unequal, photons, of_patches + one), one)
+            _told(
+                told.rest.with_patch(place, std), told.unequal, photons, of_patches + std**2 * unit
+            )
             for std in _PATCH_STDS
-            for one in (photons.of_patches(((place, std),)),)
         ]
-        best, own = max(more, key=lambda pair: pair[0].likely)
+        best = max(more, key=lambda one: one.likely)
         if best.likely < told.likely + cost:
             break
-        of_patches = of_patches + own
+        of_patches += best.rest.patches[-1][1] ** 2 * unit
         told = _strongest(best.rest, photons, stds, of_patches)
     return told if told.rest is before else _strongest(told.rest, photons, _STRENGTHS, of_patches)
 

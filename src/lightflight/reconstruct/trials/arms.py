@@ -67,7 +67,12 @@ def fits_with_arm(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
             begun = list(_starts(fit.solution.state, leg, setting, view))
             starts += begun
             # One whose light is another leg's from a mirror in view on is not right by itself.
-            starts += [longer for one in begun for longer in _turned_into(one, legs, view)]
+            starts += [
+                turned
+                for longer, moved in begun
+                for next_leg in legs
+                for turned in _turned(longer, longer.n_legs - 1, next_leg, moved, view)
+            ]
         starts += [(state, setting) for state in _straight_on(fit.solution.state, seen)]
     found = []
     for state, moved in starts:
@@ -112,9 +117,7 @@ def _starts(
             if longer is not None:
                 yield longer, setting_with_corner(setting, leg)
         if leg in state.last_legs and state.forks:
-            turned = _turned(state, leg, share, arm, seen)
-            if turned is not None:
-                yield turned, setting_with_corner(setting, leg)
+            yield from _turned(state, leg, arm, setting, view)
     # Two legs may meet the arm at the vertex that they share; light splits at none of the ends.
     for vertex in sorted(vertices - set(state.ends)):
         longer = _with_arm(state, vertex, arm, seen)
@@ -142,6 +145,12 @@ def _meeting(
 
 def _with_arm(state: PathState, vertex: int, arm: ImageLeg, setting: Setting) -> PathState | None:
     """The path with an arm from one of its vertices; None where light cannot run so."""
+    end = _end_of_arm(state, vertex, arm, setting)
+    return None if end is None else _with_end(state, vertex, end)
+
+
+def _end_of_arm(state: PathState, vertex: int, arm: ImageLeg, setting: Setting) -> Floats | None:
+    """(3,), where an arm from a vertex ends, world, mm; None where light cannot run so."""
     place, time = state.vertices_mm[vertex], state.vertex_times_ps(setting.medium)[vertex]
     source = Source(tuple(place.tolist()), emission_time_ps=float(time))
     try:
@@ -149,39 +158,26 @@ def _with_arm(state: PathState, vertex: int, arm: ImageLeg, setting: Setting) ->
     except GeometryError:
         return None
     end = alone.vertices_mm[-1]
-    if not np.isfinite(end).all():
-        return None
-    return _with_end(state, vertex, end)
-
-
-def _turned_into(
-    begun: tuple[PathState, Setting], legs: list[ImageLeg], view: int
-) -> Iterator[tuple[PathState, Setting]]:
-    """Paths with an arm whose last leg turns into one of some legs, if that meets it."""
-    state, setting = begun
-    seen, arm = setting.at(view), state.n_legs - 1
-    for leg in legs:
-        place = _meeting(state, arm, leg, seen)
-        turned = None if place is None else _turned(state, arm, place[0], leg, seen)
-        if turned is not None:
-            yield turned, setting_with_corner(setting, arm)
+    return end if np.isfinite(end).all() else None
 
 
 def _turned(
-    state: PathState, leg: int, share: float, arm: ImageLeg, setting: Setting
-) -> PathState | None:
-    """The path whose last leg on some branch turns into an arm, at a mirror at that share of it.
+    state: PathState, leg: int, arm: ImageLeg, setting: Setting, view: int
+) -> Iterator[tuple[PathState, Setting]]:
+    """The path whose last leg on some branch turns into an arm where both meet, if they do.
 
     Only of one that forks: the legs of a chain are looked for together.
     """
-    corner = state.points_mm(leg, np.array([share]))[0]
-    cut = state.with_corner(leg, corner)
-    longer = _with_arm(cut, leg + 1, arm, setting)
-    if longer is None:
-        return None
-    vertices = cut.vertices_mm.copy()
-    vertices[leg + 2] = longer.vertices_mm[-1]
-    return replace(cut, vertices_mm=vertices)
+    seen = setting.at(view)
+    meeting = _meeting(state, leg, arm, seen)
+    if meeting is None:
+        return
+    cut = state.with_corner(leg, state.points_mm(leg, np.array([meeting[0]]))[0])
+    end = _end_of_arm(cut, leg + 1, arm, seen)
+    if end is not None:
+        vertices = cut.vertices_mm.copy()
+        vertices[leg + 2] = end
+        yield replace(cut, vertices_mm=vertices), setting_with_corner(setting, leg)
 
 
 def _with_end(state: PathState, vertex: int, end_mm: Floats) -> PathState:
