@@ -13,15 +13,15 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check
 PYTEST_FLAGS ?= -n 2 --dist worksteal
 export MPLBACKEND := Agg
 # Tests start hundreds of processes: without byte code each compiles the package and its tests again.
-test quick lowest cold fuzz attack mutants: export PYTHONDONTWRITEBYTECODE :=
+test quick long lowest cold fuzz attack mutants: export PYTHONDONTWRITEBYTECODE :=
 # One thread each, so that workers do not fight over the cores: those of OpenBLAS turn while they
 # wait, a sixth of the time of a fit.
-test quick lowest fuzz attack: export NUMBA_NUM_THREADS := 1
-test quick lowest fuzz attack: export OMP_NUM_THREADS := 1
-test quick lowest fuzz attack: export OPENBLAS_NUM_THREADS := 1
+test quick long lowest fuzz attack: export NUMBA_NUM_THREADS := 1
+test quick long lowest fuzz attack: export OMP_NUM_THREADS := 1
+test quick long lowest fuzz attack: export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper paper-quick test quick lowest cold check lint types layers workflows speed docs newcomer format fuzz attack mutants clean install install-dev python-is-new-enough
+.PHONY: help demo paper paper-quick test quick long lowest cold check lint types layers workflows speed docs newcomer format fuzz attack mutants clean install install-dev python-is-new-enough
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -39,7 +39,10 @@ test: $(VENV)/.installed-dev ## run the whole test suite
 	@$(BIN)/python -m pytest $(PYTEST_FLAGS)
 
 quick: $(VENV)/.installed-dev ## the suite without its slow tests
-	@$(BIN)/python -m pytest $(PYTEST_FLAGS) -m "not slow"
+	@$(BIN)/python -m pytest $(PYTEST_FLAGS) -m "not slow and not long"
+
+long: $(VENV)/.installed-dev ## further cases of slow tests, which the suite leaves out
+	@$(BIN)/python -m pytest $(PYTEST_FLAGS) -m long
 
 cold: $(VENV)/.installed-dev ## what the first run of each command compiles, and how long it takes
 	@NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/cold_start.py --quick

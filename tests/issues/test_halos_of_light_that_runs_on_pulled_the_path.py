@@ -34,10 +34,16 @@ def reconstructed(world: World, seed: int, method: str = "joint") -> lf.LightPat
 
 
 @pytest.mark.parametrize(
-    ("seed", "method", "reach"), [(1251, "joint", "3px"), (1288, "photon", "8px")]
+    ("seed", "method", "reach"),
+    [
+        (1251, "joint", "3px"),
+        (1288, "photon", "8px"),
+        pytest.param(1251, "joint", "8px", marks=pytest.mark.long),
+        pytest.param(1288, "photon", "3px", marks=pytest.mark.long),
+    ],
 )
 def test_halos_of_light_that_runs_on_pulled_the_path(seed, reach, method):
-    # The chance that an honest pull is above 4: 6e-5, for each of 4.
+    # The chance that an honest pull is above 4: 6e-5, for each of 8.
     world = DEFECTS[f"prompt_halo_{reach}"].applied(random_world(seed, 1), 0.2)
     path = reconstructed(world, seed, method)
     assert path.n_legs == 1

@@ -52,6 +52,7 @@ def test_the_lens_is_named(name):
     ("free", "lens"),
     [
         ("decentering", {"decentring_px": 0.3}),
+        pytest.param("aspect", {"aspect": 0.01}, marks=pytest.mark.long),
         ("axis", {"axis_px": 0.5}),
     ],
 )

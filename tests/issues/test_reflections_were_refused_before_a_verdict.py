@@ -13,6 +13,7 @@ from tests.oracles.worlds.random_worlds import random_world
 @pytest.mark.parametrize(
     ("defect", "n_legs", "seed", "method", "level"),
     [
+        pytest.param("pulse_before_2ns", 3, 2, "joint", "check", marks=pytest.mark.long),
         ("wall_60mm", 1, 0, "joint", "check"),
         ("pulse_before_2ns", 1, 0, "paper", "contradicted"),
     ],

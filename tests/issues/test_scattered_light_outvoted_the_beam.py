@@ -39,7 +39,10 @@ def test_the_beams_pulses_are_those_that_are_used() -> None:
 
 
 @pytest.mark.usefixtures("as_found")
-@pytest.mark.parametrize(("seed", "n_legs", "photons"), [(5101, 1, 40_000.0)])
+@pytest.mark.parametrize(
+    ("seed", "n_legs", "photons"),
+    [(5101, 1, 40_000.0), pytest.param(5110, 3, 4_000.0, marks=pytest.mark.long)],
+)
 def test_paths_in_fog_are_those_of_the_beam(seed: int, n_legs: int, photons: float) -> None:
     world = fog(seed, n_legs, photons)
     path = lf.reconstruct(record(world, seed), **what_the_user_tells(world))

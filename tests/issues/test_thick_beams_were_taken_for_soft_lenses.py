@@ -18,7 +18,11 @@ CHANCE = 1e-5
 
 @pytest.mark.parametrize(
     ("path", "beam_mm", "method", "seed"),
-    [("sharp", 2.0, "photon", 11), ("ending", 2.0, "joint", 13)],
+    [
+        ("sharp", 2.0, "photon", 11),
+        pytest.param("grazing", 4.0, "joint", 12, marks=pytest.mark.long),
+        ("ending", 2.0, "joint", 13),
+    ],
 )
 def test_thick_beams_were_taken_for_soft_lenses(path, beam_mm, method, seed):
     """The corner, at its stated errors: whitened chi-square of three numbers, chance 1e-5 each."""

@@ -52,7 +52,10 @@ def scene_of(seed):
     [
         0,  # refused when told
         9,  # another number than told, or another path
+        pytest.param(3, marks=pytest.mark.long),  # of 96 x 96 pixels
         10,  # a first leg of 7 pixels, whose light the second one took
+        # A first leg of 4 pixels, found as one with the second.
+        pytest.param(44, marks=pytest.mark.long),
         53,  # one leg found as two that lie in line
         212,  # a line off its pixels, bright by exp(400): "arange: cannot compute length"
     ],

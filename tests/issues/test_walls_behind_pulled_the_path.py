@@ -56,6 +56,12 @@ def test_one_leg_before_a_wall_is_right_within_its_errors(behind_mm, method):
     ("seed", "method", "was"),
     [
         (2288, "joint", "4.7: the first mirror that was tried led nowhere"),
+        pytest.param(
+            2294,
+            "joint",
+            "2.9: half as much light again came from outside of the picture",
+            marks=pytest.mark.long,
+        ),
         (2295, "photon", "11: the same, and its pixels were believed"),
     ],
 )

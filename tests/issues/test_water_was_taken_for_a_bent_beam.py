@@ -11,7 +11,10 @@ from tests.oracles.worlds.random_worlds import random_world
 
 @pytest.mark.parametrize(
     ("defect", "seed", "photons", "told"),
-    [("index_to_the_camera", 2, 400.0, 3)],
+    [
+        pytest.param("index", 5, 40_000.0, None, marks=pytest.mark.long),
+        ("index_to_the_camera", 2, 400.0, 3),
+    ],
 )
 def test_the_index_is_named(defect, seed, photons, told):
     """Once "trust" with two of three legs' pulses on the path."""

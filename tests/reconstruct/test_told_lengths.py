@@ -116,14 +116,19 @@ SCENES = {
 
 
 @pytest.mark.usefixtures("unexamined")
-@pytest.mark.parametrize("name", SCENES)
-def test_index_and_place_err_as_stated(name):
-    """One or two recordings, each with a length measured anew: false alarm 1e-4, two tests each.
-
-    One of the fibre in the picture, which takes longest; `benchmarks/bends.py --lengths` has 20.
-    """
+@pytest.mark.parametrize(
+    ("name", "n"),
+    [
+        ("three legs", 2),
+        # It takes longest.
+        ("in the picture", 1),
+        pytest.param("in the picture", 2, marks=pytest.mark.long),
+        ("in depth", 2),
+    ],
+)
+def test_index_and_place_err_as_stated(name, n):
+    """`n` recordings, each with a length measured anew: false alarm 1e-4, two tests each."""
     make, leg, more = SCENES[name]
-    n = 1 if name == "in the picture" else 2
     scene, of_index, of_place = make(), 0.0, 0.0
     true = np.asarray(scene.vertices_mm[1], dtype=float)
     for seed in range(n):
