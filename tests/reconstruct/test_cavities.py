@@ -62,6 +62,7 @@ def seen_with(arrival_ps: list[list[float]]) -> Seen:
         arrival,
         np.full_like(arrival, 64.0),
         np.zeros_like(arrival),
+        np.zeros_like(arrival),
         np.ones_like(arrival),
     )
 
@@ -80,6 +81,6 @@ def test_cells_are_fine_about_every_leg_of_a_crowded_pixel():
             assert np.ptp(about) == pytest.approx(8.0 * 64.0, rel=1e-6)
 
 
-def test_cells_of_a_pixel_that_few_legs_light_are_those_of_the_nearest():
-    seen = seen_with([[9_000.0, 2_000.0, 4_500.0]])
+def test_cells_of_pixels_that_one_leg_lights_are_those_of_the_nearest():
+    seen = seen_with([[9_000.0, float("nan")]])
     np.testing.assert_array_equal(lags_about_legs(seen, FINE, 64.0), FINE)

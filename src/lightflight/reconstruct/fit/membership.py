@@ -39,6 +39,9 @@ In the picture, not in space: how deep a path lies may still move a lot when its
 CLAIM_REACH_PX = 2.2
 """Pulses this near to a leg's line may be claimed by it, px: five stds of a usual
 spot; a wider spot widens the gate."""
+_MOST_SHIFT = 0.1
+"""Light of another leg, or an end of its own within the spot, may move a pulse by no more, of its
+error."""
 _TIP_PX = 1.2
 """Pixels this near to where the light begins or stops see a cut footprint, px."""
 
@@ -197,11 +200,12 @@ def assigned(
     gap = np.full((n, n_legs), np.inf)
     expected = np.zeros((n, n_legs))
     modelled = np.full((n, n_legs), np.nan)
+    cut_ps = np.zeros((n, n_legs))
+    spot_px = picture.spot_std_px
     for k in state.seen:
         print_ = prints_of_leg(sighting, state, setting, usable, k)
-        near = np.abs(print_.lateral_px) < max(CLAIM_REACH_PX, 3.0 * picture.spot_std_px)
+        near = np.abs(print_.lateral_px) < max(CLAIM_REACH_PX, 3.0 * spot_px)
         # Where two legs light a pixel its one time is neither's.
-        spot_px = picture.spot_std_px
         clear_px = clear_of_corners_px(
             state, k, setting.camera, spot_px, share=share_beyond_lens(spot_px)
         )
@@ -217,15 +221,21 @@ def assigned(
             state=state,
             medium=setting.medium,
         )
-        modelled[near, k] = (print_.arrival_ps + correction)[near]
+        modelled[:, k] = print_.arrival_ps + correction
         gap[near, k] = np.abs(sighting.arrival_ps[usable] - modelled[:, k])[near]
-        strength = np.exp(-0.5 * (print_.lateral_px / picture.spot_std_px) ** 2)
-        expected[:, k] = strength * on_leg(print_, k, state, margin_px=1.5)
+        within = _within_px(print_, k, state, tips, setting)
+        beyond = np.minimum(within, 0.0)
+        expected[:, k] = np.exp(-0.5 * (print_.lateral_px**2 + beyond**2) / spot_px**2)
+        # What is left of a Gaussian that ends there has another mean.
+        cut_ps[:, k] = np.abs(print_.slope_ps_per_px) * spot_px * _density(within / spot_px)
     best = np.argmin(gap, axis=1)
     total = np.hypot(arrivals.independent_std_ps[usable], floor_ps)
     # Six errors, or half a pulse while the path is rough.
     mine = gap[np.arange(n), best] < np.maximum(6.0 * total, 0.5 * std)
-    mine &= ~_blended_pulses(modelled, expected, best, arrivals, usable, std)
+    shift = cut_ps[np.arange(n), best] + _shift_by_others_ps(
+        modelled, expected, best, arrivals, usable, std
+    )
+    mine &= shift < _MOST_SHIFT * total
     chosen = np.flatnonzero(mine)
     index, leg_of = usable[chosen], best[chosen]
     print_ = footprints(
@@ -238,6 +248,12 @@ def assigned(
     )
     footprint_ps = modelled[chosen, leg_of] - print_.arrival_ps
     return time_data(sighting, index, leg_of, footprint_ps)
+
+
+def _density(z: Floats) -> Floats:
+    """Of a Gaussian."""
+    density: Floats = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
+    return density
 
 
 def on_leg(
@@ -329,6 +345,27 @@ def clear_of_tips(
     return clear
 
 
+def _within_px(
+    print_: Footprint, leg: int, state: PathState, tips: Tips, setting: Setting
+) -> Floats:
+    """How far within the ends of its light on a leg each pixel's foot lies, px; negative: beyond.
+
+    Where light comes into view or leaves it there is no end.
+    """
+    first, last = -np.inf, np.inf
+    if leg > 0:
+        first = 0.0
+    elif tips[0] is not None:
+        first = fraction_at(tips[0], leg, state, setting)
+    tip = tip_of_leg(tips, leg, state)
+    if tip is not None:
+        last = fraction_at(tip, leg, state, setting)
+    elif leg not in state.last_legs:
+        last = 1.0
+    within: Floats = np.minimum(print_.fraction - first, last - print_.fraction)
+    return within * print_.px_per_leg
+
+
 def print_at(pixel: Floats, leg: int, state: PathState, setting: Setting) -> Footprint:
     """Footprint on a leg of one place (row, col, ...) of the picture."""
     return footprints(
@@ -379,28 +416,26 @@ def fraction_at(pixel: Floats, leg: int, state: PathState, setting: Setting) -> 
     return float(print_at(pixel, leg, state, setting).fraction[0])
 
 
-def _blended_pulses(
+def _shift_by_others_ps(
     modelled: Floats,
     expected: Floats,
     best: Indices,
     arrivals: Arrivals,
     usable: Indices,
     std: float,
-) -> NDArray[np.bool_]:
-    """True where a second leg's light may sit unresolved under a pulse."""
+) -> Floats:
+    """By how much a second leg's light that sits unresolved under a pulse may move it, ps."""
     n, n_legs = modelled.shape
     rows = np.arange(n)
     # Two pulses that were fitted apart must only be far enough for both to be true.
     single = (arrivals.flags[usable] & np.uint32(flags.MULTIPLE_PULSES)) == 0
-    blended = np.zeros(n, dtype=bool)
+    shift = np.zeros(n)
     own = np.maximum(expected[rows, best], 1e-12)
     for k in range(n_legs):
-        with np.errstate(invalid="ignore"):
-            separation = np.abs(modelled[:, k] - modelled[rows, best])
-            close = separation < np.where(single, 4.5, 1.5) * std
-        # Times shift by about (share of the other's light) x (separation): keep below 1e-4 std.
-        blended |= close & (best != k) & (expected[:, k] / own > 1e-4)
-    return blended
+        separation = np.nan_to_num(np.abs(modelled[:, k] - modelled[rows, best]), nan=np.inf)
+        close = (separation < np.where(single, 4.5, 1.5) * std) & (best != k)
+        shift += np.where(close, expected[:, k] / own * np.where(close, separation, 0.0), 0.0)
+    return shift
 
 
 def stacked(parts: list[TimeData], columns: dict[int, slice]) -> TimeData:

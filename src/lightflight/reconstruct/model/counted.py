@@ -75,6 +75,19 @@ class Shape:
         slope: Floats = np.interp(z, place, np.gradient(table, place), left=0.0, right=0.0)
         return slope
 
+    def skewing(self, z: Floats) -> tuple[Floats, Floats]:
+        """What `at` loses by a sixth of the pulse's skewness (Gram-Charlier)."""
+        if not self.table.size:
+            density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
+            return (z**2 - 1.0) * density, (3.0 * z - z**3) * density
+        place, _, density = self.table
+        third = np.gradient(np.gradient(density, place), place)
+        come, slope = (
+            np.interp(z, place, values, left=0.0, right=0.0)
+            for values in (third, np.gradient(third, place))
+        )
+        return come, slope
+
     def drawn_out(self, flight: float) -> Shape:
         """The shape after flight of half a variance `flight`, in its own: spread, not stretched."""
         # As in `kept_back`: few clocks have a table.
@@ -147,6 +160,8 @@ class Pulses:
     flight: Floats | None = None
     """(n,), half the variance that flight through the footprint adds, in the pulse's own, where the
     shape is tabulated: stretched it would have the longer tail. None: nothing."""
+    skewness: Floats | None = None
+    """(n, s), what flight adds where time runs unevenly through the footprint. None: nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,7 +377,7 @@ def lit_pixels(
     steps = _STEPS if s else 2
     for step in range(steps):
         mean, slopes = _expected(
-            cells, width, late, std, unknown, pulses.shape, tails, other, beyond, second
+            cells, width, late, std, unknown, pulses, tails, other, beyond, second
         )
         variance = dispersion * mean + (cells.width_error * mean) ** 2
         weight = np.divide(1.0, variance, out=np.zeros_like(mean), where=cells.live & (mean > 0.0))
@@ -403,14 +418,14 @@ def _expected(
     late: Floats,
     std: Floats,
     unknown: Floats,
-    shape: Shape,
+    pulses: Pulses,
     tails: Tails,
     other: Floats | float,
     beyond: Floats | None,
     second: Echo | None,
 ) -> tuple[Floats, Floats]:
     """Mean counts (n, m) and their derivatives by the unknowns (n, m, q)."""
-    s = late.shape[1]
+    s, shape = late.shape[1], pulses.shape
     slopes = np.zeros((*width.shape, unknown.shape[1]))
     changes = bool(s and shape.table.size)
     if beyond is not None:
@@ -423,9 +438,12 @@ def _expected(
         own = std[lit, k : k + 1] * np.exp(unknown[lit, -2:-1])
         place = late[lit, k : k + 1] + unknown[lit, s + k : s + k + 1]
         z = (cells.edges_ps[lit] - place) / own
-        come, density, bend, wider = _pulse(z, own, shape, tails)
+        skewness = None if pulses.skewness is None else pulses.skewness[lit, k : k + 1]
+        come, density, bend, wider = _pulse(z, own, shape, tails, skewness)
         if second is not None:
-            again = _pulse(z - second.later(cells.edges_ps[lit], place) / own, own, shape, tails)
+            again = _pulse(
+                z - second.later(cells.edges_ps[lit], place) / own, own, shape, tails, skewness
+            )
             come, density, bend, wider = (
                 first + second.share * more
                 for first, more in zip((come, density, bend, wider), again, strict=True)
@@ -464,7 +482,7 @@ def light_of_second_pulse(pixels: Pixels, second: Echo, tails: Tails) -> Floats:
 
 
 def _pulse(
-    z: Floats, std: Floats, shape: Shape, tails: Tails
+    z: Floats, std: Floats, shape: Shape, tails: Tails, skewness: Floats | None = None
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Share F of a pulse before z, std dF/dt, dF/d ln std, and what flight adds (a Gaussian: 0).
 
@@ -473,6 +491,12 @@ def _pulse(
     """
     changes = bool(shape.table.size)
     prompt, density = shape.at(z)
+    if skewness is not None:
+        # What waits keep back is of the second order in this.
+        less = (each * (skewness / 6.0) for each in shape.skewing(z))
+        prompt, density = (
+            whole - part for whole, part in zip((prompt, density), less, strict=True)
+        )
     wider = shape.widening(z) if changes else np.zeros_like(z)
     # Most of the work is of waits, and every search begins with shares of nothing.
     tails = [(share, wait) for share, wait in tails if share]

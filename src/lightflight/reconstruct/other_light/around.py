@@ -33,8 +33,9 @@ COARSE_STDS, COARSE_GROWTH = 2.0, 1.6
 """The same where no light is expected."""
 _FAINT = 0.02
 """Photons of a pixel beyond which it counts as lit, at most: those less bright are left out."""
-_CLEAR_PX = 2.0
-"""Pixels this near to a corner or a tip in the picture see cut footprints, px."""
+_CLEAR_STDS, _CLEAR_PX = 4.0, 2.0
+"""Pixels this near to a corner or a tip in the picture see cut footprints: in standard deviations of
+the spot, and at least, px."""
 _STEEP = 0.5
 """Where light takes longer through a pixel than half the response, as standard deviations, a pulse
 that is no Gaussian by itself is drawn out by more than `pulses_expected` says to first order."""
@@ -42,9 +43,6 @@ _SURE = 2.0
 """Standard deviations of what counts say of that area."""
 _MOST_LOST = 0.5
 """Share of the path's pixels without which the rest is no picture of the path."""
-_USUAL_LEGS = 3
-"""Room for the legs of which a pixel sees light: more than these seldom meet within a spot. Where
-they do (passes of a cavity) there is room for as many as any pixel sees."""
 _QUIET_PS = 6000.0
 """So long before the light there is none; ps."""
 _BESIDE_PX = 5.0
@@ -70,6 +68,8 @@ class Seen:
         Standard deviation of its pulse, ps.
     flight_ps : array of float, shape (n, s)
         The part of it that flight through the footprint makes, ps.
+    skewness : array of float, shape (n, s)
+        Of that pulse, where time runs unevenly through the footprint.
     away_px : array of float, shape (n, s)
         Distance from its line, px.
     """
@@ -80,6 +80,7 @@ class Seen:
     arrival_ps: Floats
     std_ps: Floats
     flight_ps: Floats
+    skewness: Floats
     away_px: Floats
 
     def of(self, kept: Indices) -> Seen:
@@ -132,7 +133,7 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
     rows, cols = (index.ravel() for index in np.indices(camera.shape))
     # A pixel without a count may be dead: it has nothing to say.
     silent = whole.histograms.photons.ravel() == 0
-    kept = ~(silent | whole.blind.ravel() | _at_ends(fit, whole.view, rows, cols))
+    kept = ~(silent | whole.blind.ravel() | _at_ends(fit, picture.spot_std_px, whole.view, rows, cols))
     cut = _cut(whole)
     kept &= ~cut
     rows, cols = rows[kept], cols[kept]
@@ -169,15 +170,17 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
             beyond |= on_line & (along < first + reach)
         if several and k in state.last_legs:
             beyond |= on_line & (along > last - reach)
-    most = int(np.isfinite(away).sum(axis=1).max(initial=0))
-    nearest = np.argsort(away, axis=1)[:, : max(_USUAL_LEGS, most)]
+    most = int(np.isfinite(away).sum(axis=1).max(initial=1))
+    nearest = np.argsort(away, axis=1)[:, :most]
     lit = np.isfinite(np.take_along_axis(away, nearest, axis=1))
     lit &= np.isfinite(np.take_along_axis(arrival, nearest, axis=1))
     slope, bend = (np.nan_to_num(np.take_along_axis(x, nearest, axis=1)) for x in (slope, bend))
     transit = np.abs(slope) * picture.spot_std_px
     own = _own_std_ps(std_ps, transit[lit])
     light = float(whole.arrivals.photons[whole.usable_pulses].sum())
-    steep = _departure(slope, bend, own, picture) > max(LEAST_SHARE, light**-0.5)
+    std = np.hypot(own, transit)
+    skewness = _skewness(slope, bend, std, picture)
+    steep = _departure(slope, skewness, std, picture) > max(LEAST_SHARE, light**-0.5)
     if shape_of(whole.timing.response).table.size:
         steep |= transit > _STEEP * own
     steep &= lit
@@ -191,23 +194,27 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         cols[kept],
         np.where(lit, nearest, -1)[kept],
         np.where(lit, np.take_along_axis(arrival, nearest, axis=1), np.nan)[kept],
-        np.where(lit, np.hypot(own, transit), np.nan)[kept],
+        np.where(lit, std, np.nan)[kept],
         np.where(lit, transit, np.nan)[kept],
+        np.where(lit, skewness, 0.0)[kept],
         np.take_along_axis(away, nearest, axis=1)[kept],
     )
 
 
-def _departure(slope_ps: Floats, bend_ps: Floats, own_ps: float, picture: Picture) -> Floats:
-    """By how much light drawn out through a pixel is no Gaussian, rms, as a share of it.
+def _skewness(slope_ps: Floats, bend_ps: Floats, std_ps: Floats, picture: Picture) -> Floats:
+    """Of light drawn out through a pixel by a time that does not run evenly along its spot."""
+    third: Floats = 3.0 * slope_ps**2 * bend_ps * picture.spot_std_px**4
+    return third / std_ps**3
 
-    A Gaussian of skewness g and excess kurtosis k departs by g He_3 / 6 + k He_4 / 24: skewed by a
-    time that does not run evenly along the spot, flat by the edges of the pixel's active area.
+
+def _departure(slope_ps: Floats, skewness: Floats, std_ps: Floats, picture: Picture) -> Floats:
+    """By how much light drawn out through a pixel is no skewed Gaussian, rms, as a share of it.
+
+    One of skewness g and excess kurtosis k departs from its Gram-Charlier series to the third
+    order by k He_4 / 24 + g^2 He_6 / 72: flat by the edges of the pixel's active area.
     """
-    spot = picture.spot_std_px
-    std = np.hypot(own_ps, slope_ps * spot)
-    skewness = 3.0 * slope_ps**2 * bend_ps * spot**4 / std**3
-    kurtosis = _fourth_of_active_px(picture) * slope_ps**4 / (120.0 * std**4)
-    departure: Floats = np.sqrt(skewness**2 / 6.0 + kurtosis**2 / 24.0)
+    kurtosis = _fourth_of_active_px(picture) * slope_ps**4 / (120.0 * std_ps**4)
+    departure: Floats = np.sqrt(kurtosis**2 / 24.0 + 720.0 * (skewness**2 / 72.0) ** 2)
     return departure
 
 
@@ -229,12 +236,13 @@ def pulses_expected(seen: Seen, shape: Shape) -> Pulses:
     """
     late = seen.arrival_ps - seen.arrival_ps[:, :1]
     if not shape.table.size:
-        return Pulses(late, seen.std_ps, shape)
+        return Pulses(late, seen.std_ps, shape, skewness=seen.skewness)
     own = np.sqrt(seen.std_ps**2 - seen.flight_ps**2)
     flight = 0.5 * (seen.flight_ps[:, 0] / own[:, 0]) ** 2
     # The shape is spread once, for a usual pixel; the pixels' own flight differs by little.
     usual = float(np.median(flight))
-    return Pulses(late, own, shape.drawn_out(usual), flight - usual)
+    skewness = seen.skewness * (seen.std_ps / own) ** 3
+    return Pulses(late, own, shape.drawn_out(usual), flight - usual, skewness)
 
 
 def lags_about_legs(seen: Seen, fine: Floats, std_ps: float) -> Floats:
@@ -252,13 +260,14 @@ def lags_about_legs(seen: Seen, fine: Floats, std_ps: float) -> Floats:
     Returns
     -------
     array of float, shape (m + 1,) or (n, m + 1)
-        The same in all pixels, finely divided about the nearest leg alone; where pixels see more
-        legs than usual, in each of them about every one: most of its light is of others.
+        The same in all pixels where each sees one leg alone; else finely divided about every one:
+        most of a pixel's light may be of others than the nearest.
     """
-    if seen.leg.shape[1] <= _USUAL_LEGS:
+    late = seen.arrival_ps[:, 1:] - seen.arrival_ps[:, :1]
+    late = np.nan_to_num(late[:, np.isfinite(late).any(axis=0)])
+    if not late.size:
         return fine
     core = fine[np.abs(fine) <= CORE_STDS * std_ps * (1.0 + 1e-9)]
-    late = np.nan_to_num(seen.arrival_ps[:, 1:] - seen.arrival_ps[:, :1])
     further = (late[:, :, np.newaxis] + core).reshape(len(late), -1)
     # One period about all of them, wherever among them the nearest is.
     middle = 0.5 * (late.min(axis=1, initial=0.0) + late.max(axis=1, initial=0.0))[:, np.newaxis]
@@ -296,7 +305,9 @@ def _own_std_ps(std_ps: float, transit_ps: Floats) -> float:
     return float(np.sqrt(max(std_ps**2 - usual**2, 0.1 * std_ps**2)))
 
 
-def _at_ends(fit: JointFit, view: int, rows: Indices, cols: Indices) -> NDArray[np.bool_]:
+def _at_ends(
+    fit: JointFit, spot_px: float, view: int, rows: Indices, cols: Indices
+) -> NDArray[np.bool_]:
     """True for pixels about a corner or a tip in the picture: they see cut footprints."""
     state, cameras = fit.solution.state, fit.solution.cameras
     corners = np.delete(state.vertices_mm, state.ends, axis=0)
@@ -306,7 +317,7 @@ def _at_ends(fit: JointFit, view: int, rows: Indices, cols: Indices) -> NDArray[
         places += list(np.column_stack((row, col)))
     near = np.zeros(len(rows), dtype=bool)
     for row, col in places:
-        near |= np.hypot(rows - row, cols - col) < _CLEAR_PX
+        near |= np.hypot(rows - row, cols - col) < max(_CLEAR_PX, _CLEAR_STDS * spot_px)
     return near
 
 
