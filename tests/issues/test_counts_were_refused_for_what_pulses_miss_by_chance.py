@@ -46,4 +46,5 @@ def test_they_are_not_where_chance_does_not(monkeypatch):
         return replace(path, residuals=residuals)
 
     monkeypatch.setattr(photon, "photon_path", far_from_pulses)
-    assert outcome().rms_mm > 4.0
+    found = outcome()
+    assert found.rms_mm > 2.0 * found.bound_mm

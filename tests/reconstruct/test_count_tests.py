@@ -385,7 +385,7 @@ def test_how_much_light_is_the_paths_is_said():
     verdict = verdict_of(0, "glint", n_legs=3, strength=1, method="joint", photons=40_000.0)
     said = next(f.sentence for f in verdict.findings if f.name == "unexplained_light")
     # Ten pulses lie in the wings of the spot, where the path gives a thousandth of its light.
-    assert "257 of 291 pulses" in said
+    assert "258 of 291 pulses" in said
     assert "photons in pixel (3, 20)" in said
 
 

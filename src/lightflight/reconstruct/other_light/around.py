@@ -34,8 +34,8 @@ COARSE_STDS, COARSE_GROWTH = 2.0, 1.6
 _FAINT = 0.02
 """Photons of a pixel beyond which it counts as lit, at most: those less bright are left out."""
 _CLEAR_STDS, _CLEAR_PX = 4.0, 2.0
-"""Pixels this near to a corner or a tip in the picture see cut footprints: in standard deviations of
-the spot, and at least, px."""
+"""Pixels this near to a corner or a tip in the picture see cut footprints: in standard deviations
+of the spot, and at least, px."""
 _STEEP = 0.5
 """Where light takes longer through a pixel than half the response, as standard deviations, a pulse
 that is no Gaussian by itself is drawn out by more than `pulses_expected` says to first order."""
@@ -133,7 +133,9 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
     rows, cols = (index.ravel() for index in np.indices(camera.shape))
     # A pixel without a count may be dead: it has nothing to say.
     silent = whole.histograms.photons.ravel() == 0
-    kept = ~(silent | whole.blind.ravel() | _at_ends(fit, picture.spot_std_px, whole.view, rows, cols))
+    kept = ~(
+        silent | whole.blind.ravel() | _at_ends(fit, picture.spot_std_px, whole.view, rows, cols)
+    )
     cut = _cut(whole)
     kept &= ~cut
     rows, cols = rows[kept], cols[kept]

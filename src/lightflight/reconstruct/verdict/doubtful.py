@@ -28,6 +28,7 @@ from lightflight.reconstruct.trials.revise import refitted, setting_without
 from lightflight.reconstruct.verdict.detours import FEW_PULSES
 from lightflight.reconstruct.verdict.evidence import MOST_NAMED, WITHIN, Evidence
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry, stated_solution
+from lightflight.reconstruct.verdict.glass import findings_of_slabs, legs_between_corners
 from lightflight.reconstruct.verdict.hidden import pulses_of_legs
 from lightflight.reconstruct.verdict.judge import best_of_each
 from lightflight.reconstruct.verdict.lost import cost_of_pulses, freed_one_by_one
@@ -117,21 +118,23 @@ def verdict_with_doubtful_legs(verdict: Verdict, path: LightPath) -> Verdict:
     -------
     Verdict
     """
-    loose = legs_that_may_be_none(path)
-    if verdict.level is not Level.TRUST or not loose:
+    if verdict.level is not Level.TRUST:
         return verdict
+    findings = (*_none_perhaps(path), *findings_of_slabs(path))
+    level = Level.CHECK if findings else verdict.level
+    return replace(verdict, level=level, findings=(*verdict.findings, *findings))
+
+
+def _none_perhaps(path: LightPath) -> tuple[Finding, ...]:
+    """That legs may be none; () where all are surely legs."""
     which = " and ".join(
         f"leg {leg + 1} is {length_mm:.2g} mm long, known to ± {std_mm:.2g} mm"
-        for leg, length_mm, std_mm in loose
+        for leg, length_mm, std_mm in legs_that_may_be_none(path)
     )
-    finding = Finding(
-        FindingName.LEG_COUNT,
-        f"{which}: it may be none, but light that is late behind glass, or a clock that is off",
-        0.0,
-        "say how many legs there are (n_legs, --n-legs)",
-        Severity.CHECK,
-    )
-    return replace(verdict, level=Level.CHECK, findings=(*verdict.findings, finding))
+    said = f"{which}: it may be none, but light that is late behind glass, or a clock that is off"
+    remedy = "say how many legs there are (n_legs, --n-legs)"
+    name = FindingName.LEG_COUNT
+    return (Finding(name, said, 0.0, remedy, Severity.CHECK),) if which else ()
 
 
 def legs_that_may_be_none(path: LightPath) -> list[tuple[int, float, float]]:
@@ -141,11 +144,8 @@ def legs_that_may_be_none(path: LightPath) -> list[tuple[int, float, float]]:
     it explains may be a delay.
     """
     found, starts = [], starts_of(path)
-    between = set(range(path.n_legs)) - {*path.unseen_legs, *path.legs_in_glass}
-    for leg in sorted(between):
+    for leg in sorted(legs_between_corners(path)):
         ends = starts[leg], leg + 1
-        if set(ends) & {*path.ends, *path.open_vertices}:
-            continue
         step = path.vertices_mm[ends[1]] - path.vertices_mm[ends[0]]
         length_mm = float(np.linalg.norm(step))
         rows = np.ravel([np.arange(4 * vertex, 4 * vertex + 3) for vertex in ends])
