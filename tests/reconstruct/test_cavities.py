@@ -64,6 +64,7 @@ def seen_with(arrival_ps: list[list[float]]) -> Seen:
         np.zeros_like(arrival),
         np.zeros_like(arrival),
         np.ones_like(arrival),
+        np.ones_like(arrival),
     )
 
 

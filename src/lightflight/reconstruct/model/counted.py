@@ -44,6 +44,11 @@ _MOST_PHOTONS = 1e3
 """Of all that a pixel counted: what nobody knows of the light of a pulse; no time hangs on it."""
 _MOST_TAKEN = 0.5
 """No more than this share of a pulse's variance is taken up by the place that was fitted to it."""
+_SHARE_STD = 2.0
+"""Of what the picture says that a leg gives a pixel, where another gives it more: lenses have wings,
+and light has grains. With a third more or less the same recordings are trusted."""
+_LEAST_SHARE = 0.005
+"""The same, of all that a pixel counted: so little is told of no spot."""
 _HELD = 1e12
 """Precision of what a pixel does not have: it stays."""
 
@@ -162,6 +167,9 @@ class Pulses:
     shape is tabulated: stretched it would have the longer tail. None: nothing."""
     skewness: Floats | None = None
     """(n, s), what flight adds where time runs unevenly through the footprint. None: nothing."""
+    share: Floats | None = None
+    """(n, s), of the pixel's light that of each, as far as the picture tells it. None: nothing is
+    known of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,13 +372,21 @@ def lit_pixels(
     # Where shares below none leave nothing to expect, no cell says how bright a pulse is.
     prior[:, :s] = np.where(absent, _HELD, (_MOST_PHOTONS * most) ** -2.0)
     prior[:, s : 2 * s] = np.where(absent, _HELD, std**-2.0)
+    center = np.zeros_like(unknown)
+    if pulses.share is not None:
+        # Of pulses that lie under each other nothing but the picture tells which is which.
+        less = ~absent & (pulses.share < 0.5)
+        told = pulses.share * most
+        off = np.hypot(_SHARE_STD * told, _LEAST_SHARE * most)
+        prior[:, :s] = np.where(less, off**-2.0, prior[:, :s])
+        center[:, :s] = np.where(less, told, 0.0)
+        unknown[:, :s] = np.where(less, np.minimum(unknown[:, :s], told), unknown[:, :s])
     if beyond is not None:
         prior[:, 2 * s] = _BEYOND_STD**-2.0
     if changes:
         prior[:, -3] = _FLIGHT_STD**-2.0
     prior[:, -2] = _WIDTH_STD**-2.0 if s else _HELD
     prior[:, -1] = start**-2.0
-    center = np.zeros_like(unknown)
     center[:, -1] = start
     if changes and pulses.flight is not None:
         unknown[:, -3] = center[:, -3] = pulses.flight

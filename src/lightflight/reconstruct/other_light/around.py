@@ -23,6 +23,7 @@ from lightflight.reconstruct.model.light import LEAST_SHARE
 from lightflight.reconstruct.model.picture import Picture, arrival_curvature
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.strength import span_of_knots
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -70,6 +71,8 @@ class Seen:
         The part of it that flight through the footprint makes, ps.
     skewness : array of float, shape (n, s)
         Of that pulse, where time runs unevenly through the footprint.
+    share : array of float, shape (n, s)
+        Of the legs' light in the pixel, as the picture tells it.
     away_px : array of float, shape (n, s)
         Distance from its line, px.
     """
@@ -81,6 +84,7 @@ class Seen:
     std_ps: Floats
     flight_ps: Floats
     skewness: Floats
+    share: Floats
     away_px: Floats
 
     def of(self, kept: Indices) -> Seen:
@@ -144,6 +148,7 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
     reach = picture.spot_std_px * np.sqrt(2.0 * np.log(max(brightest / _FAINT, 2.0))) + 0.3
     away = np.full((len(rows), n_legs), np.inf)
     arrival, slope, bend = np.full((3, len(rows), n_legs), np.nan)
+    given = np.zeros((len(rows), n_legs))
     beyond = np.zeros(len(rows), dtype=bool)
     for k, leg in enumerate(picture.legs):
         if leg.dark:
@@ -163,6 +168,7 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         beyond[on_line] |= inside & ~near[on_line]
         own = near[on_line]
         away[near, k] = np.abs(print_.lateral_px[own])
+        given[near, k] = _light_given(picture, k, along[near], across[near])
         slope[near, k] = print_.slope_ps_per_px[own]
         curved = arrival_curvature(print_, state=state, camera=camera, medium=medium)
         bend[near, k] = curved[own]
@@ -177,6 +183,7 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
     lit = np.isfinite(np.take_along_axis(away, nearest, axis=1))
     lit &= np.isfinite(np.take_along_axis(arrival, nearest, axis=1))
     slope, bend = (np.nan_to_num(np.take_along_axis(x, nearest, axis=1)) for x in (slope, bend))
+    given = np.where(lit, np.take_along_axis(given, nearest, axis=1), 0.0)
     transit = np.abs(slope) * picture.spot_std_px
     own = _own_std_ps(std_ps, transit[lit])
     light = float(whole.arrivals.photons[whole.usable_pulses].sum())
@@ -199,8 +206,20 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         np.where(lit, std, np.nan)[kept],
         np.where(lit, transit, np.nan)[kept],
         np.where(lit, skewness, 0.0)[kept],
+        (given / np.maximum(given.sum(axis=1, keepdims=True), _FAINT))[kept],
         np.take_along_axis(away, nearest, axis=1)[kept],
     )
+
+
+def _light_given(picture: Picture, leg: int, along: Floats, across: Floats) -> Floats:
+    """Photons that a leg gives pixels at such places (n,), by its line as the picture shows it."""
+    line, light = picture.legs[leg], picture.fits[leg]
+    # A line off its pixels may be bright by exp(400).
+    log_bright = np.minimum(light.spline(np.clip(along, *span_of_knots(light.spline.t))), 60.0)
+    beyond = (along - np.clip(along, *line.span_px)) / light.spot_std_at(along)
+    across_it = light.seen(along, across, line.heading_rad(along)).log_light
+    given: Floats = np.exp(log_bright + across_it - 0.5 * beyond**2)
+    return given
 
 
 def _skewness(slope_ps: Floats, bend_ps: Floats, std_ps: Floats, picture: Picture) -> Floats:
@@ -238,13 +257,13 @@ def pulses_expected(seen: Seen, shape: Shape) -> Pulses:
     """
     late = seen.arrival_ps - seen.arrival_ps[:, :1]
     if not shape.table.size:
-        return Pulses(late, seen.std_ps, shape, skewness=seen.skewness)
+        return Pulses(late, seen.std_ps, shape, skewness=seen.skewness, share=seen.share)
     own = np.sqrt(seen.std_ps**2 - seen.flight_ps**2)
     flight = 0.5 * (seen.flight_ps[:, 0] / own[:, 0]) ** 2
     # The shape is spread once, for a usual pixel; the pixels' own flight differs by little.
     usual = float(np.median(flight))
     skewness = seen.skewness * (seen.std_ps / own) ** 3
-    return Pulses(late, own, shape.drawn_out(usual), flight - usual, skewness)
+    return Pulses(late, own, shape.drawn_out(usual), flight - usual, skewness, seen.share)
 
 
 def lags_about_legs(seen: Seen, fine: Floats, std_ps: float) -> Floats:
