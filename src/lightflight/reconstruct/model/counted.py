@@ -45,8 +45,8 @@ _MOST_PHOTONS = 1e3
 _MOST_TAKEN = 0.5
 """No more than this share of a pulse's variance is taken up by the place that was fitted to it."""
 _SHARE_STD = 2.0
-"""Of what the picture says that a leg gives a pixel, where another gives it more: lenses have wings,
-and light has grains. With a third more or less the same recordings are trusted."""
+"""Of what the picture says that a leg gives a pixel to which another gives more: lenses have wings,
+and light has grains."""
 _LEAST_SHARE = 0.005
 """The same, of all that a pixel counted: so little is told of no spot."""
 _HELD = 1e12

@@ -34,7 +34,7 @@ _PARALLEL_CHI2 = 9.0
 _SURELY_PARALLEL = 0.2
 """Of that angle: how well it must be known that those two are parallel."""
 _MOST_TURN_DEG = 30.0
-"""Light that enters glass turns by less, deg: at 60 degrees of incidence by 25; at mirrors seldom."""
+"""Light that enters glass turns by less, deg: at 60 degrees of incidence by 25."""
 _MORE_INDEX = 0.53
 """Group index of crown glass at 532 nm beyond that of air: by it a time is told in mm of glass."""
 
