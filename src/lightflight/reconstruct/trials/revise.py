@@ -340,6 +340,10 @@ def _thinned_once(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
     used = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=state.n_legs)
     corners = set(state.corners_seen)
     ends_of = [{int(start), k + 1} & corners for k, start in enumerate(state.leg_starts)]
+    last = state.n_legs - 1
+    if not state.forks and last > 0 and _is_dim(sightings, fit, last):
+        # Light stops at the corner, and what lies behind it are pulses of no leg.
+        ends_of[last] = ends_of[last] | {state.n_legs}
     weak = [int(k) for k in np.argsort(used) if used[k] <= _THINNED_UP_TO_PULSES and ends_of[k]]
     trials: list[tuple[int, ...]] = [(k,) for k in weak]
     if len(weak) > 1:
@@ -353,6 +357,18 @@ def _thinned_once(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
             if not isinstance(trial, NoFit) and _fits_as_well(trial, fit):
                 return trial
     return None
+
+
+def _is_dim(sightings: list[Sighting], fit: JointFit, leg: int) -> bool:
+    """Whether no pulse of a leg is nearly as bright as those of the others usually are."""
+    used = fit.times.weight > 0
+    photons = np.zeros(len(used))
+    for number, sighting in enumerate(sightings):
+        here = fit.sighting_of == number
+        photons[here] = sighting.arrivals.photons[fit.times.index[here]]
+    own = used & (fit.times.leg == leg)
+    usual = float(np.median(photons[used & ~own])) if (used & ~own).any() else 0.0
+    return bool(photons[own].max(initial=0.0) < _DIM * usual)
 
 
 def _fits_as_well(trial: JointFit, fit: JointFit) -> bool:
