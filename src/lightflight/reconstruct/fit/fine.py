@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.active_area import areas_of_path, with_area_errors
 from lightflight.reconstruct.fit.joint import JointFit, as_found, pulse_std_ps, told_lines
-from lightflight.reconstruct.fit.membership import mode_columns, stacked, time_data
+from lightflight.reconstruct.fit.membership import (
+    MOST_SHIFT,
+    mode_columns,
+    shift_by_ends_ps,
+    stacked,
+    time_data,
+    tips_in_view,
+)
 from lightflight.reconstruct.fit.pictures import pictures_of
 from lightflight.reconstruct.fit.robust import check_enough, solve_robustly
 from lightflight.reconstruct.fit.uneven import uneven_light
@@ -42,7 +49,10 @@ def with_fine_light(fit: JointFit, setting: Setting) -> JointFit:
     JointFit
         Of the same pulses.
     """
-    settled = fit
+    try:
+        fit = settled = _clear_of_ends(fit, setting)
+    except NothingFoundError:
+        settled = fit
     while True:
         try:
             settled = _finely_solved(fit, setting)
@@ -53,6 +63,28 @@ def with_fine_light(fit: JointFit, setting: Setting) -> JointFit:
         if areas is None:
             return settled
         fit = replace(settled, active_px=areas)
+
+
+def _clear_of_ends(fit: JointFit, setting: Setting) -> JointFit:
+    """The fit without pulses that an end of their leg's light moves: until now ends were rough."""
+    seen, _ = as_found(fit.solution, setting, list(fit.sightings))
+    clear = np.ones(len(fit.times.leg), dtype=bool)
+    state = fit.solution.state
+    for number, (picture, sighting) in enumerate(zip(fit.pictures, fit.sightings, strict=True)):
+        view = seen.at(sighting.view)
+        tips = tips_in_view(fit.tips, state, seen, sighting.view)
+        for leg in state.seen:
+            own = np.flatnonzero((fit.sighting_of == number) & (fit.times.leg == leg))
+            print_ = footprints(
+                state, camera=view.camera, medium=seen.medium, legs=leg,
+                rows=fit.times.row[own], cols=fit.times.col[own],
+            )  # fmt: skip
+            shift = shift_by_ends_ps(print_, leg, picture.spot_std_px, state, tips, view)
+            error = np.sqrt(fit.times.photon_var[own] + fit.times.pixel_var[own])
+            clear[own] = shift < MOST_SHIFT * np.hypot(error, fit.floor_ps)
+    times = fit.times.of(clear)
+    check_enough(times, fit.freedom.n_unknown)
+    return replace(fit, times=times, sighting_of=fit.sighting_of[clear])
 
 
 def _finely_solved(fit: JointFit, setting: Setting) -> JointFit:

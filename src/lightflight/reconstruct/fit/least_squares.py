@@ -7,7 +7,7 @@ that they are solved for where the data know better and otherwise go into the er
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -92,6 +92,11 @@ class TimeData:
     weight: Floats
     index: Indices
     view: Indices | None = None
+
+    def of(self, kept: NDArray[np.bool_]) -> TimeData:
+        """Some of them."""
+        whole = {each.name: getattr(self, each.name) for each in fields(self)}
+        return replace(self, **{k: each[kept] for k, each in whole.items() if each is not None})
 
     def weights(self, floor_var: float) -> Floats:
         """(n,), inverse variance of each time, 1/ps^2."""

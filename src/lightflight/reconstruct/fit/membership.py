@@ -39,7 +39,7 @@ In the picture, not in space: how deep a path lies may still move a lot when its
 CLAIM_REACH_PX = 2.2
 """Pulses this near to a leg's line may be claimed by it, px: five stds of a usual
 spot; a wider spot widens the gate."""
-_MOST_SHIFT = 0.1
+MOST_SHIFT = 0.1
 """Light of another leg, or an end of its own within the spot, may move a pulse by no more, of its
 error."""
 _TIP_PX = 1.2
@@ -200,7 +200,6 @@ def assigned(
     gap = np.full((n, n_legs), np.inf)
     expected = np.zeros((n, n_legs))
     modelled = np.full((n, n_legs), np.nan)
-    cut_ps = np.zeros((n, n_legs))
     spot_px = picture.spot_std_px
     for k in state.seen:
         print_ = prints_of_leg(sighting, state, setting, usable, k)
@@ -223,19 +222,14 @@ def assigned(
         )
         modelled[:, k] = print_.arrival_ps + correction
         gap[near, k] = np.abs(sighting.arrival_ps[usable] - modelled[:, k])[near]
-        within = _within_px(print_, k, state, tips, setting)
-        beyond = np.minimum(within, 0.0)
+        beyond = np.minimum(_within_px(print_, k, state, tips, setting), 0.0)
         expected[:, k] = np.exp(-0.5 * (print_.lateral_px**2 + beyond**2) / spot_px**2)
-        # What is left of a Gaussian that ends there has another mean.
-        cut_ps[:, k] = np.abs(print_.slope_ps_per_px) * spot_px * _density(within / spot_px)
     best = np.argmin(gap, axis=1)
     total = np.hypot(arrivals.independent_std_ps[usable], floor_ps)
     # Six errors, or half a pulse while the path is rough.
     mine = gap[np.arange(n), best] < np.maximum(6.0 * total, 0.5 * std)
-    shift = cut_ps[np.arange(n), best] + _shift_by_others_ps(
-        modelled, expected, best, arrivals, usable, std
-    )
-    mine &= shift < _MOST_SHIFT * total
+    shift = _shift_by_others_ps(modelled, expected, best, arrivals, usable, std)
+    mine &= shift < MOST_SHIFT * total
     chosen = np.flatnonzero(mine)
     index, leg_of = usable[chosen], best[chosen]
     print_ = footprints(
@@ -250,10 +244,33 @@ def assigned(
     return time_data(sighting, index, leg_of, footprint_ps)
 
 
-def _density(z: Floats) -> Floats:
-    """Of a Gaussian."""
-    density: Floats = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
-    return density
+def shift_by_ends_ps(
+    print_: Footprint, leg: int, spot_px: float, state: PathState, tips: Tips, setting: Setting
+) -> Floats:
+    """By how much an end of a leg's light within the spot moves the mean time of a pulse, (n,), ps.
+
+    What is left of a Gaussian that ends at d has its mean where d is large at s f(d / s), f the
+    density and s the spot: times the slope of the time.
+
+    Parameters
+    ----------
+    print_ : Footprint
+        Where each pixel looks along the leg.
+    leg : int
+        Index of the leg.
+    spot_px : float
+        Standard deviation of the spot, px.
+    state : PathState
+        The path.
+    tips : Tips
+        Where its light begins and stops in the picture.
+    setting : Setting
+        The camera that sees it.
+    """
+    away = _within_px(print_, leg, state, tips, setting) / spot_px
+    density = np.exp(-0.5 * away**2) / np.sqrt(2.0 * np.pi)
+    shift: Floats = np.abs(print_.slope_ps_per_px) * spot_px * density
+    return shift
 
 
 def on_leg(

@@ -34,7 +34,7 @@ COARSE_STDS, COARSE_GROWTH = 2.0, 1.6
 """The same where no light is expected."""
 _FAINT = 0.02
 """Photons of a pixel beyond which it counts as lit, at most: those less bright are left out."""
-_CLEAR_STDS, _CLEAR_PX = 4.0, 2.0
+_CLEAR_STDS, _CLEAR_PX = 3.0, 2.0
 """Pixels this near to a corner or a tip in the picture see cut footprints: in standard deviations
 of the spot, and at least, px."""
 _STEEP = 0.5

@@ -368,7 +368,7 @@ def _is_dim(sightings: list[Sighting], fit: JointFit, leg: int) -> bool:
         photons[here] = sighting.arrivals.photons[fit.times.index[here]]
     own = used & (fit.times.leg == leg)
     usual = float(np.median(photons[used & ~own])) if (used & ~own).any() else 0.0
-    return bool(photons[own].max(initial=0.0) < _DIM * usual)
+    return bool(own.any() and photons[own].max() < _DIM * usual)
 
 
 def _fits_as_well(trial: JointFit, fit: JointFit) -> bool:
