@@ -183,11 +183,9 @@ def _of_leg(
 def _slope_errors_of_spline(strength: LineFit, along: Floats) -> Floats:
     """One-sigma columns (n, k) of the errors of the spline's slopes along the line, per px.
 
-    None with knots at the usual distance: these errors are a sixth of the pulses' own, and p-values
-    of undisturbed recordings are uniform without them.
+    They are a sixth of the pulses' own but at the ends of lines, where another leg's light may lead
+    the spline astray.
     """
-    if strength.knot_spacing_px == KNOT_SPACING_PX:
-        return np.zeros((len(along), 0))
     knots = strength.spline.t
     low, high = span_of_knots(knots)
     slopes = BSpline(knots, np.eye(len(strength.spline.c)), 3).derivative()
