@@ -42,7 +42,8 @@ def world_with_arm(places):
 
 
 @pytest.mark.parametrize(
-    ("places", "method"), [(SHORT, "joint"), (LONG, "joint"), (LONG, "photon")]
+    ("places", "method"),
+    [pytest.param(SHORT, "joint", marks=pytest.mark.long), (LONG, "joint"), (LONG, "photon")],
 )
 def test_arms_that_meet_a_mirror_were_lost(places, method):
     """Splitter and mirror at their stated errors: chance below 1e-4 for six numbers."""

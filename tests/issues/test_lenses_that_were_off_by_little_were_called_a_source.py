@@ -37,7 +37,9 @@ LENSES = {
 }
 
 
-@pytest.mark.parametrize("name", LENSES)
+@pytest.mark.parametrize(
+    "name", ["distortion", "focal_length", pytest.param("pose", marks=pytest.mark.long)]
+)
 def test_the_lens_is_named(name):
     """A third of a pixel, a hundredth, half a pixel: 0.4 to 15 mm off."""
     world = random_world(0, 3)

@@ -21,7 +21,7 @@ CHANCE = 1e-5
     [
         ("sharp", 2.0, "photon", 11),
         pytest.param("grazing", 4.0, "joint", 12, marks=pytest.mark.long),
-        ("ending", 2.0, "joint", 13),
+        pytest.param("ending", 2.0, "joint", 13, marks=pytest.mark.long),
     ],
 )
 def test_thick_beams_were_taken_for_soft_lenses(path, beam_mm, method, seed):

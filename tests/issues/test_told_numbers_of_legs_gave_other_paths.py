@@ -57,7 +57,8 @@ def scene_of(seed):
         # A first leg of 4 pixels, found as one with the second.
         pytest.param(44, marks=pytest.mark.long),
         53,  # one leg found as two that lie in line
-        212,  # a line off its pixels, bright by exp(400): "arange: cannot compute length"
+        # A line off its pixels, bright by exp(400): "arange: cannot compute length".
+        pytest.param(212, marks=pytest.mark.long),
     ],
 )  # fmt: skip
 # Of eighty paths that are right, one will be "check": that is not asked here.

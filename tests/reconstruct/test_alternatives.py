@@ -102,7 +102,7 @@ class TestALegTurnedInDepth:
     than two of five are, has a chance of 1e-5.
     """
 
-    @pytest.mark.parametrize("elevation_deg", [30.0, 57.0])
+    @pytest.mark.parametrize("elevation_deg", [30.0, pytest.param(57.0, marks=pytest.mark.long)])
     def test_the_true_direction_is_told(self, elevation_deg):
         scene = scene_of_fibre(elevation_deg)
         paths = [told(scene, 100 + seed) for seed in range(N)]

@@ -59,7 +59,9 @@ def test_they_are_right_in_stated_errors(paths):
     assert low < total < high
 
 
-@pytest.mark.parametrize(("seed", "arm_first"), [(13, False), (10, True)])
+@pytest.mark.parametrize(
+    ("seed", "arm_first"), [pytest.param(13, False, marks=pytest.mark.long), (10, True)]
+)
 def test_an_arm_that_one_of_two_cameras_shows_is_found(seed, arm_first, monkeypatch):
     """Its light in three pixels of the other picture was called unexplained, and pulled the leg
     that goes on by five stated errors. By pulses alone; chi-square of seven numbers, tail cut at

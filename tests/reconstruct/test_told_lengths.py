@@ -121,7 +121,7 @@ SCENES = {
     [
         ("three legs", 2),
         # It takes longest.
-        ("in the picture", 1),
+        pytest.param("in the picture", 1, marks=pytest.mark.long),
         pytest.param("in the picture", 2, marks=pytest.mark.long),
         ("in depth", 2),
     ],
