@@ -1,12 +1,16 @@
 """Pulses that flight draws out, and what of a pixel's light each of its legs gives, one by one."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
+from lightflight.reconstruct.fit.membership import shift_by_ends_ps
 from lightflight.reconstruct.model.cells import Cells
 from lightflight.reconstruct.model.counted import GAUSSIAN, Pulses, Shape, lit_pixels
+from lightflight.reconstruct.model.state import PathState
 
 WINDOW = np.linspace(-600.0, 600.0, 61)
 
@@ -53,3 +57,22 @@ def test_pulses_under_each_other_share_the_light_as_the_picture_says():
         assert abs(told.late_ps[0, 0]) < 5.0 * told.inverse[0, 2, 2] ** 0.5 < 5.0
         free = lit_pixels(cells_of(counts), Pulses(late, std))
         assert free.inverse[0, 2, 2] > 4.0 * told.inverse[0, 2, 2]
+
+
+def test_an_end_of_the_light_moves_the_mean_of_what_is_left_of_a_spot():
+    """Of a Gaussian cut two to four of its standard deviations ahead of a pixel's foot."""
+    path = PathState(np.array([[0.0, 0, 0], [100, 0, 0], [100, 100, 0]]), 0.0)
+    spot, slope, per_leg = 0.7, 30.0, 12.0
+    within = spot * np.array([2.0, 2.5, 3.0, 4.0])
+    foot = SimpleNamespace(
+        fraction=1.0 - within / per_leg,
+        px_per_leg=np.full(4, per_leg),
+        slope_ps_per_px=np.full(4, -slope),
+    )
+    shift = shift_by_ends_ps(foot, 0, spot, path, (None, None), None)
+    places = np.linspace(-8.0 * spot, 8.0 * spot, 200_001)
+    for d, told in zip(within, shift, strict=True):
+        left = norm.pdf(places, scale=spot) * (places < d)
+        assert told == pytest.approx(-slope * (left @ places) / left.sum(), rel=0.03)
+    # Where light leaves the picture it does not end.
+    assert shift_by_ends_ps(foot, 1, spot, path, (None, None), None)[0] < 1e-6
