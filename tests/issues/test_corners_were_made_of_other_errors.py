@@ -80,7 +80,8 @@ def test_a_corner_is_asked_about_where_even_light_fits_no_path(asked, monkeypatc
         warnings.simplefilter("ignore", lf.errors.SuspectDataWarning)
         path = lf.reconstruct(record(world, 24124), **what_the_user_tells(world))
     assert path.n_legs == 2
-    (doubted,) = asked
+    # Then a path with a leg less was tried, too.
+    doubted = asked[0]
     assert doubted.level == "check"
     assert "clock_scale" in {finding.name for finding in doubted.findings}
 

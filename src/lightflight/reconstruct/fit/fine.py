@@ -49,13 +49,10 @@ def with_fine_light(fit: JointFit, setting: Setting) -> JointFit:
     JointFit
         Of the same pulses.
     """
-    try:
-        fit = settled = _clear_of_ends(fit, setting)
-    except NothingFoundError:
-        settled = fit
+    settled = fit
     while True:
         try:
-            settled = _finely_solved(fit, setting)
+            settled = _finely_solved(_clear_of_ends(fit, setting), setting)
         except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
             # The last step led a leg to the edge of what its pixels tell: as it was found, then.
             return settled
@@ -83,7 +80,10 @@ def _clear_of_ends(fit: JointFit, setting: Setting) -> JointFit:
             error = np.sqrt(fit.times.photon_var[own] + fit.times.pixel_var[own])
             clear[own] = shift < MOST_SHIFT * np.hypot(error, fit.floor_ps)
     times = fit.times.of(clear)
-    check_enough(times, fit.freedom.n_unknown)
+    try:
+        check_enough(times, fit.freedom.n_unknown)
+    except NothingFoundError:
+        return fit
     return replace(fit, times=times, sighting_of=fit.sighting_of[clear])
 
 
