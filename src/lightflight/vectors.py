@@ -79,3 +79,19 @@ def finite(values: Floats) -> Floats:
         The array itself where all of it is finite.
     """
     return values if np.isfinite(values).all() else np.nan_to_num(values)
+
+
+def unit(vector: Floats) -> Floats:
+    """The direction of a vector.
+
+    Parameters
+    ----------
+    vector : array of float, shape (3,)
+
+    Returns
+    -------
+    array of float, shape (3,)
+        Of length one; zeros stay zeros.
+    """
+    direction: Floats = vector / max(float(np.linalg.norm(vector)), 1e-12)
+    return direction

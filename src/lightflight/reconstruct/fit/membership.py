@@ -354,12 +354,21 @@ def clear_of_tips(
     # The gate is in px, the foot in fractions of the leg.
     margin = _TIP_PX / print_.px_per_leg
     clear = np.ones(len(print_.fraction), dtype=bool)
-    if leg == 0 and tips[0] is not None:
-        clear &= print_.fraction > fraction_at(tips[0], leg, state, setting) + margin
-    tip = tip_of_leg(tips, leg, state)
-    if tip is not None:
-        clear &= print_.fraction < fraction_at(tip, leg, state, setting) - margin
+    first, last = _tips_on_leg(leg, state, tips, setting)
+    if first is not None:
+        clear &= print_.fraction > first + margin
+    if last is not None:
+        clear &= print_.fraction < last - margin
     return clear
+
+
+def _tips_on_leg(
+    leg: int, state: PathState, tips: Tips, setting: Setting
+) -> tuple[float | None, float | None]:
+    """Fractions of a leg where light begins and stops in the picture; None: it does not."""
+    found = tips[0] if leg == 0 else None, tip_of_leg(tips, leg, state)
+    first, last = (None if tip is None else fraction_at(tip, leg, state, setting) for tip in found)
+    return first, last
 
 
 def _within_px(
@@ -369,16 +378,11 @@ def _within_px(
 
     Where light comes into view or leaves it there is no end.
     """
-    first, last = -np.inf, np.inf
-    if leg > 0:
-        first = 0.0
-    elif tips[0] is not None:
-        first = fraction_at(tips[0], leg, state, setting)
-    tip = tip_of_leg(tips, leg, state)
-    if tip is not None:
-        last = fraction_at(tip, leg, state, setting)
-    elif leg not in state.last_legs:
-        last = 1.0
+    first, last = _tips_on_leg(leg, state, tips, setting)
+    if first is None:
+        first = 0.0 if leg > 0 else -np.inf
+    if last is None:
+        last = np.inf if leg in state.last_legs else 1.0
     within: Floats = np.minimum(print_.fraction - first, last - print_.fraction)
     return within * print_.px_per_leg
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lightflight.reconstruct.model.footing import Corners, Footing, Moment, footing
 from lightflight.reconstruct.model.geometry import PathState
+from lightflight.vectors import unit
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -83,10 +84,10 @@ def slant_of_leg(state: PathState, leg: int, camera: Camera) -> Slant:
     """
     found = []
     for vertex, place in ((int(state.leg_starts[leg]), 0.0), (leg + 1, 1.0)):
-        flight = _unit(state.tangents_mm(leg, np.array([place]))[0])
+        flight = unit(state.tangents_mm(leg, np.array([place]))[0])
         corner = state.vertices_mm[vertex]
         back = camera.way_back(corner[np.newaxis], return_group_index=1.0)
-        to_camera = _unit(-back.optical_by_point[0])
+        to_camera = unit(-back.optical_by_point[0])
         cos = float(flight @ to_camera)
         sin = max(float(np.sqrt(max(1.0 - cos**2, 0.0))), 1e-6)
         right = np.cross(flight, to_camera) / sin
@@ -105,10 +106,6 @@ def slant_of_leg(state: PathState, leg: int, camera: Camera) -> Slant:
     return Slant((lean, lean_after), (deep, deep_after), (cos, cos_after))
 
 
-def _unit(vector: Floats) -> Floats:
-    return vector / max(float(np.linalg.norm(vector)), 1e-12)
-
-
 def _mirror(state: PathState, vertex: int) -> Floats:
     """(3,), unit normal of the mirror at a vertex; zeros where a path begins or ends, and on faces
     of glass.
@@ -116,11 +113,11 @@ def _mirror(state: PathState, vertex: int) -> Floats:
     leaving = [k for k in range(state.n_legs) if state.leg_starts[k] == vertex]
     if vertex == 0 or not leaving or vertex in state.on_faces:
         return np.zeros(3)
-    into = _unit(state.tangents_mm(vertex - 1, np.ones(1))[0])
-    turns = [_unit(state.tangents_mm(k, np.zeros(1))[0]) - into for k in leaving]
+    into = unit(state.tangents_mm(vertex - 1, np.ones(1))[0])
+    turns = [unit(state.tangents_mm(k, np.zeros(1))[0]) - into for k in leaving]
     # Of the arms of a splitter one goes straight on: the other shows the plane.
     turn = max(turns, key=lambda each: float(each @ each))
-    return _unit(turn)
+    return unit(turn)
 
 
 def share_beyond_lens(spot_px: float) -> float:

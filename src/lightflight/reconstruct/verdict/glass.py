@@ -21,6 +21,7 @@ from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.verdict.candidates import Candidate, Rows
 from lightflight.reconstruct.verdict.places import best_place, evenly_many
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+from lightflight.vectors import unit
 
 Floats = NDArray[np.float64]
 
@@ -138,7 +139,7 @@ def legs_that_may_be_glass(path: LightPath) -> list[tuple[int, float]]:
         before, vertices = starts[leg] - 1, path.vertices_mm
         after = next(k for k in range(path.n_legs) if starts[k] == leg + 1)
         pieces = [(starts[k], k + 1) for k in (before, leg, after)]
-        came, turned, goes_on = (_unit(vertices[end] - vertices[start]) for start, end in pieces)
+        came, turned, goes_on = (unit(vertices[end] - vertices[start]) for start, end in pieces)
         turn_deg = float(np.degrees(np.arccos(np.clip(came @ turned, -1.0, 1.0))))
         # Across the flight: along it directions do not differ to first order.
         across = np.linalg.svd(came[np.newaxis])[2][1:]
@@ -158,11 +159,6 @@ def legs_that_may_be_glass(path: LightPath) -> list[tuple[int, float]]:
         if turn_deg < _MOST_TURN_DEG and known and parallel:
             found.append((leg, turn_deg))
     return found
-
-
-def _unit(vector: Floats) -> Floats:
-    unit: Floats = vector / max(float(np.linalg.norm(vector)), 1e-12)
-    return unit
 
 
 def legs_between_corners(path: LightPath) -> set[int]:
