@@ -10,6 +10,8 @@ traded all their light, though the picture says which is bright.
 import pytest
 
 from benchmarks.clean_scenes import FAR_STDS, KINDS, farthest_off, path_of
+from lightflight.errors import NothingFoundError
+from lightflight.reconstruct.fit import fine
 
 SOFT, SHARP = KINDS["in view, 0.7 px"], KINDS["in view, 0.5 px"]
 
@@ -29,3 +31,16 @@ def test_a_clean_recording_is_trusted_and_right(kind, seed):
     assert path.n_legs == kind.n_legs
     assert farthest_off(path, vertices) < FAR_STDS
     assert path.verdict.level == "trust"
+
+
+def test_a_fit_is_as_it_was_where_no_finer_one_is_found(monkeypatch):
+    """Once its pulses by ends were gone and its solution still had them: "operands could not be
+    broadcast together".
+    """
+
+    def nothing_finer(*_):
+        raise NothingFoundError("no finer fit")
+
+    monkeypatch.setattr(fine, "_finely_solved", nothing_finer)
+    path, _ = path_of(212, SHARP, "joint", 40_000.0)
+    assert path.n_legs == SHARP.n_legs
