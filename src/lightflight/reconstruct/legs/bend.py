@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 
 _FEW_PIXELS = 10
 """A leg seen by fewer says nothing about its bend."""
+_CLEAR_STDS = 4.0
+"""A curve bends unevenly where that is told by as many of its errors."""
 BEND_FROM_CORNER_PX = 2.5
 """About the ends of a leg the light of its neighbours mixes in."""
 
@@ -82,15 +84,29 @@ def _bend_of_leg(leg: ImageLeg, sighting: Sighting, camera: Camera) -> tuple[flo
 
 
 def _second_derivative(s: Floats, times: Floats, errors: Floats) -> tuple[float, float]:
-    """2 x the quadratic coefficient and its error, of a parabola, or of one with a kink."""
-    parabola = np.asarray(np.polynomial.polynomial.polyvander(s, 2), dtype=np.float64)
+    """2 x the quadratic coefficient and its error, of a parabola, or of one with a kink.
+
+    A corner that lenses round bends a curve both ways: such a curve says nothing.
+    """
+    cubic = np.asarray(np.polynomial.polynomial.polyvander(s, 3), dtype=np.float64)
+    parabola = cubic[:, :3]
     kink = kink_place(s, times, errors)
     if kink is not None:
         parabola = np.column_stack((parabola, np.maximum(s - kink, 0.0)))
-    return _robust_fit(parabola, times, errors)
+    else:
+        found, covariance = _robust_fit(cubic, times, errors)
+        at_ends = 2.0 * found[2] + 6.0 * found[3] * np.array([s.min(), s.max()])
+        clear = abs(found[3]) > _CLEAR_STDS * np.sqrt(covariance[3, 3])
+        if clear and at_ends[0] * at_ends[1] < 0.0:
+            return 0.0, float("inf")
+    found, covariance = _robust_fit(parabola, times, errors)
+    return float(2 * found[2]), float(2 * np.sqrt(covariance[2, 2]))
 
 
-def _robust_fit(design: NDArray[np.floating], times: Floats, errors: Floats) -> tuple[float, float]:
+def _robust_fit(
+    design: NDArray[np.floating], times: Floats, errors: Floats
+) -> tuple[Floats, Floats]:
+    """Coefficients and their covariance; wild pixels are left out."""
     weight = weights_from_errors(errors)
     keep = np.ones(len(times), dtype=bool)
     coefficients: NDArray[np.floating] = np.zeros(design.shape[1])
@@ -108,5 +124,4 @@ def _robust_fit(design: NDArray[np.floating], times: Floats, errors: Floats) -> 
     inflation = max(1.0, float(np.sum(scaled**2)) / max(1, int(keep.sum()) - design.shape[1]))
     rows = design[keep] * weight[keep, np.newaxis]
     # A leg whose kink lies at its very end leaves the design singular.
-    covariance = np.linalg.pinv(rows.T @ rows) * inflation
-    return float(2 * coefficients[2]), float(2 * np.sqrt(covariance[2, 2]))
+    return np.asarray(coefficients), np.asarray(np.linalg.pinv(rows.T @ rows) * inflation)
