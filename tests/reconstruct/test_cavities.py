@@ -61,10 +61,8 @@ def seen_with(arrival_ps: list[list[float]]) -> Seen:
         leg,
         arrival,
         np.full_like(arrival, 64.0),
-        np.zeros_like(arrival),
-        np.zeros_like(arrival),
-        np.ones_like(arrival),
-        np.ones_like(arrival),
+        *np.zeros((4, *arrival.shape)),
+        *np.ones((2, *arrival.shape)),
     )
 
 

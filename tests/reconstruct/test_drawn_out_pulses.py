@@ -5,12 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.stats import norm
+from scipy.stats import expon, exponnorm, norm
 
 from lightflight.reconstruct.fit.membership import shift_by_ends_ps
 from lightflight.reconstruct.model.cells import Cells
-from lightflight.reconstruct.model.counted import GAUSSIAN, Pulses, Shape, lit_pixels
+from lightflight.reconstruct.model.counted import Pulses, lit_pixels
+from lightflight.reconstruct.model.pulse_shape import GAUSSIAN, Shape
 from lightflight.reconstruct.model.state import PathState
+from lightflight.reconstruct.other_light.around import _kurtosis
 
 WINDOW = np.linspace(-600.0, 600.0, 61)
 
@@ -32,17 +34,89 @@ def test_the_skewed_pulse_is_that_of_light_that_runs_unevenly():
     std = np.sqrt(own**2 + (slope * spot) ** 2 + 0.5 * (bend * spot**2) ** 2)
     skewness = (3.0 * slope**2 * bend * spot**4 + bend**3 * spot**6) / std**3
     z = (WINDOW - mean) / std
-    told = GAUSSIAN.come(z) - skewness / 6.0 * GAUSSIAN.skewing(z)[0]
+    told = GAUSSIAN.come(z) + GAUSSIAN.unevenly(z, np.array(skewness), np.array(0.0))[0]
     assert abs(told - come).max() < 0.1 * abs(GAUSSIAN.come(z) - come).max()
 
 
+def test_the_flat_pulse_is_that_of_light_through_an_active_area():
+    """Against the time of each place in a square pixel, whole as the pitch, summed up."""
+    own, slope, spot = 40.0, 90.0, 0.4
+    places = np.linspace(-0.5, 0.5, 2001)
+    mean_of_spot = slope * spot
+    std = np.sqrt(own**2 + mean_of_spot**2 + slope**2 / 12.0)
+    come = np.mean(
+        norm.cdf((WINDOW[:, np.newaxis] - slope * places) / np.hypot(own, mean_of_spot)), axis=1
+    )
+    z, kurtosis = WINDOW / std, -((slope / std) ** 4) / 120.0
+    told = GAUSSIAN.come(z) + GAUSSIAN.unevenly(z, np.array(0.0), np.array(kurtosis))[0]
+    assert abs(told - come).max() < 0.2 * abs(GAUSSIAN.come(z) - come).max()
+
+
+def test_edges_of_active_areas_make_pulses_flat():
+    """Flight alone through a pixel as wide as the pitch: the cumulants are those of a square."""
+    light = SimpleNamespace(area=SimpleNamespace(side_px=1.0, fourth_std=0.01))
+    picture = SimpleNamespace(legs=[SimpleNamespace(dark=False)], fits=[light])
+    slope, spot = np.array([100.0]), 0.5
+    std = slope * np.sqrt(spot**2 + 1.0 / 12.0)
+    for side, sixth in ((1.0, 1.0), (0.5, 0.25)):
+        kurtosis, departure = _kurtosis(slope, np.array([side]), np.zeros(1), std, picture)
+        assert kurtosis[0] == pytest.approx(-side / 120.0 * (slope / std)[0] ** 4, rel=0.02)
+        left = sixth / 252.0 * (slope / std)[0] ** 6 / np.sqrt(720.0)
+        assert departure[0] == pytest.approx(left, rel=0.1)
+
+
 @pytest.mark.parametrize("shape", ["Gaussian", "table"])
-def test_slopes_of_the_skewed_part_are_those_of_differences(shape):
+def test_slopes_of_the_uneven_part_are_those_of_differences(shape):
     place = np.linspace(-8.0, 8.0, 1601)
     table = Shape(np.stack((place, norm.cdf(place), norm.pdf(place))))
-    come, density = (GAUSSIAN if shape == "Gaussian" else table).skewing(place)
-    assert_allclose(np.gradient(come, place), density, atol=1e-3)
-    assert_allclose(come, (place**2 - 1.0) * norm.pdf(place), atol=1e-3)
+    one, nothing = np.array(1.0), np.array(0.0)
+    for skewness, kurtosis in ((one, nothing), (nothing, one)):
+        told = (GAUSSIAN if shape == "Gaussian" else table).unevenly(place, skewness, kurtosis)
+        assert_allclose(np.gradient(told[0], place), told[1], atol=1e-3)
+        assert_allclose(told, GAUSSIAN.unevenly(place, skewness, kurtosis), atol=1e-3)
+
+
+# A pulse with a tail: half of its light waits, for six of the width of its core.
+_PLACE = np.arange(-6.0, 40.0, 0.02)
+_DENSITY = 0.5 * norm.pdf(_PLACE, scale=0.5) + 0.5 * exponnorm.pdf(_PLACE, 6.0, scale=0.5)
+_COME = np.append(0.0, np.cumsum(0.01 * (_DENSITY[1:] + _DENSITY[:-1])))
+TAILED = Shape(np.stack((_PLACE, _COME / _COME[-1], _DENSITY / _COME[-1])))
+
+
+def test_a_shape_is_spread_by_each_pixels_own_flight():
+    """Against the pulse of each place in a Gaussian spot, summed up by brute force."""
+    flight = np.array([[0.0, 0.01], [0.3, np.nan], [1.7, 4.0], [12.0, 0.5]])
+    drawn_out, z = TAILED.drawn_out(flight), np.linspace(-25.0, 60.0, 301)
+    for leg in (0, 1):
+        own = np.nan_to_num(flight[:, leg])
+        told = drawn_out.of(np.arange(4), leg).come(np.tile(z, (4, 1)))
+        for half_variance, come in zip(own, told, strict=True):
+            places = np.linspace(-6.0, 6.0, 1201)
+            late = np.sqrt(2.0 * half_variance) * places
+            summed = 0.01 * TAILED.come(z[:, np.newaxis] - late) @ norm.pdf(places)
+            assert_allclose(come, summed, atol=1.2e-3)
+    few = drawn_out.of(np.array([2, 3]), 1)
+    assert_allclose(few.drawn_out_ps(np.full((2, 1), 50.0)), 50.0 * np.sqrt([[9.0], [2.0]]))
+
+
+def test_what_flight_adds_is_that_of_a_little_more():
+    z, more = np.linspace(-10.0, 30.0, 201)[np.newaxis], np.array([[0.05]])
+    for half_variance in (0.2, 2.0):
+        drawn_out = TAILED.drawn_out(np.array([[half_variance]]))
+        by_difference = drawn_out.with_more(more).come(z) - drawn_out.with_more(-more).come(z)
+        assert_allclose(drawn_out.widening(z), by_difference / 0.1, atol=5e-3)
+
+
+def test_waits_keep_back_what_they_do_of_the_shape_that_is_spread():
+    z, ratio = np.linspace(-10.0, 40.0, 101), 0.5
+    drawn_out = TAILED.drawn_out(np.array([[1.0]]))
+    wait = np.linspace(0.0, 20.0 / ratio, 20_001)
+    kept = 1.0 - expon.cdf(wait, scale=1.0 / ratio)
+    for row in drawn_out.kept_back(z[np.newaxis], np.array([[ratio]])):
+        # What has come and still waits: the density, as old as it waits.
+        density = drawn_out.at((z[:, np.newaxis] - wait)[np.newaxis].reshape(1, -1))[1]
+        waiting = np.trapezoid(density.reshape(len(z), -1) * kept, wait, axis=1)
+        assert_allclose(row, waiting, atol=3e-3)
 
 
 def test_pulses_under_each_other_share_the_light_as_the_picture_says():

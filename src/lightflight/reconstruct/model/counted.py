@@ -9,20 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from lightflight.reconstruct.model.cells import Cells
+from lightflight.reconstruct.model.pulse_shape import GAUSSIAN, Shape
 from lightflight.reconstruct.model.second_pulse import Echo
-from lightflight.timing.pulses.batch import share_and_density
-
-if TYPE_CHECKING:
-    from lightflight.timing.clock.response import Response
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 Tails = Sequence[tuple[float, float]]
 """Shares of a pulse that are late by exponential waits of a mean, ps."""
@@ -32,9 +29,8 @@ _STEPS = 4
 _WIDTH_STD = 0.1
 """By how much pulses may differ in width from pixel to pixel, ln."""
 _FLIGHT_STD = 0.03
-"""Half the variance that flight through a footprint may add to a pulse, in the pulse's own."""
-_FLIGHT_REACH = 5.0
-"""Beyond so many standard deviations of flight there is less of a pulse than counts can show."""
+"""Half the variance that flight through a footprint may add to a pulse, in the pulse's own, where
+none is expected."""
 _BEYOND_STD = 1.0
 """Light that nobody saw may be twice as bright as was told, or none: of its brightness."""
 _CLIPS = 4
@@ -54,98 +50,6 @@ _HELD = 1e12
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
-    """How a pulse lies about its place, in its own standard deviations.
-
-    Attributes
-    ----------
-    table : array of float, shape (3, m)
-        Of the flat's pulse (`timing.response.Response.table`): place, share before it, density;
-        (3, 0): a Gaussian.
-    """
-
-    table: Floats
-
-    def at(self, z: Floats) -> tuple[Floats, Floats]:
-        """Share of the pulse that came before places in standard deviations, and density there."""
-        return share_and_density(z, self.table)
-
-    def come(self, z: Floats) -> Floats:
-        """The first of `at`, alone."""
-        return self.at(z)[0] if self.table.size else np.asarray(ndtr(z))
-
-    def widening(self, z: Floats) -> Floats:
-        """What flight adds to `before`, per half its variance in the pulse's own."""
-        place, _, table = self.table
-        slope: Floats = np.interp(z, place, np.gradient(table, place), left=0.0, right=0.0)
-        return slope
-
-    def skewing(self, z: Floats) -> tuple[Floats, Floats]:
-        """What `at` loses by a sixth of the pulse's skewness (Gram-Charlier)."""
-        if not self.table.size:
-            density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
-            return (z**2 - 1.0) * density, (3.0 * z - z**3) * density
-        place, _, density = self.table
-        third = np.gradient(np.gradient(density, place), place)
-        come, slope = (
-            np.interp(z, place, values, left=0.0, right=0.0)
-            for values in (third, np.gradient(third, place))
-        )
-        return come, slope
-
-    def drawn_out(self, flight: float) -> Shape:
-        """The shape after flight of half a variance `flight`, in its own: spread, not stretched."""
-        # As in `kept_back`: few clocks have a table.
-        from scipy.ndimage import gaussian_filter1d
-
-        place, _, density = self.table
-        step, wider = float(place[1] - place[0]), float(np.sqrt(2.0 * flight))
-        more = int(np.ceil(_FLIGHT_REACH * wider / step))
-        place = place[0] + step * np.arange(-more, len(place) + more)
-        spread = gaussian_filter1d(
-            np.pad(density, more), wider / step, mode="constant", truncate=_FLIGHT_REACH
-        )
-        come = np.append(0.0, np.cumsum(0.5 * step * (spread[1:] + spread[:-1])))
-        return Shape(np.stack((place, come / come[-1], spread / come[-1])))
-
-    def kept_back(self, z: Floats, ratio: Floats) -> Floats:
-        """Share of the pulse that exponential waits of std / `ratio` still keep back at `z`.
-
-        A tabulated shape is drawn out once, by the median of the ratios: its waits are stretched
-        with it from pixel to pixel.
-        """
-        if not self.table.size:
-            # Where the exponential is large the share below it is nothing: the product is finite.
-            kept: Floats = 0.5 * ratio - z
-            kept *= ratio
-            np.minimum(kept, 500.0, out=kept)
-            np.exp(kept, out=kept)
-            kept *= ndtr(z - ratio)
-            return kept
-        if not np.size(ratio):
-            return np.zeros_like(z)
-        # A third of the time that importing `reconstruct` takes, and few clocks have a table.
-        from scipy.signal import lfilter
-
-        place, before, _ = self.table
-        middle = float(np.median(ratio))
-        step = middle * float(place[1] - place[0])
-        come = np.diff(before, prepend=0.0) * (-np.expm1(-step) / step)
-        kept_at = lfilter([1.0], [1.0, -np.exp(-step)], come)
-        after = np.exp(-middle * np.maximum(z - place[-1], 0.0))
-        drawn_out: Floats = np.interp(z, place, kept_at, left=0.0) * after
-        return drawn_out
-
-
-GAUSSIAN = Shape(np.empty((3, 0)))
-
-
-def shape_of(response: Response | None) -> Shape:
-    """The shape of a clock's pulses; None: a Gaussian."""
-    return GAUSSIAN if response is None else Shape(response.table())
-
-
-@dataclass(frozen=True, eq=False)
 class Pulses:
     """Where the light of the nearest legs is expected in n pixels; s legs at most in one.
 
@@ -156,29 +60,33 @@ class Pulses:
     std_ps : array of float, shape (n, s)
         Expected standard deviation, ps.
     shape : Shape
-        Of all of them.
+        Of each of them.
     """
 
     late_ps: Floats
     std_ps: Floats
     shape: Shape = GAUSSIAN
-    flight: Floats | None = None
-    """(n,), half the variance that flight through the footprint adds, in the pulse's own, where the
-    shape is tabulated: stretched it would have the longer tail. None: nothing."""
     skewness: Floats | None = None
-    """(n, s), what flight adds where time runs unevenly through the footprint. None: nothing."""
+    """(n, s), third cumulant of the standardised pulse: what flight adds where time runs unevenly
+    through the footprint. None: nothing, nor has it a fourth."""
+    kurtosis: Floats | None = None
+    """(n, s), its fourth: of flight through an active area with edges. None: nothing."""
     share: Floats | None = None
     """(n, s), of the pixel's light that of each, as far as the picture tells it. None: nothing is
     known of it."""
+    flight_std: Floats | None = None
+    """(n, s), what flight may add beside what is expected: of a Gaussian to ln `std_ps`, of another
+    shape to its `flight`. None: nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
     """n pixels with their unknowns fitted: photons and delay of s legs, ln width, background.
 
-    These are q = 2 s + 2; for pulses that are no Gaussians one more, before the width: what
-    flight through the footprint adds (half its variance, in the pulse's own). Where other light
-    is partly the pixel's own, one more before these: by how much that part exceeds what was told.
+    These are q = 2 s + 2; for pulses that are no Gaussians one more, before the width: by how
+    many of its standard deviations flight through the footprint adds more than is expected. Where
+    other light is partly the pixel's own, one more before these: by how much that part exceeds
+    what was told.
 
     Attributes
     ----------
@@ -199,7 +107,7 @@ class Pixels:
     late_ps : array of float, shape (n, s)
         Time after the pixel's reference, ps.
     std_ps : array of float, shape (n, s)
-        Standard deviation, ps.
+        Standard deviation, ps; of a tabulated shape without what flight adds.
     background_per_ps : array of float, shape (n,)
     shape : Shape
         Of their pulses.
@@ -226,7 +134,12 @@ class Pixels:
         arrays: dict[str, Any] = {
             name: array[kept] for name, array in whole.items() if isinstance(array, np.ndarray)
         }
-        return replace(self, cells=self.cells.of(kept), **arrays)
+        return replace(self, cells=self.cells.of(kept), shape=self.shape.of(kept), **arrays)
+
+    @property
+    def drawn_out_ps(self) -> Floats:
+        """(n, s), standard deviation of pulses with what flight adds to them, ps."""
+        return self.shape.drawn_out_ps(self.std_ps)
 
     def taken_of(self, columns: Floats) -> Floats:
         """By how much the pixels' unknowns take up columns (n, m, k); (n, q, k)."""
@@ -359,7 +272,9 @@ def lit_pixels(
     beside = start[:, np.newaxis] * width + other
     above = np.where(close, (cells.counts - beside)[:, :, np.newaxis], 0.0)
     # A Gaussian that flight widens is a wider one; another shape becomes one of its own.
-    changes = bool(s and pulses.shape.table.size)
+    changes = bool(s) and not pulses.shape.is_gaussian
+    if changes and pulses.shape.flight is None:
+        pulses = replace(pulses, shape=pulses.shape.drawn_out(np.zeros((n, s))))
     unknown, prior = np.zeros((2, n, 2 * s + 2 + changes + (beyond is not None)))
     unknown[:, :s] = np.where(absent, 0.0, np.maximum(above.sum(axis=1), 0.5))
     unknown[:, -1] = start
@@ -384,12 +299,10 @@ def lit_pixels(
     if beyond is not None:
         prior[:, 2 * s] = _BEYOND_STD**-2.0
     if changes:
-        prior[:, -3] = _FLIGHT_STD**-2.0
-    prior[:, -2] = _WIDTH_STD**-2.0 if s else _HELD
+        prior[:, -3] = 1.0
+    prior[:, -2] = _width_std(pulses) ** -2.0 if s else _HELD
     prior[:, -1] = start**-2.0
     center[:, -1] = start
-    if changes and pulses.flight is not None:
-        unknown[:, -3] = center[:, -3] = pulses.flight
     steps = _STEPS if s else 2
     for step in range(steps):
         mean, slopes = _expected(
@@ -423,9 +336,30 @@ def lit_pixels(
         late + unknown[:, s : 2 * s],
         std * np.exp(unknown[:, -2:-1] - center[:, -2:-1]),
         unknown[:, -1],
-        pulses.shape,
+        _with_flight(pulses, unknown),
         second,
     )
+
+
+def _width_std(pulses: Pulses) -> Floats:
+    """(n,), by how much pulses may be wider than expected, ln; by flight as that of the nearest."""
+    if pulses.flight_std is None or not pulses.shape.is_gaussian:
+        return np.full(len(pulses.late_ps), _WIDTH_STD)
+    std: Floats = np.hypot(_WIDTH_STD, np.nan_to_num(pulses.flight_std[:, 0]))
+    return std
+
+
+def _flight_std(pulses: Pulses) -> Floats:
+    """(n, s), half the variance that flight may add beside what is expected, in the pulse's own."""
+    doubt = 0.0 if pulses.flight_std is None else np.nan_to_num(pulses.flight_std)
+    std: Floats = np.hypot(_FLIGHT_STD, np.broadcast_to(doubt, pulses.late_ps.shape))
+    return std
+
+
+def _with_flight(pulses: Pulses, unknown: Floats) -> Shape:
+    """The shape as pixels were fitted with it."""
+    shape = pulses.shape
+    return shape if shape.is_gaussian else shape.with_more(unknown[:, -3:-2] * _flight_std(pulses))
 
 
 def _expected(
@@ -441,9 +375,10 @@ def _expected(
     second: Echo | None,
 ) -> tuple[Floats, Floats]:
     """Mean counts (n, m) and their derivatives by the unknowns (n, m, q)."""
-    s, shape = late.shape[1], pulses.shape
+    s = late.shape[1]
     slopes = np.zeros((*width.shape, unknown.shape[1]))
-    changes = bool(s and shape.table.size)
+    changes = bool(s) and not pulses.shape.is_gaussian
+    drawn_out = _with_flight(pulses, unknown) if changes else pulses.shape
     if beyond is not None:
         other = other + unknown[:, 2 * s, np.newaxis] * beyond
         slopes[:, :, 2 * s] = beyond
@@ -453,12 +388,12 @@ def _expected(
         lit = np.flatnonzero(unknown[:, k] > 0.0)
         own = std[lit, k : k + 1] * np.exp(unknown[lit, -2:-1])
         place = late[lit, k : k + 1] + unknown[lit, s + k : s + k + 1]
-        z = (cells.edges_ps[lit] - place) / own
-        skewness = None if pulses.skewness is None else pulses.skewness[lit, k : k + 1]
-        come, density, bend, wider = _pulse(z, own, shape, tails, skewness)
+        z, shape = (cells.edges_ps[lit] - place) / own, drawn_out.of(lit, k)
+        uneven = _uneven(pulses, lit, k)
+        come, density, bend, wider = _pulse(z, own, shape, tails, uneven)
         if second is not None:
             again = _pulse(
-                z - second.later(cells.edges_ps[lit], place) / own, own, shape, tails, skewness
+                z - second.later(cells.edges_ps[lit], place) / own, own, shape, tails, uneven
             )
             come, density, bend, wider = (
                 first + second.share * more
@@ -466,8 +401,8 @@ def _expected(
             )
         photons = unknown[lit, k : k + 1]
         if changes:
-            come = come + unknown[lit, -3:-2] * wider
-            slopes[lit, :, -3] += photons * np.diff(wider, axis=1)
+            by_flight = photons * _flight_std(pulses)[lit, k : k + 1]
+            slopes[lit, :, -3] += by_flight * np.diff(wider, axis=1)
         share = np.diff(come, axis=1) * cells.live[lit]
         mean[lit] += photons * share
         slopes[lit, :, k] = share
@@ -476,6 +411,13 @@ def _expected(
     slopes[:, :, -1] = width
     slopes *= (cells.live * cells.open_share)[:, :, np.newaxis]
     return mean * cells.open_share, slopes
+
+
+def _uneven(pulses: Pulses, lit: Indices, leg: int) -> tuple[Floats, Floats] | None:
+    """Third and fourth cumulant of one leg's pulses, (k, 1) each."""
+    if pulses.skewness is None or pulses.kurtosis is None:
+        return None
+    return pulses.skewness[lit, leg : leg + 1], pulses.kurtosis[lit, leg : leg + 1]
 
 
 def light_of_second_pulse(pixels: Pixels, second: Echo, tails: Tails) -> Floats:
@@ -489,7 +431,7 @@ def light_of_second_pulse(pixels: Pixels, second: Echo, tails: Tails) -> Floats:
         lit = np.flatnonzero(pixels.photons[:, k] > 0.0)
         late, std = pixels.late_ps[lit, k : k + 1], pixels.std_ps[lit, k : k + 1]
         z = (cells.edges_ps[lit] - late - second.later(cells.edges_ps[lit], late)) / std
-        come, density = _pulse(z, std, pixels.shape, tails)[:2]
+        come, density = _pulse(z, std, pixels.shape.of(lit, k), tails)[:2]
         photons = pixels.photons[lit, k : k + 1]
         out[lit, :, 0] += photons * np.diff(come, axis=1)
         out[lit, :, 1] -= second.share * photons / std * np.diff(density, axis=1)
@@ -498,21 +440,23 @@ def light_of_second_pulse(pixels: Pixels, second: Echo, tails: Tails) -> Floats:
 
 
 def _pulse(
-    z: Floats, std: Floats, shape: Shape, tails: Tails, skewness: Floats | None = None
+    z: Floats,
+    std: Floats,
+    shape: Shape,
+    tails: Tails,
+    uneven: tuple[Floats, Floats] | None = None,
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Share F of a pulse before z, std dF/dt, dF/d ln std, and what flight adds (a Gaussian: 0).
 
     Late by an exponential wait w a pulse has F' = (Phi - F) / w. Whatever a Gaussian is drawn out
     by, d/d ln std = std^2 F'' (it spreads as heat does); another shape is stretched, waits and all.
     """
-    changes = bool(shape.table.size)
+    changes = not shape.is_gaussian
     prompt, density = shape.at(z)
-    if skewness is not None:
+    if uneven is not None:
         # What waits keep back is of the second order in this.
-        less = (each * (skewness / 6.0) for each in shape.skewing(z))
-        prompt, density = (
-            whole - part for whole, part in zip((prompt, density), less, strict=True)
-        )
+        more = shape.unevenly(z, *uneven)
+        prompt, density = prompt + more[0], density + more[1]
     wider = shape.widening(z) if changes else np.zeros_like(z)
     # Most of the work is of waits, and every search begins with shares of nothing.
     tails = [(share, wait) for share, wait in tails if share]

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from lightflight.reconstruct.model.cells import Cells, as_counted
-from lightflight.reconstruct.model.counted import GAUSSIAN, Pixels, Shape, Tails, cumulated
+from lightflight.reconstruct.model.counted import Pixels, Tails, cumulated
+from lightflight.reconstruct.model.pulse_shape import GAUSSIAN, Shape
 from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.spread import (
@@ -116,7 +117,7 @@ class Diffuse:
     arrival_ps : array of float, shape (n, s)
         When their light comes, ps on the clock.
     photons, std_ps : array of float, shape (n, s)
-        Light of each, late light and all, and the width of its pulse, ps.
+        Light of each, late light and all, and the width of its pulse, ps (`model.counted.Pixels`).
     modes_ps : array of float, shape (n, s, k)
         How those times follow what is left unknown of the strengths, one-sigma columns.
     second : SecondPath, Echo or None
@@ -136,6 +137,11 @@ class Diffuse:
     modes_ps: Floats
     second: SecondPath | Echo | None = None
     shape: Shape = field(default=GAUSSIAN, kw_only=True)
+
+    @property
+    def drawn_out_ps(self) -> Floats:
+        """(n, s), standard deviation of pulses with what flight adds to them, ps."""
+        return self.shape.drawn_out_ps(self.std_ps)
 
     @property
     def has_halo(self) -> bool:
@@ -211,9 +217,10 @@ class Diffuse:
             own = np.flatnonzero((at >= 0) & (self.photons[at, k] > 0.0))
             late = self.arrival_ps[at[own], k] - reference[own]
             std, photons = self.std_ps[at[own], k], self.photons[at[own], k, np.newaxis]
+            pulse = self.shape.of(at[own], k)
             for again, delay in ((1.0, 0.0), *self._second):
                 for share, wait in self.strengths.tails:
-                    by_edge = cumulated(edges[own], late + delay, std, wait, self.shape)
+                    by_edge = cumulated(edges[own], late + delay, std, wait, pulse)
                     found[own] += again * share * photons * np.diff(by_edge, axis=1)
         before = np.concatenate((np.zeros((len(rows), 1)), np.cumsum(found, axis=1)), axis=1)
         out = np.empty(intervals_ps[0].shape)
@@ -273,7 +280,8 @@ class Diffuse:
                     lap = period_ps * np.rint(0.5 * (low + up) / period_ps)
                     low, up = low - lap, up - lap
                 std = self.std_ps[at[own], k, np.newaxis]
-                come = self.shape.come(up / std) - self.shape.come(low / std)
+                pulse = self.shape.of(at[own], k)
+                come = pulse.come(up / std) - pulse.come(low / std)
                 light = again * prompt * self.photons[at[own], k, np.newaxis]
                 out[own] += light * np.maximum(come, 0.0)
         return out
@@ -290,10 +298,11 @@ def late_light(pixels: Pixels, waits_ps: Sequence[float] = LATE_PS) -> Floats:
         if second is not None:
             again = (edges[lit] - late - second.later(edges[lit], late)) / std
             come.append((second.share * come[0][0], again))
+        shape = pixels.shape.of(lit, k)
         for photons, z in come:
-            prompt = pixels.shape.come(z)
+            prompt = shape.come(z)
             for j, wait in enumerate(waits_ps):
-                by_edge = prompt - pixels.shape.kept_back(z, std / wait) - prompt
+                by_edge = prompt - shape.kept_back(z, std / wait) - prompt
                 out[lit, :, j] += photons * np.diff(by_edge, axis=1)
     return as_counted(pixels.cells, out)
 
@@ -329,9 +338,12 @@ def other_pulses(pixels: Pixels, lags_ps: Floats) -> Floats:
     cells = pixels.cells
     out = np.empty((*cells.counts.shape, len(lags_ps)))
     std, photons = pixels.std_ps[:, :1], pixels.photons[:, :1]
-    z = (cells.edges_ps - pixels.late_ps[:, :1]) / std
+    z, shape = (
+        (cells.edges_ps - pixels.late_ps[:, :1]) / std,
+        pixels.shape.of(np.arange(len(std)), 0),
+    )
     for j, lag in enumerate(lags_ps):
-        out[:, :, j] = photons * np.diff(pixels.shape.come(z - lag / std), axis=1)
+        out[:, :, j] = photons * np.diff(shape.come(z - lag / std), axis=1)
     return as_counted(cells, out)
 
 
@@ -348,7 +360,7 @@ def pile_up(pixels: Pixels, sync_ps: Floats, period_ps: float | None) -> Floats:
         passed = passed - lap * period_ps
     before = pixels.background_per_ps[:, np.newaxis] * passed
     for k in range(pixels.photons.shape[1]):
-        z = (middle - pixels.late_ps[:, k : k + 1]) / pixels.std_ps[:, k : k + 1]
+        z = (middle - pixels.late_ps[:, k : k + 1]) / pixels.drawn_out_ps[:, k : k + 1]
         before = before + np.where(lap == 0.0, pixels.photons[:, k : k + 1] * ndtr(z), 0.0)
     most = max(float(pixels.photons.max(initial=0.0)), 1.0)
     return as_counted(cells, -(pixels.mean * before / most)[:, :, np.newaxis])

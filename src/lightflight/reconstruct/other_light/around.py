@@ -16,11 +16,13 @@ from lightflight.reconstruct.all_counts.counts import merged
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.membership import mode_columns, tip_of_leg, tips_in_view
 from lightflight.reconstruct.model.cells import CORE_STDS, cells_about, lag_edges
-from lightflight.reconstruct.model.counted import Pixels, Pulses, Shape, dark_pixels, shape_of
+from lightflight.reconstruct.model.counted import Pixels, Pulses, dark_pixels
 from lightflight.reconstruct.model.geometry import footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.lateral import LineFit
 from lightflight.reconstruct.model.light import LEAST_SHARE
 from lightflight.reconstruct.model.picture import Picture, arrival_curvature
+from lightflight.reconstruct.model.pulse_shape import Shape
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.strength import span_of_knots
@@ -37,9 +39,10 @@ _FAINT = 0.02
 _CLEAR_STDS, _CLEAR_PX = 3.0, 2.0
 """Pixels this near to a corner or a tip in the picture see cut footprints: in standard deviations
 of the spot, and at least, px."""
-_STEEP = 0.5
-"""Where light takes longer through a pixel than half the response, as standard deviations, a pulse
-that is no Gaussian by itself is drawn out by more than `pulses_expected` says to first order."""
+_EVEN_STD = 0.2
+"""Of the variance that flight through a footprint adds to a pulse: nobody knows it better."""
+_MOST_UNEVEN = 0.7
+"""The same, at most, and how much less or more of it light may make that is not even."""
 _SURE = 2.0
 """Standard deviations of what counts say of that area."""
 _MOST_LOST = 0.5
@@ -71,6 +74,11 @@ class Seen:
         The part of it that flight through the footprint makes, ps.
     skewness : array of float, shape (n, s)
         Of that pulse, where time runs unevenly through the footprint.
+    kurtosis : array of float, shape (n, s)
+        Of it, in excess of a Gaussian's: active areas have edges, so it is negative.
+    uneven : array of float, shape (n, s)
+        Standard deviation of the square of `flight_ps`, of itself: light that is brighter in the
+        middle of a footprint than about it takes less time through it.
     share : array of float, shape (n, s)
         Of the legs' light in the pixel, as the picture tells it.
     away_px : array of float, shape (n, s)
@@ -84,6 +92,8 @@ class Seen:
     std_ps: Floats
     flight_ps: Floats
     skewness: Floats
+    kurtosis: Floats
+    uneven: Floats
     share: Floats
     away_px: Floats
 
@@ -147,7 +157,7 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
     brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
     reach = picture.spot_std_px * np.sqrt(2.0 * np.log(max(brightest / _FAINT, 2.0))) + 0.3
     away = np.full((len(rows), n_legs), np.inf)
-    arrival, slope, bend = np.full((3, len(rows), n_legs), np.nan)
+    arrival, slope, bend, narrow, uneven, side = np.full((6, len(rows), n_legs), np.nan)
     given = np.zeros((len(rows), n_legs))
     beyond = np.zeros(len(rows), dtype=bool)
     for k, leg in enumerate(picture.legs):
@@ -172,6 +182,9 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         slope[near, k] = print_.slope_ps_per_px[own]
         curved = arrival_curvature(print_, state=state, camera=camera, medium=medium)
         bend[near, k] = curved[own]
+        heading = leg.heading_rad(along[near])
+        side[near, k] = np.cos(heading) ** 4 + np.sin(heading) ** 4
+        narrow[near, k], uneven[near, k] = _variance_of_light(picture.fits[k], along[near])
         arrival[near, k] = clock.as_counted(rows[near], cols[near], print_.arrival_ps[own])
         # A path ends where light was found; one of several cameras may see dimmer light beyond.
         if several and k == 0:
@@ -182,22 +195,26 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
     nearest = np.argsort(away, axis=1)[:, :most]
     lit = np.isfinite(np.take_along_axis(away, nearest, axis=1))
     lit &= np.isfinite(np.take_along_axis(arrival, nearest, axis=1))
-    slope, bend = (np.nan_to_num(np.take_along_axis(x, nearest, axis=1)) for x in (slope, bend))
+    slope, bend, narrow, uneven, side = (
+        np.nan_to_num(np.take_along_axis(x, nearest, axis=1))
+        for x in (slope, bend, narrow, uneven, side)
+    )
     given = np.where(lit, np.take_along_axis(given, nearest, axis=1), 0.0)
-    transit = np.abs(slope) * picture.spot_std_px
-    own = _own_std_ps(std_ps, transit[lit])
+    transit = np.abs(slope) * picture.spot_std_px * np.sqrt(narrow)
+    response = whole.timing.response
+    own = response.std_ps if response is not None else _own_std_ps(
+        whole, rows, cols, np.where(lit, np.take_along_axis(arrival, nearest, axis=1), np.nan),
+        transit, std_ps,
+    )  # fmt: skip
     light = float(whole.arrivals.photons[whole.usable_pulses].sum())
     std = np.hypot(own, transit)
     skewness = _skewness(slope, bend, std, picture)
-    steep = _departure(slope, skewness, std, picture) > max(LEAST_SHARE, light**-0.5)
-    if shape_of(whole.timing.response).table.size:
-        steep |= transit > _STEEP * own
+    kurtosis, departure = _kurtosis(slope, side, skewness, std, picture)
+    steep = departure > max(LEAST_SHARE, light**-0.5)
     steep &= lit
     kept = ~(beyond | steep.any(axis=1))
-    # Of several cameras another sees the same light whole.
-    tips = not several and any(tip is not None for tip in fit.tips) and bool(steep.any())
     n_lit = int(np.count_nonzero(lit[:, 0] | beyond) + np.count_nonzero(cut))
-    _check_enough(0 if tips else int(np.count_nonzero(lit[:, 0] & kept)), n_lit)
+    _check_enough(int(np.count_nonzero(lit[:, 0] & kept)), n_lit)
     return Seen(
         rows[kept],
         cols[kept],
@@ -206,6 +223,8 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         np.where(lit, std, np.nan)[kept],
         np.where(lit, transit, np.nan)[kept],
         np.where(lit, skewness, 0.0)[kept],
+        np.where(lit, kurtosis, 0.0)[kept],
+        uneven[kept],
         (given / np.maximum(given.sum(axis=1, keepdims=True), _FAINT))[kept],
         np.take_along_axis(away, nearest, axis=1)[kept],
     )
@@ -222,48 +241,79 @@ def _light_given(picture: Picture, leg: int, along: Floats, across: Floats) -> F
     return given
 
 
+def _variance_of_light(light: LineFit, along_px: Floats) -> tuple[Floats, Floats]:
+    """Of a leg's light within pixels (n,), along it, in the spot's own; and its standard deviation.
+
+    Of light seen through a Gaussian spot s^2 (1 + s^2 (ln I)''), I as pixels see it. The spline
+    leaves out what is as uneven as what it shows, at most.
+    """
+    spot, bend = light.spot_std_at(along_px), light.spline.derivative(2)
+    low, high = span_of_knots(light.spline.t)
+    everywhere = np.linspace(low, high, 1 + int(np.ceil(high - low)))
+    usual = np.sqrt(np.mean((light.spot_std_at(everywhere) ** 2 * bend(everywhere)) ** 2))
+    own = spot**2 * bend(along_px) * ((along_px > low) & (along_px < high))
+    doubt = np.full(len(along_px), min(float(usual), _MOST_UNEVEN))
+    return np.clip(1.0 + own, 1.0 - _MOST_UNEVEN, 1.0 + _MOST_UNEVEN), np.hypot(_EVEN_STD, doubt)
+
+
 def _skewness(slope_ps: Floats, bend_ps: Floats, std_ps: Floats, picture: Picture) -> Floats:
     """Of light drawn out through a pixel by a time that does not run evenly along its spot."""
     third: Floats = 3.0 * slope_ps**2 * bend_ps * picture.spot_std_px**4
     return third / std_ps**3
 
 
-def _departure(slope_ps: Floats, skewness: Floats, std_ps: Floats, picture: Picture) -> Floats:
-    """By how much light drawn out through a pixel is no skewed Gaussian, rms, as a share of it.
+def _kurtosis(
+    slope_ps: Floats, side: Floats, skewness: Floats, std_ps: Floats, picture: Picture
+) -> tuple[Floats, Floats]:
+    """Of light drawn out through a pixel, and by how much its pulse departs from what that tells.
 
-    One of skewness g and excess kurtosis k departs from its Gram-Charlier series to the third
-    order by k He_4 / 24 + g^2 He_6 / 72: flat by the edges of the pixel's active area.
+    A square active area a has the cumulants -a^4 (c^4 + s^4) / 120 and a^6 (c^6 + s^6) / 252 along
+    a line that runs at an angle of cosine c and sine s; `side` is c^4 + s^4. The departure is that
+    of a Gaussian of third, fourth and sixth cumulant g, k and h from its Gram-Charlier series to
+    the fourth order, k off by d: d He_4 / 24 + g^2 He_6 / 72 + h He_6 / 720, rms, as a share of it.
     """
-    kurtosis = _fourth_of_active_px(picture) * slope_ps**4 / (120.0 * std_ps**4)
-    departure: Floats = np.sqrt(kurtosis**2 / 24.0 + 720.0 * (skewness**2 / 72.0) ** 2)
-    return departure
+    fourth, off = _fourth_of_active_px(picture)
+    per_fourth = -side * (slope_ps / std_ps) ** 4 / 120.0
+    sixth = 0.5 * (3.0 * side - 1.0) * fourth**1.5 * (slope_ps / std_ps) ** 6 / 252.0
+    departure: Floats = np.sqrt(
+        (off * per_fourth) ** 2 / 24.0 + 720.0 * (skewness**2 / 72.0 + sixth / 720.0) ** 2
+    )
+    return fourth * per_fourth, departure
 
 
-def _fourth_of_active_px(picture: Picture) -> float:
-    """Fourth power of the side of the active area, at most: of all the pitch if nothing tells."""
+def _fourth_of_active_px(picture: Picture) -> tuple[float, float]:
+    """Fourth power of the side of the active area, and how far it may be off; no more than pitch.
+
+    Half of that where nothing tells.
+    """
     areas = [
         light.area for leg, light in zip(picture.legs, picture.fits, strict=True) if not leg.dark
     ]
-    if not any(area.fourth_std > 0.0 for area in areas):
-        return 1.0
-    return min(max(area.side_px**4 + _SURE * area.fourth_std for area in areas), 1.0)
+    told = [area for area in areas if area.fourth_std > 0.0]
+    if not told:
+        return 0.5, 0.5
+    least = min(max(area.side_px**4 - _SURE * area.fourth_std, 0.0) for area in told)
+    most = max(min(area.side_px**4 + _SURE * area.fourth_std, 1.0) for area in told)
+    return 0.5 * (least + most), 0.5 * (most - least)
 
 
 def pulses_expected(seen: Seen, shape: Shape) -> Pulses:
-    """Pulses of pixels that legs light, after the light of the nearest one.
-
-    A Gaussian that flight through the footprint draws out is a wider one. Any other shape must not
-    be stretched for it: its tail stays as long as the detector makes it.
-    """
-    late = seen.arrival_ps - seen.arrival_ps[:, :1]
-    if not shape.table.size:
-        return Pulses(late, seen.std_ps, shape, skewness=seen.skewness, share=seen.share)
-    own = np.sqrt(seen.std_ps**2 - seen.flight_ps**2)
-    flight = 0.5 * (seen.flight_ps[:, 0] / own[:, 0]) ** 2
-    # The shape is spread once, for a usual pixel; the pixels' own flight differs by little.
-    usual = float(np.median(flight))
-    skewness = seen.skewness * (seen.std_ps / own) ** 3
-    return Pulses(late, own, shape.drawn_out(usual), flight - usual, skewness, seen.share)
+    """Pulses of pixels that legs light, after the light of the nearest one."""
+    late, std = seen.arrival_ps - seen.arrival_ps[:, :1], seen.std_ps
+    if shape.is_gaussian:
+        doubt = 0.5 * seen.uneven * (seen.flight_ps / std) ** 2
+        return Pulses(late, std, shape, seen.skewness, seen.kurtosis, seen.share, doubt)
+    own = np.sqrt(std**2 - seen.flight_ps**2)
+    flight, ratio = 0.5 * (seen.flight_ps / own) ** 2, std / own
+    return Pulses(
+        late,
+        own,
+        shape.drawn_out(flight),
+        seen.skewness * ratio**3,
+        seen.kurtosis * ratio**4,
+        seen.share,
+        seen.uneven * flight,
+    )
 
 
 def lags_about_legs(seen: Seen, fine: Floats, std_ps: float) -> Floats:
@@ -320,10 +370,35 @@ def _cut(whole: Sighting) -> NDArray[np.bool_]:
     return grown.ravel()
 
 
-def _own_std_ps(std_ps: float, transit_ps: Floats) -> float:
-    """Standard deviation of laser and detector, ps, from that of pulses as they are recorded."""
-    usual = float(np.median(np.abs(transit_ps))) if len(transit_ps) else 0.0
-    return float(np.sqrt(max(std_ps**2 - usual**2, 0.1 * std_ps**2)))
+def _own_std_ps(
+    whole: Sighting,
+    rows: Indices,
+    cols: Indices,
+    arrival_ps: Floats,
+    transit_ps: Floats,
+    std_ps: float,
+) -> float:
+    """Standard deviation of laser and detector, ps: of pulses without what flight adds to each.
+
+    Pixels (n,), whose legs' light (n, s) comes at `arrival_ps`; NaN: there is none. `std_ps` is
+    that of pulses as they are recorded, where none is found there.
+    """
+    arrivals, own = whole.arrivals, whole.usable_pulses
+    place = np.full(whole.blind.shape, -1)
+    place[rows, cols] = np.arange(len(rows))
+    pixel = place[arrivals.row[own], arrivals.col[own]]
+    own, pixel = own[pixel >= 0], pixel[pixel >= 0]
+    gap = np.abs(whole.arrival_ps[own, np.newaxis] - arrival_ps[pixel])
+    slot = np.argmin(np.where(np.isnan(gap), np.inf, gap), axis=1)
+    at = np.arange(len(own)), slot
+    near = gap[at] < std_ps
+    squared = (arrivals.std_ps[own] ** 2 - transit_ps[pixel, slot] ** 2)[near]
+    if not len(squared):
+        return std_ps
+    order = np.argsort(squared)
+    below = np.cumsum(arrivals.photons[own][near][order])
+    middle = squared[order][np.searchsorted(below, 0.5 * below[-1])]
+    return float(np.sqrt(max(middle, 0.1 * std_ps**2)))
 
 
 def _at_ends(

@@ -23,7 +23,7 @@ from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.fine import finely_lit, fitted_again, with_fine_light
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, moved_stds, pulse_std_in_view
 from lightflight.reconstruct.model import light
-from lightflight.reconstruct.model.counted import shape_of
+from lightflight.reconstruct.model.pulse_shape import shape_of
 from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
@@ -189,7 +189,7 @@ def without_diffuse(
         pulses = pulses_expected(seen.of(lit), shape)
         asked = Asked(whole, seen.of(lit), pulses, beam, dark, std, nominal)
         # What comes twice is a Gaussian's, counted in photons on codes that were measured.
-        sharp = whole.histograms.poisson and not (shape.table.size or nominal)
+        sharp = whole.histograms.poisson and shape.is_gaussian and not nominal
         known = scattered(asked) if not sharp else with_second(
             asked,
             partial(places_of_path, fit, own[0], whole, source_told=source_told),
@@ -277,7 +277,7 @@ def _measured(known: Known, beam: Beam, part: float) -> _Measured:
     root = np.linalg.cholesky(strengths.covariance)
     middle = 0.5 * (pixels.cells.edges_ps[:, 1:] + pixels.cells.edges_ps[:, :-1])
     about = np.abs(middle[:, np.newaxis] - np.nan_to_num(pixels.late_ps)[:, :, np.newaxis])
-    core = about < _CORE_STDS * pixels.std_ps[:, :, np.newaxis]
+    core = about < _CORE_STDS * pixels.drawn_out_ps[:, :, np.newaxis]
     other = np.sum(core * np.abs(spread)[:, np.newaxis], axis=2)
     diffuse = light.Diffuse(
         strengths,
@@ -328,7 +328,7 @@ def _corrected(sighting: Sighting, found: _Measured) -> Sighting:
     )
     rows, pixel = rows[pixel >= 0], pixel[pixel >= 0]
     gap = np.abs(sighting.arrival_ps[rows, np.newaxis] - found.expected_ps[pixel])
-    gap = np.where(gap < _GATE_STDS * diffuse.std_ps[pixel], gap, np.inf)
+    gap = np.where(gap < _GATE_STDS * diffuse.drawn_out_ps[pixel], gap, np.inf)
     slot = np.argmin(gap, axis=1)
     least = gap[np.arange(len(rows)), slot]
     # The nearest pulse of a pixel is the leg's; where two are, the other stays what it is.
@@ -344,7 +344,7 @@ def _corrected(sighting: Sighting, found: _Measured) -> Sighting:
     time[rows] = np.where(clear, found.expected_ps[at] + found.late_ps[at], np.nan)
     std[rows] = np.sqrt(found.variance_ps2[at])
     # Other light had drawn them out: lines and brightness are measured with the path's own pulses.
-    width_ps[rows] = diffuse.std_ps[at]
+    width_ps[rows] = diffuse.drawn_out_ps[at]
     time[_of_second_pulse(sighting, diffuse, rows)] = np.nan
     modes = np.zeros((len(time), diffuse.modes_ps.shape[2]))
     modes[rows] = diffuse.modes_ps[at]
@@ -372,7 +372,7 @@ def _of_second_pulse(sighting: Sighting, diffuse: light.Diffuse, legs: Indices) 
     late = sighting.arrival_ps[rows, np.newaxis] - diffuse.arrival_ps[pixel] - second.delay_ps
     if period > 0.0:
         late -= period * np.rint(late / period)
-    near = np.abs(late) < _GATE_STDS * diffuse.std_ps[pixel]
+    near = np.abs(late) < _GATE_STDS * diffuse.drawn_out_ps[pixel]
     brought = second.share * np.sum(near * diffuse.photons[pixel], axis=1)
     own: Indices = rows[brought > _LEAST_SHARE * table.photons[rows]]
     return own

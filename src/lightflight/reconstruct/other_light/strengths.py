@@ -142,7 +142,7 @@ def beside_dark(whole: Sighting, dark: Group | None, beam: Beam) -> Beside | Non
         return None
     rows, cols = dark.points_px.T
     no_leg, reference = np.full((len(rows), 1), -1), dark.reference_ps[:, np.newaxis]
-    seen = Seen(rows, cols, no_leg, reference, *np.ones((5, *reference.shape)))
+    seen = Seen(rows, cols, no_leg, reference, *np.ones((7, *reference.shape)))
     return beside_in(whole, seen, dark.pixels.cells, beam)
 
 
@@ -339,7 +339,7 @@ def tails_of(cells: Cells, pulses: Pulses) -> tuple[Tails, Pixels]:
     """
     # Which pixels these are is asked of light that others send to them: there is none here.
     nowhere, none = np.zeros(0, dtype=np.int64), np.zeros((0, 1))
-    seen = Seen(nowhere, nowhere, none.astype(np.int64), none, none, none, none, none, none)
+    seen = Seen(nowhere, nowhere, none.astype(np.int64), *[none] * 8)
     own = Beside(seen, cells, None)
     known = strengths_of(pulses, own, None, None, rough=True)
     if not known.settled:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from lightflight.errors import NothingFoundError
 from lightflight.reconstruct.model.cells import cells_about, lag_edges
-from lightflight.reconstruct.model.counted import Pulses, Shape, Tails, shape_of
+from lightflight.reconstruct.model.counted import Pulses, Tails
+from lightflight.reconstruct.model.pulse_shape import Shape, shape_of
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.other_light.around import FINE_GROWTH, FINE_STDS
 from lightflight.reconstruct.other_light.strengths import tails_of

@@ -100,7 +100,10 @@ def _counted_about_pulses(lit: Pixels) -> tuple[Floats, Floats]:
     middle = 0.5 * (edges[:, 1:] + edges[:, :-1])
     about = np.zeros(middle.shape, dtype=bool)
     for k in range(lit.late_ps.shape[1]):
-        near = np.abs(middle - lit.late_ps[:, k : k + 1]) < _ABOUT_STDS * lit.std_ps[:, k : k + 1]
+        near = (
+            np.abs(middle - lit.late_ps[:, k : k + 1])
+            < _ABOUT_STDS * lit.drawn_out_ps[:, k : k + 1]
+        )
         about |= near & (lit.photons[:, k : k + 1] > 0.0)
     about &= lit.weight > 0.0
     counted = np.where(about, lit.cells.counts, 0.0).sum(axis=1)

@@ -17,8 +17,8 @@ from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
 from lightflight.reconstruct.model.counted import (
     dark_pixels,
     lit_pixels,
-    shape_of,
 )
+from lightflight.reconstruct.model.pulse_shape import shape_of
 from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.sighting import Sighting

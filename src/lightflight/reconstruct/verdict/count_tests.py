@@ -196,7 +196,7 @@ def clear_of_pulses(pixels: Pixels) -> NDArray[np.bool_]:
     for k in range(pixels.late_ps.shape[1]):
         away = np.abs(middle - pixels.late_ps[:, k : k + 1])
         lit = pixels.photons[:, k : k + 1] > 0.0
-        clear &= (away > _CLEAR_STDS * pixels.std_ps[:, k : k + 1]) | ~lit
+        clear &= (away > _CLEAR_STDS * pixels.drawn_out_ps[:, k : k + 1]) | ~lit
     return clear
 
 

@@ -206,5 +206,5 @@ def _pulses_at(one: Held, fit: JointFit) -> tuple[Indices, Indices, Indices]:
     gap = np.abs(fit.times.arrival_ps[own, np.newaxis] - expected)
     gap = np.where(pixels.photons[pixel] > 0.0, gap, np.inf)
     slot = np.argmin(gap, axis=1)
-    near = gap.min(axis=1) < _GATE_STDS * pixels.std_ps[pixel, 0]
+    near = gap.min(axis=1) < _GATE_STDS * pixels.drawn_out_ps[pixel, 0]
     return own[near], pixel[near], slot[near]
