@@ -14,6 +14,7 @@ from lightflight.camera.rigid import rotation_from_vector
 from lightflight.errors import GeometryError
 from lightflight.flight import Medium, Source
 from lightflight.reconstruct.limits.bounds import Bounds, bounds
+from lightflight.reconstruct.model.pulse_shape import tables_for_counts
 from lightflight.simulate.presets import ideal, paper_scene
 from lightflight.timing.clock.response import Response
 from tests.path_fakes import PAPER_VERTICES
@@ -89,7 +90,7 @@ class TestClosedForms:
         score, information = np.zeros((1, 4)), np.zeros((1, 4, 4))
         photon_score(
             np.zeros_like(lower), lower, lower + width, np.ones((1, 1)),
-            np.empty((0, 0)), 0.0, np.empty((3, 0)),
+            np.empty((0, 0)), 0.0, *tables_for_counts(None),
             np.full((1, 1), np.log(photons)), np.full((1, 1), 1000.3), np.full((1, 1), std),
             np.full(1, np.log(1e-12)), np.ones(1, dtype=bool), True, score, information,
         )  # fmt: skip

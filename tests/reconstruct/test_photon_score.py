@@ -7,10 +7,11 @@ import pytest
 from scipy.special import ndtr
 
 from lightflight._kernels.photon_score import photon_score
+from lightflight.reconstruct.model.pulse_shape import tables_for_counts
 from lightflight.timing.clock.response import Response
 
 PERIOD, CODES = 50_000.0, 64
-ALL_OPEN, GAUSSIAN, NO_OTHER = np.ones((1, 1)), np.empty((3, 0)), np.empty((0, 0))
+ALL_OPEN, GAUSSIAN, NO_OTHER = np.ones((1, 1)), tables_for_counts(None), np.empty((0, 0))
 
 
 class TestOnePixel:
@@ -30,7 +31,7 @@ class TestOnePixel:
             open_share,
             other,
             period,
-            shape,
+            *shape,
             np.ascontiguousarray(log_photons),
             np.ascontiguousarray(delay),
             np.ascontiguousarray(np.exp(log_std)),
@@ -156,11 +157,17 @@ class TestOnePixel:
         np.testing.assert_allclose(information[np.ix_(kept, kept)], alone[2], rtol=1e-12)
         np.testing.assert_array_equal(score[3:6], 0.0)
 
+    # Pulses of 50 to 120 ps, of a response of 85: narrower, wider, and wider than tables reach.
+    @pytest.mark.parametrize("most_ps", [None, 150.0])
     @pytest.mark.parametrize("outside", [True, False])
-    def test_score_of_a_tailed_pulse_behind_pile_up_is_the_slope_of_the_likelihood(self, outside):
+    def test_score_of_a_tailed_pulse_behind_pile_up_is_the_slope_of_the_likelihood(
+        self, outside, most_ps
+    ):
         rng, lower, upper, variables = self.case(9, 2)
         given = {
-            "shape": Response.with_tail(std_ps=60.0, tail_ps=90.0, tail_share=0.3).table(),
+            "shape": tables_for_counts(
+                Response.with_tail(std_ps=60.0, tail_ps=90.0, tail_share=0.3), most_ps
+            ),
             "open_share": np.linspace(1.0, 0.5, CODES)[np.newaxis],
             "outside": outside,
         }
@@ -197,15 +204,17 @@ class TestOnePixel:
             pytest.skip("Numba runs without its compiler here")
         rng, lower, upper, variables = self.case(8, 2)
         counts = rng.poisson(self.mean_of(lower, upper, variables))
-        compiled = self.evaluated(counts, lower, upper, variables)
-        score, information = np.zeros((1, 7)), np.zeros((1, 7, 7))
-        value = plain(
-            counts[np.newaxis].astype(float), lower[np.newaxis], upper[np.newaxis], ALL_OPEN,
-            NO_OTHER, PERIOD, GAUSSIAN,
-            variables[np.newaxis, 0:-1:3], variables[np.newaxis, 1:-1:3],
-            np.exp(variables[np.newaxis, 2:-1:3]), variables[-1:], np.array([True]), False,
-            score, information,
-        )  # fmt: skip
-        assert value == pytest.approx(compiled[0], rel=1e-12)
-        np.testing.assert_allclose(score[0], compiled[1], rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(information[0], compiled[2], rtol=1e-9, atol=1e-9)
+        tailed = Response.with_tail(std_ps=60.0, tail_ps=90.0, tail_share=0.3)
+        for shape in (GAUSSIAN, tables_for_counts(tailed, 150.0)):
+            compiled = self.evaluated(counts, lower, upper, variables, shape=shape)
+            score, information = np.zeros((1, 7)), np.zeros((1, 7, 7))
+            value = plain(
+                counts[np.newaxis].astype(float), lower[np.newaxis], upper[np.newaxis], ALL_OPEN,
+                NO_OTHER, PERIOD, *shape,
+                variables[np.newaxis, 0:-1:3], variables[np.newaxis, 1:-1:3],
+                np.exp(variables[np.newaxis, 2:-1:3]), variables[-1:], np.array([True]), False,
+                score, information,
+            )  # fmt: skip
+            assert value == pytest.approx(compiled[0], rel=1e-12)
+            np.testing.assert_allclose(score[0], compiled[1], rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(information[0], compiled[2], rtol=1e-9, atol=1e-9)

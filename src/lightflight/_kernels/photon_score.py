@@ -23,40 +23,71 @@ _INV_SQRT_2PI = 1.0 / math.sqrt(2.0 * math.pi)
 
 
 @piece
-def shape_at(shape: Floats, z: float) -> tuple[float, float]:
-    """Share of a pulse that has come by z std after its centre, and its density there.
+def shape_at(shape: Floats, upper: int, part: float, z: float) -> tuple[float, float, float]:
+    """Share of a pulse that has come by z of its own std, density there, and what flight adds.
 
-    shape (3, m): z in even steps, cumulated shape, density; the density is straight in between.
+    shape (k, 3, m): of each flight z in even steps, cumulated shape, density, which is straight in
+    between; `part` of the way from the table below `upper` to it, which would add the last.
     """
-    step = shape[0, 1] - shape[0, 0]
-    place = (z - shape[0, 0]) / step
+    step = shape[0, 0, 1] - shape[0, 0, 0]
+    place = (z - shape[0, 0, 0]) / step
     if not place > 0.0:
-        return 0.0, 0.0
-    if place >= shape.shape[1] - 1:
-        return 1.0, 0.0
+        return 0.0, 0.0, 0.0
+    if place >= shape.shape[2] - 1:
+        return 1.0, 0.0, 0.0
     i = int(place)
-    part = place - i
-    density = shape[2, i] + part * (shape[2, i + 1] - shape[2, i])
-    return shape[1, i] + 0.5 * part * step * (shape[2, i] + density), density
+    more = place - i
+    come, density, added = 0.0, 0.0, 0.0
+    for k in range(upper - 1, upper + 1):
+        share = part if k == upper else 1.0 - part
+        here = shape[k, 2, i] + more * (shape[k, 2, i + 1] - shape[k, 2, i])
+        by_here = shape[k, 1, i] + 0.5 * more * step * (shape[k, 2, i] + here)
+        come += share * by_here
+        density += share * here
+        added += by_here if k == upper else -by_here
+    return come, density, added
 
 
 @piece
 def _add_leg(
-    offset: float, width: float, std: float, photons: float, shape: Floats, out: Floats
+    offset: float,
+    width: float,
+    std: float,
+    photons: float,
+    shape: Floats,
+    spread: Floats,
+    out: Floats,
 ) -> float:
     """Counts of a pulse in a code `offset` from its time; into out by ln photons, time, ln std."""
-    high = (offset + 0.5 * width) / std
-    low = (offset - 0.5 * width) / std
-    if shape.shape[1] > 0:
-        after, density_high = shape_at(shape, high)
-        before, density_low = shape_at(shape, low)
-        out[0] = photons * (after - before)
-    else:
+    if shape.shape[0] == 0:
+        high = (offset + 0.5 * width) / std
+        low = (offset - 0.5 * width) / std
         density_high = _INV_SQRT_2PI * math.exp(-0.5 * high * high)
         density_low = _INV_SQRT_2PI * math.exp(-0.5 * low * low)
         out[0] = photons * 0.5 * (math.erf(high * _INV_SQRT_2) - math.erf(low * _INV_SQRT_2))
-    out[1] = -photons * (density_high - density_low) / std
-    out[2] = -photons * (high * density_high - low * density_low)
+        out[1] = -photons * (density_high - density_low) / std
+        out[2] = -photons * (high * density_high - low * density_low)
+        return float(out[0])
+    # Half the variance that is not the shape's own; what tables do not reach stretches it.
+    own = spread[0]
+    flight = 0.5 * (std * std / (own * own) - 1.0)
+    within = min(max(flight, -0.5 * spread[2]), spread[shape.shape[0]])
+    scale = own if within == flight else std / math.sqrt(1.0 + 2.0 * within)
+    upper = 1
+    while upper < shape.shape[0] - 1 and spread[1 + upper] < within:
+        upper += 1
+    gap = spread[upper + 1] - spread[upper]
+    part = (within - spread[upper]) / gap
+    high = (offset + 0.5 * width) / scale
+    low = (offset - 0.5 * width) / scale
+    after, density_high, added_high = shape_at(shape, upper, part, high)
+    before, density_low, added_low = shape_at(shape, upper, part, low)
+    out[0] = photons * (after - before)
+    out[1] = -photons * (density_high - density_low) / scale
+    if within == flight:
+        out[2] = photons * (added_high - added_low) / gap * std * std / (own * own)
+    else:
+        out[2] = -photons * (high * density_high - low * density_low)
     return float(out[0])
 
 
@@ -91,6 +122,7 @@ def photon_score(
     other: Floats,
     period: float,
     shape: Floats,
+    spread: Floats,
     log_photons: Floats,
     delays: Floats,
     stds: Floats,
@@ -104,7 +136,8 @@ def photon_score(
 
     counts, lower, upper: (n, codes); open_share: (n, codes or 1), counts per photon that came (1
     without pile-up); other: (n, codes), counts expected of light that is no leg's, or (0, 0);
-    shape: of the pulse, see `shape_at`, (3, 0) for a Gaussian;
+    shape: of the pulse, see `shape_at`, (0, 3, 0) for a Gaussian; spread: its own std, ps, and half
+    the variance that flight adds to it in each table (k + 1,);
     log_photons, delays, stds: (n, L), NaN delay: leg absent.
     Codes outside every window are one term with the background alone, left out where
     `use_outside` is False (something else flashes there). Values compare between parameters even
@@ -115,8 +148,8 @@ def photon_score(
     n_legs = delays.shape[1]
     n_local = 3 * n_legs + 1
     from_std, to_std = -_REACH, _REACH
-    if shape.shape[1] > 0:
-        from_std, to_std = shape[0, 0], shape[0, shape.shape[1] - 1]
+    if shape.shape[0] > 0:
+        from_std, to_std = shape[0, 0, 0], shape[0, 0, shape.shape[2] - 1]
     gradient = np.zeros(n_local)
     total = 0.0
     for p in range(n):
@@ -145,15 +178,19 @@ def photon_score(
                 if math.isnan(delays[p, q]):
                     continue
                 offset = middle - delays[p, q]
-                if period > 0.0:  # about the middle of the pulse's window
-                    centre = 0.5 * (from_std + to_std) * stds[p, q]
-                    offset -= period * np.rint((offset - centre) / period)
+                # Tables reach as far as the flight that they hold.
                 std = stds[p, q]
+                if shape.shape[0] > 0:
+                    widest = math.sqrt(1.0 + 2.0 * spread[shape.shape[0]])
+                    std /= max(1.0, min(std / spread[0], widest))
+                if period > 0.0:  # about the middle of the pulse's window
+                    centre = 0.5 * (from_std + to_std) * std
+                    offset -= period * np.rint((offset - centre) / period)
                 if from_std * std - width < offset < to_std * std + width:
                     inside = True
                     photons = seen * math.exp(log_photons[p, q])
                     by_leg = gradient[3 * q : 3 * q + 3]
-                    mean += _add_leg(offset, width, std, photons, shape, by_leg)
+                    mean += _add_leg(offset, width, stds[p, q], photons, shape, spread, by_leg)
             if inside:
                 gradient[n_local - 1] = rate * live
                 total += _add_code(

@@ -45,6 +45,7 @@ from lightflight.reconstruct.model.image_plane import inside_edges_px, undistort
 from lightflight.reconstruct.model.leg_in_picture import LegInPicture, leg_in_picture, lit_by_legs
 from lightflight.reconstruct.model.light import Diffuse
 from lightflight.reconstruct.model.picture import Picture, measure_picture
+from lightflight.reconstruct.model.pulse_shape import tables_for_counts
 from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
@@ -309,6 +310,12 @@ def pixels_near_path(
     )
 
 
+def _widest_ps(sighting: Sighting) -> float:
+    """Standard deviation of the widest pulses of a recording, ps; few are wild."""
+    pulses = sighting.usable_pulses
+    return float(np.quantile(sighting.arrivals.std_ps[pulses], 0.98)) if len(pulses) else 0.0
+
+
 def codes_of_pixels(
     pixels: Pixels, sighting: Sighting, state: PathState, setting: Setting, std_ps: float
 ) -> CodeCounts:
@@ -333,7 +340,7 @@ def codes_of_pixels(
         (n, codes) each.
     """
     found = pixel_counts(sighting, pixels.rows, pixels.cols)
-    response, other, second = sighting.timing.response, np.empty((0, 0)), None
+    other, second = np.empty((0, 0)), None
     skew = found.skew_ps[:, np.newaxis]
     intervals = found.lower_ps - skew, found.upper_ps - skew
     open_share = open_share_of(
@@ -364,7 +371,7 @@ def codes_of_pixels(
         period_ps=float(sighting.histograms.laser_period_ps or 0.0),
         use_outside=~strange[pixels.rows, pixels.cols],
         open_share=open_share,
-        shape=np.empty((3, 0)) if response is None else response.table(),
+        shape=tables_for_counts(sighting.timing.response, _widest_ps(sighting)),
         other=other,
         second=second,
     )

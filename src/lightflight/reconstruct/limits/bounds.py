@@ -391,7 +391,7 @@ def _information(
     found = likelihood(
         local,
         pixels,
-        expected_codes(local.arrival_ps, conditions, n),
+        expected_codes(local, conditions),
         log_background=np.full(n, np.log(conditions.background_per_ps)),
         delay_shift_ps=np.zeros(n),
         expected_only=True,

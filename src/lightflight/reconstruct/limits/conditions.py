@@ -16,6 +16,7 @@ from lightflight.flight import Medium, Source
 from lightflight.reconstruct.model.forward import (
     CodeCounts,
     Light,
+    Local,
     Pixels,
 )
 from lightflight.reconstruct.model.geometry import PathState, footprints
@@ -27,6 +28,7 @@ from lightflight.reconstruct.model.leg_in_picture import (
     leg_in_picture,
     lit_by_legs,
 )
+from lightflight.reconstruct.model.pulse_shape import tables_for_counts
 from lightflight.reconstruct.model.sighting import clock_errors
 from lightflight.reconstruct.model.strength import strength_spline
 from lightflight.timing.clock.response import Response
@@ -305,10 +307,11 @@ def _log_strength(
     return value
 
 
-def expected_codes(arrival_ps: Floats, conditions: Conditions, n: int) -> CodeCounts:
+def expected_codes(local: Local, conditions: Conditions) -> CodeCounts:
     """Even codes that cover the whole flight; counts are not needed for expected information."""
-    low = float(np.nanmin(arrival_ps)) - _REACH_STDS * conditions.pulse_std_ps
-    high = float(np.nanmax(arrival_ps)) + _REACH_STDS * conditions.pulse_std_ps
+    n, most_ps = len(local.arrival_ps), float(local.std_ps.max(initial=0.0))
+    low = float(np.nanmin(local.arrival_ps)) - _REACH_STDS * conditions.pulse_std_ps
+    high = float(np.nanmax(local.arrival_ps)) + _REACH_STDS * conditions.pulse_std_ps
     k = int(np.ceil((high - low) / conditions.code_width_ps))
     edges = low + conditions.code_width_ps * np.arange(k + 1)
     shape = (n, k)
@@ -318,5 +321,5 @@ def expected_codes(arrival_ps: Floats, conditions: Conditions, n: int) -> CodeCo
         upper_ps=np.broadcast_to(edges[1:], shape).copy(),
         period_ps=0.0,
         use_outside=np.ones(n, dtype=bool),
-        shape=np.empty((3, 0)) if conditions.response is None else conditions.response.table(),
+        shape=tables_for_counts(conditions.response, most_ps),
     )

@@ -5,13 +5,13 @@ Expected counts of pixel p in code k are
     lambda_pk = o_pk (sum_legs N_p [F(e_(k+1)) - F(e_k)] + b_p w_pk) + d_pk,
 
 F the pulse (laser, response, transit over the footprint; a Gaussian, or the shape the flat was
-fitted with) about the footprint's mean arrival time plus the pixel's delay, e the true code edges
-modulo the period, o_pk the share of laser periods that no earlier photon had closed, d_pk diffuse
-light as `other_light.diffuse` measured it. N_p is the strength of the light along the leg under the
-spot. The integral along the leg is collapsed into its zeroth, first and second moment (photons,
-mean time, variance), which is exact for a Gaussian spot and a curve that bends little within it;
-corners cut the footprint. A large active area makes another spot: photons and mean time follow
-`spot`.
+fitted with, spread where it is wider) about the footprint's mean arrival time plus the pixel's
+delay, e the true code edges modulo the period, o_pk the share of laser periods that no earlier
+photon had closed, d_pk diffuse light as `other_light.diffuse` measured it. N_p is the strength of
+the light along the leg under the spot. The integral along the leg is collapsed into its zeroth,
+first and second moment (photons, mean time, variance), which is exact for a Gaussian spot and a
+curve that bends little within it; corners cut the footprint. A large active area makes another
+spot: photons and mean time follow `spot`.
 
 Takes a path and the brightness along it, gives what every pixel expects and how that follows a
 handful of parameters; `likelihood` holds it against the counts.
@@ -44,6 +44,7 @@ from lightflight.reconstruct.model.leg_in_picture import LegInPicture
 from lightflight.reconstruct.model.nudges import Nudges
 from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.picture import arrival_curvature
+from lightflight.reconstruct.model.pulse_shape import tables_for_counts
 from lightflight.reconstruct.model.spot import SeenLine, seen_line
 from lightflight.reconstruct.model.strength import LOG_SPOT_RANGE, SpotAlong, span_of_knots
 from lightflight.reconstruct.model.thick_beam import (
@@ -145,8 +146,8 @@ class CodeCounts:
         False where something else flashes outside the windows.
     open_share : array of float, shape (n, codes or 1) or None
         Counts in a code per photon that came (pile-up); None: all are counted.
-    shape : array of float
-        Shape of a pulse (`timing.response.Response.table`); (3, 0): a Gaussian.
+    shape : (array of float, array of float)
+        Of a pulse, see `pulse_shape.tables_for_counts`.
     other : array of float, shape (n, codes) or (0, 0)
         Counts expected of light that is no leg's.
     second : (float, float) or None
@@ -159,7 +160,7 @@ class CodeCounts:
     period_ps: float
     use_outside: NDArray[np.bool_]
     open_share: Floats | None = None
-    shape: Floats = field(default_factory=lambda: np.empty((3, 0)))
+    shape: tuple[Floats, Floats] = field(default_factory=lambda: tables_for_counts(None))
     other: Floats = field(default_factory=lambda: np.empty((0, 0)))
     second: tuple[float, float] | None = None
 

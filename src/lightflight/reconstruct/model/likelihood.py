@@ -149,7 +149,7 @@ def _scored(
         np.ones((n, 1)) if codes.open_share is None else codes.open_share,
         codes.other,
         codes.period_ps,
-        codes.shape,
+        *codes.shape,
         log_photons,
         delays,
         stds,

@@ -30,6 +30,8 @@ _LEAST_TOP = 0.1
 """Half a variance that tables reach to, at least: flight may be more than was expected."""
 _MORE = 1.6
 """... and so many times the largest that is expected."""
+_MOST_DRAWN_OUT = 8.0
+"""Pulses wider than so many times their own width are stretched beyond that."""
 _COME, _DENSITY, _FIRST, _SECOND, _THIRD, _FOURTH = range(6)
 """Rows of a table: the share that has come, and the density with its derivatives."""
 
@@ -252,6 +254,35 @@ class Shape:
         kept_at = replace(tables, rows=waiting[:, np.newaxis])
         drawn_out: Floats = kept_at.at(z, self._flight, 0) * after
         return drawn_out
+
+
+def tables_for_counts(
+    response: Response | None, most_ps: float | None = None
+) -> tuple[Floats, Floats]:
+    """A clock's pulse as the kernel of all counts takes it, for pulses as wide as `most_ps`.
+
+    Parameters
+    ----------
+    response : Response or None
+        None: a Gaussian.
+    most_ps : float, optional
+        Standard deviation of the widest pulse, ps; None: as wide as the response.
+
+    Returns
+    -------
+    rows : array of float, shape (k, 3, m)
+        Of each flight place, share before it and density; (0, 3, 0): a Gaussian.
+    spread : array of float, shape (k + 1,)
+        Standard deviation without flight, ps, and half the variance that each flight adds, in it.
+    """
+    if response is None:
+        return np.empty((0, 3, 0)), np.empty(0)
+    ratio = 1.0 if most_ps is None else min(most_ps / response.std_ps, _MOST_DRAWN_OUT)
+    found = _tables(response.table(), max(_MORE * 0.5 * (ratio**2 - 1.0), _LEAST_TOP))
+    place = found.first + found.step * np.arange(found.rows.shape[2])
+    places = np.broadcast_to(place, (len(found.flights), 1, len(place)))
+    rows = np.concatenate((places, found.rows[:, :_FIRST]), axis=1)
+    return rows, np.append(response.std_ps, found.flights)
 
 
 GAUSSIAN = Shape(np.empty((3, 0)))
