@@ -22,6 +22,7 @@ from lightflight.reconstruct.model.glass import looks_at_blocks
 from lightflight.reconstruct.model.setting import Setting, earliest_arrival_ps
 from lightflight.reconstruct.model.sighting import Sighting, blind_pixels, without_pixels
 from lightflight.reconstruct.other_light.tail import shape_with_tail
+from lightflight.reconstruct.steep_pulses import with_steep_pulses
 from lightflight.timing.clock.calibration import ASSUMED_GAIN_STD, TimingCalibration
 from lightflight.timing.pulses.arrivals import find_arrivals
 from lightflight.timing.pulses.pulses import MOST_PULSES
@@ -36,10 +37,11 @@ _MOST_PERIODS = 2.0
 """Codes that cover more laser periods than this are worth a question."""
 
 
-def unwrapped_sighting(sighting: Sighting, setting: Setting) -> Sighting:
+def unwrapped_sighting(sighting: Sighting, setting: Setting, *, literal: bool = False) -> Sighting:
     """The sighting with arrivals folded to where light can come from.
 
-    Pixels that look at a block of glass in the beam are masked.
+    Pixels that look at a block of glass in the beam are masked; pulses that flight through their
+    pixels makes wide are taken, unless the paper is followed to the letter.
 
     Parameters
     ----------
@@ -47,6 +49,8 @@ def unwrapped_sighting(sighting: Sighting, setting: Setting) -> Sighting:
         The recording, on the clock and with its pulses found.
     setting : Setting
         Camera, source, medium and waypoints.
+    literal : bool, optional
+        Whether what is too wide for the array's pulse stays left out, as in the paper.
 
     Returns
     -------
@@ -67,6 +71,8 @@ def unwrapped_sighting(sighting: Sighting, setting: Setting) -> Sighting:
     seen = replace(
         sighting, arrivals=replace(sighting.arrivals, arrival_ps=times), arrival_ps=times
     )
+    if not literal:
+        seen = with_steep_pulses(seen)
     if not setting.medium.blocks:
         return seen
     return without_pixels(seen, looks_at_blocks(setting.camera, setting.medium.blocks))
@@ -131,7 +137,7 @@ def sighting_from_histograms(
     seen = Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals, clock), view)
     if not least_squares:
         seen = _with_late_light(seen, find, nominal=timing is None)
-    return unwrapped_sighting(seen, setting)
+    return unwrapped_sighting(seen, setting, literal=least_squares)
 
 
 def _with_late_light(seen: Sighting, find: Callable[..., Arrivals], *, nominal: bool) -> Sighting:

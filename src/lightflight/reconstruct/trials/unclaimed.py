@@ -66,6 +66,10 @@ def with_unclaimed_legs(
     if n_left < _LEAST_PULSES:
         return fit
     chains = _longer_chains(sightings, legs, left, setting)
+    if _leaves_out(fit, legs):
+        # Others were parted instead: the legs of the path may go on as well.
+        own = _longer_chains(sightings, _legs_of_fit(sightings, fit, setting), left, setting)
+        chains += [chain for chain in own if chain not in chains]
     trials = [partial(_fitted, sightings, chain, setting) for chain in chains]
     if n_left > _MUCH_LEFT * np.count_nonzero(fit.times.weight > 0):
         # A line that misses so much may be two, the one too short to be found by itself.
@@ -80,6 +84,34 @@ def with_unclaimed_legs(
         if fits and trial.solution.converged and still <= n_left - _LEAST_PULSES:
             return trial
     return fit
+
+
+def _leaves_out(fit: JointFit, legs: tuple[ImageLeg, ...]) -> bool:
+    """Whether a path has next to no pulse of a leg that was found in a picture."""
+    views = np.array([one.view for one in fit.sightings])[fit.sighting_of]
+    used = fit.times.weight > 0
+    for leg in legs:
+        own = np.isin(fit.times.index[used & (views == leg.view)], leg.members)
+        if np.count_nonzero(own) < 0.5 * len(leg.members):
+            return True
+    return False
+
+
+def _legs_of_fit(
+    sightings: list[Sighting], fit: JointFit, setting: Setting
+) -> tuple[ImageLeg, ...]:
+    """The legs of a path by its pulses in the first recording of each camera."""
+    legs = []
+    for number, one in enumerate(sightings):
+        if any(other.view == one.view for other in sightings[:number]):
+            continue
+        used = (fit.times.weight > 0) & (fit.sighting_of == number)
+        for k in fit.solution.state.seen:
+            members = fit.times.index[used & (fit.times.leg == k)].astype(np.intp)
+            if len(members) >= _LEAST_PULSES:
+                leg = image_leg(one.arrivals, members, setting.at(one.view).camera)
+                legs.append(replace(leg, view=one.view))
+    return tuple(legs)
 
 
 def from_unclaimed_legs(

@@ -148,12 +148,10 @@ def _fit_as_found(request: Request, *, brightest: bool) -> tuple[JointFit, tuple
         _ask_of_the_clock(legs, request, problem)
         longer = from_unclaimed_legs(sightings, legs, setting)
         shorter = fit_from_brightest(sightings, legs, setting) if brightest and not longer else None
-        if shorter is not None:
-            # What is left over has just been found to make no path with these legs.
-            return revised(sightings, shorter, setting), legs
-        if longer is None:
+        other = longer or shorter
+        if other is None:
             raise
-        fit = longer
+        fit = other
     # Revised first: light that a second leg will claim is not left over.
     return with_unclaimed_legs(sightings, legs, revised(sightings, fit, setting), setting), legs
 
