@@ -12,21 +12,22 @@ from benchmarks.random_labs import FAR_STDS, drawn_lab, path_of, pulls_of
 
 
 @pytest.mark.parametrize(
-    ("seed", "method"),
+    ("seed", "method", "noise"),
     [
-        pytest.param(65, "joint", id="wrong and trusted", marks=pytest.mark.long),
-        pytest.param(94, "joint", id="tailed, 40 mm a pixel"),
-        pytest.param(94, "photon", id="tailed, all counts"),
-        pytest.param(113, "joint", id="tailed, whole pixels", marks=pytest.mark.long),
-        pytest.param(113, "photon", id="tailed, whole, all counts", marks=pytest.mark.long),
-        pytest.param(48, "joint", id="ends in view"),
-        pytest.param(52, "joint", id="one leg steeper than the other"),
-        pytest.param(67, "joint", id="edges of whole pixels"),
+        pytest.param(65, "joint", 0, id="wrong and trusted", marks=pytest.mark.long),
+        pytest.param(94, "joint", 0, id="tailed, 40 mm a pixel"),
+        pytest.param(94, "photon", 0, id="tailed, all counts"),
+        pytest.param(113, "joint", 0, id="tailed, whole pixels", marks=pytest.mark.long),
+        pytest.param(113, "photon", 0, id="tailed, whole, all counts", marks=pytest.mark.long),
+        pytest.param(48, "joint", 0, id="ends in view"),
+        pytest.param(227, "joint", 1, id="beside pixels that are not asked"),
+        pytest.param(52, "joint", 0, id="one leg steeper than the other"),
+        pytest.param(67, "joint", 0, id="edges of whole pixels"),
     ],
 )
-def test_a_large_room_is_trusted_and_right(seed, method):
+def test_a_large_room_is_trusted_and_right(seed, method, noise):
     lab = drawn_lab(seed)
-    path = path_of(lab, method)
+    path = path_of(lab, method, noise)
     pulls = pulls_of(lab, path)
     assert path.n_legs == len(lab.vertices) - 1
     assert path.verdict.level == "trust"
