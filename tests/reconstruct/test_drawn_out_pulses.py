@@ -12,7 +12,7 @@ from lightflight.reconstruct.model.cells import Cells
 from lightflight.reconstruct.model.counted import Pulses, lit_pixels
 from lightflight.reconstruct.model.pulse_shape import GAUSSIAN, Shape
 from lightflight.reconstruct.model.state import PathState
-from lightflight.reconstruct.other_light.around import _kurtosis
+from lightflight.reconstruct.other_light.drawn_out import kurtosis_of_flight
 
 WINDOW = np.linspace(-600.0, 600.0, 61)
 
@@ -59,7 +59,7 @@ def test_edges_of_active_areas_make_pulses_flat():
     slope, spot = np.array([100.0]), 0.5
     std = slope * np.sqrt(spot**2 + 1.0 / 12.0)
     for side, sixth in ((1.0, 1.0), (0.5, 0.25)):
-        kurtosis, departure = _kurtosis(slope, np.array([side]), np.zeros(1), std, picture)
+        kurtosis, departure = kurtosis_of_flight(slope, np.array([side]), np.zeros(1), std, picture)
         assert kurtosis[0] == pytest.approx(-side / 120.0 * (slope / std)[0] ** 4, rel=0.02)
         left = sixth / 252.0 * (slope / std)[0] ** 6 / np.sqrt(720.0)
         assert departure[0] == pytest.approx(left, rel=0.1)

@@ -19,13 +19,19 @@ from lightflight.reconstruct.model.cells import CORE_STDS, cells_about, lag_edge
 from lightflight.reconstruct.model.counted import Pixels, Pulses, dark_pixels
 from lightflight.reconstruct.model.geometry import footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
-from lightflight.reconstruct.model.lateral import LineFit
 from lightflight.reconstruct.model.light import LEAST_SHARE
 from lightflight.reconstruct.model.picture import Picture, arrival_curvature
 from lightflight.reconstruct.model.pulse_shape import Shape
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.strength import span_of_knots
+from lightflight.reconstruct.other_light.drawn_out import (
+    flight_ps,
+    kurtosis_of_flight,
+    own_std_ps,
+    skewness_of_flight,
+    variance_of_light,
+)
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -39,12 +45,6 @@ _FAINT = 0.02
 _CLEAR_STDS, _CLEAR_PX = 3.0, 2.0
 """Pixels this near to a corner or a tip in the picture see cut footprints: in standard deviations
 of the spot, and at least, px."""
-_EVEN_STD = 0.2
-"""Of the variance that flight through a footprint adds to a pulse: nobody knows it better."""
-_MOST_UNEVEN = 0.7
-"""The same, at most, and how much less or more of it light may make that is not even."""
-_SURE = 2.0
-"""Standard deviations of what counts say of that area."""
 _MOST_LOST = 0.5
 """Share of the path's pixels without which the rest is no picture of the path."""
 _QUIET_PS = 6000.0
@@ -140,42 +140,107 @@ def alike(sightings: list[Sighting]) -> Iterator[tuple[Sighting, list[int]]]:
 
 def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float) -> Seen:
     """Which legs light which pixels, and when."""
-    camera = fit.solution.cameras[whole.view]
-    picture, state, medium = fit.pictures[number], fit.solution.state, fit.solution.medium
-    clock = replace(whole, found=fit.solution.modes[mode_columns(list(fit.sightings))[whole.view]])
-    several = len(fit.solution.cameras) > 1
-    rows, cols = (index.ravel() for index in np.indices(camera.shape))
+    rows, cols, n_cut = _pixels_asked(whole, fit, number)
+    near, beyond = _near_legs(whole, fit, number, rows, cols)
+    picture, lit = fit.pictures[number], near.lit
+    transit = flight_ps(near.slope, near.narrow, picture)
+    response = whole.timing.response
+    own = response.std_ps if response is not None else own_std_ps(
+        whole, rows, cols, near.arrival_ps, transit, std_ps
+    )  # fmt: skip
+    std = np.hypot(own, transit)
+    skewness = skewness_of_flight(near.slope, near.bend, std, picture)
+    kurtosis, departure = kurtosis_of_flight(near.slope, near.side, skewness, std, picture)
+    light = float(whole.arrivals.photons[whole.usable_pulses].sum())
+    steep = lit & (departure > max(LEAST_SHARE, light**-0.5))
+    kept = ~(beyond | steep.any(axis=1))
+    n_lit = int(np.count_nonzero(lit[:, 0] | beyond)) + n_cut
+    _check_enough(int(np.count_nonzero(lit[:, 0] & kept)), n_lit)
+    return Seen(
+        rows,
+        cols,
+        np.where(lit, near.leg, -1),
+        near.arrival_ps,
+        np.where(lit, std, np.nan),
+        np.where(lit, transit, np.nan),
+        np.where(lit, skewness, 0.0),
+        np.where(lit, kurtosis, 0.0),
+        near.uneven,
+        near.given / np.maximum(near.given.sum(axis=1, keepdims=True), _FAINT),
+        near.away_px,
+    ).of(np.flatnonzero(kept))
+
+
+def _pixels_asked(whole: Sighting, fit: JointFit, number: int) -> tuple[Indices, Indices, int]:
+    """Rows and columns of pixels with something to say, and how many the recorded range cuts."""
+    rows, cols = (index.ravel() for index in np.indices(whole.blind.shape))
     # A pixel without a count may be dead: it has nothing to say.
-    silent = whole.histograms.photons.ravel() == 0
-    kept = ~(
-        silent | whole.blind.ravel() | _at_ends(fit, picture.spot_std_px, whole.view, rows, cols)
-    )
-    cut = _cut(whole)
-    kept &= ~cut
-    rows, cols = rows[kept], cols[kept]
+    silent, cut = whole.histograms.photons.ravel() == 0, _cut(whole)
+    at_ends = _at_ends(fit, fit.pictures[number].spot_std_px, whole.view, rows, cols)
+    kept = ~(silent | whole.blind.ravel() | at_ends | cut)
+    return rows[kept], cols[kept], int(np.count_nonzero(cut))
+
+
+@dataclass(frozen=True, eq=False)
+class _NearLegs:
+    """Of n pixels the s nearest legs that may light them, the nearest first.
+
+    Attributes
+    ----------
+    leg : array of int, shape (n, s)
+    lit : array of bool, shape (n, s)
+        Whether it does light the pixel; where not nothing else is of use.
+    away_px, arrival_ps : array of float, shape (n, s)
+        Distance from its line, and when its light comes, ps on the clock; NaN: it does not.
+    slope, bend : array of float, shape (n, s)
+        Of that time along the line, ps/px and ps/px^2.
+    narrow, uneven : array of float, shape (n, s)
+        See `variance_of_light`.
+    side : array of float, shape (n, s)
+        See `kurtosis_of_flight`.
+    given : array of float, shape (n, s)
+        Its photons there, as the picture tells them.
+    """
+
+    leg: Indices
+    lit: NDArray[np.bool_]
+    away_px: Floats
+    arrival_ps: Floats
+    slope: Floats
+    bend: Floats
+    narrow: Floats
+    uneven: Floats
+    side: Floats
+    given: Floats
+
+
+def _near_legs(
+    whole: Sighting, fit: JointFit, number: int, rows: Indices, cols: Indices
+) -> tuple[_NearLegs, NDArray[np.bool_]]:
+    """The legs near some pixels, and whether a leg runs there that shows no pulse, (n,)."""
+    camera, picture = fit.solution.cameras[whole.view], fit.pictures[number]
+    state, medium = fit.solution.state, fit.solution.medium
+    clock = replace(whole, found=fit.solution.modes[mode_columns(list(fit.sightings))[whole.view]])
     points, n_legs = undistorted_px(camera, rows, cols), len(picture.legs)
     brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
     reach = picture.spot_std_px * np.sqrt(2.0 * np.log(max(brightest / _FAINT, 2.0))) + 0.3
-    away = np.full((len(rows), n_legs), np.inf)
+    away, given = np.full((len(rows), n_legs), np.inf), np.zeros((len(rows), n_legs))
     arrival, slope, bend, narrow, uneven, side = np.full((6, len(rows), n_legs), np.nan)
-    given = np.zeros((len(rows), n_legs))
     beyond = np.zeros(len(rows), dtype=bool)
     for k, leg in enumerate(picture.legs):
         if leg.dark:
             continue
         along, across = leg.along_across(points)
-        first, last = leg.span_px
         on_line = np.abs(across) < reach
-        near = on_line & (along > first - reach) & (along < last + reach)
         print_ = footprints(
             state, camera=camera, medium=medium, legs=k, rows=rows[on_line], cols=cols[on_line]
         )
-        # The path runs there and no pulse was found: the recorded range may have ended before.
-        # Nor does light stop where a path leaves the view: along an edge its wings are seen.
-        first_seen = -np.inf if k == 0 and fit.tips[0] is None else 0.0
-        runs_out = k in state.last_legs and tip_of_leg(fit.tips, k, state) is None
-        inside = (print_.fraction > first_seen) & (print_.fraction < (np.inf if runs_out else 1.0))
-        beyond[on_line] |= inside & ~near[on_line]
+        near = on_line & (along > leg.span_px[0] - reach) & (along < leg.span_px[1] + reach)
+        beyond |= _runs_unseen(fit, k, print_.fraction, on_line, near)
+        # A path ends where light was found; one of several cameras may see dimmer light beyond.
+        if len(fit.solution.cameras) > 1:
+            beyond |= on_line & (k == 0) & (along < leg.span_px[0] + reach)
+            beyond |= on_line & (k in state.last_legs) & (along > leg.span_px[1] - reach)
         own = near[on_line]
         away[near, k] = np.abs(print_.lateral_px[own])
         given[near, k] = _light_given(picture, k, along[near], across[near])
@@ -184,50 +249,52 @@ def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float
         bend[near, k] = curved[own]
         heading = leg.heading_rad(along[near])
         side[near, k] = np.cos(heading) ** 4 + np.sin(heading) ** 4
-        narrow[near, k], uneven[near, k] = _variance_of_light(picture.fits[k], along[near])
+        narrow[near, k], uneven[near, k] = variance_of_light(picture.fits[k], along[near])
         arrival[near, k] = clock.as_counted(rows[near], cols[near], print_.arrival_ps[own])
-        # A path ends where light was found; one of several cameras may see dimmer light beyond.
-        if several and k == 0:
-            beyond |= on_line & (along < first + reach)
-        if several and k in state.last_legs:
-            beyond |= on_line & (along > last - reach)
     most = int(np.isfinite(away).sum(axis=1).max(initial=1))
     nearest = np.argsort(away, axis=1)[:, :most]
-    lit = np.isfinite(np.take_along_axis(away, nearest, axis=1))
-    lit &= np.isfinite(np.take_along_axis(arrival, nearest, axis=1))
-    slope, bend, narrow, uneven, side = (
-        np.nan_to_num(np.take_along_axis(x, nearest, axis=1))
-        for x in (slope, bend, narrow, uneven, side)
+
+    def sorted_(values: Floats) -> Floats:
+        return np.take_along_axis(values, nearest, axis=1)
+
+    def told(values: Floats) -> Floats:
+        return np.nan_to_num(sorted_(values))
+
+    lit = np.isfinite(sorted_(away) + sorted_(arrival))
+    legs = _NearLegs(
+        leg=nearest,
+        lit=lit,
+        away_px=sorted_(away),
+        arrival_ps=np.where(lit, sorted_(arrival), np.nan),
+        slope=told(slope),
+        bend=told(bend),
+        narrow=told(narrow),
+        uneven=told(uneven),
+        side=told(side),
+        given=np.where(lit, sorted_(given), 0.0),
     )
-    given = np.where(lit, np.take_along_axis(given, nearest, axis=1), 0.0)
-    transit = np.abs(slope) * picture.spot_std_px * np.sqrt(narrow)
-    response = whole.timing.response
-    own = response.std_ps if response is not None else _own_std_ps(
-        whole, rows, cols, np.where(lit, np.take_along_axis(arrival, nearest, axis=1), np.nan),
-        transit, std_ps,
-    )  # fmt: skip
-    light = float(whole.arrivals.photons[whole.usable_pulses].sum())
-    std = np.hypot(own, transit)
-    skewness = _skewness(slope, bend, std, picture)
-    kurtosis, departure = _kurtosis(slope, side, skewness, std, picture)
-    steep = departure > max(LEAST_SHARE, light**-0.5)
-    steep &= lit
-    kept = ~(beyond | steep.any(axis=1))
-    n_lit = int(np.count_nonzero(lit[:, 0] | beyond) + np.count_nonzero(cut))
-    _check_enough(int(np.count_nonzero(lit[:, 0] & kept)), n_lit)
-    return Seen(
-        rows[kept],
-        cols[kept],
-        np.where(lit, nearest, -1)[kept],
-        np.where(lit, np.take_along_axis(arrival, nearest, axis=1), np.nan)[kept],
-        np.where(lit, std, np.nan)[kept],
-        np.where(lit, transit, np.nan)[kept],
-        np.where(lit, skewness, 0.0)[kept],
-        np.where(lit, kurtosis, 0.0)[kept],
-        uneven[kept],
-        (given / np.maximum(given.sum(axis=1, keepdims=True), _FAINT))[kept],
-        np.take_along_axis(away, nearest, axis=1)[kept],
-    )
+    return legs, beyond
+
+
+def _runs_unseen(
+    fit: JointFit,
+    leg: int,
+    fraction: Floats,
+    on_line: NDArray[np.bool_],
+    near: NDArray[np.bool_],
+) -> NDArray[np.bool_]:
+    """True where a leg is to run and no pulse shows it; `fraction` of it those `on_line` look at.
+
+    The recorded range may have ended before. Nor does light stop where a path leaves the view:
+    along an edge its wings are seen.
+    """
+    state = fit.solution.state
+    first_seen = -np.inf if leg == 0 and fit.tips[0] is None else 0.0
+    runs_out = leg in state.last_legs and tip_of_leg(fit.tips, leg, state) is None
+    inside = (fraction > first_seen) & (fraction < (np.inf if runs_out else 1.0))
+    unseen = np.zeros(len(on_line), dtype=bool)
+    unseen[on_line] = inside & ~near[on_line]
+    return unseen
 
 
 def _light_given(picture: Picture, leg: int, along: Floats, across: Floats) -> Floats:
@@ -239,62 +306,6 @@ def _light_given(picture: Picture, leg: int, along: Floats, across: Floats) -> F
     across_it = light.seen(along, across, line.heading_rad(along)).log_light
     given: Floats = np.exp(log_bright + across_it - 0.5 * beyond**2)
     return given
-
-
-def _variance_of_light(light: LineFit, along_px: Floats) -> tuple[Floats, Floats]:
-    """Of a leg's light within pixels (n,), along it, in the spot's own; and its standard deviation.
-
-    Of light seen through a Gaussian spot s^2 (1 + s^2 (ln I)''), I as pixels see it. The spline
-    leaves out what is as uneven as what it shows, at most.
-    """
-    spot, bend = light.spot_std_at(along_px), light.spline.derivative(2)
-    low, high = span_of_knots(light.spline.t)
-    everywhere = np.linspace(low, high, 1 + int(np.ceil(high - low)))
-    usual = np.sqrt(np.mean((light.spot_std_at(everywhere) ** 2 * bend(everywhere)) ** 2))
-    own = spot**2 * bend(along_px) * ((along_px > low) & (along_px < high))
-    doubt = np.full(len(along_px), min(float(usual), _MOST_UNEVEN))
-    return np.clip(1.0 + own, 1.0 - _MOST_UNEVEN, 1.0 + _MOST_UNEVEN), np.hypot(_EVEN_STD, doubt)
-
-
-def _skewness(slope_ps: Floats, bend_ps: Floats, std_ps: Floats, picture: Picture) -> Floats:
-    """Of light drawn out through a pixel by a time that does not run evenly along its spot."""
-    third: Floats = 3.0 * slope_ps**2 * bend_ps * picture.spot_std_px**4
-    return third / std_ps**3
-
-
-def _kurtosis(
-    slope_ps: Floats, side: Floats, skewness: Floats, std_ps: Floats, picture: Picture
-) -> tuple[Floats, Floats]:
-    """Of light drawn out through a pixel, and by how much its pulse departs from what that tells.
-
-    A square active area a has the cumulants -a^4 (c^4 + s^4) / 120 and a^6 (c^6 + s^6) / 252 along
-    a line that runs at an angle of cosine c and sine s; `side` is c^4 + s^4. The departure is that
-    of a Gaussian of third, fourth and sixth cumulant g, k and h from its Gram-Charlier series to
-    the fourth order, k off by d: d He_4 / 24 + g^2 He_6 / 72 + h He_6 / 720, rms, as a share of it.
-    """
-    fourth, off = _fourth_of_active_px(picture)
-    per_fourth = -side * (slope_ps / std_ps) ** 4 / 120.0
-    sixth = 0.5 * (3.0 * side - 1.0) * fourth**1.5 * (slope_ps / std_ps) ** 6 / 252.0
-    departure: Floats = np.sqrt(
-        (off * per_fourth) ** 2 / 24.0 + 720.0 * (skewness**2 / 72.0 + sixth / 720.0) ** 2
-    )
-    return fourth * per_fourth, departure
-
-
-def _fourth_of_active_px(picture: Picture) -> tuple[float, float]:
-    """Fourth power of the side of the active area, and how far it may be off; no more than pitch.
-
-    Half of that where nothing tells.
-    """
-    areas = [
-        light.area for leg, light in zip(picture.legs, picture.fits, strict=True) if not leg.dark
-    ]
-    told = [area for area in areas if area.fourth_std > 0.0]
-    if not told:
-        return 0.5, 0.5
-    least = min(max(area.side_px**4 - _SURE * area.fourth_std, 0.0) for area in told)
-    most = max(min(area.side_px**4 + _SURE * area.fourth_std, 1.0) for area in told)
-    return 0.5 * (least + most), 0.5 * (most - least)
 
 
 def pulses_expected(seen: Seen, shape: Shape) -> Pulses:
@@ -368,37 +379,6 @@ def _cut(whole: Sighting) -> NDArray[np.bool_]:
         binary_dilation(cut, np.ones((5, 5), dtype=bool)) if cut.any() else cut
     )
     return grown.ravel()
-
-
-def _own_std_ps(
-    whole: Sighting,
-    rows: Indices,
-    cols: Indices,
-    arrival_ps: Floats,
-    transit_ps: Floats,
-    std_ps: float,
-) -> float:
-    """Standard deviation of laser and detector, ps: of pulses without what flight adds to each.
-
-    Pixels (n,), whose legs' light (n, s) comes at `arrival_ps`; NaN: there is none. `std_ps` is
-    that of pulses as they are recorded, where none is found there.
-    """
-    arrivals, own = whole.arrivals, whole.usable_pulses
-    place = np.full(whole.blind.shape, -1)
-    place[rows, cols] = np.arange(len(rows))
-    pixel = place[arrivals.row[own], arrivals.col[own]]
-    own, pixel = own[pixel >= 0], pixel[pixel >= 0]
-    gap = np.abs(whole.arrival_ps[own, np.newaxis] - arrival_ps[pixel])
-    slot = np.argmin(np.where(np.isnan(gap), np.inf, gap), axis=1)
-    at = np.arange(len(own)), slot
-    near = gap[at] < std_ps
-    squared = (arrivals.std_ps[own] ** 2 - transit_ps[pixel, slot] ** 2)[near]
-    if not len(squared):
-        return std_ps
-    order = np.argsort(squared)
-    below = np.cumsum(arrivals.photons[own][near][order])
-    middle = squared[order][np.searchsorted(below, 0.5 * below[-1])]
-    return float(np.sqrt(max(middle, 0.1 * std_ps**2)))
 
 
 def _at_ends(
