@@ -4,6 +4,7 @@ Pulses with a calibrated tail were fitted as wider ones of the same shape, and t
 by the tail's part of that: places up to seven stated errors off, with "trust". With one tip in view
 no pixel was examined. Of Gaussian pulses the width without flight was taken from medians of all
 legs, and a leg that was less steep than another was wider than its pulses by half: contradicted.
+Pulses that a tip cuts came "when no leg of the path is there".
 """
 
 import pytest
@@ -21,6 +22,7 @@ from benchmarks.random_labs import FAR_STDS, drawn_lab, path_of, pulls_of
         pytest.param(113, "photon", 0, id="tailed, whole, all counts", marks=pytest.mark.long),
         pytest.param(48, "joint", 0, id="ends in view"),
         pytest.param(227, "joint", 1, id="beside pixels that are not asked"),
+        pytest.param(349, "joint", 0, id="pulses that a tip cuts"),
         pytest.param(52, "joint", 0, id="one leg steeper than the other"),
         pytest.param(67, "joint", 0, id="edges of whole pixels"),
     ],

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import expon, exponnorm, norm
 
-from lightflight.reconstruct.fit.membership import shift_by_ends_ps
+from lightflight.reconstruct.fit.membership import mean_of_cut_light_ps, shift_by_ends_ps
 from lightflight.reconstruct.model.cells import Cells
 from lightflight.reconstruct.model.counted import Pulses, lit_pixels
 from lightflight.reconstruct.model.pulse_shape import GAUSSIAN, Shape
@@ -150,3 +150,24 @@ def test_an_end_of_the_light_moves_the_mean_of_what_is_left_of_a_spot():
         assert told == pytest.approx(-slope * (left @ places) / left.sum(), rel=0.03)
     # Where light leaves the picture it does not end.
     assert shift_by_ends_ps(foot, 1, spot, path, (None, None), None)[0] < 1e-6
+
+
+def test_light_that_an_end_cuts_comes_at_its_own_mean():
+    """Of a Gaussian cut by the end of a leg, the foot before it, at it and beyond it; summed up."""
+    path = PathState(np.array([[0.0, 0, 0], [100, 0, 0], [100, 100, 0]]), 0.0)
+    spot, slope, per_leg = 0.7, 200.0, 12.0
+    within = np.array([3.0, 0.5, 0.0, -1.0])
+    foot = SimpleNamespace(
+        fraction=1.0 - within / per_leg,
+        px_per_leg=np.full(4, per_leg),
+        slope_ps_per_px=np.full(4, slope),
+    )
+    told = mean_of_cut_light_ps(foot, 0, spot, path, (None, None), None)
+    places = np.linspace(-8.0 * spot, 8.0 * spot, 200_001)
+    for d, late in zip(within, told, strict=True):
+        left = norm.pdf(places, scale=spot) * (places < d)
+        assert late == pytest.approx(slope * (left @ places) / left.sum(), abs=0.05)
+    # At a leg's beginning what is left comes later; where light leaves the picture nothing is cut.
+    foot.fraction = np.array([0.0, 0.0, 0.5, 1.0])
+    assert (mean_of_cut_light_ps(foot, 1, spot, path, (None, None), None)[:2] > 100.0).all()
+    assert abs(mean_of_cut_light_ps(foot, 1, spot, path, (None, None), None)[2:]).max() < 1e-6

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from lightflight import flags
 from lightflight.reconstruct.fit.least_squares import TimeData
@@ -42,6 +43,8 @@ spot; a wider spot widens the gate."""
 MOST_SHIFT = 0.1
 """Light of another leg, or an end of its own within the spot, may move a pulse by no more, of its
 error."""
+_FAR_STDS = 6.0
+"""Ends farther from a foot cut nothing of a spot; beyond an end there is no light from there on."""
 _TIP_PX = 1.2
 """Pixels this near to where the light begins or stops see a cut footprint, px."""
 
@@ -273,6 +276,25 @@ def shift_by_ends_ps(
     return shift
 
 
+def mean_of_cut_light_ps(
+    print_: Footprint, leg: int, spot_px: float, state: PathState, tips: Tips, setting: Setting
+) -> Floats:
+    """Mean time of a leg's light in pixels whose spot its ends cut, after that of their feet, ps.
+
+    Of a Gaussian between a and b of its standard deviations from the foot (f(a) - f(b)) / (F(b) -
+    F(a)) of these, f the density and F its integral; parameters as in `shift_by_ends_ps`, (n,).
+    """
+    first, last = _ends_of_light(leg, state, tips, setting)
+    scale = print_.px_per_leg / spot_px
+    low, high = (
+        np.clip((end - print_.fraction) * scale, -_FAR_STDS, _FAR_STDS) for end in (first, last)
+    )
+    density = [np.exp(-0.5 * end**2) / np.sqrt(2.0 * np.pi) for end in (low, high)]
+    share = np.maximum(ndtr(high) - ndtr(low), 1e-12)
+    shift: Floats = print_.slope_ps_per_px * spot_px * (density[0] - density[1]) / share
+    return shift
+
+
 def on_leg(
     print_: Footprint, leg: int, state: PathState, *, margin_px: float | tuple[float, float]
 ) -> NDArray[np.bool_]:
@@ -378,13 +400,19 @@ def _within_px(
 
     Where light comes into view or leaves it there is no end.
     """
+    first, last = _ends_of_light(leg, state, tips, setting)
+    within: Floats = np.minimum(print_.fraction - first, last - print_.fraction)
+    return within * print_.px_per_leg
+
+
+def _ends_of_light(leg: int, state: PathState, tips: Tips, setting: Setting) -> tuple[float, float]:
+    """Fractions of a leg between which it gives light; infinite where that is cut by no end."""
     first, last = _tips_on_leg(leg, state, tips, setting)
     if first is None:
         first = 0.0 if leg > 0 else -np.inf
     if last is None:
         last = np.inf if leg in state.last_legs else 1.0
-    within: Floats = np.minimum(print_.fraction - first, last - print_.fraction)
-    return within * print_.px_per_leg
+    return first, last
 
 
 def print_at(pixel: Floats, leg: int, state: PathState, setting: Setting) -> Footprint:

@@ -17,7 +17,12 @@ from scipy.sparse.csgraph import connected_components
 from lightflight import flags
 from lightflight.errors import NothingFoundError
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.membership import on_leg, prints_of_leg
+from lightflight.reconstruct.fit.membership import (
+    mean_of_cut_light_ps,
+    on_leg,
+    prints_of_leg,
+    tips_in_view,
+)
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.legs.find import ImageLeg, image_leg, is_flash, legs_in_turn
 from lightflight.reconstruct.model.geometry import Indices
@@ -175,11 +180,17 @@ def unclaimed_by_path(sighting: Sighting, fit: JointFit, setting: Setting) -> In
         camera = fit.solution.cameras[sighting.view]
         seen = replace(seen, camera=replace(seen.camera, clock_offset_ps=camera.clock_offset_ps))
     gap = np.full((len(pulses), state.n_legs), np.nan)
+    spot, tips = (
+        fit.pictures[number].spot_std_px,
+        tips_in_view(fit.tips, state, setting, sighting.view),
+    )
     for k in state.seen:
         print_ = prints_of_leg(sighting, state, seen, pulses, k)
         near = np.abs(print_.lateral_px) < reach
         near &= on_leg(print_, k, state, margin_px=_MARGIN_PX)
-        gap[near, k] = (sighting.arrival_ps[pulses] - print_.arrival_ps)[near]
+        late = sighting.arrival_ps[pulses] - print_.arrival_ps
+        cut = late - mean_of_cut_light_ps(print_, k, spot, state, tips, seen)
+        gap[near, k] = np.where(np.abs(cut) < np.abs(late), cut, late)[near]
     # Pulses that the fit used are its own, whatever the gates say.
     used = fit.times.weight > 0
     if setting.others:
