@@ -31,7 +31,8 @@ class TestOnePixel:
             open_share,
             other,
             period,
-            *shape,
+            shape[0],
+            shape[1],
             np.ascontiguousarray(log_photons),
             np.ascontiguousarray(delay),
             np.ascontiguousarray(np.exp(log_std)),
@@ -210,7 +211,7 @@ class TestOnePixel:
             score, information = np.zeros((1, 7)), np.zeros((1, 7, 7))
             value = plain(
                 counts[np.newaxis].astype(float), lower[np.newaxis], upper[np.newaxis], ALL_OPEN,
-                NO_OTHER, PERIOD, *shape,
+                NO_OTHER, PERIOD, shape[0], shape[1],
                 variables[np.newaxis, 0:-1:3], variables[np.newaxis, 1:-1:3],
                 np.exp(variables[np.newaxis, 2:-1:3]), variables[-1:], np.array([True]), False,
                 score, information,
