@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.interpolate import make_interp_spline
 from scipy.stats import expon, exponnorm, norm
 
 from lightflight.reconstruct.fit.membership import mean_of_cut_light_ps, shift_by_ends_ps
@@ -12,7 +13,7 @@ from lightflight.reconstruct.model.cells import Cells
 from lightflight.reconstruct.model.counted import Pulses, lit_pixels
 from lightflight.reconstruct.model.pulse_shape import GAUSSIAN, Shape
 from lightflight.reconstruct.model.state import PathState
-from lightflight.reconstruct.other_light.drawn_out import kurtosis_of_flight
+from lightflight.reconstruct.other_light.drawn_out import kurtosis_of_flight, variance_of_light
 
 WINDOW = np.linspace(-600.0, 600.0, 61)
 
@@ -36,6 +37,27 @@ def test_the_skewed_pulse_is_that_of_light_that_runs_unevenly():
     z = (WINDOW - mean) / std
     told = GAUSSIAN.come(z) + GAUSSIAN.unevenly(z, np.array(skewness), np.array(0.0))[0]
     assert abs(told - come).max() < 0.1 * abs(GAUSSIAN.come(z) - come).max()
+
+
+def test_uneven_light_fills_less_of_a_spot_where_it_is_brightest():
+    """Against the variance of places in a Gaussian spot, weighed by light in waves, summed up."""
+    spot, wave = 0.7, 2.0 * np.pi / 5.0
+    places = np.linspace(-8.0 * spot, 8.0 * spot, 4001)
+    at = np.linspace(2.0, 18.0, 129)
+    weight = norm.pdf(places, scale=spot) * np.exp(
+        0.8 * np.sin(wave * (at[:, np.newaxis] + places))
+    )
+    seen = np.log(weight.sum(axis=1))
+    mean = (weight @ places) / weight.sum(axis=1)
+    variance = (weight @ places**2) / weight.sum(axis=1) - mean**2
+    light = SimpleNamespace(
+        spline=make_interp_spline(at, seen, k=3),
+        spot_std_at=lambda along: np.full(len(along), spot),
+    )
+    told, doubt = variance_of_light(light, at[4:-4])
+    assert_allclose(told, variance[4:-4] / spot**2, atol=0.02)
+    assert np.ptp(told) > 0.4
+    assert (doubt > 0.2).all()
 
 
 def test_the_flat_pulse_is_that_of_light_through_an_active_area():

@@ -30,6 +30,8 @@ _LEAST_TOP = 0.1
 """Half a variance that tables reach to, at least: flight may be more than was expected."""
 _MORE = 1.6
 """... and so many times the largest that is expected."""
+_LEAST_VARIANCE = 0.1
+"""Of a pulse, in that without flight: what counts say of flight may be less than none."""
 _MOST_DRAWN_OUT = 8.0
 """Pulses wider than so many times their own width are stretched beyond that."""
 _COME, _DENSITY, _FIRST, _SECOND, _THIRD, _FOURTH = range(6)
@@ -189,7 +191,10 @@ class Shape:
 
     def drawn_out_ps(self, std_ps: Floats) -> Floats:
         """Standard deviation of pulses (n, s) with what flight adds, ps."""
-        return std_ps if self.flight is None else std_ps * np.sqrt(1.0 + 2.0 * self.flight)
+        if self.flight is None:
+            return std_ps
+        wider: Floats = std_ps * np.sqrt(np.maximum(1.0 + 2.0 * self.flight, _LEAST_VARIANCE))
+        return wider
 
     @cached_property
     def _tables(self) -> _Tables:
