@@ -48,6 +48,9 @@ _MOST_CLIMB_STEPS = 40
 _LEVEL = 0.03
 """A step that changes the log-likelihood by less ends a climb: a quarter of an error at most. Each
 pixel's own unknowns follow to first order, so that values sway by 1e-3 at the top."""
+_MOST_DELAY_STDS = 0.5
+"""Of a pulse: beyond, its counts no longer follow its delay linearly, and one pixel whose light
+comes at another time than it should sends a climb down however short its step."""
 GAUGE = 1e-13
 """Share of the largest scaled information below which a direction is a gauge, fixed by nothing."""
 _BEND_PRIOR = 0.3
@@ -115,12 +118,13 @@ class ViewPoint:
         """The same after a step of this view's parameters, pixels' own following it."""
         # Each pixel's own unknowns were eliminated: they go to their best values for the step.
         follow = found.nuisance_step + found.nuisance_gain @ step
+        farthest = _MOST_DELAY_STDS * float(np.exp(self.light.log_std_ps))
         return ViewPoint(
             moved_light(self.light, step, layout),
             self.modes + step[layout.unit_priors][: layout.n_modes],
             # Logarithms: a linear step of more than this is no longer to be trusted.
             self.log_background + np.clip(follow[:, 0], -1.5, 1.5),
-            self.delay_shift_ps + follow[:, 1],
+            self.delay_shift_ps + np.clip(follow[:, 1], -farthest, farthest),
             self.departure + np.clip(follow[:, 2:], -1.0, 1.0),
         )
 

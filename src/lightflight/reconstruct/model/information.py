@@ -185,12 +185,11 @@ def ascend(
                 continue
         if ended:
             return point, slope, True
-        if higher and length2 < _TINY**2:
+        damping = max(damping / 10.0, _LEAST_DAMPING) if higher else damping * 10.0
+        # No step leads higher where what follows the step sways by more than it gains: at the top.
+        if (higher and length2 < _TINY**2) or damping > _MOST_DAMPING:
             left = damped_step(information, score, _FIRST_DAMPING + gauge)
             return point, slope, bool(left @ information @ left < _LEFT**2 * len(left))
-        damping = max(damping / 10.0, _LEAST_DAMPING) if higher else damping * 10.0
-        if damping > _MOST_DAMPING:
-            break
     return point, slope, False
 
 
