@@ -13,7 +13,7 @@ from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
-@pytest.mark.parametrize("seed", [2289, 2290])
+@pytest.mark.parametrize("seed", [2289, pytest.param(2290, marks=pytest.mark.long)])
 def test_second_pulses_that_nearly_touch_are_told(seed):
     """Delay within 5 stated errors: a false alarm once in a million recordings."""
     echo = DEFECTS["pulse_echo_300ps"]

@@ -50,7 +50,7 @@ def mean_square(path: lf.LightPath, world: World) -> float:
         ("joint", 505, 1),
         # The one that was refused.
         ("joint", 503, 3),
-        ("photon", 503, 3),
+        pytest.param("photon", 503, 3, marks=pytest.mark.long),
         ("photon", 505, 1),
     ],
 )

@@ -62,7 +62,7 @@ class TestBright:
 
 
 class TestDim:
-    @pytest.mark.parametrize("photons", [100.0, 30.0])
+    @pytest.mark.parametrize("photons", [pytest.param(100.0, marks=pytest.mark.long), 30.0])
     @pytest.mark.usefixtures("unexamined")
     def test_few_photons_in_the_brightest_pixel(self, photons):
         """Mean square pull of four recordings' angles: 1 within 0.71; five of these is 4.5."""
