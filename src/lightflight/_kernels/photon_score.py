@@ -147,9 +147,11 @@ def photon_score(
     n, n_codes = counts.shape
     n_legs = delays.shape[1]
     n_local = 3 * n_legs + 1
-    from_std, to_std = -_REACH, _REACH
+    from_std, to_std, widest = -_REACH, _REACH, 1.0
     if shape.shape[0] > 0:
         from_std, to_std = shape[0, 0, 0], shape[0, 0, shape.shape[2] - 1]
+        # Tables reach as far as the flight that they hold.
+        widest = math.sqrt(1.0 + 2.0 * spread[shape.shape[0]])
     gradient = np.zeros(n_local)
     total = 0.0
     for p in range(n):
@@ -178,10 +180,8 @@ def photon_score(
                 if math.isnan(delays[p, q]):
                     continue
                 offset = middle - delays[p, q]
-                # Tables reach as far as the flight that they hold.
                 std = stds[p, q]
                 if shape.shape[0] > 0:
-                    widest = math.sqrt(1.0 + 2.0 * spread[shape.shape[0]])
                     std /= max(1.0, min(std / spread[0], widest))
                 if period > 0.0:  # about the middle of the pulse's window
                     centre = 0.5 * (from_std + to_std) * std

@@ -107,9 +107,8 @@ def _legs_of_fit(
 ) -> tuple[ImageLeg, ...]:
     """The legs of a path by its pulses in the first recording of each camera."""
     legs = []
-    for number, one in enumerate(sightings):
-        if any(other.view == one.view for other in sightings[:number]):
-            continue
+    for one in first_of_each_view(sightings):
+        number = next(k for k, seen in enumerate(fit.sightings) if seen.view == one.view)
         used = (fit.times.weight > 0) & (fit.sighting_of == number)
         for k in fit.solution.state.seen:
             members = fit.times.index[used & (fit.times.leg == k)].astype(np.intp)
