@@ -43,7 +43,11 @@ def world_with_arm(places):
 
 @pytest.mark.parametrize(
     ("places", "method"),
-    [pytest.param(SHORT, "joint", marks=pytest.mark.long), (LONG, "joint"), (LONG, "photon")],
+    [
+        pytest.param(SHORT, "joint", marks=pytest.mark.long),
+        (LONG, "joint"),
+        pytest.param(LONG, "photon", marks=pytest.mark.long),
+    ],
 )
 def test_arms_that_meet_a_mirror_were_lost(places, method):
     """Splitter and mirror at their stated errors: chance below 1e-4 for six numbers."""

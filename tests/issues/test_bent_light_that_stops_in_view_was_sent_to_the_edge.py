@@ -17,7 +17,7 @@ from tests.oracles.bent import fibre_in_view
 from tests.oracles.refracted_border import histograms, what_the_user_tells
 
 
-@pytest.mark.parametrize("method", ["joint", "photon"])
+@pytest.mark.parametrize("method", ["joint", pytest.param("photon", marks=pytest.mark.long)])
 def test_bent_light_that_stops_in_view_was_sent_to_the_edge(method):
     """Its end at its stated errors: chance 1e-5."""
     scene = fibre_in_view("picture", index=1.00027, end_mm=260.0)

@@ -65,6 +65,7 @@ def test_a_corner_is_asked_about_where_the_path_without_loses_pulses():
     assert path.verdict.findings[0].name == "source"
 
 
+@pytest.mark.long
 def test_a_corner_is_asked_about_where_even_light_fits_no_path(asked, monkeypatch):
     """Two legs for one, trusted: the path as found had too few pixels of its first leg in even
     light, and was not asked about."""

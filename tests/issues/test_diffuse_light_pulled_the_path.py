@@ -16,7 +16,11 @@ from tests.oracles.worlds.random_worlds import random_world
 
 @pytest.mark.parametrize(
     ("defect", "strength", "method"),
-    [("haze_500ps", 1, "joint"), ("haze_150ps", 1, "photon"), ("veiling_glare", 1, "joint")],
+    [
+        ("haze_500ps", 1, "joint"),
+        ("haze_150ps", 1, "photon"),
+        pytest.param("veiling_glare", 1, "joint", marks=pytest.mark.long),
+    ],
 )
 def test_one_leg_in_other_light_is_right_within_its_errors(defect, strength, method):
     """40,000 photons, source and emission known; false alarm 1e-4."""

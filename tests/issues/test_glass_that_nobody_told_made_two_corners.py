@@ -19,6 +19,7 @@ from lightflight.simulate.presets import ideal, paper_scene
 from tests.path_fakes import make_path
 
 
+@pytest.mark.long
 def test_a_leg_that_may_be_none_is_never_trusted():
     vertices_mm = np.array(
         [(0.0, 10.66, -38.3), (375.0, 31.08, 70.28), (0.0, 58.98, 14.35), (375.0, 76.07, 33.89)]

@@ -37,7 +37,7 @@ def reconstructed(world: World, seed: int, method: str = "joint") -> lf.LightPat
     ("seed", "method", "reach"),
     [
         (1251, "joint", "3px"),
-        (1288, "photon", "8px"),
+        pytest.param(1288, "photon", "8px", marks=pytest.mark.long),
         pytest.param(1251, "joint", "8px", marks=pytest.mark.long),
         pytest.param(1288, "photon", "3px", marks=pytest.mark.long),
     ],

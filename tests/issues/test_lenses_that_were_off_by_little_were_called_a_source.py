@@ -55,7 +55,7 @@ def test_the_lens_is_named(name):
     [
         ("decentering", {"decentring_px": 0.3}),
         pytest.param("aspect", {"aspect": 0.01}, marks=pytest.mark.long),
-        ("axis", {"axis_px": 0.5}),
+        pytest.param("axis", {"axis_px": 0.5}, marks=pytest.mark.long),
     ],
 )
 def test_it_can_be_fitted(free, lens):

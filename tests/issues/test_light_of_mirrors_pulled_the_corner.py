@@ -20,7 +20,9 @@ CHANCE = 1e-5
     ("path", "beam", "seed"),
     [
         ("sharp", ThickBeam(0.7, photons=10_000.0, glint=10.0), 0),
-        ("grazing", ThickBeam(0.7, photons=10_000.0, glint=100.0), 0),
+        pytest.param(
+            "grazing", ThickBeam(0.7, photons=10_000.0, glint=100.0), 0, marks=pytest.mark.long
+        ),
     ],
     ids=["bright", "brighter"],
 )

@@ -23,7 +23,9 @@ def reconstructed(seed, n_legs, spot_px):
     return lf.reconstruct(record(world, seed), **what_the_user_tells(world))
 
 
-@pytest.mark.parametrize(("seed", "n_legs"), [(603, 1), (605, 3)])
+@pytest.mark.parametrize(
+    ("seed", "n_legs"), [(603, 1), pytest.param(605, 3, marks=pytest.mark.long)]
+)
 def test_counts_are_tested_and_trusted(seed, n_legs):
     path = reconstructed(seed, n_legs, 1.3)
     assert path.verdict.level == "trust"

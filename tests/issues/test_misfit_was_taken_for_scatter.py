@@ -13,7 +13,7 @@ from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
-@pytest.fixture(scope="module", params=["joint", "photon"])
+@pytest.fixture(scope="module", params=["joint", pytest.param("photon", marks=pytest.mark.long)])
 def misfitting_path(request):
     """Three legs, 40,000 photons, lines bent by a pixel at the corner."""
     barrel = DEFECTS["barrel"]

@@ -12,7 +12,7 @@ from tests.oracles.worlds.random_worlds import random_world
 @pytest.mark.usefixtures("as_found")
 @pytest.mark.parametrize(
     ("defect", "strength", "seed", "n_legs"),
-    [("stale_delays", 0, 0, 3), ("stale_gains", 1, 300, 1)],
+    [("stale_delays", 0, 0, 3), pytest.param("stale_gains", 1, 300, 1, marks=pytest.mark.long)],
 )
 def test_the_calibration_is_named(defect, strength, seed, n_legs):
     """Delays off by 5 ps rms, gains a twentieth of another camera's. Of one leg the source was

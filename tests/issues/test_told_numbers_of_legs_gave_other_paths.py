@@ -51,12 +51,12 @@ def scene_of(seed):
     "seed",
     [
         0,  # refused when told
-        9,  # another number than told, or another path
+        pytest.param(9, marks=pytest.mark.long),  # another number than told, or another path
         pytest.param(3, marks=pytest.mark.long),  # of 96 x 96 pixels
         10,  # a first leg of 7 pixels, whose light the second one took
         # A first leg of 4 pixels, found as one with the second.
         pytest.param(44, marks=pytest.mark.long),
-        53,  # one leg found as two that lie in line
+        pytest.param(53, marks=pytest.mark.long),  # one leg found as two that lie in line
         # A line off its pixels, bright by exp(400): "arange: cannot compute length".
         pytest.param(212, marks=pytest.mark.long),
     ],

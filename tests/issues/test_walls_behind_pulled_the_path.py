@@ -43,7 +43,8 @@ def found(world, seed, method):
 
 
 @pytest.mark.parametrize(
-    ("behind_mm", "method"), [(15.0, "joint"), (15.0, "photon"), (60.0, "photon")]
+    ("behind_mm", "method"),
+    [(15.0, "joint"), pytest.param(15.0, "photon", marks=pytest.mark.long), (60.0, "photon")],
 )
 def test_one_leg_before_a_wall_is_right_within_its_errors(behind_mm, method):
     """One recording, two numbers: their rms pull passes 3.1 by chance once in 15,000."""

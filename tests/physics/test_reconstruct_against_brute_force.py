@@ -102,10 +102,10 @@ def scene_named(name: str, *, uneven: bool = False, reverse: bool = False) -> Br
         ("paper", False, False, 0.006),
         # Since spots may grow: 0.022 mm by `joint` with 1e6 photons, a sixth of the stated errors.
         ("paper", True, True, 0.03),
-        ("oblique", False, True, 0.1),
+        pytest.param("oblique", False, True, 0.1, marks=pytest.mark.long),
         ("oblique", True, False, 0.1),
         ("fibre from behind", False, False, 0.02),
-        ("fibre from behind", True, True, 0.05),
+        pytest.param("fibre from behind", True, True, 0.05, marks=pytest.mark.long),
     ],
 )
 @pytest.mark.parametrize(

@@ -136,7 +136,7 @@ def test_straight_legs_about_mirrors_beside_the_picture_have_no_gap():
 @pytest.mark.parametrize(
     "told",
     [
-        {"medium": lf.Medium(1.012, 1.012)},
+        pytest.param({"medium": lf.Medium(1.012, 1.012)}, marks=pytest.mark.long),
         {"source": lf.Source((4.0, 3.0, 5.0), emission_time_ps=2000.0)},
         {"source": lf.Source((0.0, 0.0, 0.0), emission_time_ps=2015.0)},
     ],

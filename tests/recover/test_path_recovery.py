@@ -196,6 +196,7 @@ class TestPullsOnTheOracle:
         # 8.8 % of chance, twice, about 1; the seeds are fixed.
         assert 0.82 < error / bound.angle_std_deg[0] < 1.18
 
+    @pytest.mark.long
     def test_shared_scale_error(self):
         """0.5 % of the clock's scale per sigma, drawn anew for every recording."""
         lab = one_leg()
