@@ -35,7 +35,10 @@ def test_the_skewed_pulse_is_that_of_light_that_runs_unevenly():
     std = np.sqrt(own**2 + (slope * spot) ** 2 + 0.5 * (bend * spot**2) ** 2)
     skewness = (3.0 * slope**2 * bend * spot**4 + bend**3 * spot**6) / std**3
     z = (WINDOW - mean) / std
-    told = GAUSSIAN.come(z) + GAUSSIAN.unevenly(z, np.array(skewness), np.array(0.0))[0]
+    told = (
+        GAUSSIAN.come(z)
+        + GAUSSIAN.unevenly(z, GAUSSIAN.at(z)[1], np.array(skewness), np.array(0.0))[0]
+    )
     assert abs(told - come).max() < 0.1 * abs(GAUSSIAN.come(z) - come).max()
 
 
@@ -70,7 +73,10 @@ def test_the_flat_pulse_is_that_of_light_through_an_active_area():
         norm.cdf((WINDOW[:, np.newaxis] - slope * places) / np.hypot(own, mean_of_spot)), axis=1
     )
     z, kurtosis = WINDOW / std, -((slope / std) ** 4) / 120.0
-    told = GAUSSIAN.come(z) + GAUSSIAN.unevenly(z, np.array(0.0), np.array(kurtosis))[0]
+    told = (
+        GAUSSIAN.come(z)
+        + GAUSSIAN.unevenly(z, GAUSSIAN.at(z)[1], np.array(0.0), np.array(kurtosis))[0]
+    )
     assert abs(told - come).max() < 0.2 * abs(GAUSSIAN.come(z) - come).max()
 
 
@@ -91,11 +97,12 @@ def test_edges_of_active_areas_make_pulses_flat():
 def test_slopes_of_the_uneven_part_are_those_of_differences(shape):
     place = np.linspace(-8.0, 8.0, 1601)
     table = Shape(np.stack((place, norm.cdf(place), norm.pdf(place))))
-    one, nothing = np.array(1.0), np.array(0.0)
-    for skewness, kurtosis in ((one, nothing), (nothing, one)):
-        told = (GAUSSIAN if shape == "Gaussian" else table).unevenly(place, skewness, kurtosis)
+    asked = GAUSSIAN if shape == "Gaussian" else table
+    for cumulants in ((np.array(1.0), np.array(0.0)), (np.array(0.0), np.array(1.0))):
+        told = asked.unevenly(place, asked.at(place)[1], *cumulants)
         assert_allclose(np.gradient(told[0], place), told[1], atol=1e-3)
-        assert_allclose(told, GAUSSIAN.unevenly(place, skewness, kurtosis), atol=1e-3)
+        plain = GAUSSIAN.unevenly(place, GAUSSIAN.at(place)[1], *cumulants)
+        assert_allclose(told, plain, atol=1e-3)
 
 
 # A pulse with a tail: half of its light waits, for six of the width of its core.

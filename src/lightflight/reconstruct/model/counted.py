@@ -455,7 +455,7 @@ def _pulse(
     prompt, density = shape.at(z)
     if uneven is not None:
         # What waits keep back is of the second order in this.
-        more = shape.unevenly(z, *uneven)
+        more = shape.unevenly(z, density, *uneven)
         prompt, density = prompt + more[0], density + more[1]
     wider = shape.widening(z) if changes else np.zeros_like(z)
     # Most of the work is of waits, and every search begins with shares of nothing.
