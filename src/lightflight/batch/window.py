@@ -163,3 +163,9 @@ class TimingWindow:
     ) -> tuple[Floats, Floats, tuple[str, ...]]:
         """See `TimingCalibration.arrival_errors_ps`."""
         return self.timing.arrival_errors_ps(np.asarray(rows) + self.rows[0], cols, delay_ps)
+
+    def shared_errors_ps(
+        self, rows: ArrayLike, cols: ArrayLike, delay_ps: ArrayLike
+    ) -> tuple[Floats, tuple[str, ...]]:
+        """See `TimingCalibration.shared_errors_ps`."""
+        return self.timing.shared_errors_ps(np.asarray(rows) + self.rows[0], cols, delay_ps)

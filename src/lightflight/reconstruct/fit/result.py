@@ -316,7 +316,7 @@ def _clock_std_ps(fit: JointFit, number: int, delay_ps: float) -> float:
     rows, cols = (each[own].astype(np.int64) for each in (fit.times.row, fit.times.col))
     first = fit.times.arrival_ps[own] + sighting.timing.skew_ps[rows, cols]
     columns = [
-        sighting.timing.arrival_errors_ps(rows, cols, when)[1] for when in (first, first + delay_ps)
+        sighting.timing.shared_errors_ps(rows, cols, when)[0] for when in (first, first + delay_ps)
     ]
     return float(np.linalg.norm(np.median(columns[1] - columns[0], axis=0)))
 

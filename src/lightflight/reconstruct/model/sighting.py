@@ -74,7 +74,7 @@ class Sighting:
         # Errors are told by what was counted: of 200 ps they are themselves off by 3.
         for _ in range(2):
             delay = counted + self.timing.skew_ps[rows, cols]
-            columns = self.timing.arrival_errors_ps(rows, cols, delay)[1]
+            columns = self.timing.shared_errors_ps(rows, cols, delay)[0]
             counted = arrival_ps + columns @ self.found[: columns.shape[1]]
         return counted
 

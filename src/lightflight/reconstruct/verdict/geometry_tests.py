@@ -201,7 +201,7 @@ def _with_clock_of_model(fit: JointFit, solution: Solution) -> Floats:
         rows, cols = (each[here].astype(np.int64) for each in (fit.times.row, fit.times.col))
         expected = fit.times.arrival_ps[here] - solution.residual_ps[here]
         delay = expected + sighting.timing.skew_ps[rows, cols]
-        of_clock = sighting.timing.arrival_errors_ps(rows, cols, delay)[1]
+        of_clock = sighting.timing.shared_errors_ps(rows, cols, delay)[0]
         at = first + own[sighting.view].start + np.arange(of_clock.shape[1])
         columns[here[:, np.newaxis], at] = sqrt_weight[here, np.newaxis] * of_clock
     return columns

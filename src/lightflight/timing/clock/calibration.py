@@ -389,12 +389,45 @@ class TimingCalibration(Drawn, Labelled):
         rows, cols = self._checked_pixels(rows, cols)
         delay = self._folded(np.asarray(delay_ps, dtype=np.float64))
         anchor = self._folded(self.anchor_delay_ps[rows, cols])
-        # Without a flat nothing is anchored: errors grow with the delay after the sync.
-        distance = delay - np.where(np.isfinite(anchor), anchor, self._folded(np.zeros(1)))
+        distance = self._from_anchor_ps(rows, cols, delay)
         gain = self.gain[rows, cols]
         gain_error = self.gain_std[rows, cols] / np.where(gain > 0.0, gain, np.nan)
         variance = self.skew_std_ps[rows, cols] ** 2 + (gain_error * distance) ** 2
         variance = variance + self._width_variance(rows, cols, delay, anchor)
+        return np.sqrt(variance), *self._shared_errors_ps(rows, cols, delay, distance)
+
+    def shared_errors_ps(
+        self, rows: ArrayLike, cols: ArrayLike, delay_ps: ArrayLike
+    ) -> tuple[Floats, tuple[str, ...]]:
+        """The last two of `arrival_errors_ps`, alone: what all pixels share is soon told.
+
+        Parameters
+        ----------
+        rows, cols : array-like, shape (n,)
+            Pixel indices.
+        delay_ps : array-like, shape (n,)
+            As there.
+
+        Returns
+        -------
+        shared_modes_ps : array of float, shape (n, k)
+            ps, one column per shared error, one sigma each.
+        names : tuple of str, (k)
+            Name of each column.
+        """
+        rows, cols = self._checked_pixels(rows, cols)
+        delay = self._folded(np.asarray(delay_ps, dtype=np.float64))
+        return self._shared_errors_ps(rows, cols, delay, self._from_anchor_ps(rows, cols, delay))
+
+    def _from_anchor_ps(self, rows: Pixels, cols: Pixels, folded_ps: Floats) -> Floats:
+        """(n,), how far delays are from the flat's."""
+        anchor = self._folded(self.anchor_delay_ps[rows, cols])
+        # Without a flat nothing is anchored: errors grow with the delay after the sync.
+        return folded_ps - np.where(np.isfinite(anchor), anchor, self._folded(np.zeros(1)))
+
+    def _shared_errors_ps(
+        self, rows: Pixels, cols: Pixels, delay: Floats, distance: Floats
+    ) -> tuple[Floats, tuple[str, ...]]:
         modes = [self.flat_modes_ps[rows, cols]]
         names = list(self.flat_mode_names)
         if self.scale_std > 0:
@@ -405,7 +438,7 @@ class TimingCalibration(Drawn, Labelled):
             counted = self._folded_start() + (self.laser_period_ps or 0.0) * self.reversed_codes
             modes.append((self.code_length_std * np.abs(delay - counted))[:, None])
             names.append("code length")
-        return np.sqrt(variance), np.concatenate(modes, axis=1), tuple(names)
+        return np.concatenate(modes, axis=1), tuple(names)
 
     @classmethod
     def nominal(cls, hist: Histograms, *, assumed_skew_std_ps: float = 0.0) -> TimingCalibration:

@@ -72,6 +72,11 @@ class CodeClock(Protocol):
     ) -> tuple[Floats, Floats, tuple[str, ...]]:
         """Errors left on arrival times: per pixel (n,), shared modes (n, k), ps; their names."""
 
+    def shared_errors_ps(
+        self, rows: ArrayLike, cols: ArrayLike, delay_ps: ArrayLike
+    ) -> tuple[Floats, tuple[str, ...]]:
+        """The shared modes and their names, alone."""
+
 
 def mismatch(name: str, ours: object, theirs: object) -> str:
     """The sentence of a CalibrationError where a clock is not that of a recording."""
