@@ -71,11 +71,16 @@ def with_arms(
         One that forks, with as many legs as were told.
     """
     longer: JointFit | None = None
-    for _ in range(_MOST_ARMS):
+    misfits = [_misfit(fit, sightings)]
+    for more in reversed(range(_MOST_ARMS)):
         best = _best_arm(fit, sightings, setting)
         if best is None:
             break
         longer = fit = best
+        misfits.append(_misfit(fit, sightings))
+        # The brightest arm comes first: where as many as that still leave most, it is none.
+        if misfits[-1] - more * (misfits[-2] - misfits[-1]) > _MOST_LEFT * misfits[0]:
+            return None
         if longer.solution.state.n_legs == n_legs:
             break
     right = longer is not None and longer.solution.state.has_legs(n_legs)
@@ -98,10 +103,12 @@ def take_up_most(forked: JointFit, fit: JointFit, sightings: list[Sighting]) -> 
     -------
     bool
     """
-    # Every pulse is worth one by chance: what is beyond is misfit.
-    n = sum(len(one.usable_pulses) for one in sightings)
-    left, without = (cost_of_pulses(one, sightings) - n for one in (forked, fit))
-    return left < _MOST_LEFT * without
+    return _misfit(forked, sightings) < _MOST_LEFT * _misfit(fit, sightings)
+
+
+def _misfit(fit: JointFit, sightings: list[Sighting]) -> float:
+    """What pulses are off a path by beyond chance, which is one for each."""
+    return cost_of_pulses(fit, sightings) - sum(len(one.usable_pulses) for one in sightings)
 
 
 def verdict_with_arm(
