@@ -24,7 +24,14 @@ from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
-@pytest.mark.parametrize("seed", [5259, pytest.param(5271, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(5259, marks=pytest.mark.long),
+        pytest.param(5271, marks=pytest.mark.long),
+        5266,  # contradicted, with the halo as it was told
+    ],
+)
 def test_halos_and_lines_held_each_other_where_they_were(seed):
     world = DEFECTS["prompt_halo_3px"].applied(random_world(seed, 1), 0.2)
     with warnings.catch_warnings():

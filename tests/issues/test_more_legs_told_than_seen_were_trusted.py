@@ -1,12 +1,13 @@
 """Four legs told where the recording shows three: one was cut in two, and all was "trust"."""
 
+import importlib
 import warnings
 
 import pytest
 
 import lightflight as lf
 from lightflight.path.verdict import FindingName, Level
-from tests.labs import three_legs
+from tests.labs import one_leg, three_legs
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +30,26 @@ def test_the_number_is_doubted(recorded):
     assert path.verdict.level is not Level.TRUST
     (finding,) = [one for one in path.verdict.findings if one.name is FindingName.LEG_COUNT]
     assert "4 legs were told and the recording shows 3" in finding.sentence
+
+
+def test_how_many_are_seen_is_kept_where_diffuse_light_moves_the_path(monkeypatch):
+    """Legs are then fitted from anew, by a fit that knows nothing of what was told."""
+    diffuse, examine = (
+        importlib.import_module(f"lightflight.reconstruct.{name}")
+        for name in ("other_light.diffuse", "verdict.examine")
+    )
+    far, seen, usual = iter([100.0]), [], examine.noticed
+    monkeypatch.setattr(diffuse, "moved_stds", lambda *_: next(far, 0.0))
+
+    def noticed(*given, n_shown, **told):
+        seen.append(n_shown)
+        return usual(*given, n_shown=n_shown, **told)
+
+    monkeypatch.setattr(examine, "noticed", noticed)
+    lab = one_leg()
+    reconstructed((lab, lab.recording(4, 4000.0)), 2)
+    assert next(far, None) is None
+    assert seen == [1]
 
 
 def test_the_true_number_is_not(recorded):
