@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from scipy.stats import chi2
 import lightflight as lf
 from benchmarks.splitters import arms_of, bound_of, numbers_of, path_of
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
+from lightflight.reconstruct.fit import short_pieces
 from lightflight.reconstruct.verdict import arms
 from lightflight.reconstruct.ways import joint
 from tests.oracles.refracted import AIR
@@ -67,6 +69,8 @@ def test_an_arm_that_one_of_two_cameras_shows_is_found(seed, arm_first, monkeypa
     that goes on by five stated errors. By pulses alone; chi-square of seven numbers, tail cut at
     1e-5."""
     monkeypatch.setattr(joint, "_why_all_counts", lambda fit, setting: "")
+    lines_anew = Mock(wraps=short_pieces.fit_joint)
+    monkeypatch.setattr(short_pieces, "fit_joint", lines_anew)
     made = seen_apart(seed, arm_first=arm_first)
     clock = made[0][0].base.clock
     hists = [
@@ -88,6 +92,7 @@ def test_an_arm_that_one_of_two_cameras_shows_is_found(seed, arm_first, monkeypa
     assert found is not None
     off, covariance = numbers_of(path.vertices_mm, path.covariance, found, world.vertices_mm)
     assert off @ np.linalg.solve(covariance, off) < chi2.ppf(1 - 1e-5, 7)
+    assert lines_anew.called
 
 
 def test_light_that_goes_straight_on_is_an_arm():
