@@ -222,16 +222,6 @@ def slopes_of_rest(
     return by_rest @ cho_solve((factor, True), log_rest), columns
 
 
-def slopes_of_patches(
-    rest: Rest, factor: Floats, log_rest: Floats, seen_px: Floats, asked_px: Floats
-) -> Floats:
-    """(n, k), what of the slopes at places each patch makes, per px; as `slopes_of_rest`."""
-    weights = cho_solve((factor, True), log_rest)
-    own = [replace(rest, std=0.0, patches=(patch,)) for patch in rest.patches]
-    slopes: Floats = np.array([one.of_slope(asked_px, seen_px) @ weights for one in own]).T
-    return slopes
-
-
 def _where_most_is_left(told: _Told, tried: Floats, places_px: Floats) -> float:
     """The place about which photons depart most from what is expected of them."""
     back = solve_triangular(told.factor, told.scaled, lower=True, trans="T", check_finite=False)

@@ -20,7 +20,6 @@ from scipy.interpolate import BSpline
 
 from lightflight.reconstruct.fit.rest_of_light import (
     rest_of_light,
-    slopes_of_patches,
     slopes_of_rest,
 )
 from lightflight.reconstruct.model.geometry import Footprint, Indices, footprints
@@ -167,9 +166,6 @@ def _of_leg(
             mean, more = slopes_of_rest(*found, rest, seen, along)
             late, errors = per_slope * mean, np.hstack((errors, more))
             if found[0].patches:
-                # Whether it is this leg's light that changes there, or another's beside it, nobody
-                # knows: that is an error as large as what it does.
-                errors = np.hstack((errors, slopes_of_patches(*found, rest, seen, along)))
                 # A grain just outside is not seen, and leads the end of the spline astray.
                 ends = np.flatnonzero((along < low + _END_PX) | (along > high - _END_PX))
                 unknown = np.hypot(found[0].steepest_per_px, strength.log_slope(along[ends]))
