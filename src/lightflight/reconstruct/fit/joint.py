@@ -114,6 +114,24 @@ class JointFit:
     n_shown: int | None = None
 
 
+def pulses_of_legs(fit: JointFit) -> NDArray[np.intp]:
+    """How many pulses speak for each leg.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The joint fit.
+
+    Returns
+    -------
+    array of int, shape (k,)
+        Of each leg of the path that a picture may show.
+    """
+    held = fit.times.leg[fit.times.weight > 0]
+    state = fit.solution.state
+    return np.bincount(held, minlength=state.n_legs)[list(state.seen)]
+
+
 def pulse_std_ps(sightings: list[Sighting]) -> float:
     """Typical standard deviation of the usable pulses, ps.
 
@@ -186,7 +204,7 @@ def fit_joint(
         state, ends = with_ends(state, clock, seen, std)
         tips = known_tips(cut, ends.tips)
         pictures = pictures_of(state, clock, seen, std_ps=std)
-        parts = _pulses_of_legs(sightings, clock, state, seen, pictures, std, floor, members, tips)
+        parts = _pulses_on_legs(sightings, clock, state, seen, pictures, std, floor, members, tips)
         times = stacked(parts, mode_columns(sightings))
         lines = told_lines(pictures, sightings, setting, seen)
         freedom = freedom_at(state, setting, ends)
@@ -288,7 +306,7 @@ def _members_of_legs(
     return members
 
 
-def _pulses_of_legs(
+def _pulses_on_legs(
     sightings: list[Sighting],
     clock: list[Sighting],
     state: PathState,

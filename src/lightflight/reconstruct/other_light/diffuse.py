@@ -21,7 +21,13 @@ from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.fine import finely_lit, fitted_again, with_fine_light
-from lightflight.reconstruct.fit.joint import JointFit, fit_joint, moved_stds, pulse_std_in_view
+from lightflight.reconstruct.fit.joint import (
+    JointFit,
+    fit_joint,
+    moved_stds,
+    pulse_std_in_view,
+    pulses_of_legs,
+)
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.pulse_shape import shape_of
 from lightflight.reconstruct.model.second_path import SecondPath
@@ -118,9 +124,8 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
     """
     fit = with_fine_light(fit, setting)
     plain = list(fit.sightings)
-    of_legs = np.bincount(fit.times.leg[fit.times.weight > 0], minlength=fit.solution.state.n_legs)
     # About a leg that no pulse speaks for, the light of a path told wrong would be called diffuse.
-    if not of_legs[list(fit.solution.state.seen)].all():
+    if not pulses_of_legs(fit).all():
         return fit
     try:
         for _ in range(_MOST_PATHS):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.ends import freedom_at
-from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps, pulses_of_legs
 from lightflight.reconstruct.fit.least_squares import Solution, fit_path
 from lightflight.reconstruct.fit.start import state_from_legs
 from lightflight.reconstruct.fit.through_glass import pieces_of
@@ -439,6 +439,10 @@ def _split_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> J
         if isinstance(trial, NoFit):
             continue
         if trial.solution.state.turn_deg(int(k) + 1) < _LEAST_TURN_DEG:
+            continue
+        # A corner behind which no pulse is left explains nothing: they fell out, and the leg is
+        # anywhere.
+        if not pulses_of_legs(trial).all():
             continue
         after = trial.solution.chi2 + sum(f.bend_chi2 for p in trial.pictures for f in p.fits)
         # Pulses that fell out of the longer path count against it, one each.

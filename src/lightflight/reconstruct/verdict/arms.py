@@ -12,14 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from lightflight.path.verdict import FindingName, Level, Verdict
-from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.joint import JointFit, pulses_of_legs
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.trials.arms import fits_with_arm
 from lightflight.reconstruct.trials.outcome import NoFit
 from lightflight.reconstruct.trials.revise import refitted
 from lightflight.reconstruct.verdict.detours import FEW_PULSES, has_weak_leg
-from lightflight.reconstruct.verdict.hidden import pulses_of_legs
 from lightflight.reconstruct.verdict.lost import cost_of_pulses, price_of
 
 _PARAMETERS = 5

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lightflight.errors import NothingFoundError
 from lightflight.path.verdict import Finding, FindingName, Severity
-from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.joint import JointFit, pulses_of_legs
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.legs.find import ImageLeg
@@ -26,7 +26,6 @@ from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.trials.revise import fit_from_legs, refitted
 from lightflight.reconstruct.trials.unseen import fits_with_gaps
-from lightflight.reconstruct.verdict.hidden import pulses_of_legs
 from lightflight.reconstruct.verdict.lost import cost_of_pulses, explains_all, price_of
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 

@@ -18,7 +18,7 @@ import numpy as np
 from lightflight.path.light_path import LightPath
 from lightflight.path.tree import starts_of
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
-from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.joint import JointFit, pulses_of_legs
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
@@ -29,7 +29,6 @@ from lightflight.reconstruct.verdict.detours import FEW_PULSES
 from lightflight.reconstruct.verdict.evidence import MOST_NAMED, WITHIN, Evidence
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry, stated_solution
 from lightflight.reconstruct.verdict.glass import findings_of_slabs, legs_between_corners
-from lightflight.reconstruct.verdict.hidden import pulses_of_legs
 from lightflight.reconstruct.verdict.judge import best_of_each
 from lightflight.reconstruct.verdict.lost import cost_of_pulses, freed_one_by_one
 

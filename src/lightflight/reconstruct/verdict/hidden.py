@@ -8,12 +8,11 @@ flight without that leg is asked what else would explain it.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path.verdict import Finding, FindingName, Severity
 from lightflight.reconstruct.fit.fine import with_fine_light
-from lightflight.reconstruct.fit.joint import JointFit, fit_joint
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulses_of_legs
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
@@ -77,13 +76,6 @@ def findings_of_hidden(fit: JointFit, *, told: bool) -> tuple[Finding, ...]:
 def _number(fit: JointFit, seen: int) -> int:
     """How people count a leg: those that nobody saw too, from 1."""
     return fit.solution.state.seen[seen] + 1
-
-
-def pulses_of_legs(fit: JointFit) -> NDArray[np.intp]:
-    """(k,), how many pulses each leg of the path holds that a picture may show."""
-    held = fit.times.leg[fit.times.weight > 0]
-    state = fit.solution.state
-    return np.bincount(held, minlength=state.n_legs)[list(state.seen)]
 
 
 def _excess(fit: JointFit, evidence: tuple[Evidence, ...]) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lightflight.errors import NothingFoundError
 from lightflight.path.verdict import FindingName
-from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.fit.joint import JointFit, pulses_of_legs
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.fit.result import explained_by_fit
 from lightflight.reconstruct.legs.direction import legs_in_all_pictures
@@ -29,7 +29,6 @@ from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.trials.revise import fit_from_legs
 from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.reconstruct.verdict.geometry_tests import REMEDIES, counted_ps
-from lightflight.reconstruct.verdict.hidden import pulses_of_legs
 
 Floats = NDArray[np.float64]
 
