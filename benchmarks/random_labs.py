@@ -28,6 +28,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -248,6 +249,16 @@ def _drawn_brightness(
 
 def expected_counts(lab: Lab) -> Floats:
     """(rows, cols, codes)."""
+    return counts_of(lab, light_of(lab))
+
+
+def counts_of(lab: Lab, light: Floats) -> Floats:
+    """Light scaled to the photons of the laboratory, with its background."""
+    return light * lab.photons / light.sum(axis=2).max() + lab.background * lab.widths
+
+
+def light_of(lab: Lab) -> Floats:
+    """(rows, cols, codes), in units of its own."""
     optics, edges = lab.optics, lab.edges_ps
     counts = np.zeros((*optics.shape, lab.n_codes))
     efficiency = np.exp(
@@ -282,9 +293,7 @@ def expected_counts(lab: Lab) -> Floats:
             delay = edges[low : high + 1] - when - lab.delays_ps[np.ix_(*near)][..., np.newaxis]
             of_codes = np.diff(lab.come(delay), axis=2)
             counts[np.ix_(*near, np.arange(low, high))] += seen[..., np.newaxis] * of_codes
-    counts *= efficiency[..., np.newaxis]
-    counts *= lab.photons / counts.sum(axis=2).max()
-    return counts + lab.background * lab.widths
+    return counts * efficiency[..., np.newaxis]
 
 
 def _caught(optics: Optics, pixels: NDArray[np.int64], place: float) -> Floats:
@@ -295,7 +304,8 @@ def _caught(optics: Optics, pixels: NDArray[np.int64], place: float) -> Floats:
     return share
 
 
-def _histograms(lab: Lab, counts: NDArray[np.integer]) -> lf.Histograms:
+def histograms(lab: Lab, counts: NDArray[np.integer]) -> lf.Histograms:
+    """As the user describes them."""
     return lf.Histograms(
         counts.astype(np.uint32),
         bin_width_ps=lab.code_ps,
@@ -319,8 +329,8 @@ def calibration(lab: Lab) -> lf.TimingCalibration:
         # No code ends with the period: gains are nominal, as they are here.
         warnings.simplefilter("ignore", UncalibratedWarning)
         return lf.calibrate_timing(
-            _histograms(lab, density),
-            flat=_histograms(lab, rng.poisson(2e5 * flat + 0.01)),
+            histograms(lab, density),
+            flat=histograms(lab, rng.poisson(2e5 * flat + 0.01)),
             flat_arrival_ps=at,
             dead_codes="absorbed",
         )
@@ -347,14 +357,17 @@ def source_of(lab: Lab, noise: int) -> lf.Source:
 def path_of(lab: Lab, method: str = "joint", noise: int = 0) -> lf.LightPath:
     """The path of a recording of the laboratory."""
     drawn = np.random.default_rng([8, lab.seed, noise]).poisson(expected_counts(lab))
-    return lf.reconstruct(
-        _histograms(lab, drawn),
-        camera=camera_of(lab),
-        source=source_of(lab, noise),
-        medium=lf.Medium(),
-        timing=calibration(lab),
-        method=method,
-    )
+    return lf.reconstruct(histograms(lab, drawn), method=method, **told_of(lab, noise))
+
+
+def told_of(lab: Lab, noise: int = 0) -> dict[str, Any]:
+    """What the user tells."""
+    return {
+        "camera": camera_of(lab),
+        "source": source_of(lab, noise),
+        "medium": lf.Medium(),
+        "timing": calibration(lab),
+    }
 
 
 # ---- outcome ---------------------------------------------------------------------------------

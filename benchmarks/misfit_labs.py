@@ -1,0 +1,260 @@
+"""Random laboratories in which one thing is wrong that nobody tells.
+
+    python benchmarks/misfit_labs.py                        # all, three laboratories for each
+    python benchmarks/misfit_labs.py --only haze walk --labs 20 --first 900
+
+Laboratories are those of `random_labs.py` (2 to 60 mm a pixel, a forward model of its own). Wrong
+are, one at a time and in two strengths: haze (a share of the light 300 ps late and 5 px wide), a
+halo of 6 px (that of light outside of the picture does not reach it: a stop stands before the
+sensor), a wall that mirrors the flight, a second pulse, a trigger that drifts, times that walk with
+brightness, a shadow of 4 px, hot pixels, pile-up of first photons only, and what is told: the
+source's place (a share of its distance), its emission time, the clock's codes, focal length, pose,
+a distortion that is not there, the index, and a mirrored picture.
+
+Printed: every laboratory with its verdict; at the end for each defect and strength how many were
+trusted, checked, contradicted and refused, how many are wrong (number of legs, or a point within a
+leg more than four stated errors off) and how many of these were trusted, with how many of them
+count the defect among what they are blind to (`path.verdict.blind_to`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
+
+import lightflight as lf
+from lightflight.errors import CalibrationError, GeometryError, NothingFoundError
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from benchmarks.random_labs import (
+    Floats,
+    Lab,
+    calibration,
+    camera_of,
+    counts_of,
+    drawn_lab,
+    histograms,
+    light_of,
+    pulls_of,
+    told_of,
+)
+
+FAR_STDS = 4.0
+BLIND_TO = {"scale": "clock_scale", "focal": "focal_length", "emission": "clock_offset"}
+"""What the verdict calls a defect, where the names differ."""
+
+Told = dict[str, Any]
+Defect = Callable[[Lab, float, np.random.Generator], tuple[Floats, Told]]
+"""Expected counts of a laboratory, and what is told otherwise than it is."""
+
+
+# ---- light -----------------------------------------------------------------------------------
+
+
+def haze(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    light = light_of(lab)
+    kept = np.exp(-lab.code_ps / 300.0)
+    late = lfilter([1.0 - kept], [1.0, -kept], gaussian_filter(light, (5.0, 5.0, 0.0)), axis=2)
+    return counts_of(lab, (1.0 - share) * light + share * late), {}
+
+
+def halo(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    light = light_of(lab)
+    wide = gaussian_filter(light, (6.0, 6.0, 0.0), mode="constant")
+    return counts_of(lab, (1.0 - share) * light + share * wide), {}
+
+
+def wall(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    optics = lab.optics
+    normal = optics.axes @ np.append(0.15 * rng.normal(size=2), 1.0)
+    normal /= np.linalg.norm(normal)
+    depths = (lab.vertices - optics.eye) @ normal
+    distance = np.linalg.norm(lab.vertices - optics.eye, axis=1).mean()
+    behind = depths.max() + 0.06 * distance - depths
+    image = replace(lab, vertices=lab.vertices + 2.0 * behind[:, np.newaxis] * normal)
+    return counts_of(lab, light_of(lab) + share * light_of(image)), {}
+
+
+def second(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    later = replace(lab, emission_ps=lab.emission_ps + rng.uniform(400.0, 1500.0))
+    return counts_of(lab, light_of(lab) + share * light_of(later)), {}
+
+
+def drift(lab: Lab, by_ps: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    emissions = lab.emission_ps + np.linspace(-0.5, 0.5, 5) * by_ps
+    parts = [light_of(replace(lab, emission_ps=one)) for one in emissions.tolist()]
+    return counts_of(lab, np.mean(parts, axis=0)), {}
+
+
+def walk(lab: Lab, ps_per_decade: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    bright = light_of(lab).sum(axis=2)
+    decades = np.log10(bright.max() / np.maximum(bright, 1e-3 * bright.max()))
+    delays = lab.delays_ps + ps_per_decade * decades
+    return counts_of(lab, light_of(replace(lab, delays_ps=delays))), {}
+
+
+def shadow(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    rows, cols = np.indices(lab.optics.shape)
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    across = (rows - rows.mean()) * np.sin(angle) + (cols - cols.mean()) * np.cos(angle)
+    dark = np.abs(across - rng.uniform(-5.0, 5.0)) < 2.0
+    return counts_of(lab, light_of(lab) * (1.0 - share * dark)[..., np.newaxis]), {}
+
+
+def hot(lab: Lab, number: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    counts = counts_of(lab, light_of(lab))
+    for row, col in rng.integers(lab.optics.shape, size=(int(number), 2)):
+        counts[row, col] += rng.uniform(1.0, 30.0)
+    return counts, {}
+
+
+def pile_up(lab: Lab, most: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    counts = counts_of(lab, light_of(lab))
+    hits = most * counts / counts.sum(axis=2).max()
+    return counts * np.exp(hits - np.cumsum(hits, axis=2)), {}
+
+
+# ---- what is told ----------------------------------------------------------------------------
+
+
+def source(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    off = rng.normal(size=3)
+    off *= share * np.linalg.norm(lab.vertices[0] - lab.optics.eye) / np.linalg.norm(off)
+    told = told_of(lab)["source"]
+    place = tuple(np.asarray(told.position_mm) + off)
+    return counts_of(lab, light_of(lab)), {"source": replace(told, position_mm=place)}
+
+
+def emission(lab: Lab, by_ps: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    told = lf.Source(tuple(lab.vertices[0]), emission_time_ps=lab.emission_ps + by_ps)
+    return counts_of(lab, light_of(lab)), {"source": told}
+
+
+def scale(lab: Lab, longer: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    counts = counts_of(lab, light_of(lab))
+    told = replace(lab, code_ps=lab.code_ps * (1.0 + longer))
+    drawn = histograms(told, rng.poisson(counts))
+    return counts, {"timing": calibration(told), "hist": drawn}
+
+
+def focal(lab: Lab, longer: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    told = replace(lab.optics, focal_px=lab.optics.focal_px * (1.0 + longer))
+    return counts_of(lab, light_of(lab)), {"camera": camera_of(replace(lab, optics=told))}
+
+
+def pose(lab: Lab, turn_deg: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    turn = Rotation.from_rotvec(np.radians(turn_deg) * rng.normal(size=3)).as_matrix()
+    told = replace(lab.optics, axes=turn @ lab.optics.axes)
+    return counts_of(lab, light_of(lab)), {"camera": camera_of(replace(lab, optics=told))}
+
+
+def distortion(lab: Lab, at_corner_px: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    half = np.hypot(*lab.optics.shape) / 2.0
+    radial = at_corner_px / half / (half / lab.optics.focal_px) ** 2
+    told = replace(camera_of(lab), distortion=np.array([radial, 0.0, 0.0, 0.0]))
+    return counts_of(lab, light_of(lab)), {"camera": told}
+
+
+def index(lab: Lab, less: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    told = lf.Medium(1.00027 + less, 1.00027 + less)
+    return counts_of(lab, light_of(lab)), {"medium": told}
+
+
+def mirrored(lab: Lab, _: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    return counts_of(lab, light_of(lab))[:, ::-1], {}
+
+
+DEFECTS: dict[str, tuple[Defect, tuple[float, ...]]] = {
+    "haze": (haze, (0.1, 0.3)),
+    "halo": (halo, (0.05, 0.2)),
+    "wall": (wall, (0.03, 0.1)),
+    "second": (second, (0.03, 0.1)),
+    "drift": (drift, (20.0, 60.0)),
+    "walk": (walk, (5.0, 20.0)),
+    "shadow": (shadow, (0.5, 0.9)),
+    "hot": (hot, (3.0, 10.0)),
+    "pile_up": (pile_up, (0.05, 0.3)),
+    "source": (source, (0.002, 0.01)),
+    "emission": (emission, (10.0, 50.0)),
+    "scale": (scale, (5e-4, 3e-3)),
+    "focal": (focal, (0.005, 0.02)),
+    "pose": (pose, (0.1, 0.5)),
+    "distortion": (distortion, (0.3, 1.0)),
+    "index": (index, (0.002, 0.01)),
+    "mirrored": (mirrored, (1.0,)),
+}
+
+
+def outcome(name: str, strength: float, seed: int, method: str) -> tuple[str, Counter[str]]:
+    """A line, and what it counts as."""
+    lab, began = drawn_lab(seed), time.process_time()
+    words = f"{name} {strength:g}: {lab.words()}"
+    counts, told = DEFECTS[name][0](lab, strength, np.random.default_rng([14, seed]))
+    hist = told.pop("hist", None)
+    if hist is None:
+        hist = histograms(lab, np.random.default_rng([15, seed]).poisson(counts))
+    try:
+        path = lf.reconstruct(hist, method=method, **told_of(lab) | told)
+    except (CalibrationError, GeometryError, NothingFoundError) as problem:
+        return f"{words}: {problem}", Counter(["refused"])
+    right, level = path.n_legs == len(lab.vertices) - 1, str(path.verdict.level)
+    pulls = pulls_of(lab, path)[:, 1] if right else np.zeros(0)
+    wrong = not right or bool((pulls > FAR_STDS).any())
+    blind = BLIND_TO.get(name, name) in {str(one.name) for one in path.verdict.blind_to}
+    counted = Counter([level, *(["wrong"] if wrong else [])])
+    if wrong and level == "trust":
+        counted += Counter(["wrong and trusted", *(["blind to it"] if blind else [])])
+    named = " ".join(f"{one.name}:{one.sigma:.1f}" for one in path.verdict.findings[:3])
+    most = f"{pulls.max():.1f}" if len(pulls) else "-"
+    return (
+        f"{words}: {path.n_legs} legs, {level} {named}; farthest {most} stated errors; "
+        f"{time.process_time() - began:.0f} s"
+    ), counted
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", nargs="+", default=list(DEFECTS), choices=list(DEFECTS))
+    parser.add_argument("--labs", type=int, default=3, help="for each defect and strength")
+    parser.add_argument("--first", type=int, default=900, help="first seed")
+    parser.add_argument("--method", default="joint")
+    args = parser.parse_args()
+    warnings.simplefilter("ignore")
+    table: dict[tuple[str, float], Counter[str]] = {}
+    for name in args.only:
+        for number, strength in enumerate(DEFECTS[name][1]):
+            counted = table.setdefault((name, strength), Counter())
+            for seed in range(args.first, args.first + args.labs):
+                line, more = outcome(name, strength, seed + 100 * number, args.method)
+                print(line, flush=True)
+                counted.update(more)
+    columns = (
+        "trust",
+        "check",
+        "contradicted",
+        "refused",
+        "wrong",
+        "wrong and trusted",
+        "blind to it",
+    )
+    print(f"\n| defect | strength | {' | '.join(columns)} |\n|---|---:|{'---:|' * len(columns)}")
+    for (name, strength), counted in table.items():
+        print(f"| {name} | {strength:g} | {' | '.join(str(counted[one]) for one in columns)} |")
+
+
+if __name__ == "__main__":
+    main()
