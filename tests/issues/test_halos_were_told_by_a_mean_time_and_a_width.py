@@ -32,7 +32,8 @@ def test_the_light_of_a_halo_comes_when_that_of_each_place_does(ps_per_px):
     found = spread.halo(cells, points, reference, beam, SHAPE, spread.WIDE_PX)
     after = edges[:, np.newaxis] + (reference[:, np.newaxis] - beam.arrival_ps)[:, :, np.newaxis]
     away = np.linalg.norm(points[:, np.newaxis] - places, axis=2)
-    for k, (reach, wait) in enumerate([(3.0, 0.0), (8.0, 0.0), (8.0, spread.HALO_LATE_PS)]):
+    late = spread.HALO_LATE_PX, spread.HALO_LATE_PS
+    for k, (reach, wait) in enumerate([*((reach, 0.0) for reach in spread.WIDE_PX), late]):
         come = (
             exponnorm.cdf(after, wait / STD_PS, scale=STD_PS) if wait else norm.cdf(after / STD_PS)
         )

@@ -30,6 +30,7 @@ def test_the_number_is_doubted(recorded):
     assert path.verdict.level is not Level.TRUST
     (finding,) = [one for one in path.verdict.findings if one.name is FindingName.LEG_COUNT]
     assert "4 legs were told and the recording shows 3" in finding.sentence
+    assert FindingName.UNSEEN_LEG in [one.name for one in path.verdict.findings]
 
 
 def test_how_many_are_seen_is_kept_where_diffuse_light_moves_the_path(monkeypatch):

@@ -55,11 +55,13 @@ LABELS = (
     *(f"how late those of {wait:g} ps are" for wait in LATE_PS),
     *(f"how much brighter it is {side} the picture" for side in SIDES),
 )
-SHARES, WIDE = slice(0, N_LATE + N_WIDE), slice(N_LATE, N_LATE + N_WIDE)
+WIDE = slice(N_LATE, N_LATE + N_WIDE)
 WAITS, OUTSIDE = slice(WIDE.stop, WIDE.stop + N_LATE), slice(WIDE.stop + N_LATE, len(LABELS))
 HALOS = slice(N_LATE, N_LATE + len(WIDE_PX) + 1)
 OF_PULSES, OF_SPREAD = np.r_[:N_LATE, WAITS], np.r_[WIDE, OUTSIDE]
 """Where the kinds of `LABELS` stand: which are a pulse's own, which are of light from elsewhere."""
+_HALO_KINDS = [N_LATE, N_LATE + 1]
+"""Where halos stand in `Strengths.of_kinds`: at once and late."""
 _NUDGE = 1e-3
 """Step of a mean wait for its derivative, ln."""
 
@@ -80,13 +82,16 @@ class Strengths:
     covariance: Floats
 
     @property
-    def shares(self) -> Floats:
-        """(k - 7,), without the waits, and how bright it is outside."""
-        return self.value[SHARES]
+    def of_kinds(self) -> Floats:
+        """Shares, the reaches of a halo as one: they are parts of one profile, and may be less
+        than none where it falls off faster than they do.
+        """
+        halo = self.wide[: len(WIDE_PX)].sum()
+        return np.concatenate((self.value[:N_LATE], [halo], self.wide[len(WIDE_PX) :]))
 
     @property
     def wide(self) -> Floats:
-        """(5,), halo and glare."""
+        """Halo and glare."""
         return self.value[WIDE]
 
     @property
@@ -146,7 +151,7 @@ class Diffuse:
     @property
     def has_halo(self) -> bool:
         """Whether much light is spread about the path."""
-        return bool(np.abs(self.strengths.value[HALOS]).max() > MUCH)
+        return bool(np.abs(self.strengths.of_kinds[_HALO_KINDS]).max() > MUCH)
 
     def without_halo(self) -> Diffuse:
         """The same without the light that is spread about the path."""

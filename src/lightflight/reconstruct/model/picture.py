@@ -306,11 +306,11 @@ def _halo_of_leg(
     along = leg.along_across(undistorted_px(camera, *own.points_px.T))[0]
     per_px = np.maximum(own.photons / np.maximum(np.abs(np.gradient(along)), 1e-9), 1e-9)
     gap2 = np.subtract.outer(places[0], along) ** 2 + places[1][:, np.newaxis] ** 2
-    # Where no halo is positive, from all places alike.
-    shares = np.full(gap2.shape, 1e-12)
+    shares = np.zeros(gap2.shape)
     for share, reach in zip(diffuse.strengths.wide[: len(WIDE_PX)], WIDE_PX, strict=True):
-        shares += max(share, 0.0) / reach**2 * np.exp(-0.5 * gap2 / reach**2)
-    shares *= own.photons
+        shares += share / reach**2 * np.exp(-0.5 * gap2 / reach**2)
+    # Where there is less than none, from all places alike.
+    shares = np.maximum(shares, 1e-12) * own.photons
     return Halo(photons, along, np.log(per_px), shares / shares.sum(axis=1, keepdims=True))
 
 

@@ -133,7 +133,7 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
             twice = [o.diffuse.second for o in clear if o.diffuse is not None]
             seconds = any(one is not None for one in twice)
             mirrors = any(isinstance(one, SecondPath) for one in twice)
-            much = any(np.abs(one.shares).max() > light.MUCH for one in strengths)
+            much = any(np.abs(one.of_kinds).max() > light.MUCH for one in strengths)
             # Lines and brightness, too, without what is no leg's.
             shown = finely_lit(fit, clear, setting) if seconds or much else fit
             better = fitted_again(shown, clear, setting)

@@ -257,7 +257,8 @@ def strengths_of(
         step: Floats = damping / max(1.0, _length(whole, second)) * whole
         value = value + step[:size]
         second = None if second is None else second.moved(step[size:])
-        small = second is None and np.abs(value[light.SHARES]).max() < _LINEAR
+        shares = light.Strengths(value, now.covariance).of_kinds
+        small = second is None and np.abs(shares).max() < _LINEAR
         still = moved < _STILL**2
         if rough:
             still = np.abs(step[: light.N_LATE]).max() < _ROUGHLY_STILL

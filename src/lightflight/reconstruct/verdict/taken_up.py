@@ -112,5 +112,5 @@ def _plausible(fit: JointFit) -> bool:
     """Whether the fit found diffuse light, in all no more than would surprise nobody."""
     most = PLAUSIBLE[FindingName.HAZE].size
     return bool(fit.strengths) and all(
-        float(np.maximum(one.shares, 0.0).sum()) <= most for one in fit.strengths
+        float(np.maximum(one.of_kinds, 0.0).sum()) <= most for one in fit.strengths
     )

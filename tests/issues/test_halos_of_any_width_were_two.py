@@ -1,0 +1,40 @@
+"""A halo as wide as neither of the two that the fit had contradicted every right path.
+
+Reaches of 3 and 8 px were in the fit, and of 3 and 8 px were the halos that it was tried with.
+Between them, and at 2 px, all of 24 recordings of one leg were contradicted but two (`halo`,
+`unexplained_light`).
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import lightflight as lf
+from lightflight.errors import LightflightWarning
+from tests.oracles.miss import pulls
+from tests.oracles.worlds.border import record, what_the_user_tells
+from tests.oracles.worlds.random_worlds import random_world
+
+
+@pytest.mark.parametrize(
+    ("reach_px", "method"),
+    [
+        (2.0, "joint"),
+        (4.0, "joint"),
+        (6.0, "photon"),
+        pytest.param(12.0, "joint", marks=pytest.mark.long),
+    ],
+)
+def test_halos_of_any_width_are_taken_into_the_fit(reach_px, method):
+    """The chance that an honest pull is above 4: 6e-5, for each of four."""
+    world = random_world(8800, 1).but(halo=0.2, halo_std_px=reach_px)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LightflightWarning)
+        path = lf.reconstruct(record(world, 8800), method=method, **what_the_user_tells(world))
+    assert path.n_legs == 1
+    assert path.verdict.level == "check"
+    assert "taken into the fit" in path.verdict.findings[0].sentence
+    assert np.abs(pulls(path, world.vertices)).max() < 4.0
