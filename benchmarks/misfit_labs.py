@@ -63,17 +63,28 @@ Defect = Callable[[Lab, float, np.random.Generator], tuple[Floats, Told]]
 # ---- light -----------------------------------------------------------------------------------
 
 
+def _spread(lab: Lab, reach_px: float, late_ps: float) -> Floats:
+    """All light of the picture, as lens or room throw it about before pixels and clock take it."""
+    even = replace(lab, delays_ps=np.zeros(lab.optics.shape), unequal=0.0)
+    wide = gaussian_filter(light_of(even), (reach_px, reach_px, 0.0), mode="constant")
+    if late_ps:
+        kept = np.exp(-lab.code_ps / late_ps)
+        wide = lfilter([1.0 - kept], [1.0, -kept], wide, axis=2)
+    come = np.concatenate((np.zeros((*lab.optics.shape, 1)), np.cumsum(wide, axis=2)), axis=2)
+    for pixel in np.ndindex(*lab.optics.shape):
+        at = lab.edges_ps - lab.delays_ps[pixel]
+        come[pixel] = np.interp(at, lab.edges_ps, come[pixel])
+    return np.diff(come, axis=2)
+
+
 def haze(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
-    light = light_of(lab)
-    kept = np.exp(-lab.code_ps / 300.0)
-    late = lfilter([1.0 - kept], [1.0, -kept], gaussian_filter(light, (5.0, 5.0, 0.0)), axis=2)
-    return counts_of(lab, (1.0 - share) * light + share * late), {}
+    late = _spread(lab, 5.0, 300.0)
+    return counts_of(lab, (1.0 - share) * light_of(lab) + share * late), {}
 
 
 def halo(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
-    light = light_of(lab)
-    wide = gaussian_filter(light, (6.0, 6.0, 0.0), mode="constant")
-    return counts_of(lab, (1.0 - share) * light + share * wide), {}
+    wide = _spread(lab, 6.0, 0.0)
+    return counts_of(lab, (1.0 - share) * light_of(lab) + share * wide), {}
 
 
 def wall(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
