@@ -254,7 +254,9 @@ def expected_counts(lab: Lab) -> Floats:
 
 def counts_of(lab: Lab, light: Floats) -> Floats:
     """Light scaled to the photons of the laboratory, with its background."""
-    return light * lab.photons / light.sum(axis=2).max() + lab.background * lab.widths
+    brightest = float(light.sum(axis=2).max())
+    counts: Floats = light * (lab.photons / brightest) + lab.background * lab.widths
+    return counts
 
 
 def light_of(lab: Lab) -> Floats:
@@ -293,7 +295,8 @@ def light_of(lab: Lab) -> Floats:
             delay = edges[low : high + 1] - when - lab.delays_ps[np.ix_(*near)][..., np.newaxis]
             of_codes = np.diff(lab.come(delay), axis=2)
             counts[np.ix_(*near, np.arange(low, high))] += seen[..., np.newaxis] * of_codes
-    return counts * efficiency[..., np.newaxis]
+    counts *= efficiency[..., np.newaxis]
+    return counts
 
 
 def _caught(optics: Optics, pixels: NDArray[np.int64], place: float) -> Floats:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import lightflight as lf
+from benchmarks.misfit_labs import outcome
 from lightflight.errors import LightflightWarning
 from tests.oracles.miss import pulls
 from tests.oracles.worlds.border import record, what_the_user_tells
@@ -38,3 +39,13 @@ def test_halos_of_any_width_are_taken_into_the_fit(reach_px, method):
     assert path.verdict.level == "check"
     assert "taken into the fit" in path.verdict.findings[0].sentence
     assert np.abs(pulls(path, world.vertices)).max() < 4.0
+
+
+def test_no_light_outside_of_the_picture_is_less_than_none():
+    """Behind a stop a lens throws none of it about. It came out negative, the strengths did not
+    settle within thirty rounds, and the right path was contradicted."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LightflightWarning)
+        line, counted = outcome("halo", 0.05, 620, "joint")
+    assert counted["check"] == 1, line
+    assert not counted["wrong"], line

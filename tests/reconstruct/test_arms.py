@@ -18,6 +18,7 @@ import lightflight as lf
 from benchmarks.splitters import arms_of, bound_of, numbers_of, path_of
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.fit import short_pieces
+from lightflight.reconstruct.fit.joint import fit_joint
 from lightflight.reconstruct.verdict import arms
 from lightflight.reconstruct.ways import joint
 from tests.oracles.refracted import AIR
@@ -69,7 +70,7 @@ def test_an_arm_that_one_of_two_cameras_shows_is_found(seed, arm_first, monkeypa
     that goes on by five stated errors. By pulses alone; chi-square of seven numbers, tail cut at
     1e-5."""
     monkeypatch.setattr(joint, "_why_all_counts", lambda fit, setting: "")
-    lines_anew = Mock(wraps=short_pieces.fit_joint)
+    lines_anew = Mock(wraps=fit_joint)
     monkeypatch.setattr(short_pieces, "fit_joint", lines_anew)
     made = seen_apart(seed, arm_first=arm_first)
     clock = made[0][0].base.clock

@@ -50,6 +50,8 @@ _WAIT_STD = 0.6
 _OUTSIDE_STD = 1.0
 """By how much light that runs on outside of the picture may be brighter than where it leaves it, as
 a share: there may be none, or twice as much."""
+_DARK = -1.0
+"""Brighter than guessed by this share light there is none: a stop stands before the sensor."""
 _TELLING = 0.01
 """Of the light: shares well below this leave how long they wait where the table has it. Waits of
 light that is hardly there sway about each other for ever; what they do to a path is a hundredth."""
@@ -248,7 +250,7 @@ def strengths_of(
         total = information + np.diag(prior)
         held = np.zeros(0) if second is None else second.value
         pull = score - prior * np.append(value, held)
-        whole = np.linalg.solve(total, pull).astype(np.float64, copy=False)
+        whole = _step(total, pull, value)
         moved = float(whole @ total @ whole)
         # A shape's width and what flight adds to it sway about each other: half as far, then.
         swayed = float(before @ total @ whole) < 0.0
@@ -256,6 +258,7 @@ def strengths_of(
         before = whole
         step: Floats = damping / max(1.0, _length(whole, second)) * whole
         value = value + step[:size]
+        value[light.OUTSIDE] = np.maximum(value[light.OUTSIDE], _DARK)
         second = None if second is None else second.moved(step[size:])
         shares = light.Strengths(value, now.covariance).of_kinds
         small = second is None and np.abs(shares).max() < _LINEAR
@@ -275,6 +278,16 @@ def strengths_of(
     covariance: Floats = np.linalg.inv(total).astype(np.float64, copy=False)
     found = light.Strengths(value, covariance)
     return Known(found, second, pixels, dark, step, settled, dispersion, expected, beside)
+
+
+def _step(total: Floats, pull: Floats, value: Floats) -> Floats:
+    """(k,), the whole step; where it is dark outside of the picture it gets no darker."""
+    dark = np.flatnonzero(value <= _DARK)
+    dark = dark[(dark >= light.OUTSIDE.start) & (dark < light.OUTSIDE.stop) & (pull[dark] < 0.0)]
+    free = np.setdiff1d(np.arange(len(pull)), dark)
+    step = np.zeros(len(pull))
+    step[free] = np.linalg.solve(total[np.ix_(free, free)], pull[free])
+    return step
 
 
 def _said(
