@@ -50,6 +50,7 @@ from tests.oracles.worlds.world import World
 WORLDS = (
     "none:0", "haze_500ps:0.05", "haze_500ps:0.2", "haze_500ps:0.5", "haze_150ps:0.05",
     "haze_150ps:0.2", "haze_150ps:0.5", "tail_200ps:0.3", "prompt_halo_8px:0.2",
+    "prompt_halo_4px:0.2",
     "veiling_glare:0.05", "wall_60mm:0.1", "wall_15mm:0.1",
     "fog_8px:0.3", "fog_8px:0.6", "second_pulse_3ns:0.1", "pulse_before_2ns:0.5",
     "pulse_echo_300ps:0.1",
@@ -77,6 +78,10 @@ def world_of(name: str, n_legs: int, seed: int) -> World:
         return plain.but(tail=float(strength), tail_ps=200.0)
     if defect == "fog_8px":
         return plain.but(late_halo=float(strength), late_halo_std_px=8.0, late_halo_ps=600.0)
+    if defect.startswith("prompt_halo_"):
+        # Of any width: prompt_halo_4px.
+        width_px = float(defect.removeprefix("prompt_halo_").removesuffix("px"))
+        return plain.but(halo=float(strength), halo_std_px=width_px)
     if defect == "wall_15mm":
         # As `wall_60mm`, nearer: light that comes 100 ps later, a pulse's width.
         nearer = DEFECTS["wall_60mm"].applied(plain, float(strength))
