@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import lightflight as lf
-from benchmarks.misfit_labs import outcome
 from lightflight.errors import LightflightWarning
+from lightflight.reconstruct.model import light
+from lightflight.reconstruct.other_light import strengths
 from tests.oracles.miss import pulls
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.random_worlds import random_world
@@ -41,11 +42,33 @@ def test_halos_of_any_width_are_taken_into_the_fit(reach_px, method):
     assert np.abs(pulls(path, world.vertices)).max() < 4.0
 
 
-def test_no_light_outside_of_the_picture_is_less_than_none():
-    """Behind a stop a lens throws none of it about. It came out negative, the strengths did not
-    settle within thirty rounds, and the right path was contradicted."""
+@pytest.mark.parametrize(("reach_px", "late_ps"), [(4.0, 300.0), (8.0, 1200.0)])
+def test_halos_of_any_delay_are_taken_into_the_fit(reach_px, late_ps):
+    """One was late by 600 ps, over 8 px: fog of other kinds contradicted right paths, or moved
+    them by three stated errors."""
+    world = random_world(8860, 1).but(
+        late_halo=0.1, late_halo_std_px=reach_px, late_halo_ps=late_ps
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LightflightWarning)
-        line, counted = outcome("halo", 0.05, 620, "joint")
-    assert counted["check"] == 1, line
-    assert not counted["wrong"], line
+        path = lf.reconstruct(record(world, 8860), **what_the_user_tells(world))
+    assert path.n_legs == 1
+    assert path.verdict.level == "check"
+    assert path.verdict.findings[0].name == "halo"
+    assert np.abs(pulls(path, world.vertices)).max() < 4.0
+
+
+def test_no_light_outside_of_the_picture_is_less_than_none():
+    """Behind a stop a lens throws none of it about. It came out negative, and crept on and on."""
+    left, right = light.OUTSIDE.start, light.OUTSIDE.start + 1
+    value = np.zeros(len(light.LABELS))
+    value[left] = -1.0
+    total = np.eye(len(value))
+    total[left, right] = total[right, left] = 0.5
+    pull = np.zeros(len(value))
+    pull[[left, right]] = -2.0, 1.0
+    step = strengths._step(total, pull, value)
+    # Held where it is, it takes no part: the other goes all of its own way.
+    assert (step[left], step[right]) == (0.0, 1.0)
+    pull[left] = 2.0
+    assert strengths._step(total, pull, value)[left] > 0.0

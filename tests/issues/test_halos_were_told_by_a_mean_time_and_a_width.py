@@ -29,11 +29,11 @@ def test_the_light_of_a_halo_comes_when_that_of_each_place_does(ps_per_px):
     edges = np.tile(np.concatenate(([-9e4], np.arange(-3000.0, 6000.0, 70.0), [9e4])), (4, 1))
     one = np.ones((4, edges.shape[1] - 1))
     cells = Cells(edges, one, one > 0.0, 0.0 * one, one)
-    found = spread.halo(cells, points, reference, beam, SHAPE, spread.WIDE_PX)
+    found = spread.halo(cells, points, reference, beam, SHAPE, spread.WIDE_PX, spread.WIDE_LATE)
     after = edges[:, np.newaxis] + (reference[:, np.newaxis] - beam.arrival_ps)[:, :, np.newaxis]
     away = np.linalg.norm(points[:, np.newaxis] - places, axis=2)
-    late = spread.HALO_LATE_PX, spread.HALO_LATE_PS
-    for k, (reach, wait) in enumerate([*((reach, 0.0) for reach in spread.WIDE_PX), late]):
+    at_once = [(reach, 0.0) for reach in spread.WIDE_PX]
+    for k, (reach, wait) in enumerate([*at_once, *spread.WIDE_LATE]):
         come = (
             exponnorm.cdf(after, wait / STD_PS, scale=STD_PS) if wait else norm.cdf(after / STD_PS)
         )

@@ -14,7 +14,8 @@ SHAPE = (17, 21)
 PHOTONS_PER_PX = 1000.0
 PER_PX = 4
 ROW = 8.0
-N_HALOS, N_WIDE = len(spread.WIDE_PX) + 1, len(spread.WIDE_LABELS)
+N_HALOS = len(spread.WIDE_PX) + len(spread.WIDE_LATE)
+N_WIDE = len(spread.WIDE_LABELS)
 
 
 def beam(first_px: float, last_px: float) -> spread.Beam:
@@ -90,7 +91,10 @@ def test_strengths_tell_their_parts_apart():
     assert of.of_kinds[0] == told["late by 150 ps"]
     halo = [told[f"about the path by {reach:g} px"] for reach in spread.WIDE_PX]
     assert of.of_kinds[3] == sum(halo)
-    assert of.of_kinds[4] == told["about the path by 8 px and late by 600 ps"]
+    late = [
+        told[f"about the path by {px:g} px and late by {ps:g} ps"] for px, ps in spread.WIDE_LATE
+    ]
+    assert of.of_kinds[4] == sum(late)
     assert of.tails[1][0] == told["late by 500 ps"]
 
 

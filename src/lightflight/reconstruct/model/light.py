@@ -21,6 +21,7 @@ from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.spread import (
     SIDES,
     WIDE_LABELS,
+    WIDE_LATE,
     WIDE_PX,
     Beam,
     Spread,
@@ -57,7 +58,7 @@ LABELS = (
 )
 WIDE = slice(N_LATE, N_LATE + N_WIDE)
 WAITS, OUTSIDE = slice(WIDE.stop, WIDE.stop + N_LATE), slice(WIDE.stop + N_LATE, len(LABELS))
-HALOS = slice(N_LATE, N_LATE + len(WIDE_PX) + 1)
+HALOS = slice(N_LATE, N_LATE + len(WIDE_PX) + len(WIDE_LATE))
 OF_PULSES, OF_SPREAD = np.r_[:N_LATE, WAITS], np.r_[WIDE, OUTSIDE]
 """Where the kinds of `LABELS` stand: which are a pulse's own, which are of light from elsewhere."""
 _HALO_KINDS = [N_LATE, N_LATE + 1]
@@ -86,8 +87,8 @@ class Strengths:
         """Shares, the reaches of a halo as one: they are parts of one profile, and may be less
         than none where it falls off faster than they do.
         """
-        halo = self.wide[: len(WIDE_PX)].sum()
-        return np.concatenate((self.value[:N_LATE], [halo], self.wide[len(WIDE_PX) :]))
+        halo, late, glare = np.split(self.wide, [len(WIDE_PX), len(WIDE_PX) + len(WIDE_LATE)])
+        return np.concatenate((self.value[:N_LATE], [halo.sum(), late.sum()], glare))
 
     @property
     def wide(self) -> Floats:

@@ -23,19 +23,19 @@ Indices = NDArray[np.int64]
 HALO_PX = (1.0, 3.0, 8.0)
 """Reach of halos that are looked for: neighbouring pixels, a lens out of focus or dusty, inner
 reflections, px."""
-HALO_LATE_PS = 600.0
-"""Mean delay of a halo that is scattered about the lens' surroundings, ps."""
+HALO_LATE = ((8.0, 600.0),)
+"""Reach, px, and mean delay, ps, of one that is scattered about the lens' surroundings."""
 GLARE_LATE_PS = 3000.0
 """Mean delay of light that a room throws back to all of the picture, ps."""
 WIDE_PX = (2.0, 3.2, 5.0, 8.0, 12.5)
 """Reach of halos in the fit, px. What lies between two of them is a sum of both and their
 neighbours to 2 % of its own noise; of 3 and 8 alone it was 20 %. Nearer than 2 px to a leg's line a
 halo cannot be told from brightness."""
-HALO_LATE_PX = WIDE_PX[3]
-"""Reach of a halo that is late."""
+WIDE_LATE = tuple((reach, wait) for reach in (3.2, 8.0) for wait in (200.0, 600.0, 1800.0))
+"""Reach, px, and mean delay, ps, of halos in the fit that are late: fog of any kind is a sum."""
 WIDE_LABELS = (
     *(f"about the path by {reach:g} px" for reach in WIDE_PX),
-    f"about the path by {HALO_LATE_PX:g} px and late by {HALO_LATE_PS:g} ps",
+    *(f"about the path by {reach:g} px and late by {wait:g} ps" for reach, wait in WIDE_LATE),
     "over the picture",
     f"over the picture and late by {GLARE_LATE_PS:g} ps",
 )
@@ -167,10 +167,10 @@ def spread_light(
     """
     side = beam.sides(shape)
     sides = np.unique(side[side >= 0])
-    outside = np.zeros((*cells.counts.shape, len(sides), len(WIDE_PX) + 1))
+    outside = np.zeros((*cells.counts.shape, len(sides), len(WIDE_PX) + len(WIDE_LATE)))
     for k, one in enumerate(sides):
         there = beam.of(side == one)
-        outside[:, :, k] = halo(cells, points_px, reference_ps, there, shape, WIDE_PX)
+        outside[:, :, k] = halo(cells, points_px, reference_ps, there, shape, WIDE_PX, WIDE_LATE)
     wide = wide_light(cells, points_px, reference_ps, beam.of(side < 0), shape)
     wide[:, :, : outside.shape[3]] += outside.sum(axis=2)
     return Spread(wide, outside, sides)
@@ -183,13 +183,14 @@ def wide_light(
     beam: Beam,
     shape: tuple[int, int],
     reaches_px: Sequence[float] = WIDE_PX,
+    late: Sequence[tuple[float, float]] = WIDE_LATE,
 ) -> Floats:
     """(n, m, k), the same of all sides together, in the order of `WIDE_LABELS`."""
     over = np.zeros((*cells.counts.shape, 2))
     seen = beam.sides(shape) < 0
     if seen.any():
         over = glare(cells, reference_ps, beam.of(seen), shape[0] * shape[1])
-    about = halo(cells, points_px, reference_ps, beam, shape, reaches_px)
+    about = halo(cells, points_px, reference_ps, beam, shape, reaches_px, late)
     return np.concatenate((about, over), axis=2)
 
 
@@ -200,18 +201,19 @@ def halo(
     beam: Beam,
     shape: tuple[int, int],
     reaches_px: Sequence[float] = HALO_PX,
+    late: Sequence[tuple[float, float]] = HALO_LATE,
 ) -> Floats:
-    """(n, m, j + 1): light of the beam spread over j reaches, and over `HALO_LATE_PX` late as well.
+    """(n, m, j + l): light of the beam spread over j reaches, and over some of them late as well.
 
     `points_px` (n, 2) are the pixels, of a picture of `shape`.
     """
     n, m = cells.counts.shape
-    out = np.zeros((n, m, len(reaches_px) + 1))
+    out = np.zeros((n, m, len(reaches_px) + len(late)))
     row, col = points_px.T
     for leg in np.unique(beam.leg):
         one = beam.of(beam.leg == leg)
         slots, times, stds = _slots(one)
-        rises = {wait: _rise(times, stds, wait) for wait in (0.0, HALO_LATE_PS)}
+        rises = {wait: _rise(times, stds, wait) for wait in {0.0, *(wait for _, wait in late)}}
         for j, reach in enumerate(reaches_px):
             down, across = (
                 _blur(size, one.points_px[:, axis], reach) for axis, size in enumerate(shape)
@@ -222,8 +224,8 @@ def halo(
             # Where a leg's halo is a ten-thousandth of its brightest it is none.
             lit = np.flatnonzero(light > 1e-4 * float(light.max(initial=1e-300)))
             edges = cells.edges_ps[lit] + reference_ps[lit, np.newaxis]
-            waits = {0.0: j, HALO_LATE_PS: -1} if reach == HALO_LATE_PX else {0.0: j}
-            for wait, place in waits.items():
+            own = [(len(reaches_px) + k, wait) for k, (px, wait) in enumerate(late) if px == reach]
+            for place, wait in [(j, 0.0), *own]:
                 by_edge = _come_by(edges, by_time[lit], rises[wait], wait)
                 out[lit, :, place] += np.diff(by_edge, axis=1)
     return as_counted(cells, out)

@@ -22,7 +22,7 @@ from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.geometry import vertex_time_jacobian
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
-from lightflight.reconstruct.model.spread import HALO_PX, Beam, wide_light
+from lightflight.reconstruct.model.spread import HALO_LATE, HALO_PX, Beam, wide_light
 from lightflight.reconstruct.other_light.around import Group
 from lightflight.reconstruct.verdict.count_tests import (
     Cause,
@@ -182,6 +182,7 @@ def shift_of_pulses(
                 one.beam,
                 one.shape,
                 HALO_PX[1:],
+                HALO_LATE,
             )
             used = np.append(used, spread)
             taken = np.concatenate((taken, left.pixels.taken_of(wide)), axis=2)
