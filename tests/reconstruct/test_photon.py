@@ -216,7 +216,7 @@ class TestCamera:
         paths = [fitted(lab, hist, timing=timing, n_legs=1) for hist in recordings]
         return np.array([(p.legs[0].angle_deg - 5.0) / p.legs[0].angle_std_deg for p in paths])
 
-    @pytest.mark.usefixtures("unexamined")
+    @pytest.mark.filterwarnings("ignore::lightflight.errors.SuspectDataWarning")
     def test_the_calibrated_response_is_the_shape_of_the_pulse(self):
         """A pulse and its echoes in the next codes: a tail whose counts are known exactly."""
         lab, late = one_leg(), np.array([0.72, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01])
@@ -232,12 +232,16 @@ class TestCamera:
         lateness = np.full(lab.camera.shape, 55.0 * float(late @ np.arange(7)))
         blunt = replace(lab.timing, skew_ps=lateness)
         shaped = replace(blunt, response_curve=np.stack([time, density]))
-        # A fit with the wrong shape takes five times as long: one shows that the shape matters.
-        right, wrong = self.pulls(recordings, shaped), self.pulls(recordings[:1], blunt)
+        right = self.pulls(recordings, shaped)
         # Mean square of four pulls: 1 within 0.71; the mean of four within 0.5.
         assert np.mean(right**2) < 3.1
         assert abs(right.mean()) < 1.7
-        assert np.mean(wrong**2) > 1.5 * np.mean(right**2)
+        # What echoes bring of a Gaussian's late light a halo nearly takes up, but not all of it.
+        levels = [
+            fitted(lab, recordings[0], timing=clock, n_legs=1).verdict.level
+            for clock in (shaped, blunt)
+        ]
+        assert levels == ["trust", "contradicted"]
 
     @pytest.mark.usefixtures("unexamined")
     def test_half_of_all_frames_occupied_at_one_period_per_frame(self):
