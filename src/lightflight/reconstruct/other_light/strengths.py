@@ -171,6 +171,8 @@ class Known:
         Where and how wide light was expected when the pixels were fitted.
     beside : Beside
         What else they see.
+    ahead : float
+        What that step still takes off the deviance.
     lags_ps : array of float, shape (m + 1,), or None
         Edges of their cells; None: as their second light asks for.
     """
@@ -184,6 +186,7 @@ class Known:
     dispersion: float
     pulses: Pulses
     beside: Beside
+    ahead: float = 0.0
     lags_ps: Floats | None = None
 
     def misfit(self) -> float:
@@ -277,7 +280,7 @@ def strengths_of(
             second = second.of_width(float(np.median(pixels.std_ps[:, 0])))
     covariance: Floats = np.linalg.inv(total).astype(np.float64, copy=False)
     found = light.Strengths(value, covariance)
-    return Known(found, second, pixels, dark, step, settled, dispersion, expected, beside)
+    return Known(found, second, pixels, dark, step, settled, dispersion, expected, beside, moved)
 
 
 def _step(total: Floats, pull: Floats, value: Floats) -> Floats:

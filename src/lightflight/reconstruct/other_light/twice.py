@@ -206,7 +206,9 @@ def _with_mirror(
     here = places(float(np.median(known.pixels.std_ps[:, 0])))
     if not here.n_legs:
         return None
-    enough = known.misfit() - LEAST_GAIN if repeated is None else repeated.misfit()
+    # What strengths alone still gain is no mirror's.
+    without = known.misfit() - known.ahead - LEAST_GAIN
+    enough = without if repeated is None else repeated.misfit()
     lags_ps = None if repeated is None else repeated.lags_ps
     for second in second_paths_in(asked.seen, known.pixels, known.dark, here, camera):
         more = asked.strengths(second, lags_ps=lags_ps, most_misfit=enough)
