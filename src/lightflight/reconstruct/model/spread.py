@@ -31,7 +31,7 @@ WIDE_PX = (2.0, 3.2, 5.0, 8.0, 12.5)
 """Reach of halos in the fit, px. What lies between two of them is a sum of both and their
 neighbours to 2 % of its own noise; of 3 and 8 alone it was 20 %. Nearer than 2 px to a leg's line a
 halo cannot be told from brightness."""
-WIDE_LATE = tuple((reach, wait) for reach in (3.2, 8.0) for wait in (200.0, 600.0, 1800.0))
+WIDE_LATE = tuple((reach, wait) for reach in WIDE_PX[1::2] for wait in (200.0, 600.0, 1800.0))
 """Reach, px, and mean delay, ps, of halos in the fit that are late: fog of any kind is a sum."""
 WIDE_LABELS = (
     *(f"about the path by {reach:g} px" for reach in WIDE_PX),
