@@ -6,10 +6,15 @@
 Laboratories are those of `random_labs.py` (2 to 60 mm a pixel, a forward model of its own). Wrong
 are, one at a time and in two strengths: haze (a share of the light 300 ps late and 5 px wide), a
 halo of 6 px (that of light outside of the picture does not reach it: a stop stands before the
-sensor), a wall that mirrors the flight, a second pulse, a trigger that drifts, times that walk with
-brightness, a shadow of 4 px, hot pixels, pile-up of first photons only, and what is told: the
-source's place (a share of its distance), its emission time, the clock's codes, focal length, pose,
-a distortion that is not there, the index, and a mirrored picture.
+sensor), a wall that mirrors the flight, a second pulse, a trigger that drifts, times that walk
+with brightness, a shadow of 4 px, hot pixels, pile-up of first photons only. Light of forms that
+no model here has: wings of a lens that fall as a power (of 3 px), light that wanders (the later
+the wider), a screen that glows on for 1.5 ns, an image in a curved mirror, neighbours that count
+along a code later, background that grows across the picture, a flash where the light ends that
+lights the room, a spot with a comet's tail, a beam of two lobes, a laser whose pulses are wider
+than those of the flat. And what is told: the source's place (a share of its distance), its
+emission time, the clock's codes, focal length, pose, a distortion that is not there, the index,
+and a mirrored picture.
 
 Printed: every laboratory with its verdict; at the end for each defect and strength how many were
 trusted, checked, contradicted and refused, how many are wrong (number of legs, or a point within a
@@ -26,12 +31,13 @@ import warnings
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
-from scipy.signal import lfilter
+from scipy.ndimage import gaussian_filter, shift
+from scipy.signal import fftconvolve, lfilter
 from scipy.spatial.transform import Rotation
 
 import lightflight as lf
@@ -39,6 +45,8 @@ from lightflight.errors import CalibrationError, GeometryError, NothingFoundErro
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.random_labs import (
+    INDEX,
+    SPEED,
     Floats,
     Lab,
     calibration,
@@ -63,18 +71,27 @@ Defect = Callable[[Lab, float, np.random.Generator], tuple[Floats, Told]]
 # ---- light -----------------------------------------------------------------------------------
 
 
-def _spread(lab: Lab, reach_px: float, late_ps: float) -> Floats:
-    """All light of the picture, as lens or room throw it about before pixels and clock take it."""
-    even = replace(lab, delays_ps=np.zeros(lab.optics.shape), unequal=0.0)
-    wide = gaussian_filter(light_of(even), (reach_px, reach_px, 0.0), mode="constant")
-    if late_ps:
-        kept = np.exp(-lab.code_ps / late_ps)
-        wide = lfilter([1.0 - kept], [1.0, -kept], wide, axis=2)
-    come = np.concatenate((np.zeros((*lab.optics.shape, 1)), np.cumsum(wide, axis=2)), axis=2)
+def _even(lab: Lab) -> Floats:
+    """The light before pixels and their delays take it."""
+    return light_of(replace(lab, delays_ps=np.zeros(lab.optics.shape), unequal=0.0))
+
+
+def _taken(lab: Lab, light: Floats) -> Floats:
+    """As pixels take it, each with its delay."""
+    come = np.concatenate((np.zeros((*lab.optics.shape, 1)), np.cumsum(light, axis=2)), axis=2)
     for pixel in np.ndindex(*lab.optics.shape):
         at = lab.edges_ps - lab.delays_ps[pixel]
         come[pixel] = np.interp(at, lab.edges_ps, come[pixel])
     return np.diff(come, axis=2)
+
+
+def _spread(lab: Lab, reach_px: float, late_ps: float) -> Floats:
+    """All light of the picture, as lens or room throw it about."""
+    wide = gaussian_filter(_even(lab), (reach_px, reach_px, 0.0), mode="constant")
+    if late_ps:
+        kept = np.exp(-lab.code_ps / late_ps)
+        wide = lfilter([1.0 - kept], [1.0, -kept], wide, axis=2)
+    return _taken(lab, wide)
 
 
 def haze(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
@@ -137,6 +154,115 @@ def pile_up(lab: Lab, most: float, rng: np.random.Generator) -> tuple[Floats, To
     return counts * np.exp(hits - np.cumsum(hits, axis=2)), {}
 
 
+def wings(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    rows, cols = lab.optics.shape
+    down, right = np.mgrid[1 - rows : rows, 1 - cols : cols]
+    kernel = (1.0 + (down**2 + right**2) / 9.0) ** -1.5
+    kernel /= kernel.sum()
+    even = np.pad(_even(lab), ((rows // 2,) * 2, (cols // 2,) * 2, (0, 0)))
+    wide = fftconvolve(even, kernel[..., np.newaxis], mode="same", axes=(0, 1))
+    wide = wide[rows // 2 :, cols // 2 :][:rows, :cols]
+    late = _taken(lab, np.maximum(wide, 0.0))
+    return counts_of(lab, (1.0 - share) * light_of(lab) + share * late), {}
+
+
+def wandering(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    light = _even(lab)
+    late = np.zeros_like(light)
+    delays = np.arange(1, 25) * 100.0
+    weights = delays * np.exp(-delays / 250.0)
+    for delay, weight in zip(delays, weights / weights.sum(), strict=True):
+        reach = 6.0 * np.sqrt(delay / 500.0)
+        moved = np.roll(light, round(delay / lab.code_ps), axis=2)
+        late += weight * gaussian_filter(moved, (reach, reach, 0.0), mode="constant")
+    return counts_of(lab, (1.0 - share) * light_of(lab) + share * _taken(lab, late)), {}
+
+
+def glow(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    light, kept = light_of(lab), np.exp(-lab.code_ps / 1500.0)
+    late = lfilter([1.0 - kept], [1.0, -kept], light, axis=2)
+    return counts_of(lab, (1.0 - share) * light + share * late), {}
+
+
+def curved_mirror(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    """A sphere behind the flight: its image is a curve, nearer and smaller."""
+    optics, pieces = lab.optics, 8
+    away = np.linalg.norm(lab.vertices - optics.eye, axis=1).mean()
+    centre = optics.eye + 1.9 * away * optics.axes[:, 2] + 0.1 * away * rng.normal(size=3)
+    parts = np.concatenate(
+        [a + (b - a) * np.arange(pieces)[:, np.newaxis] / pieces for a, b in pairwise(lab.vertices)]
+        + [lab.vertices[-1:]]
+    )
+    out = parts - centre
+    radius, far = 0.5 * away, np.linalg.norm(out, axis=1, keepdims=True)
+    image = centre + out / far * (radius**2 / far)
+    lengths = np.linalg.norm(np.diff(lab.vertices, axis=0), axis=1)
+    starts = np.concatenate(([0.0], np.cumsum(np.repeat(lengths, pieces) / pieces)))
+    emission = lab.emission_ps
+    counts = np.zeros((*optics.shape, lab.n_codes))
+    for k, ends in enumerate(pairwise(image)):
+        # The way from flight to mirror and on to the camera, as long as that to the image of a
+        # plane mirror at the sphere's surface.
+        surface = centre + out[k] / far[k] * radius
+        way = np.linalg.norm(parts[k] - surface) + np.linalg.norm(surface - optics.eye)
+        late = (starts[k] + way - np.linalg.norm(image[k] - optics.eye)) * INDEX / SPEED
+        counts += light_of(replace(lab, vertices=np.array(ends), emission_ps=emission + late))
+    light = light_of(lab)
+    return counts_of(lab, light + share * light.sum() / max(counts.sum(), 1e-30) * counts), {}
+
+
+def crosstalk(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    light = light_of(lab)
+    beside = np.zeros_like(light)
+    for axis, by in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        beside += np.roll(light, (by, 1), axis=(axis, 2))
+    return counts_of(lab, light + share / 4.0 * beside), {}
+
+
+def lamp(lab: Lab, most: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    """Background per code, in shares of the brightest pixel's light, from one side to the other."""
+    across = np.linspace(0.0, most * lab.photons / lab.n_codes, lab.optics.shape[1])
+    return counts_of(lab, light_of(lab)) + across[:, np.newaxis] * lab.widths, {}
+
+
+def flash(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    """Where the light ends it lights all that lies around: the later, the farther."""
+    optics, end = lab.optics, lab.vertices[-1]
+    light = light_of(lab)
+    flight = np.linalg.norm(np.diff(lab.vertices, axis=0), axis=1).sum()
+    at = lab.emission_ps + INDEX * flight / SPEED
+    depth = optics.image(end[np.newaxis])[1][0]
+    extra = np.zeros_like(light)
+    for pixel in np.ndindex(*optics.shape):
+        point = optics.point(pixel[0], pixel[1], depth * 1.15)
+        far = np.linalg.norm(point - end)
+        when = at + INDEX * (far + np.linalg.norm(point - optics.eye)) / SPEED
+        delay = lab.edges_ps - when - lab.delays_ps[pixel]
+        extra[pixel] = np.diff(lab.come(delay)) / far**2
+    return counts_of(lab, light + share * light.sum() / extra.sum() * extra), {}
+
+
+def comet(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    light = _even(lab)
+    tail = np.zeros_like(light)
+    for by in (1, 2, 3):
+        tail[by:, by:] += light[:-by, :-by] * 0.57 * 0.5 ** (by - 1)
+    return counts_of(lab, _taken(lab, (1.0 - share) * light + share * tail)), {}
+
+
+def two_lobes(lab: Lab, apart_px: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    light = _even(lab)
+    ends = lab.optics.image(lab.vertices[:2])[0]
+    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    by = 0.5 * apart_px * np.array([-along[1], along[0], 0.0])
+    both = shift(light, by, order=1) + shift(light, -by, order=1)
+    return counts_of(lab, _taken(lab, both)), {}
+
+
+def wider(lab: Lab, by: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    return counts_of(lab, light_of(replace(lab, pulse_ps=lab.pulse_ps * (1.0 + by)))), {}
+
+
 # ---- what is told ----------------------------------------------------------------------------
 
 
@@ -197,6 +323,16 @@ DEFECTS: dict[str, tuple[Defect, tuple[float, ...]]] = {
     "shadow": (shadow, (0.5, 0.9)),
     "hot": (hot, (3.0, 10.0)),
     "pile_up": (pile_up, (0.05, 0.3)),
+    "wings": (wings, (0.1, 0.3)),
+    "wandering": (wandering, (0.1, 0.3)),
+    "glow": (glow, (0.1, 0.3)),
+    "curved_mirror": (curved_mirror, (0.03, 0.1)),
+    "crosstalk": (crosstalk, (0.02, 0.08)),
+    "lamp": (lamp, (0.1, 1.0)),
+    "flash": (flash, (0.1, 1.0)),
+    "comet": (comet, (0.1, 0.3)),
+    "two_lobes": (two_lobes, (0.7, 1.5)),
+    "wider": (wider, (0.1, 0.3)),
     "source": (source, (0.002, 0.01)),
     "emission": (emission, (10.0, 50.0)),
     "scale": (scale, (5e-4, 3e-3)),
