@@ -20,6 +20,7 @@ from tests.labs import three_legs
 from tests.oracles.brute_force import expected_counts
 
 
+@pytest.mark.long
 def test_a_leg_parted_in_line_lost_its_pulses():
     case = drawn_case(1_000_219)
     scene = case.scene

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import warnings
 
+import pytest
+
 import lightflight as lf
 from benchmarks.unseen_legs import error2_in_view, found_its_gap
 from lightflight.errors import LightflightWarning
@@ -15,6 +17,7 @@ from tests.oracles.refracted_border import camera_told, histograms
 from tests.oracles.unseen_ways import roof_or_cube
 
 
+@pytest.mark.long
 def test_a_roof_mirror_made_six_wrong_legs():
     way = roof_or_cube(4)
     scene, hist = way.scene, histograms(way.scene, 4)

@@ -18,6 +18,7 @@ from tests.reconstruct.test_bends import squared_pulls
 
 
 @pytest.mark.usefixtures("unexamined")
+@pytest.mark.long
 def test_axes_of_bends_stood_askew():
     """One recording: chance 1e-5."""
     scene = bent_scene(legs=3, sagitta_mm=20.0, way="depth")

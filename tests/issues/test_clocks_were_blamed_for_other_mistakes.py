@@ -28,6 +28,7 @@ def outcome(**changes):
 @pytest.mark.parametrize(
     "off", [(0, 0, 150.0), pytest.param((100.0, 0, 0), marks=pytest.mark.long)]
 )
+@pytest.mark.long
 def test_a_source_in_the_wrong_place_is_no_fault_of_the_clock(off):
     said = outcome(source=lf.Source(np.array(off), emission_time_ps=2000.0))
     for one in said:

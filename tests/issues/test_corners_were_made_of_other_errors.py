@@ -37,6 +37,7 @@ def asked(monkeypatch):
 
 
 @pytest.mark.usefixtures("as_found")
+@pytest.mark.long
 def test_a_corner_that_a_clock_explains_is_in_doubt(asked):
     """Named by its tests; by its corner where, as once, all tests pass."""
     world = random_world(9253, 3).but(scale=1e-3)

@@ -7,6 +7,7 @@ depth, as many as the counts are worth, an index told as 1.44 +- 0.05 came out a
 
 from __future__ import annotations
 
+import pytest
 from scipy.stats import chi2
 
 import lightflight as lf
@@ -15,6 +16,7 @@ from tests.oracles.bent import fibre_in_view
 from tests.oracles.refracted_border import histograms
 
 
+@pytest.mark.long
 def test_curves_were_taken_for_parabolas_to_tell_the_index():
     """Three recordings: chance 1e-4."""
     scene, total = fibre_in_view("depth"), 0.0

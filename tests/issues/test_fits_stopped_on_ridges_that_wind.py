@@ -7,6 +7,7 @@ one had found and crept along the ridge of index against source, 114 mm off with
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import lightflight as lf
 from tests.oracles.worlds.border import record, what_the_user_tells
@@ -14,6 +15,7 @@ from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
+@pytest.mark.long
 def test_fits_stopped_on_ridges_that_wind():
     seed = 60_003
     world = DEFECTS["index"].applied(random_world(seed, 3), 0.33)

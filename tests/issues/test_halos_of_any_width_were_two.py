@@ -24,7 +24,7 @@ from tests.oracles.worlds.random_worlds import random_world
 @pytest.mark.parametrize(
     ("reach_px", "method"),
     [
-        (2.0, "joint"),
+        pytest.param(2.0, "joint", marks=pytest.mark.long),
         (4.0, "joint"),
         (6.0, "photon"),
         pytest.param(12.0, "joint", marks=pytest.mark.long),
@@ -42,7 +42,9 @@ def test_halos_of_any_width_are_taken_into_the_fit(reach_px, method):
     assert np.abs(pulls(path, world.vertices)).max() < 4.0
 
 
-@pytest.mark.parametrize(("reach_px", "late_ps"), [(4.0, 300.0), (8.0, 1200.0)])
+@pytest.mark.parametrize(
+    ("reach_px", "late_ps"), [(4.0, 300.0), pytest.param(8.0, 1200.0, marks=pytest.mark.long)]
+)
 def test_halos_of_any_delay_are_taken_into_the_fit(reach_px, late_ps):
     """One was late by 600 ps, over 8 px: fog of other kinds contradicted right paths, or moved
     them by three stated errors."""

@@ -86,6 +86,7 @@ def test_each_place_spreads_what_its_own_spot_holds(monkeypatch):
     np.testing.assert_allclose(two.photons, 2.0 * one.photons, rtol=1e-12)
 
 
+@pytest.mark.long
 def test_light_that_stops_beside_the_picture_spreads_nothing():
     """A wall stands 1 px beside the picture: what runs on is a guess that the counts correct."""
     seed = 1251

@@ -21,6 +21,7 @@ from tests.oracles.worlds.random_worlds import random_world
 
 
 @pytest.mark.usefixtures("as_found")
+@pytest.mark.long
 def test_late_light_beside_corners_was_taken_for_the_path():
     seed = 1292
     world = DEFECTS["haze_500ps"].applied(random_world(seed, 3), 0.5)

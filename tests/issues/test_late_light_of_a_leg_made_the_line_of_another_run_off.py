@@ -8,6 +8,7 @@ recording holds ended the model of the haze, in silence, and the path was fitted
 import warnings
 
 import numpy as np
+import pytest
 from scipy.interpolate import BSpline
 
 import lightflight as lf
@@ -18,6 +19,7 @@ from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
+@pytest.mark.long
 def test_three_legs_in_thick_haze_are_right_within_their_errors():
     """Six numbers of one recording: their rms pull passes 2.2 by chance once in 16,000."""
     haze = DEFECTS["haze_500ps"]

@@ -37,6 +37,7 @@ def test_a_climb_ends_where_no_step_leads_higher_and_none_would_lead_far(start, 
     assert at[0] == start
 
 
+@pytest.mark.long
 def test_a_path_by_all_counts_is_trusted_and_right():
     lab = drawn_lab(302)
     path = path_of(lab, "photon")

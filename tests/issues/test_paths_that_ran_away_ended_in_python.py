@@ -19,6 +19,7 @@ from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
+@pytest.mark.long
 def test_a_late_halo_of_half_the_light_leaves_the_path():
     """Refused in a sentence at first; found since the beam's pulses are told from the halo's."""
     world = DEFECTS["late_halo"].applied(random_world(9016, 1), 0.5)

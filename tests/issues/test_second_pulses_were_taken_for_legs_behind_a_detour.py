@@ -18,6 +18,7 @@ from tests.oracles.worlds.random_worlds import random_world
 from tests.path_fakes import make_path
 
 
+@pytest.mark.long
 def test_a_second_pulse_is_no_detour():
     world = random_world(300, 3).but(second=0.1, second_ps=3000.0)
     with pytest.warns(SuspectDataWarning, match="second pulse"):

@@ -56,7 +56,12 @@ def test_one_leg_before_a_wall_is_right_within_its_errors(behind_mm, method):
 @pytest.mark.parametrize(
     ("seed", "method", "was"),
     [
-        (2288, "joint", "4.7: the first mirror that was tried led nowhere"),
+        pytest.param(
+            2288,
+            "joint",
+            "4.7: the first mirror that was tried led nowhere",
+            marks=pytest.mark.long,
+        ),
         pytest.param(
             2294,
             "joint",

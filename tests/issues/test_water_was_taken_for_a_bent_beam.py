@@ -13,7 +13,7 @@ from tests.oracles.worlds.random_worlds import random_world
     ("defect", "seed", "photons", "told"),
     [
         pytest.param("index", 5, 40_000.0, None, marks=pytest.mark.long),
-        ("index_to_the_camera", 2, 400.0, 3),
+        pytest.param("index_to_the_camera", 2, 400.0, 3, marks=pytest.mark.long),
     ],
 )
 def test_the_index_is_named(defect, seed, photons, told):

@@ -92,6 +92,7 @@ def by_four(example, file, tmp_path):
 
 
 @pytest.mark.usefixtures("unexamined")
+@pytest.mark.long
 def test_with_assumed_scale_it_goes_to_four_dimensions(example, by_four):
     """The straight fibre is on the page about real recordings, which tests/docs runs with its
     verdict; of this one that is not asked. Told as one fibre it is one curve, along the track."""

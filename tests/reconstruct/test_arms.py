@@ -96,6 +96,7 @@ def test_an_arm_that_one_of_two_cameras_shows_is_found(seed, arm_first, monkeypa
     assert lines_anew.called
 
 
+@pytest.mark.long
 def test_light_that_goes_straight_on_is_an_arm():
     seed, share = STRAIGHT
     world = splitter_world(seed, share=share)

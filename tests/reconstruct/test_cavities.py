@@ -27,7 +27,9 @@ def path_of(world: Cavity, seed: int) -> lf.LightPath:
 
 
 @pytest.mark.parametrize(
-    ("passes", "walk_mm", "seed"), [(20, 9.0, 3), (6, 0.5, 1)], ids=["side by side", "retraced"]
+    ("passes", "walk_mm", "seed"),
+    [(20, 9.0, 3), pytest.param(6, 0.5, 1, marks=pytest.mark.long)],
+    ids=["side by side", "retraced"],
 )
 def test_passes_are_found_and_their_times_lie_within_the_errors(passes, walk_mm, seed):
     """One recording each, 4,000 photons in the first pass's brightest pixel.

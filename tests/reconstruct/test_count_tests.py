@@ -381,6 +381,7 @@ def test_a_calibrated_clock_is_trusted():
     assert verdict_of(2, pf32=True).level == "trust"
 
 
+@pytest.mark.long
 def test_how_much_light_is_the_paths_is_said():
     verdict = verdict_of(0, "glint", n_legs=3, strength=1, method="joint", photons=40_000.0)
     said = next(f.sentence for f in verdict.findings if f.name == "unexplained_light")

@@ -143,6 +143,7 @@ def test_index_and_place_err_as_stated(name, n):
     assert chi2.ppf(2.5e-5, 3 * n) < of_place < chi2.ppf(1.0 - 2.5e-5, 3 * n)
 
 
+@pytest.mark.long
 def test_a_length_belongs_to_where_the_light_stops():
     """And not to the picture's edge, seven pixels on."""
     scene = fibre_in_view("depth", end_mm=260.0)

@@ -105,6 +105,7 @@ class TestRoofMirror:
             assert not [said for said in path.statements if "orner 1 " in said]
 
 
+@pytest.mark.long
 def test_photon_finds_it_too():
     way = roof_or_cube(12)
     path = found(way.scene, 12, method="photon")
@@ -116,7 +117,7 @@ def test_photon_finds_it_too():
     assert abs(gap.delay_ps - true_delay_ps(gap, way)) < 3.9 * gap.delay_std_ps
 
 
-@pytest.mark.parametrize("n_legs", [pytest.param(2, marks=pytest.mark.long), 3])
+@pytest.mark.parametrize("n_legs", [2, pytest.param(3, marks=pytest.mark.long)])
 def test_legs_that_nobody_saw_may_be_counted_or_not(n_legs):
     way = roof_or_cube(12)
     path = found(way.scene, 12, n_legs=n_legs)

@@ -113,9 +113,8 @@ def test_water_told_as_air_is_contradicted() -> None:
     assert path.verdict.level == "contradicted"
 
 
-@pytest.mark.parametrize(
-    ("n_legs", "photons"), [(1, 40_000.0), pytest.param(3, 4_000.0, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize(("n_legs", "photons"), [(1, 40_000.0), (3, 4_000.0)])
+@pytest.mark.long
 def test_water_told_as_air_can_be_fitted(n_legs: int, photons: float) -> None:
     scene = replace(tank_world(n_legs), photons=photons)
     hist = histograms(scene, 171)

@@ -146,6 +146,7 @@ class TestPullsOnTheTwin:
         dof = paths[0].goodness.dof
         assert chi2 == pytest.approx(1.0, abs=5.6 * np.sqrt(2 / dof / RUNS) + 0.03)
 
+    @pytest.mark.long
     def test_clock_that_is_wrong_by_as_much_as_it_says(self, recordings):
         """Every pixel's delay off by 2 ps rms, anew for every recording."""
         rng = np.random.default_rng(11)
@@ -205,6 +206,7 @@ class TestPullsOnTheOracle:
         )
         pulls_of(paths, lab.vertices_mm, lab.truth.vertex_times_ps).check()
 
+    @pytest.mark.long
     def test_three_legs_emission_time_fitted(self):
         lab = three_legs()
         paths = self.paths(lab, 4000.0, lab.timed)

@@ -26,6 +26,9 @@ CASES = (
 """Seed, legs, share, delay in ps, estimator. The second comes after the laser's next pulse, and
 is told as 20 ns before; 20 ns after, its light would lie where the codes end, unseen."""
 PERIOD_PS = 50_000.0
+CASES_TRIED = pytest.mark.parametrize(
+    "case", [*CASES[:2], pytest.param(CASES[2], marks=pytest.mark.long)]
+)
 
 
 @cache
@@ -54,7 +57,7 @@ def inner_pulls(world: World, path: lf.LightPath) -> np.ndarray:
     return (off[inner] / path.vertex_std[inner, :3]).ravel()
 
 
-@pytest.mark.parametrize("case", CASES)
+@CASES_TRIED
 def test_delay_and_share_are_those_put_in(case):
     """Six numbers at fixed seeds: one beyond 4.5 stated errors in 24,000 runs."""
     _, _, share, delay, _ = case
@@ -66,7 +69,7 @@ def test_delay_and_share_are_those_put_in(case):
     assert second.delay_std_ps < 2.0
 
 
-@pytest.mark.parametrize("case", CASES)
+@CASES_TRIED
 def test_the_path_is_right_beside_it(case):
     """Fixed seeds, 12 numbers; 5 stated errors in one of them: 1e-5."""
     world, path = found(*case)
@@ -74,7 +77,7 @@ def test_the_path_is_right_beside_it(case):
     assert (np.abs(inner_pulls(world, path)) < 5.0).all()
 
 
-@pytest.mark.parametrize("case", CASES)
+@CASES_TRIED
 def test_it_is_told_and_no_contradiction(case):
     path = found(*case)[1]
     assert path.verdict.level == "check"
@@ -98,6 +101,7 @@ def test_without_one_there_is_none():
     assert path.verdict.level == "trust"
 
 
+@pytest.mark.long
 def test_which_of_two_alike_is_the_first_stays_open():
     """Shares of one within their error: the other answer is told, as far off as they are apart."""
     world, path = found(501, 1, 1.0, 3_000.0, "joint", told=False)

@@ -85,6 +85,7 @@ def test_a_truth_that_forks_is_kept_with_its_recording(tmp_path):
     assert error.position_rms_mm < 1e-6
 
 
+@pytest.mark.long
 def test_a_drawn_splitter_is_found_and_trusted():
     """The position's error is that of the bound, not three times as much: one recording of seven
     numbers and 4,000 photons passes three times by chance far less than once in 1e6."""

@@ -165,6 +165,7 @@ def test_real_array_by_onset_and_by_reconvolution(coumarin):
     assert 40 < (high - low) / CODE_PS < 60
 
 
+@pytest.mark.long
 def test_real_array_halves_of_the_photons_agree(coumarin):
     cube, _ = coumarin
     counts = cube[::4, ::4].astype(np.int64)

@@ -123,6 +123,7 @@ def limits():
     return contributions.record_from_results(results)
 
 
+@pytest.mark.long
 def test_lines_in_the_picture_are_what_limits_the_paper(limits):
     clean, times, lines, both, alone = limits.position_rms_mm
     assert times == pytest.approx(clean, rel=0.3)  # exact times change nothing
@@ -187,6 +188,7 @@ def test_a_bent_beam_in_pieces():
     assert case["errors"]["joint"] < case["errors"]["paper"] < 4.0
 
 
+@pytest.mark.long
 def test_steep_angle_and_fibre():
     results = [
         discussion.measure_steep(angle_deg=-45.0, recordings=1, seed=SEED),
