@@ -8,9 +8,9 @@ BIN    := $(VENV)/bin
 LOWEST := $(VENV)/lowest
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 
-# pytest: two workers; who is done takes over tests that the other has still to do: by pytest's
-# default, one idles for the last tenth.
-PYTEST_FLAGS ?= -n 2 --dist worksteal
+# pytest: three workers on two cores, since campaigns and browsers keep a worker waiting; who is done
+# takes over tests that another has still to do.
+PYTEST_FLAGS ?= -n 3 --dist worksteal
 export MPLBACKEND := Agg
 # Tests start hundreds of processes: without byte code each compiles the package and its tests again.
 test quick long lowest cold fuzz attack mutants: export PYTHONDONTWRITEBYTECODE :=

@@ -55,6 +55,7 @@ def test_a_corner_that_a_clock_explains_is_in_doubt(asked):
 
 
 @pytest.mark.usefixtures("as_found")
+@pytest.mark.long
 def test_a_corner_is_asked_about_where_the_path_without_loses_pulses():
     """A source told 3 mm off made four legs of three, trusted: without the corner ten pulses lay on
     no leg, and each counted against the source, with which they all come back."""

@@ -45,6 +45,7 @@ def farther(monkeypatch):
 
 
 @pytest.mark.usefixtures("unexamined")
+@pytest.mark.long
 def test_all_counts_are_believed_where_chance_explains_what_pulses_miss(farther):
     """Of fourteen numbers chance explains 42, once in 10,000 times."""
     farther(14.0)

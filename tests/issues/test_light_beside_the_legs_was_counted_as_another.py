@@ -41,6 +41,7 @@ def found(world, seed, method="joint", **told):
         )
 
 
+@pytest.mark.long
 def test_further_pulses_of_repeats_are_as_bright_as_in_all(monkeypatch):
     """A pulse before the beam's, a tenth of its light: four repeats show it four times."""
     seen = []

@@ -134,6 +134,7 @@ def test_a_start_that_forks_is_fitted_as_it_is(paths):
     np.testing.assert_allclose(again.vertices_mm[1], path.vertices_mm[1], atol=0.05)
 
 
+@pytest.mark.long
 def test_legs_are_counted_on_all_branches(paths):
     seed, share = CASES[0]
     path = path_of(splitter_world(seed, share=share), seed, n_legs=3)
