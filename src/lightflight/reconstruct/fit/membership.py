@@ -40,6 +40,8 @@ In the picture, not in space: how deep a path lies may still move a lot when its
 CLAIM_REACH_PX = 2.2
 """Pulses this near to a leg's line may be claimed by it, px: five stds of a usual
 spot; a wider spot widens the gate."""
+CLAIM_STDS = 6.0
+"""A pulse may be claimed by a leg whose time lies within this many of its errors."""
 MOST_SHIFT = 0.1
 """Light of another leg, or an end of its own within the spot, may move a pulse by no more, of its
 error."""
@@ -229,8 +231,8 @@ def assigned(
         expected[:, k] = np.exp(-0.5 * (print_.lateral_px**2 + beyond**2) / spot_px**2)
     best = np.argmin(gap, axis=1)
     total = np.hypot(arrivals.independent_std_ps[usable], floor_ps)
-    # Six errors, or half a pulse while the path is rough.
-    mine = gap[np.arange(n), best] < np.maximum(6.0 * total, 0.5 * std)
+    # Or half a pulse while the path is rough.
+    mine = gap[np.arange(n), best] < np.maximum(CLAIM_STDS * total, 0.5 * std)
     shift = _shift_by_others_ps(modelled, expected, best, arrivals, usable, std)
     mine &= shift < MOST_SHIFT * total
     chosen = np.flatnonzero(mine)

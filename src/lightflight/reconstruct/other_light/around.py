@@ -14,7 +14,12 @@ from lightflight.errors import NothingFoundError
 from lightflight.flight import Source
 from lightflight.reconstruct.all_counts.counts import merged
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.membership import mode_columns, tip_of_leg, tips_in_view
+from lightflight.reconstruct.fit.membership import (
+    CLAIM_REACH_PX,
+    mode_columns,
+    tip_of_leg,
+    tips_in_view,
+)
 from lightflight.reconstruct.model.cells import CORE_STDS, cells_about, lag_edges
 from lightflight.reconstruct.model.counted import Pixels, Pulses, dark_pixels
 from lightflight.reconstruct.model.geometry import footprints
@@ -223,7 +228,9 @@ def _near_legs(
     clock = replace(whole, found=fit.solution.modes[mode_columns(list(fit.sightings))[whole.view]])
     points, n_legs = undistorted_px(camera, rows, cols), len(picture.legs)
     brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
-    reach = picture.spot_std_px * np.sqrt(2.0 * np.log(max(brightest / _FAINT, 2.0))) + 0.3
+    reach = picture.spot_std_px * np.sqrt(2.0 * np.log(max(brightest / _FAINT, 2.0)))
+    # Farther off the path claims no pulse; nearer, one may be of glare alone.
+    reach = max(reach, CLAIM_REACH_PX) + 0.3
     away, given = np.full((len(rows), n_legs), np.inf), np.zeros((len(rows), n_legs))
     arrival, slope, bend, narrow, uneven, side = np.full((6, len(rows), n_legs), np.nan)
     beyond = np.zeros(len(rows), dtype=bool)

@@ -28,6 +28,7 @@ from lightflight.reconstruct.fit.joint import (
     pulse_std_in_view,
     pulses_of_legs,
 )
+from lightflight.reconstruct.fit.membership import CLAIM_STDS
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.pulse_shape import shape_of
 from lightflight.reconstruct.model.second_path import SecondPath
@@ -319,7 +320,10 @@ def _without_wings(sighting: Sighting, seen: Seen) -> Sighting:
     pixel = place[sighting.arrivals.row[rows], sighting.arrivals.col[rows]]
     rows, pixel = rows[pixel >= 0], pixel[pixel >= 0]
     gap = np.abs(sighting.arrival_ps[rows, np.newaxis] - seen.arrival_ps[pixel])
-    mine = (gap < _GATE_STDS * seen.std_ps[pixel]).any(axis=1)
+    # Dim pulses of glare are wide, and claimed from as far off as their errors are large.
+    claimed = CLAIM_STDS * sighting.arrivals.independent_std_ps[rows]
+    gate = np.maximum(_GATE_STDS * seen.std_ps[pixel], claimed[:, np.newaxis])
+    mine = (gap < gate).any(axis=1)
     time = sighting.arrival_ps.copy()
     time[rows[mine]] = np.nan
     return replace(sighting, arrival_ps=time)

@@ -17,14 +17,18 @@ from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.result import mirror_of_fit, second_pulse_of_fit
+from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.model.sizes import PLAUSIBLE
+from lightflight.reconstruct.model.spread import WIDE_LATE, WIDE_PX
 from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
 from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.reconstruct.verdict.judge import verdict_from_evidence
 
 _DIFFUSE = (FindingName.HAZE, FindingName.SHAPE, FindingName.HALO, FindingName.GLARE)
 """What `other_light.diffuse` has a place for."""
+_MOST_SHARE = 2.0
+"""Of the path's own light, two thirds of all: thicker fog was not solved. That strengths are
+unusual their priors say, and the counts whether the light is such."""
 
 
 def verdict_with_light_taken_up(
@@ -72,7 +76,7 @@ def verdict_with_light_taken_up(
         replace(one, sentence=f"{one.sentence}: taken into the fit", severity=Severity.CHECK)
         for one in (
             *_what_comes_twice(plain, fit),
-            *(one for one in plain.findings if one.name in _DIFFUSE),
+            *(_as_fitted(one, fit) for one in plain.findings if one.name in _DIFFUSE),
         )
     )
     return replace(left, level=Level.CHECK, findings=(*told, *left.findings))
@@ -83,6 +87,35 @@ def _has_place(plain: Verdict, fit: JointFit) -> bool:
     first = plain.findings[0].name if plain.findings else None
     # What comes twice is light of the path: all that its counts are called may be it.
     return _plausible(fit) and (first in _DIFFUSE or bool(_what_comes_twice(plain, fit)))
+
+
+def _as_fitted(finding: Finding, fit: JointFit) -> Finding:
+    """The finding with the strength that the fit has: tests tell sizes from a plain flight's.
+
+    As it was where the fit calls most of that light by another name.
+    """
+    most = max(fit.strengths, key=lambda one: float(one.of_kinds.sum()))
+    reaches = (*WIDE_PX, *(reach for reach, _ in WIDE_LATE))
+    if finding.name in (FindingName.HAZE, FindingName.SHAPE):
+        share, wait = _sum_and_mean(most.tails)
+        words = {
+            FindingName.HAZE: f"{share:.2g} of the light on the path comes late",
+            FindingName.SHAPE: f"pulses have a tail: {share:.2g} of their light",
+        }[finding.name] + f", by some {wait:.3g} ps"
+    elif finding.name is FindingName.HALO:
+        share, reach = _sum_and_mean(list(zip(most.wide, reaches, strict=False)))
+        words = f"{share:.2g} of the light lies about the path, over some {reach:.2g} px"
+    else:
+        share = float(most.of_kinds[-2:].sum())
+        words = f"{share:.2g} of the light lies over the whole picture"
+    return replace(finding, sentence=words) if share > light.LEAST_SHARE else finding
+
+
+def _sum_and_mean(parts: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Of shares and what they are by: the sum of shares, and the mean by those above none."""
+    shares, values = np.array(parts).T
+    weights = np.maximum(shares, 0.0)
+    return float(shares.sum()), float(weights @ values / max(float(weights.sum()), 1e-12))
 
 
 def _what_comes_twice(plain: Verdict, fit: JointFit) -> tuple[Finding, ...]:
@@ -109,8 +142,7 @@ def _what_comes_twice(plain: Verdict, fit: JointFit) -> tuple[Finding, ...]:
 
 
 def _plausible(fit: JointFit) -> bool:
-    """Whether the fit found diffuse light, in all no more than would surprise nobody."""
-    most = PLAUSIBLE[FindingName.HAZE].size
+    """Whether the fit found diffuse light, in all no more than the path's own."""
     return bool(fit.strengths) and all(
-        float(np.maximum(one.of_kinds, 0.0).sum()) <= most for one in fit.strengths
+        float(np.maximum(one.of_kinds, 0.0).sum()) <= _MOST_SHARE for one in fit.strengths
     )
