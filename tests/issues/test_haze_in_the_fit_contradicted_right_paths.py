@@ -11,20 +11,18 @@ from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
-@pytest.mark.parametrize(
-    ("defect", "strength", "level"),
-    [("haze_500ps", 1, "check"), ("haze_500ps", 2, "contradicted")],
-)
-def test_haze_is_named_and_contradicts_only_where_it_explains_too_little(defect, strength, level):
-    """A fifth of the light is taken into the fit, half of it is not; one recording each."""
+@pytest.mark.parametrize("strength", [1, 2])
+def test_haze_is_named_and_contradicts_nothing(strength):
+    """A fifth of the light, and half of it, are taken into the fit; one recording each."""
+    defect = "haze_500ps"
     assert not DEFECTS[defect].held_out
     world = DEFECTS[defect].applied(random_world(0, 1), DEFECTS[defect].strengths[strength])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LightflightWarning)
         verdict = lf.reconstruct(record(world, 0), **what_the_user_tells(world)).verdict
     first = verdict.findings[0]
-    assert (verdict.level, first.name, first.severity) == (level, "haze", level)
-    assert ("taken into the fit" in first.sentence) == (level == "check")
-    assert (verdict.p_value > 0.01) == (level == "check")
+    assert (verdict.level, first.name, first.severity) == ("check", "haze", "check")
+    assert "taken into the fit" in first.sentence
+    assert verdict.p_value > 0.01
     # How clearly haze was seen is still that of the counts against a plain flight.
     assert first.sigma > 30.0

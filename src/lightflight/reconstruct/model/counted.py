@@ -27,10 +27,11 @@ Tails = Sequence[tuple[float, float]]
 _STEPS = 4
 """Steps of Fisher scoring; the last moves bright pixels by a small part of their errors."""
 _WIDTH_STD = 0.1
-"""By how much pulses may differ in width from pixel to pixel, ln."""
-_FLIGHT_STD = 0.03
-"""Half the variance that flight through a footprint may add to a pulse, in the pulse's own, where
-none is expected."""
+"""By how much pulses may differ in width from pixel to pixel, ln; of a shape that is no Gaussian,
+half the variance that is more or less than expected, in the pulse's own."""
+_AS_WIDE = 0.01
+"""Half a variance, in a pulse's own, by which all pulses may be wider than expected: a hundredth of
+their width moves the time of one with a tail by less than a thousandth."""
 _BEYOND_STD = 1.0
 """Light that nobody saw may be twice as bright as was told, or none: of its brightness."""
 _CLIPS = 4
@@ -300,7 +301,8 @@ def lit_pixels(
         prior[:, 2 * s] = _BEYOND_STD**-2.0
     if changes:
         prior[:, -3] = 1.0
-    prior[:, -2] = _width_std(pulses) ** -2.0 if s else _HELD
+    # Stretched, a pulse with a tail comes late: it is spread.
+    prior[:, -2] = _width_std(pulses) ** -2.0 if s and not changes else _HELD
     prior[:, -1] = start**-2.0
     center[:, -1] = start
     steps = _STEPS if s else 2
@@ -317,7 +319,12 @@ def lit_pixels(
         if s:
             # About a place that was fitted to them few photons lie closer than about their own.
             taken = np.minimum(inverse[:, s, s] / std[:, 0] ** 2, _MOST_TAKEN)
-            center[:, -2] = 0.5 * np.log1p(-taken)
+            closer = 0.5 * np.log1p(-taken)
+            if changes and pulses.shape.flight is not None:
+                spread = 1.0 + 2.0 * pulses.shape.flight[:, 0]
+                center[:, -3] = closer * spread / _flight_std(pulses)[:, 0]
+            else:
+                center[:, -2] = closer
         score = np.einsum("nmq,nm->nq", slopes, weight * (cells.counts - mean)) + pull
         moved = np.einsum("nij,nj->ni", inverse, score)
         moved[:, s : 2 * s] = np.clip(moved[:, s : 2 * s], -0.5 * std, 0.5 * std)
@@ -336,9 +343,24 @@ def lit_pixels(
         late + unknown[:, s : 2 * s],
         std * np.exp(unknown[:, -2:-1] - center[:, -2:-1]),
         unknown[:, -1],
-        _with_flight(pulses, unknown),
+        _with_flight(pulses, unknown - center),
         second,
     )
+
+
+def as_wide_as_seen(pulses: Pulses, pixels: Pixels) -> tuple[Pulses, bool]:
+    """Pulses of a calibrated shape spread as all pixels together show them, and whether they were.
+
+    A laser that is not that of the flat, or a warmer detector, spreads a pulse: what is stretched
+    with it, tail and all, comes late.
+    """
+    expected, found = pulses.shape.flight, pixels.shape.flight
+    if expected is None or found is None or not found.size:
+        return pulses, False
+    more = float(np.median(found[:, 0] - expected[:, 0]))
+    if abs(more) < _AS_WIDE:
+        return pulses, False
+    return replace(pulses, shape=pulses.shape.drawn_out(expected + more)), True
 
 
 def _width_std(pulses: Pulses) -> Floats:
@@ -352,7 +374,7 @@ def _width_std(pulses: Pulses) -> Floats:
 def _flight_std(pulses: Pulses) -> Floats:
     """(n, s), half the variance that flight may add beside what is expected, in the pulse's own."""
     doubt = 0.0 if pulses.flight_std is None else np.nan_to_num(pulses.flight_std)
-    std: Floats = np.hypot(_FLIGHT_STD, np.broadcast_to(doubt, pulses.late_ps.shape))
+    std: Floats = np.hypot(_WIDTH_STD, np.broadcast_to(doubt, pulses.late_ps.shape))
     return std
 
 

@@ -143,10 +143,16 @@ def alike(sightings: list[Sighting]) -> Iterator[tuple[Sighting, list[int]]]:
         left = [k for k in left if k not in own]
 
 
-def pixels_about_path(whole: Sighting, fit: JointFit, number: int, std_ps: float) -> Seen:
-    """Which legs light which pixels, and when."""
+def pixels_about_path(
+    whole: Sighting, fit: JointFit, number: int, std_ps: float, *, claimed: bool = False
+) -> Seen:
+    """Which legs light which pixels, and when.
+
+    With `claimed` also those too far off for any of their light, of which the path may claim a
+    pulse all the same.
+    """
     rows, cols, n_cut = _pixels_asked(whole, fit, number)
-    near, beyond = _near_legs(whole, fit, number, rows, cols)
+    near, beyond = _near_legs(whole, fit, number, rows, cols, CLAIM_REACH_PX if claimed else 0.0)
     picture, lit = fit.pictures[number], near.lit
     transit = flight_ps(near.slope, near.narrow, picture)
     response = whole.timing.response
@@ -220,7 +226,7 @@ class _NearLegs:
 
 
 def _near_legs(
-    whole: Sighting, fit: JointFit, number: int, rows: Indices, cols: Indices
+    whole: Sighting, fit: JointFit, number: int, rows: Indices, cols: Indices, least_px: float
 ) -> tuple[_NearLegs, NDArray[np.bool_]]:
     """The legs near some pixels, and whether a leg runs there that shows no pulse, (n,)."""
     camera, picture = fit.solution.cameras[whole.view], fit.pictures[number]
@@ -229,8 +235,7 @@ def _near_legs(
     points, n_legs = undistorted_px(camera, rows, cols), len(picture.legs)
     brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
     reach = picture.spot_std_px * np.sqrt(2.0 * np.log(max(brightest / _FAINT, 2.0)))
-    # Farther off the path claims no pulse; nearer, one may be of glare alone.
-    reach = max(reach, CLAIM_REACH_PX) + 0.3
+    reach = max(reach, least_px) + 0.3
     away, given = np.full((len(rows), n_legs), np.inf), np.zeros((len(rows), n_legs))
     arrival, slope, bend, narrow, uneven, side = np.full((6, len(rows), n_legs), np.nan)
     beyond = np.zeros(len(rows), dtype=bool)

@@ -183,7 +183,7 @@ def without_diffuse(
     found, strengths = list(sightings), []
     for whole, own in alike(found):
         std = pulse_std_in_view(found, whole.view)
-        seen = pixels_about_path(whole, fit, own[0], std)
+        seen = pixels_about_path(whole, fit, own[0], std, claimed=True)
         reach = fit.pictures[own[0]].spot_std_px * np.sqrt(-2.0 * np.log(_LEAST_LIT))
         about = seen.leg[:, 0] >= 0
         lit = np.flatnonzero(about & (seen.away_px[:, 0] < reach))

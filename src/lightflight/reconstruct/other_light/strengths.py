@@ -20,6 +20,7 @@ from lightflight.reconstruct.model.counted import (
     Pixels,
     Pulses,
     Tails,
+    as_wide_as_seen,
     dark_pixels,
     light_of_second_pulse,
     lit_pixels,
@@ -279,14 +280,15 @@ def strengths_of(
         still = moved < (_STILL if number < _MOST_ROUNDS - 1 else _NEARLY_STILL) ** 2
         if rough:
             still = np.abs(step[: light.N_LATE]).max() < _ROUGHLY_STILL
-        settled = bool(small or still)
+        alike, changed = as_wide_as_seen(pulses, pixels)
+        settled = bool((small and not changed) or still)
         hopeless = number >= _PATIENCE and _misfit(pixels, dark) - _HOPES * moved > most_misfit
         if settled or hopeless:
             break
         # Of pulses with tails the width of a Gaussian is not that of their core.
         wider = float(np.log(np.nanmedian((pixels.std_ps / pulses.std_ps)[:, 0])))
         late = pixels.late_ps if rough else pulses.late_ps
-        pulses = replace(pulses, late_ps=late, std_ps=pulses.std_ps * np.exp(damping * wider))
+        pulses = replace(alike, late_ps=late, std_ps=pulses.std_ps * np.exp(damping * wider))
         if second is not None:
             second = second.of_width(float(np.median(pixels.std_ps[:, 0])))
     covariance: Floats = np.linalg.inv(total).astype(np.float64, copy=False)

@@ -15,6 +15,7 @@ from lightflight.reconstruct.fit.result import explained_by_fit
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
 from lightflight.reconstruct.model.counted import (
+    as_wide_as_seen,
     dark_pixels,
     lit_pixels,
 )
@@ -62,6 +63,8 @@ _BRIGHT = 0.02
 _TABLE_PS = (-1e9, -700.0, 700.0, 3000.0, 1e9)
 """Stretches of time that the table of classes of pixels is summed over, ps."""
 _N_CLASSES = 4
+_MOST_WIDTHS = 4
+"""Times that pulses are spread as the pixels show them: the third is as wide as they are."""
 _LEAST_DEVIATE = 3.0
 """Only cells with so much more than expected are looked at singly."""
 
@@ -155,15 +158,19 @@ def _held(
     tails = () if whole.diffuse is None else whole.diffuse.strengths.tails
     second = None if whole.diffuse is None else whole.diffuse.second
     other, beyond = _spread(whole, about, points, reference)
-    lit = lit_pixels(
-        about,
-        pulses,
-        dispersion=dispersion,
-        tails=tails,
-        other=other,
-        beyond=beyond,
-        second=second if isinstance(second, Echo) else None,
-    )
+    for _ in range(_MOST_WIDTHS):
+        lit = lit_pixels(
+            about,
+            pulses,
+            dispersion=dispersion,
+            tails=tails,
+            other=other,
+            beyond=beyond,
+            second=second if isinstance(second, Echo) else None,
+        )
+        pulses, changed = as_wide_as_seen(pulses, lit)
+        if not changed:
+            break
     bright = lit.photons[:, 0] > _BRIGHT * float(lit.photons[:, 0].max())
     groups = [
         Group(lit.of(own), points[own], reference[own], np.full(int(own.sum()), kind))

@@ -1,0 +1,32 @@
+"""Fault: pulses a tenth wider than the flat's put a trusted path 6 stated errors off.
+
+A camera with a tail: its response was stretched to the width of the recording's pulses, tail and
+all, which come late then. A wider laser spreads a pulse; its tail stays as long as it is.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import lightflight as lf
+from benchmarks.misfit_labs import wider
+from benchmarks.random_labs import drawn_lab, histograms, pulls_of, told_of
+from lightflight.errors import LightflightWarning
+
+
+@pytest.mark.parametrize(
+    ("seed", "by"), [(902, 0.1), pytest.param(1000, 0.3, marks=pytest.mark.long)]
+)
+def test_wider_pulses_leave_the_path_where_it_is(seed, by):
+    """Were 6 and 34 stated errors; the chance of a pull above 5 is 1e-6 a number."""
+    lab = drawn_lab(seed)
+    counts, _ = wider(lab, by, np.random.default_rng(seed))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LightflightWarning)
+        hist = histograms(lab, np.random.default_rng([15, seed]).poisson(counts))
+        path = lf.reconstruct(hist, **told_of(lab))
+    assert path.verdict.level == "trust", path.verdict
+    assert (pulls_of(lab, path)[:, 1] < 5.0).all()
