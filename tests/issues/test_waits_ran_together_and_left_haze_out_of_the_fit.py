@@ -1,7 +1,7 @@
 """Fault: late light of 1.5 ns left the path 8 to 54 stated errors off, and it was contradicted.
 
-Of three waits in the fit one grew into the next and one shrank to nothing, where it is a pulse's
-own time: the strengths did not stand still in thirty rounds, and the path was left as it was.
+Of three waits in the fit one grew into the next: their strengths sway about each other for ever, by
+less than their errors, did not stand still in thirty rounds, and the path was left as it was.
 """
 
 from __future__ import annotations

@@ -51,20 +51,11 @@ _LEAST_STEP = 0.25
 """Of a whole step."""
 _WAIT_STD = 0.6
 """How far mean waits may be from those of the table, ln: half of the way to the next one."""
-_WAIT_MOST = 1.2
-"""The shortest and the longest may be shorter, longer by this: twice as far. What waits for less
-than half of a pulse is the pulse's own time, of which nothing tells it."""
 _OUTSIDE_STD = 1.0
 """By how much light that runs on outside of the picture may be brighter than where it leaves it, as
 a share: there may be none, or twice as much."""
 _DARK = -1.0
 """Brighter than guessed by this share light there is none: a stop stands before the sensor."""
-_BETWEEN = 0.5 * np.diff(np.log(light.LATE_PS))
-_LOW, _HIGH = np.full(len(light.LABELS), -np.inf), np.full(len(light.LABELS), np.inf)
-_LOW[light.WAITS] = np.append(-_WAIT_MOST, -_BETWEEN)
-_HIGH[light.WAITS] = np.append(_BETWEEN, _WAIT_MOST)
-_LOW[light.OUTSIDE] = _DARK
-"""Of the strengths: a wait ends where the next one's begins, or two of them would be one."""
 _TELLING = 0.01
 """Of the light: shares well below this leave how long they wait where the table has it. Waits of
 light that is hardly there sway about each other for ever; what they do to a path is a hundredth."""
@@ -273,7 +264,8 @@ def strengths_of(
         damping = max(0.5 * damping, _LEAST_STEP) if swayed else min(1.4 * damping, 1.0)
         before = whole
         step: Floats = damping / max(1.0, _length(whole, second)) * whole
-        value = np.clip(value + step[:size], _LOW, _HIGH)
+        value = value + step[:size]
+        value[light.OUTSIDE] = np.maximum(value[light.OUTSIDE], _DARK)
         second = None if second is None else second.moved(step[size:])
         shares = light.Strengths(value, now.covariance).of_kinds
         small = second is None and np.abs(shares).max() < _LINEAR
@@ -297,10 +289,10 @@ def strengths_of(
 
 
 def _step(total: Floats, pull: Floats, value: Floats) -> Floats:
-    """(k,), the whole step; strengths (n,) at their ends, which come first, go no farther."""
-    own = pull[: len(value)]
-    held = ((value <= _LOW) & (own < 0.0)) | ((value >= _HIGH) & (own > 0.0))
-    free = np.setdiff1d(np.arange(len(pull)), np.flatnonzero(held))
+    """(k,), the whole step; where it is dark outside of the picture it gets no darker."""
+    dark = np.flatnonzero(value <= _DARK)
+    dark = dark[(dark >= light.OUTSIDE.start) & (dark < light.OUTSIDE.stop) & (pull[dark] < 0.0)]
+    free = np.setdiff1d(np.arange(len(pull)), dark)
     step = np.zeros(len(pull))
     step[free] = np.linalg.solve(total[np.ix_(free, free)], pull[free])
     return step
