@@ -30,8 +30,8 @@ _WIDTH_STD = 0.1
 """By how much pulses may differ in width from pixel to pixel, ln; of a shape that is no Gaussian,
 half the variance that is more or less than expected, in the pulse's own."""
 _AS_WIDE = 0.01
-"""Half a variance, in a pulse's own, by which all pulses may be wider than expected: a hundredth of
-their width moves the time of one with a tail by less than a thousandth."""
+"""Half a variance, in a pulse's own, by which all pulses may be wider than expected: each pixel's
+own takes up as little."""
 _BEYOND_STD = 1.0
 """Light that nobody saw may be twice as bright as was told, or none: of its brightness."""
 _CLIPS = 4
