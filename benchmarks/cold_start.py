@@ -62,6 +62,9 @@ position_mm = [0.0, 0.0, 0.0]
 pulse_fwhm_ps = 68.0
 """
 
+NOT_QUICKLY = {"reconstruct, no picture"}
+"""It compiles what `reconstruct` does."""
+
 COUNTING = """
 import atexit, sys
 from numba.core import event
@@ -130,6 +133,8 @@ def main() -> None:
         folder = Path(folder_name)
         (folder / "lab.toml").write_text(LAB)
         for name, command in COMMANDS.items():
+            if options.quick and name in NOT_QUICKLY:
+                continue
             n, cold, warm = counted(command, folder)
             if not options.quick:
                 cold, warm = cold_and_warm(command, folder, options.rounds)

@@ -63,6 +63,7 @@ def test_a_leg_out_of_the_picture_is_never_trusted():
     assert path is None or path.verdict.level != "trust"
 
 
+@pytest.mark.long
 def test_one_leg_told_for_three_says_what_it_leaves_out():
     """143 of 222 pulses were ignored without a word."""
     lab = three_legs()

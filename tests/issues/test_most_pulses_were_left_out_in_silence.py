@@ -9,6 +9,7 @@ from tests.oracles.worlds.random_worlds import random_world
 
 @pytest.mark.parametrize("method", ["joint", pytest.param("photon", marks=pytest.mark.long)])
 @pytest.mark.usefixtures("unexamined")
+@pytest.mark.long
 def test_a_path_says_how_many_pulses_it_explains(method):
     world = random_world(1, 3, 40_000.0, "known")
     hist, told = record(world, 1), what_the_user_tells(world)

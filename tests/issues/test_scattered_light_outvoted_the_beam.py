@@ -30,6 +30,7 @@ def fog(seed: int, n_legs: int, photons: float) -> World:
     )
 
 
+@pytest.mark.long
 def test_the_beams_pulses_are_those_that_are_used() -> None:
     world = fog(5100, 1, 40_000.0)
     found = lf.find_arrivals(record(world, 5100), timing=what_the_user_tells(world)["timing"])

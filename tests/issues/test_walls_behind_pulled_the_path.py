@@ -79,6 +79,7 @@ def test_images_of_what_nobody_saw_move_no_path(seed, method, was):
     assert np.sqrt(error @ np.linalg.solve(stated, error) / 2.0) < most, was
 
 
+@pytest.mark.long
 def test_counts_under_images_of_what_nobody_saw_are_not_believed(monkeypatch):
     """Five recordings of three legs: an rms pull of 1.33 with them, of 0.93 without (`photon`)."""
     seen = []

@@ -102,7 +102,10 @@ class TestALegTurnedInDepth:
     than two of five are, has a chance of 1e-5.
     """
 
-    @pytest.mark.parametrize("elevation_deg", [30.0, pytest.param(57.0, marks=pytest.mark.long)])
+    @pytest.mark.parametrize(
+        "elevation_deg",
+        [pytest.param(30.0, marks=pytest.mark.long), pytest.param(57.0, marks=pytest.mark.long)],
+    )
     def test_the_true_direction_is_told(self, elevation_deg):
         scene = scene_of_fibre(elevation_deg)
         paths = [told(scene, 100 + seed) for seed in range(N)]
@@ -175,6 +178,7 @@ class TestStraightOrBent:
         assert path.alternatives == ()
 
 
+@pytest.mark.long
 def test_clean_recordings_have_no_other_answer():
     for lab in (one_leg(), three_legs()):
         for method in ("joint", "photon"):

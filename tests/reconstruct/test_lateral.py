@@ -136,6 +136,7 @@ class TestRecovery:
         told = 0.4 * np.exp([-0.16 + 0.08 * 0.36, 0.08, 0.16 + 0.08 * 0.36])
         np.testing.assert_allclose(np.mean(ends, axis=0), told, rtol=5e-3)
 
+    @pytest.mark.long
     def test_a_halo_says_how_bright_the_line_is(self, rng):
         """A line along one column of pixels lights two of them, which another spot and place would
         light as well. Its halo over 3 px was told of an even line, 40 % too strong; in truth it

@@ -102,6 +102,7 @@ def test_a_list_of_one_camera_is_that_camera(scenes, timing, both_and_one):
     np.testing.assert_array_equal(listed.covariance, plain.covariance)
 
 
+@pytest.mark.long
 def test_a_pose_that_is_uncertain_counts_for_its_own_camera(scenes, timing, both_and_one):
     """The second camera's pose error costs something, and less than leaving it out."""
     front, side = scenes

@@ -119,7 +119,7 @@ SCENES = {
 @pytest.mark.parametrize(
     ("name", "n"),
     [
-        ("three legs", 2),
+        pytest.param("three legs", 2, marks=pytest.mark.long),
         # It takes longest.
         pytest.param("in the picture", 1, marks=pytest.mark.long),
         pytest.param("in the picture", 2, marks=pytest.mark.long),

@@ -112,6 +112,7 @@ def test_which_of_two_alike_is_the_first_stays_open():
     assert abs(other.log_evidence) < np.log(100.0)
 
 
+@pytest.mark.long
 def test_the_brighter_one_is_the_first():
     world, path = found(503, 1, 0.5, -3_000.0, "joint", told=False)
     assert not path.alternatives
