@@ -27,8 +27,12 @@ Tails = Sequence[tuple[float, float]]
 _STEPS = 4
 """Steps of Fisher scoring; the last moves bright pixels by a small part of their errors."""
 _WIDTH_STD = 0.1
-"""By how much pulses may differ in width from pixel to pixel, ln; of a shape that is no Gaussian,
-half the variance that is more or less than expected, in the pulse's own."""
+"""By how much pulses may differ in width from pixel to pixel, ln."""
+_FLIGHT_STD = 0.03
+"""The same of pulses with a tail: half the variance that is more or less than expected, in the
+pulse's own. Where it was 0.1, as free as the width of others, dim pixels lost their pulse's front."""
+_TELLS = 0.9
+"""A pixel whose counts leave more of that variance unknown says nothing of it."""
 _AS_WIDE = 0.01
 """Half a variance, in a pulse's own, by which all pulses may be wider than expected: each pixel's
 own takes up as little."""
@@ -357,7 +361,13 @@ def as_wide_as_seen(pulses: Pulses, pixels: Pixels) -> tuple[Pulses, bool]:
     expected, found = pulses.shape.flight, pixels.shape.flight
     if expected is None or found is None or not found.size:
         return pulses, False
-    more = float(np.median(found[:, 0] - expected[:, 0]))
+    # Each pixel is held near what is expected; what it would say by itself is farther off.
+    unknown = pixels.inverse[:, -3, -3]
+    telling = unknown < _TELLS
+    if not telling.any():
+        return pulses, False
+    said = (found[:, 0] - expected[:, 0])[telling] / (1.0 - unknown[telling])
+    more = float(np.median(said))
     if abs(more) < _AS_WIDE:
         return pulses, False
     return replace(pulses, shape=pulses.shape.drawn_out(expected + more)), True
@@ -374,7 +384,7 @@ def _width_std(pulses: Pulses) -> Floats:
 def _flight_std(pulses: Pulses) -> Floats:
     """(n, s), half the variance that flight may add beside what is expected, in the pulse's own."""
     doubt = 0.0 if pulses.flight_std is None else np.nan_to_num(pulses.flight_std)
-    std: Floats = np.hypot(_WIDTH_STD, np.broadcast_to(doubt, pulses.late_ps.shape))
+    std: Floats = np.hypot(_FLIGHT_STD, np.broadcast_to(doubt, pulses.late_ps.shape))
     return std
 
 
