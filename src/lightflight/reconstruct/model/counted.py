@@ -30,7 +30,7 @@ _WIDTH_STD = 0.1
 """By how much pulses may differ in width from pixel to pixel, ln."""
 _FLIGHT_STD = 0.03
 """The same of pulses with a tail: half the variance that is more or less than expected, in the
-pulse's own. Where it was 0.1, as free as the width of others, dim pixels lost their pulse's front."""
+pulse's own. Where it was 0.1, as free as the width of others, dim pixels lost a pulse's front."""
 _TELLS = 0.9
 """A pixel whose counts leave more of that variance unknown says nothing of it."""
 _AS_WIDE = 0.01
