@@ -88,10 +88,14 @@ def _taken(lab: Lab, light: Floats) -> Floats:
 def _spread(lab: Lab, reach_px: float, late_ps: float) -> Floats:
     """All light of the picture, as lens or room throw it about."""
     wide = gaussian_filter(_even(lab), (reach_px, reach_px, 0.0), mode="constant")
-    if late_ps:
-        kept = np.exp(-lab.code_ps / late_ps)
-        wide = lfilter([1.0 - kept], [1.0, -kept], wide, axis=2)
-    return _taken(lab, wide)
+    return _taken(lab, _late(lab, wide, late_ps) if late_ps else wide)
+
+
+def _late(lab: Lab, light: Floats, wait_ps: float) -> Floats:
+    """Light after an exponential wait of this mean."""
+    kept = np.exp(-lab.code_ps / wait_ps)
+    late: Floats = lfilter([1.0 - kept], [1.0, -kept], light, axis=2)
+    return late
 
 
 def haze(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
@@ -179,9 +183,8 @@ def wandering(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats,
 
 
 def glow(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
-    light, kept = light_of(lab), np.exp(-lab.code_ps / 1500.0)
-    late = lfilter([1.0 - kept], [1.0, -kept], light, axis=2)
-    return counts_of(lab, (1.0 - share) * light + share * late), {}
+    light = light_of(lab)
+    return counts_of(lab, (1.0 - share) * light + share * _late(lab, light, 1500.0)), {}
 
 
 def curved_mirror(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
@@ -344,16 +347,23 @@ DEFECTS: dict[str, tuple[Defect, tuple[float, ...]]] = {
 }
 
 
-def outcome(name: str, strength: float, seed: int, method: str) -> tuple[str, Counter[str]]:
-    """A line, and what it counts as."""
-    lab, began = drawn_lab(seed), time.process_time()
-    words = f"{name} {strength:g}: {lab.words()}"
+def recording_of(name: str, strength: float, seed: int) -> tuple[Lab, lf.Histograms, Told]:
+    """A laboratory, its recording with the defect, and all that is told."""
+    lab = drawn_lab(seed)
     counts, told = DEFECTS[name][0](lab, strength, np.random.default_rng([14, seed]))
     hist = told.pop("hist", None)
     if hist is None:
         hist = histograms(lab, np.random.default_rng([15, seed]).poisson(counts))
+    return lab, hist, told_of(lab) | told
+
+
+def outcome(name: str, strength: float, seed: int, method: str) -> tuple[str, Counter[str]]:
+    """A line, and what it counts as."""
+    began = time.process_time()
+    lab, hist, told = recording_of(name, strength, seed)
+    words = f"{name} {strength:g}: {lab.words()}"
     try:
-        path = lf.reconstruct(hist, method=method, **told_of(lab) | told)
+        path = lf.reconstruct(hist, method=method, **told)
     except (CalibrationError, GeometryError, NothingFoundError) as problem:
         return f"{words}: {problem}", Counter(["refused"])
     right, level = path.n_legs == len(lab.vertices) - 1, str(path.verdict.level)

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import warnings
 
-import numpy as np
 import pytest
 
 import lightflight as lf
-from benchmarks.misfit_labs import wider
-from benchmarks.random_labs import drawn_lab, histograms, pulls_of, told_of
+from benchmarks.misfit_labs import recording_of
+from benchmarks.random_labs import pulls_of
 from lightflight.errors import LightflightWarning
 
 
@@ -22,11 +21,9 @@ from lightflight.errors import LightflightWarning
 )
 def test_wider_pulses_leave_the_path_where_it_is(seed, by):
     """Were 6 and 34 stated errors; the chance of a pull above 5 is 1e-6 a number."""
-    lab = drawn_lab(seed)
-    counts, _ = wider(lab, by, np.random.default_rng(seed))
+    lab, hist, told = recording_of("wider", by, seed)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LightflightWarning)
-        hist = histograms(lab, np.random.default_rng([15, seed]).poisson(counts))
-        path = lf.reconstruct(hist, **told_of(lab))
+        path = lf.reconstruct(hist, **told)
     assert path.verdict.level == "trust", path.verdict
     assert (pulls_of(lab, path)[:, 1] < 5.0).all()

@@ -374,8 +374,8 @@ def as_wide_as_seen(pulses: Pulses, pixels: Pixels) -> tuple[Pulses, bool]:
 
 
 def _width_std(pulses: Pulses) -> Floats:
-    """(n,), by how much pulses may be wider than expected, ln; by flight as that of the nearest."""
-    if pulses.flight_std is None or not pulses.shape.is_gaussian:
+    """(n,), by how much Gaussian pulses may be wider than expected, ln; flight as of the nearest."""
+    if pulses.flight_std is None:
         return np.full(len(pulses.late_ps), _WIDTH_STD)
     std: Floats = np.hypot(_WIDTH_STD, np.nan_to_num(pulses.flight_std[:, 0]))
     return std

@@ -64,7 +64,7 @@ _TABLE_PS = (-1e9, -700.0, 700.0, 3000.0, 1e9)
 """Stretches of time that the table of classes of pixels is summed over, ps."""
 _N_CLASSES = 4
 _MOST_WIDTHS = 4
-"""Times that pulses are spread as the pixels show them: the third is as wide as they are."""
+"""Times that pulses are spread as the pixels show them, at most."""
 _LEAST_DEVIATE = 3.0
 """Only cells with so much more than expected are looked at singly."""
 

@@ -95,7 +95,6 @@ def _as_fitted(finding: Finding, fit: JointFit) -> Finding:
     As it was where the fit calls most of that light by another name.
     """
     most = max(fit.strengths, key=lambda one: float(one.of_kinds.sum()))
-    reaches = (*WIDE_PX, *(reach for reach, _ in WIDE_LATE))
     if finding.name in (FindingName.HAZE, FindingName.SHAPE):
         share, wait = _sum_and_mean(most.tails)
         words = {
@@ -103,7 +102,8 @@ def _as_fitted(finding: Finding, fit: JointFit) -> Finding:
             FindingName.SHAPE: f"pulses have a tail: {share:.2g} of their light",
         }[finding.name] + f", by some {wait:.3g} ps"
     elif finding.name is FindingName.HALO:
-        share, reach = _sum_and_mean(list(zip(most.wide, reaches, strict=False)))
+        reaches = (*WIDE_PX, *(reach for reach, _ in WIDE_LATE))
+        share, reach = _sum_and_mean(list(zip(most.value[light.HALOS], reaches, strict=True)))
         words = f"{share:.2g} of the light lies about the path, over some {reach:.2g} px"
     else:
         share = float(most.of_kinds[-2:].sum())
@@ -142,7 +142,7 @@ def _what_comes_twice(plain: Verdict, fit: JointFit) -> tuple[Finding, ...]:
 
 
 def _plausible(fit: JointFit) -> bool:
-    """Whether the fit found diffuse light, in all no more than the path's own."""
+    """Whether the fit found diffuse light, in all no more than twice the path's own."""
     return bool(fit.strengths) and all(
         float(np.maximum(one.of_kinds, 0.0).sum()) <= _MOST_SHARE for one in fit.strengths
     )
