@@ -374,7 +374,7 @@ def as_wide_as_seen(pulses: Pulses, pixels: Pixels) -> tuple[Pulses, bool]:
 
 
 def _width_std(pulses: Pulses) -> Floats:
-    """(n,), by how much Gaussian pulses may be wider than expected, ln; flight as of the nearest."""
+    """(n,), by how much Gaussian pulses may be wider than expected, ln; flight: of the nearest."""
     if pulses.flight_std is None:
         return np.full(len(pulses.late_ps), _WIDTH_STD)
     std: Floats = np.hypot(_WIDTH_STD, np.nan_to_num(pulses.flight_std[:, 0]))
