@@ -172,10 +172,13 @@ def drawn_lab(seed: int) -> Lab:
     last = emission + flight * INDEX / SPEED + wide / SPEED + 6 * pulse + 12 * tail + 2000
     n_codes = min(int(last / code) + 40, MOST_CODES)
     brightness, uneven = _drawn_brightness(rng, len(vertices) - 1, away)
+    prior, delays = PRIORS[rng.integers(3)], rng.normal(0, 60, size=shape)
+    widths = 1 + 0.04 * rng.normal(size=n_codes)
+    # The laser's period, which is told, is that of all codes: the clock has no other scale.
+    widths /= widths.mean()
     return Lab(
         seed, optics, code, n_codes, pulse, tail, share, photons, background, unequal, vertices,
-        emission, brightness, uneven, PRIORS[rng.integers(3)], rng.normal(0, 60, size=shape),
-        1 + 0.04 * rng.normal(size=n_codes),
+        emission, brightness, uneven, prior, delays, widths,
     )  # fmt: skip
 
 
