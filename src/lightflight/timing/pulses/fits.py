@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -345,10 +345,25 @@ def _looked_through(
     return np.flatnonzero(left), starts[:, _ORDER], results
 
 
+class Misfit(NamedTuple):
+    """How far fits of some pixels are from their counts.
+
+    Attributes
+    ----------
+    chi2 : float
+        Pearson's, over the bins that expect enough: these may be others for another shape.
+    deviance : float
+        Twice what the log-likelihood lacks, up to a constant.
+    """
+
+    chi2: float
+    deviance: float
+
+
 def misfit_of_shapes(
     hist: Histograms, timing: CodeClock, todo: NDArray[np.bool_]
-) -> Callable[[Response], float]:
-    """Function that gives the summed chi-square of one pulse of a shape in each of some pixels.
+) -> Callable[[Response], Misfit]:
+    """Function that tells how well one pulse of a shape fits in each of some pixels, in all.
 
     As many calls of `fit_pulses` would, but pulses are looked for, and codes laid out, once.
 
@@ -364,7 +379,7 @@ def misfit_of_shapes(
     Returns
     -------
     callable
-        Pearson's chi2 over all bins, of a `Response`.
+        Of a `Response`.
     """
     job = _Job(hist, clock_of(hist, timing), None, pile_up_of(hist), threads=1)
 
@@ -382,9 +397,13 @@ def misfit_of_shapes(
 
     job.run(lay_out, pixels, BATCH_CODES)
 
-    def misfit(response: Response) -> float:
+    def misfit(response: Response) -> Misfit:
         model = model_of(response.table())
-        return sum(float(np.nansum(fit(bins, start, model).chi2)) for bins, start in parts)
+        fits = [fit(bins, start, model) for bins, start in parts]
+        return Misfit(
+            sum(float(np.nansum(one.chi2)) for one in fits),
+            sum(-2.0 * float(np.nansum(one.objective)) for one in fits),
+        )
 
     return misfit
 
