@@ -8,7 +8,8 @@ import pytest
 import lightflight as lf
 from lightflight.errors import LightflightWarning
 from lightflight.reconstruct.model.cells import Cells, lag_edges
-from lightflight.reconstruct.model.counted import Pulses, cumulated, lit_pixels
+from lightflight.reconstruct.model.counted import cumulated, lit_pixels
+from lightflight.reconstruct.model.expected_counts import Pulses
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world

@@ -16,7 +16,8 @@ from lightflight.reconstruct.all_counts import counts
 from lightflight.reconstruct.all_counts.strangers import counts_of_pulses
 from lightflight.reconstruct.fit.fine import finely_lit
 from lightflight.reconstruct.model.cells import Cells, lag_edges
-from lightflight.reconstruct.model.counted import Pulses, cumulated, lit_pixels
+from lightflight.reconstruct.model.counted import cumulated, lit_pixels
+from lightflight.reconstruct.model.expected_counts import Pulses
 from lightflight.reconstruct.other_light import diffuse, twice
 from lightflight.reconstruct.verdict import taken_up
 from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts

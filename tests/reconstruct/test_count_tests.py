@@ -17,12 +17,8 @@ import lightflight as lf
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.model import light, spread
 from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
-from lightflight.reconstruct.model.counted import (
-    Pulses,
-    cumulated,
-    dark_pixels,
-    lit_pixels,
-)
+from lightflight.reconstruct.model.counted import cumulated, dark_pixels, lit_pixels
+from lightflight.reconstruct.model.expected_counts import Pulses
 from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.reconstruct.verdict.count_evidence import causes
 from lightflight.reconstruct.verdict.count_tests import (

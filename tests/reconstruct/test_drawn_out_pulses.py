@@ -10,7 +10,8 @@ from scipy.stats import expon, exponnorm, norm
 
 from lightflight.reconstruct.fit.membership import mean_of_cut_light_ps, shift_by_ends_ps
 from lightflight.reconstruct.model.cells import Cells
-from lightflight.reconstruct.model.counted import Pulses, lit_pixels
+from lightflight.reconstruct.model.counted import lit_pixels
+from lightflight.reconstruct.model.expected_counts import Pulses
 from lightflight.reconstruct.model.pulse_shape import GAUSSIAN, Shape
 from lightflight.reconstruct.model.state import PathState
 from lightflight.reconstruct.other_light.drawn_out import kurtosis_of_flight, variance_of_light

@@ -6,7 +6,8 @@ from scipy.interpolate import BSpline
 from scipy.stats import norm
 
 from lightflight.reconstruct.model.cells import Cells, lag_edges
-from lightflight.reconstruct.model.counted import Pulses, lit_pixels
+from lightflight.reconstruct.model.counted import lit_pixels
+from lightflight.reconstruct.model.expected_counts import Pulses
 from lightflight.reconstruct.model.second_path import (
     Mirror,
     Places,

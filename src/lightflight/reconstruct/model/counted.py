@@ -7,7 +7,6 @@ test: none depends on brightness along the legs, on the path's times or on the c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -15,22 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.reconstruct.model.cells import Cells
+from lightflight.reconstruct.model.expected_counts import (
+    Expected,
+    Pulses,
+    Tails,
+    expected_counts,
+    flight_std_of,
+    pulse_at,
+    with_flight,
+)
 from lightflight.reconstruct.model.pulse_shape import GAUSSIAN, Shape
 from lightflight.reconstruct.model.second_pulse import Echo
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-Tails = Sequence[tuple[float, float]]
-"""Shares of a pulse that are late by exponential waits of a mean, ps."""
 
 _STEPS = 4
 """Steps of Fisher scoring; the last moves bright pixels by a small part of their errors."""
 _WIDTH_STD = 0.1
 """By how much pulses may differ in width from pixel to pixel, ln."""
-_FLIGHT_STD = 0.03
-"""The same of pulses with a tail: half the variance that is more or less than expected, in the
-pulse's own. Where it was 0.1, as free as the width of others, dim pixels lost a pulse's front."""
 _TELLS = 0.9
 """A pixel whose counts leave more of that variance unknown says nothing of it."""
 _AS_WIDE = 0.01
@@ -38,6 +41,11 @@ _AS_WIDE = 0.01
 own takes up as little."""
 _BEYOND_STD = 1.0
 """Light that nobody saw may be twice as bright as was told, or none: of its brightness."""
+_WORSE = 0.1
+"""A step after which a pixel's counts are less likely by more than this, twice the log, was too
+long: where legs cross, whole steps go to and fro."""
+_SHORTER = 0.3
+"""Of it, the next one."""
 _CLIPS = 4
 """Rounds in which pixels five deviations above the mean are left out of it."""
 _LEAST_PHOTONS = 1e-3
@@ -50,38 +58,10 @@ _SHARE_STD = 2.0
 and light has grains."""
 _LEAST_SHARE = 0.005
 """The same, of all that a pixel counted: so little is told of no spot."""
+_LEAST_ERROR = 1e-4
+"""Of a code's width: what is less, no count shows."""
 _HELD = 1e12
 """Precision of what a pixel does not have: it stays."""
-
-
-@dataclass(frozen=True, eq=False)
-class Pulses:
-    """Where the light of the nearest legs is expected in n pixels; s legs at most in one.
-
-    Attributes
-    ----------
-    late_ps : array of float, shape (n, s)
-        Expected time after the pixel's reference, ps; NaN where there is no further leg.
-    std_ps : array of float, shape (n, s)
-        Expected standard deviation, ps.
-    shape : Shape
-        Of each of them.
-    """
-
-    late_ps: Floats
-    std_ps: Floats
-    shape: Shape = GAUSSIAN
-    skewness: Floats | None = None
-    """(n, s), third cumulant of the standardised pulse: what flight adds where time runs unevenly
-    through the footprint. None: nothing, nor has it a fourth."""
-    kurtosis: Floats | None = None
-    """(n, s), its fourth: of flight through an active area with edges. None: nothing."""
-    share: Floats | None = None
-    """(n, s), of the pixel's light that of each, as far as the picture tells it. None: nothing is
-    known of it."""
-    flight_std: Floats | None = None
-    """(n, s), what flight may add beside what is expected: of a Gaussian to ln `std_ps`, of another
-    shape to its `flight`. None: nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +94,16 @@ class Pixels:
     std_ps : array of float, shape (n, s)
         Standard deviation, ps; of a tabulated shape without what flight adds.
     background_per_ps : array of float, shape (n,)
+    follow : array of float, shape (n, m)
+        How much counts follow light: 1, less where that is less than none (`_with_light`).
     shape : Shape
         Of their pulses.
+    penalty : array of float, shape (n,)
+        How far the unknowns are from what is expected of them, squared, in standard deviations.
+    unknown : array of float, shape (n, q)
+        All of them, as they were fitted.
+    expected_ps : array of float, shape (n, s)
+        Delays that these are counted from, ps.
     second : Echo or None
         That comes with each of them.
     """
@@ -130,7 +118,11 @@ class Pixels:
     late_ps: Floats
     std_ps: Floats
     background_per_ps: Floats
+    follow: Floats
     shape: Shape
+    penalty: Floats
+    unknown: Floats
+    expected_ps: Floats
     second: Echo | None = None
 
     def of(self, kept: NDArray[np.bool_]) -> Pixels:
@@ -145,6 +137,10 @@ class Pixels:
     def drawn_out_ps(self) -> Floats:
         """(n, s), standard deviation of pulses with what flight adds to them, ps."""
         return self.shape.drawn_out_ps(self.std_ps)
+
+    def lacks(self, dispersion: float) -> float:
+        """Twice what the log of likelihood and priors lacks, up to a constant."""
+        return float(np.sum(_lacks_of(self.cells, self.mean, dispersion) + self.penalty))
 
     def taken_of(self, columns: Floats) -> Floats:
         """By how much the pixels' unknowns take up columns (n, m, k); (n, q, k)."""
@@ -241,6 +237,7 @@ def lit_pixels(
     other: Floats | float = 0.0,
     beyond: Floats | None = None,
     second: Echo | None = None,
+    last: Pixels | None = None,
 ) -> Pixels:
     """Fit the unknowns of each pixel to its own counts.
 
@@ -260,6 +257,8 @@ def lit_pixels(
         Part of `other` of which nobody knows how bright it is in each pixel.
     second : Echo, optional
         That comes with every pulse; None: there is none.
+    last : Pixels, optional
+        The same pixels as they were fitted before, to go on from.
 
     Returns
     -------
@@ -267,20 +266,109 @@ def lit_pixels(
         At the last step.
     """
     n, s = pulses.late_ps.shape
-    width = cells.width_ps
+    # A Gaussian that flight widens is a wider one; another shape becomes one of its own.
+    if s and not pulses.shape.is_gaussian and pulses.shape.flight is None:
+        pulses = replace(pulses, shape=pulses.shape.drawn_out(np.zeros((n, s))))
+    own = _own_of(cells, pulses, other, beyond is not None)
+    late, std = own.late_ps, own.std_ps
+    unknown, center = own.unknown, own.center
+    if last is not None and last.unknown.shape == unknown.shape:
+        unknown = last.unknown.copy()
+        unknown[:, s : 2 * s] += np.where(own.absent, 0.0, last.expected_ps - late)
+    length = np.ones((n, 1))
+    before: Expected | None = None
+    steps = _STEPS if s else 2
+    for step in range(steps):
+        here = expected_counts(cells, late, std, unknown, pulses, tails, other, beyond, second)
+        here = here._replace(lacks=_lacks_of(cells, here.mean, dispersion))
+        if before is not None:
+            worse = here.lacks + own.penalty(unknown, center) > _WORSE + (
+                before.lacks + own.penalty(before.unknown, center)
+            )
+            length = np.where(
+                worse[:, np.newaxis], _SHORTER * length, np.minimum(1.5 * length, 1.0)
+            )
+            here = here.back(before, worse)
+            unknown = here.unknown
+        before = here
+        variance = dispersion * here.mean + (cells.width_error * here.mean) ** 2
+        weight = np.divide(
+            1.0, variance, out=np.zeros_like(variance), where=cells.live & (here.mean > 0.0)
+        )
+        pull = (center - unknown) * own.prior
+        weighted = weight[:, :, np.newaxis] * here.slopes
+        inverse = _inverse(np.swapaxes(here.slopes, 1, 2) @ weighted, own.prior)
+        if step == steps - 1:
+            break
+        if s:
+            center = _closer(center, inverse, own, pulses)
+        rest = weight * (cells.counts - here.mean)
+        score = np.einsum("nmq,nm->nq", here.slopes, rest) + pull
+        unknown = own.moved(unknown, length * np.einsum("nij,nj->ni", inverse, score))
+    return Pixels(
+        cells,
+        here.mean,
+        weight,
+        here.slopes,
+        inverse,
+        pull,
+        unknown[:, :s],
+        late + unknown[:, s : 2 * s],
+        std * np.exp(unknown[:, -2:-1] - center[:, -2:-1]),
+        unknown[:, -1],
+        here.follow,
+        with_flight(pulses, unknown - center),
+        own.penalty(unknown, center),
+        unknown,
+        late,
+        second,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Own:
+    """What is expected of the unknowns (n, q) of n pixels before their counts are looked at."""
+
+    late_ps: Floats
+    std_ps: Floats
+    absent: NDArray[np.bool_]
+    unknown: Floats
+    center: Floats
+    prior: Floats
+    most: Floats
+    background_per_ps: Floats
+
+    def penalty(self, unknown: Floats, center: Floats) -> Floats:
+        """(n,), how far unknowns are from what is expected, squared, in standard deviations."""
+        held = np.where(self.prior < _HELD, self.prior, 0.0)
+        penalty: Floats = np.sum(held * (unknown - center) ** 2, axis=1)
+        return penalty
+
+    def moved(self, unknown: Floats, by: Floats) -> Floats:
+        """Unknowns after a step, which is no longer than pulses are wide."""
+        s = self.late_ps.shape[1]
+        by[:, s : 2 * s] = np.clip(by[:, s : 2 * s], -0.5 * self.std_ps, 0.5 * self.std_ps)
+        by[:, -2] = np.clip(by[:, -2], -0.2, 0.2)
+        unknown = unknown + by
+        photons = np.clip(unknown[:, :s], _LEAST_PHOTONS, self.most)
+        unknown[:, :s] = np.where(self.absent, 0.0, photons)
+        unknown[:, -1] = np.maximum(unknown[:, -1], 0.1 * self.background_per_ps)
+        return unknown
+
+
+def _own_of(cells: Cells, pulses: Pulses, other: Floats | float, beyond: bool) -> _Own:
+    """Where unknowns begin, and what holds them."""
+    n, s = pulses.late_ps.shape
     absent = np.isnan(pulses.late_ps)
     late, std = np.where(absent, 0.0, pulses.late_ps), np.where(absent, 1.0, pulses.std_ps)
     middle = 0.5 * (cells.edges_ps[:, 1:] + cells.edges_ps[:, :-1])
     close = np.abs(middle[:, :, np.newaxis] - late[:, np.newaxis]) < 3.5 * std[:, np.newaxis]
     close &= ~absent[:, np.newaxis]
     start = _background(cells, np.asarray(close.any(axis=2)))
-    beside = start[:, np.newaxis] * width + other
+    beside = start[:, np.newaxis] * cells.width_ps + other
     above = np.where(close, (cells.counts - beside)[:, :, np.newaxis], 0.0)
-    # A Gaussian that flight widens is a wider one; another shape becomes one of its own.
     changes = bool(s) and not pulses.shape.is_gaussian
-    if changes and pulses.shape.flight is None:
-        pulses = replace(pulses, shape=pulses.shape.drawn_out(np.zeros((n, s))))
-    unknown, prior = np.zeros((2, n, 2 * s + 2 + changes + (beyond is not None)))
+    unknown, center, prior = np.zeros((3, n, 2 * s + 2 + changes + beyond))
     unknown[:, :s] = np.where(absent, 0.0, np.maximum(above.sum(axis=1), 0.5))
     unknown[:, -1] = start
     came = np.divide(
@@ -292,7 +380,6 @@ def lit_pixels(
     # Where shares below none leave nothing to expect, no cell says how bright a pulse is.
     prior[:, :s] = np.where(absent, _HELD, (_MOST_PHOTONS * most) ** -2.0)
     prior[:, s : 2 * s] = np.where(absent, _HELD, std**-2.0)
-    center = np.zeros_like(unknown)
     if pulses.share is not None:
         # Of pulses that lie under each other nothing but the picture tells which is which.
         less = ~absent & (pulses.share < 0.5)
@@ -301,7 +388,7 @@ def lit_pixels(
         prior[:, :s] = np.where(less, off**-2.0, prior[:, :s])
         center[:, :s] = np.where(less, told, 0.0)
         unknown[:, :s] = np.where(less, np.minimum(unknown[:, :s], told), unknown[:, :s])
-    if beyond is not None:
+    if beyond:
         prior[:, 2 * s] = _BEYOND_STD**-2.0
     if changes:
         prior[:, -3] = 1.0
@@ -309,47 +396,35 @@ def lit_pixels(
     prior[:, -2] = _width_std(pulses) ** -2.0 if s and not changes else _HELD
     prior[:, -1] = start**-2.0
     center[:, -1] = start
-    steps = _STEPS if s else 2
-    for step in range(steps):
-        mean, slopes = _expected(
-            cells, width, late, std, unknown, pulses, tails, other, beyond, second
-        )
-        variance = dispersion * mean + (cells.width_error * mean) ** 2
-        weight = np.divide(1.0, variance, out=np.zeros_like(mean), where=cells.live & (mean > 0.0))
-        pull = (center - unknown) * prior
-        inverse = _inverse(np.swapaxes(slopes, 1, 2) @ (weight[:, :, np.newaxis] * slopes), prior)
-        if step == steps - 1:
-            break
-        if s:
-            # About a place that was fitted to them few photons lie closer than about their own.
-            taken = np.minimum(inverse[:, s, s] / std[:, 0] ** 2, _MOST_TAKEN)
-            closer = 0.5 * np.log1p(-taken)
-            if changes and pulses.shape.flight is not None:
-                spread = 1.0 + 2.0 * pulses.shape.flight[:, 0]
-                center[:, -3] = closer * spread / _flight_std(pulses)[:, 0]
-            else:
-                center[:, -2] = closer
-        score = np.einsum("nmq,nm->nq", slopes, weight * (cells.counts - mean)) + pull
-        moved = np.einsum("nij,nj->ni", inverse, score)
-        moved[:, s : 2 * s] = np.clip(moved[:, s : 2 * s], -0.5 * std, 0.5 * std)
-        moved[:, -2] = np.clip(moved[:, -2], -0.2, 0.2)
-        unknown = unknown + moved
-        unknown[:, :s] = np.where(absent, 0.0, np.clip(unknown[:, :s], _LEAST_PHOTONS, most))
-        unknown[:, -1] = np.maximum(unknown[:, -1], 0.1 * start)
-    return Pixels(
-        cells,
-        mean,
-        weight,
-        slopes,
-        inverse,
-        pull,
-        unknown[:, :s],
-        late + unknown[:, s : 2 * s],
-        std * np.exp(unknown[:, -2:-1] - center[:, -2:-1]),
-        unknown[:, -1],
-        _with_flight(pulses, unknown - center),
-        second,
-    )
+    return _Own(late, std, absent, unknown, center, prior, most, start)
+
+
+def _closer(center: Floats, inverse: Floats, own: _Own, pulses: Pulses) -> Floats:
+    """Expected widths: about a place fitted to them few photons lie closer than about their own."""
+    s, center = own.late_ps.shape[1], center.copy()
+    taken = np.minimum(inverse[:, s, s] / own.std_ps[:, 0] ** 2, _MOST_TAKEN)
+    closer = 0.5 * np.log1p(-taken)
+    if not pulses.shape.is_gaussian and pulses.shape.flight is not None:
+        spread = 1.0 + 2.0 * pulses.shape.flight[:, 0]
+        center[:, -3] = closer * spread / flight_std_of(pulses)[:, 0]
+    else:
+        center[:, -2] = closer
+    return center
+
+
+def _lacks_of(cells: Cells, mean: Floats, dispersion: float) -> Floats:
+    """(n,), twice what the log-likelihood of each pixel lacks, up to a constant.
+
+    A quasi-likelihood, of which the score is the slope: with the variance V(m) = d m + (e m)^2 of a
+    mean m, the integral of (n - m) / V.
+    """
+    unsure = np.maximum(cells.width_error, _LEAST_ERROR) ** 2 / dispersion
+    more = np.log1p(unsure * mean)
+    live = cells.live & (mean > 0.0)
+    log = np.log(mean, out=np.zeros_like(mean), where=live)
+    gained = np.where(live, cells.counts * (log - more) - more / unsure, 0.0)
+    lacks: Floats = -2.0 / dispersion * gained.sum(axis=1)
+    return lacks
 
 
 def as_wide_as_seen(pulses: Pulses, pixels: Pixels) -> tuple[Pulses, bool]:
@@ -381,77 +456,6 @@ def _width_std(pulses: Pulses) -> Floats:
     return std
 
 
-def _flight_std(pulses: Pulses) -> Floats:
-    """(n, s), half the variance that flight may add beside what is expected, in the pulse's own."""
-    doubt = 0.0 if pulses.flight_std is None else np.nan_to_num(pulses.flight_std)
-    std: Floats = np.hypot(_FLIGHT_STD, np.broadcast_to(doubt, pulses.late_ps.shape))
-    return std
-
-
-def _with_flight(pulses: Pulses, unknown: Floats) -> Shape:
-    """The shape as pixels were fitted with it."""
-    shape = pulses.shape
-    return shape if shape.is_gaussian else shape.with_more(unknown[:, -3:-2] * _flight_std(pulses))
-
-
-def _expected(
-    cells: Cells,
-    width: Floats,
-    late: Floats,
-    std: Floats,
-    unknown: Floats,
-    pulses: Pulses,
-    tails: Tails,
-    other: Floats | float,
-    beyond: Floats | None,
-    second: Echo | None,
-) -> tuple[Floats, Floats]:
-    """Mean counts (n, m) and their derivatives by the unknowns (n, m, q)."""
-    s = late.shape[1]
-    slopes = np.zeros((*width.shape, unknown.shape[1]))
-    changes = bool(s) and not pulses.shape.is_gaussian
-    drawn_out = _with_flight(pulses, unknown) if changes else pulses.shape
-    if beyond is not None:
-        other = other + unknown[:, 2 * s, np.newaxis] * beyond
-        slopes[:, :, 2 * s] = beyond
-    # Other light may come out less than none, counts may not.
-    mean = np.maximum(unknown[:, -1:] * width + other, 0.5 * unknown[:, -1:] * width)
-    for k in range(s):
-        lit = np.flatnonzero(unknown[:, k] > 0.0)
-        own = std[lit, k : k + 1] * np.exp(unknown[lit, -2:-1])
-        place = late[lit, k : k + 1] + unknown[lit, s + k : s + k + 1]
-        z, shape = (cells.edges_ps[lit] - place) / own, drawn_out.of(lit, k)
-        uneven = _uneven(pulses, lit, k)
-        come, density, bend, wider = _pulse(z, own, shape, tails, uneven)
-        if second is not None:
-            again = _pulse(
-                z - second.later(cells.edges_ps[lit], place) / own, own, shape, tails, uneven
-            )
-            come, density, bend, wider = (
-                first + second.share * more
-                for first, more in zip((come, density, bend, wider), again, strict=True)
-            )
-        photons = unknown[lit, k : k + 1]
-        if changes:
-            by_flight = photons * _flight_std(pulses)[lit, k : k + 1]
-            slopes[lit, :, -3] += by_flight * np.diff(wider, axis=1)
-        share = np.diff(come, axis=1) * cells.live[lit]
-        mean[lit] += photons * share
-        slopes[lit, :, k] = share
-        slopes[lit, :, s + k] = -photons / own * np.diff(density, axis=1)
-        slopes[lit, :, -2] += photons * np.diff(bend, axis=1)
-    slopes[:, :, -1] = width
-    slopes *= (cells.live * cells.open_share)[:, :, np.newaxis]
-    return mean * cells.open_share, slopes
-
-
-def _uneven(pulses: Pulses, lit: Indices, leg: int) -> tuple[Floats, Floats] | None:
-    """Third and fourth cumulant of one leg's pulses, (k, 1) each."""
-    if pulses.skewness is None or pulses.kurtosis is None:
-        return None
-    return pulses.skewness[lit, leg : leg + 1], pulses.kurtosis[lit, leg : leg + 1]
-
-
 def light_of_second_pulse(pixels: Pixels, second: Echo, tails: Tails) -> Floats:
     """(n, m, 2): how the counts of lit pixels follow share and delay of a second pulse.
 
@@ -463,49 +467,12 @@ def light_of_second_pulse(pixels: Pixels, second: Echo, tails: Tails) -> Floats:
         lit = np.flatnonzero(pixels.photons[:, k] > 0.0)
         late, std = pixels.late_ps[lit, k : k + 1], pixels.std_ps[lit, k : k + 1]
         z = (cells.edges_ps[lit] - late - second.later(cells.edges_ps[lit], late)) / std
-        come, density = _pulse(z, std, pixels.shape.of(lit, k), tails)[:2]
+        come, density = pulse_at(z, std, pixels.shape.of(lit, k), tails)[:2]
         photons = pixels.photons[lit, k : k + 1]
         out[lit, :, 0] += photons * np.diff(come, axis=1)
         out[lit, :, 1] -= second.share * photons / std * np.diff(density, axis=1)
     out *= (cells.live * cells.open_share)[:, :, np.newaxis]
     return out
-
-
-def _pulse(
-    z: Floats,
-    std: Floats,
-    shape: Shape,
-    tails: Tails,
-    uneven: tuple[Floats, Floats] | None = None,
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Share F of a pulse before z, std dF/dt, dF/d ln std, and what flight adds (a Gaussian: 0).
-
-    Late by an exponential wait w a pulse has F' = (Phi - F) / w. Whatever a Gaussian is drawn out
-    by, d/d ln std = std^2 F'' (it spreads as heat does); another shape is stretched, waits and all.
-    """
-    changes = not shape.is_gaussian
-    prompt, density = shape.at(z)
-    if uneven is not None:
-        # What waits keep back is of the second order in this.
-        more = shape.unevenly(z, density, *uneven)
-        prompt, density = prompt + more[0], density + more[1]
-    wider = shape.widening(z) if changes else np.zeros_like(z)
-    # Most of the work is of waits, and every search begins with shares of nothing.
-    tails = [(share, wait) for share, wait in tails if share]
-    if not tails:
-        return prompt, density, -z * density, wider
-    held = 1.0 - sum(share for share, _ in tails)
-    come, slope, wider = held * prompt, held * density, held * wider
-    bend = -z * slope
-    for share, wait in tails:
-        ratio = std / wait
-        gone = shape.kept_back(z, ratio)
-        come = come + share * (prompt - gone)
-        slope = slope + share * ratio * gone
-        spread = share * ratio * (density - ratio * gone)
-        wider = wider + spread * changes
-        bend = bend + (-z * share * ratio * gone if changes else spread)
-    return come, slope, bend, wider
 
 
 def _inverse(information: Floats, prior: Floats) -> Floats:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from lightflight.reconstruct.model.cells import Cells, as_counted
-from lightflight.reconstruct.model.counted import Pixels, Tails, cumulated
+from lightflight.reconstruct.model.counted import Pixels, cumulated
+from lightflight.reconstruct.model.expected_counts import Tails
 from lightflight.reconstruct.model.pulse_shape import GAUSSIAN, Shape
 from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo

@@ -21,7 +21,8 @@ from lightflight.reconstruct.fit.membership import (
     tips_in_view,
 )
 from lightflight.reconstruct.model.cells import CORE_STDS, cells_about, lag_edges
-from lightflight.reconstruct.model.counted import Pixels, Pulses, dark_pixels
+from lightflight.reconstruct.model.counted import Pixels, dark_pixels
+from lightflight.reconstruct.model.expected_counts import Pulses
 from lightflight.reconstruct.model.geometry import footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.light import LEAST_SHARE

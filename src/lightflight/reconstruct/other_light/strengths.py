@@ -18,13 +18,12 @@ from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.cells import Cells
 from lightflight.reconstruct.model.counted import (
     Pixels,
-    Pulses,
-    Tails,
     as_wide_as_seen,
     dark_pixels,
     light_of_second_pulse,
     lit_pixels,
 )
+from lightflight.reconstruct.model.expected_counts import Pulses, Tails
 from lightflight.reconstruct.model.second_path import Images, SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.sighting import Sighting
@@ -34,7 +33,7 @@ from lightflight.reconstruct.other_light.around import Group, Seen
 
 Floats = NDArray[np.float64]
 
-_MOST_ROUNDS = 30
+MOST_ROUNDS = 30
 """Typically 3 without diffuse light, 12 where two waits share one tail."""
 _STILL = 0.1
 """A round that moves the strengths by less than this many of their errors was the last."""
@@ -49,6 +48,12 @@ _LONGEST = 0.3
 """Most that one strength moves in a round: far from its value a step in proportion is too long."""
 _LEAST_STEP = 0.25
 """Of a whole step."""
+_WORSE = 1.0
+"""A step went too far that leaves the counts less likely by as much as it promised to make them
+more so, and this much beside, twice the log: where light of less than none meets dark cells that
+hold a photon, likelihoods fall as off a cliff."""
+_LEAST_PART = 0.01
+"""Of a step that went too far: what no part of it betters is not told by the counts."""
 _WAIT_STD = 0.6
 """How far mean waits may be from those of the table, ln: half of the way to the next one."""
 _OUTSIDE_STD = 1.0
@@ -133,7 +138,7 @@ class Beside:
         own = light.diffuse_light(pixels, self.spread, strengths)
         if pixels.second is not None:
             by_second = light_of_second_pulse(pixels, pixels.second, strengths.tails)
-        return np.concatenate((own, by_second), axis=2)
+        return np.concatenate((own, by_second), axis=2) * pixels.follow[:, :, np.newaxis]
 
 
 def beside_in(whole: Sighting, seen: Seen, cells: Cells, beam: Beam) -> Beside:
@@ -216,6 +221,7 @@ def strengths_of(
     dispersion: float = 1.0,
     rough: bool = False,
     most_misfit: float = np.inf,
+    most_rounds: int = MOST_ROUNDS,
 ) -> Known:
     """Strengths of diffuse light, and of light that comes a second time if there is any.
 
@@ -238,6 +244,8 @@ def strengths_of(
         little light are as free as those of much, and shares need not stand as still.
     most_misfit : float, optional
         Where no round to come can bring the deviance below this, none follows: not settled.
+    most_rounds : int, optional
+        1: the pixels are fitted without other light, and no more.
 
     Returns
     -------
@@ -246,46 +254,100 @@ def strengths_of(
     """
     size = len(light.LABELS)
     value: Floats = np.zeros(size)
-    before: Floats = np.zeros(size + (0 if second is None else second.size))
-    damping = 1.0
-    for number in range(_MOST_ROUNDS):
-        expected, now = pulses, light.Strengths(value, np.zeros((size, size)))
-        pixels, dark, score, information = _said(
-            now, pulses, beside, dark, unlit, second, dispersion
-        )
-        prior = _precision(value, second, rough=rough)
-        total = information + np.diag(prior)
-        held = np.zeros(0) if second is None else second.value
-        pull = score - prior * np.append(value, held)
-        whole = _step(total, pull, value)
+    before = step = np.zeros(size + (0 if second is None else second.size))
+    best = _round(value, second, pulses, beside, dark, unlit, dispersion, rough)
+    damping, part, moved = 1.0, 1.0, 0.0
+    settled = anew = False
+    for number in range(most_rounds):
+        if number:
+            here = _round(value, second, pulses, beside, dark, unlit, dispersion, rough, best)
+            if here.lacks > best.lacks + _WORSE + moved and not anew:
+                # Expected otherwise, counts are less likely without a step: it is asked alone then.
+                anew = best.pulses is not pulses
+                part = 0.0 if anew else _LEAST_STEP * part
+                value, second = best.on(part * step)
+                if not anew and part < _LEAST_PART:
+                    break
+                continue
+            best, part = here, 1.0
+        total = best.information + np.diag(best.prior)
+        whole = _step(total, best.score - best.prior * best.unknown, value)
         moved = float(whole @ total @ whole)
         # A shape's width and what flight adds to it sway about each other: half as far, then.
         swayed = float(before @ total @ whole) < 0.0
         damping = max(0.5 * damping, _LEAST_STEP) if swayed else min(1.4 * damping, 1.0)
         before = whole
-        step: Floats = damping / max(1.0, _length(whole, second)) * whole
-        value = value + step[:size]
-        value[light.OUTSIDE] = np.maximum(value[light.OUTSIDE], _DARK)
-        second = None if second is None else second.moved(step[size:])
-        shares = light.Strengths(value, now.covariance).of_kinds
+        step = damping / max(1.0, _length(whole, second)) * whole
+        value, second = best.on(step)
+        shares = light.Strengths(value, best.strengths.covariance).of_kinds
         small = second is None and np.abs(shares).max() < _LINEAR
-        still = moved < (_STILL if number < _MOST_ROUNDS - 1 else _NEARLY_STILL) ** 2
+        still = moved < (_STILL if number < most_rounds - 1 else _NEARLY_STILL) ** 2
         if rough:
-            still = np.abs(step[: light.N_LATE]).max() < _ROUGHLY_STILL
-        alike, changed = as_wide_as_seen(pulses, pixels)
+            still = np.abs(whole[: light.N_LATE]).max() < _ROUGHLY_STILL
+        alike, changed = as_wide_as_seen(pulses, best.pixels)
         settled = bool((small and not changed) or still)
-        hopeless = number >= _PATIENCE and _misfit(pixels, dark) - _HOPES * moved > most_misfit
+        misfit = _misfit(best.pixels, best.dark)
+        hopeless = number >= _PATIENCE and misfit - _HOPES * moved > most_misfit
         if settled or hopeless:
             break
         # Of pulses with tails the width of a Gaussian is not that of their core.
-        wider = float(np.log(np.nanmedian((pixels.std_ps / pulses.std_ps)[:, 0])))
-        late = pixels.late_ps if rough else pulses.late_ps
-        pulses = replace(alike, late_ps=late, std_ps=pulses.std_ps * np.exp(damping * wider))
+        wider = float(np.log(np.nanmedian((best.pixels.std_ps / pulses.std_ps)[:, 0])))
+        late = best.pixels.late_ps if rough else pulses.late_ps
+        if not anew:
+            pulses = replace(alike, late_ps=late, std_ps=pulses.std_ps * np.exp(damping * wider))
+        anew = False
         if second is not None:
-            second = second.of_width(float(np.median(pixels.std_ps[:, 0])))
+            second = second.of_width(float(np.median(best.pixels.std_ps[:, 0])))
     covariance: Floats = np.linalg.inv(total).astype(np.float64, copy=False)
     found = light.Strengths(value, covariance)
-    return Known(found, second, pixels, dark, step, settled, dispersion, expected, beside, moved)
+    return Known(
+        found, second, best.pixels, best.dark, step, settled, dispersion, best.pulses, beside, moved
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    """The pixels fitted for some strengths, and what they say.
+
+    Attributes
+    ----------
+    strengths : Strengths
+        Without a covariance.
+    second : SecondPath, Echo or None
+    pulses : Pulses
+    pixels : Pixels
+    dark : Group or None
+    score : array of float, shape (k,)
+        Slope of the likelihood by all unknowns.
+    information : array of float, shape (k, k)
+    prior : array of float, shape (k,)
+        Precision of what is known of them beforehand.
+    lacks : float
+        Twice what the log of likelihood and priors lacks, up to a constant.
+    """
+
+    strengths: light.Strengths
+    second: Second | None
+    pulses: Pulses
+    pixels: Pixels
+    dark: Group | None
+    score: Floats
+    information: Floats
+    prior: Floats
+    lacks: float
+
+    @property
+    def unknown(self) -> Floats:
+        """(k,), values of all unknowns."""
+        second = np.zeros(0) if self.second is None else self.second.value
+        return np.append(self.strengths.value, second)
+
+    def on(self, step: Floats) -> tuple[Floats, Second | None]:
+        """Strengths and second light a step (k,) further; no darker than dark."""
+        size = len(light.LABELS)
+        value = self.strengths.value + step[:size]
+        value[light.OUTSIDE] = np.maximum(value[light.OUTSIDE], _DARK)
+        return value, None if self.second is None else self.second.moved(step[size:])
 
 
 def _step(total: Floats, pull: Floats, value: Floats) -> Floats:
@@ -298,17 +360,20 @@ def _step(total: Floats, pull: Floats, value: Floats) -> Floats:
     return step
 
 
-def _said(
-    now: light.Strengths,
+def _round(
+    value: Floats,
+    second: Second | None,
     pulses: Pulses,
     beside: Beside,
     dark: Group | None,
     unlit: Beside | None,
-    second: Second | None,
     dispersion: float,
-) -> tuple[Pixels, Group | None, Floats, Floats]:
-    """What lit and dark pixels say of all unknowns: these fitted, score (k,) and information."""
+    rough: bool,
+    last: _Round | None = None,
+) -> _Round:
+    """Lit and dark pixels fitted, and what they say of all unknowns."""
     size = len(light.LABELS)
+    now = light.Strengths(value, np.zeros((size, size)))
     free = np.arange(size, size + (0 if second is None else second.size))
     lit = np.append(light.OF_PULSES if beside.spread is None else np.arange(size), free)
     score, information = np.zeros(size + len(free)), np.zeros((size + len(free),) * 2)
@@ -317,20 +382,27 @@ def _said(
     other = beside.other(now, second, images)
     pixels = lit_pixels(
         beside.cells, pulses, dispersion=dispersion, tails=now.tails, other=other.counts,
-        beyond=other.beyond, second=_pulse_of(second),
+        beyond=other.beyond, second=_pulse_of(second), last=None if last is None else last.pixels,
     )  # fmt: skip
     said = pixels.said_of(beside.columns(pixels, now, other.by_second))
     score[lit], information[np.ix_(lit, lit)] = said[:2]
-    if dark is None or unlit is None or unlit.spread is None:
-        return pixels, dark, score, information
-    other = unlit.other(now, second, images)
-    empty = dark_pixels(unlit.cells, dispersion=dispersion, other=other.counts, beyond=other.beyond)
-    by_spread = unlit.spread.columns(now.wide, now.outside)
-    said = empty.said_of(np.concatenate((by_spread, other.by_second), axis=2))
-    in_dark = np.append(light.OF_SPREAD, free)
-    score[in_dark] += said[0]
-    information[np.ix_(in_dark, in_dark)] += said[1]
-    return pixels, replace(dark, pixels=empty), score, information
+    prior = _precision(value, second, rough=rough)
+    held = np.append(value, np.zeros(0) if second is None else second.value)
+    lacks = pixels.lacks(dispersion) + float(prior @ held**2)
+    if dark is not None and unlit is not None and unlit.spread is not None:
+        other = unlit.other(now, second, images)
+        empty = dark_pixels(
+            unlit.cells, dispersion=dispersion, other=other.counts, beyond=other.beyond
+        )
+        by_spread = unlit.spread.columns(now.wide, now.outside)
+        columns = np.concatenate((by_spread, other.by_second), axis=2)
+        said = empty.said_of(columns * empty.follow[:, :, np.newaxis])
+        in_dark = np.append(light.OF_SPREAD, free)
+        score[in_dark] += said[0]
+        information[np.ix_(in_dark, in_dark)] += said[1]
+        lacks += empty.lacks(dispersion)
+        dark = replace(dark, pixels=empty)
+    return _Round(now, second, pulses, pixels, dark, score, information, prior, lacks)
 
 
 def _pulse_of(second: Second | None) -> Echo | None:

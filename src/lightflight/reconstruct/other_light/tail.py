@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lightflight.errors import NothingFoundError
 from lightflight.reconstruct.model.cells import cells_about, lag_edges
-from lightflight.reconstruct.model.counted import Pulses, Tails
+from lightflight.reconstruct.model.expected_counts import Pulses, Tails
 from lightflight.reconstruct.model.pulse_shape import Shape, shape_of
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.other_light.around import FINE_GROWTH, FINE_STDS
@@ -30,6 +30,10 @@ _LEAST = 0.05
 times are corrected once the path is known."""
 _MOST_MISSING = 0.1
 """Of what is late in one way, less than none in another: more of that is no tail but an echo."""
+_FLIGHT_STD = 0.5
+"""By how much flight through the footprint may draw out a pulse with a tail before a path says by
+how much: half the variance that it adds, in the pulse's own. Held alike, steep light uneven in
+brightness was a tail shorter than the pulse, which moved all times by a quarter of their width."""
 _MOST_TIMES = 4
 _AS_NARROW = 0.8
 """Cells are made anew where the core of pulses is narrower than this part of what it seemed."""
@@ -68,11 +72,13 @@ def shape_with_tail(sighting: Sighting, *, nominal: bool) -> tuple[Response, flo
     if sighting.timing.response is not None:
         # A tail stretched over another tail would leave nothing to be late.
         std = min(std, sighting.timing.response.std_ps)
+    free = np.full((len(own), 1), _FLIGHT_STD)
     for _ in range(_MOST_TIMES):
         lags = lag_edges(std, FINE_STDS * std, FINE_GROWTH, sighting.histograms.laser_period_ps)
         at = arrivals.row[own].astype(np.int64), arrivals.col[own].astype(np.int64)
         cells = cells_about(sighting, *at, sighting.arrival_ps[own], lags, nominal=nominal)
-        pulses = Pulses(late, np.full((len(own), 1), std), shape)
+        wide = np.full((len(own), 1), std)
+        pulses = Pulses(late, wide, shape, flight_std=None if shape.is_gaussian else free)
         try:
             found, pixels = tails_of(cells, pulses)
         except (NothingFoundError, np.linalg.LinAlgError):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.cells import Cells, cells_about, lag_edges
-from lightflight.reconstruct.model.counted import Pulses
+from lightflight.reconstruct.model.expected_counts import Pulses
 from lightflight.reconstruct.model.second_path import Places, SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.sighting import Sighting
@@ -32,6 +32,7 @@ from lightflight.reconstruct.other_light.around import (
 from lightflight.reconstruct.other_light.second_path import LEAST_GAIN, second_paths_in
 from lightflight.reconstruct.other_light.second_pulse import lags_with, second_pulse_in
 from lightflight.reconstruct.other_light.strengths import (
+    MOST_ROUNDS,
     Beside,
     Known,
     Second,
@@ -84,6 +85,7 @@ class Asked:
         lags_ps: Floats | None = None,
         dispersion: float = 1.0,
         most_misfit: float = np.inf,
+        most_rounds: int = MOST_ROUNDS,
     ) -> Known:
         """Strengths, with light that comes a second time if there is any."""
         if lags_ps is None:
@@ -94,6 +96,7 @@ class Asked:
             second,
             dispersion=dispersion,
             most_misfit=most_misfit,
+            most_rounds=most_rounds,
         )
         # A second pulse moves as it is fitted, its cells do not.
         return replace(known, lags_ps=lags_ps)
@@ -172,8 +175,10 @@ def with_second(
         if kept is not None:
             return kept
     known = asked.strengths()
-    repeated = _with_second_pulse(asked, known)
-    mirrored = _with_mirror(asked, known, repeated, places, camera)
+    # Strengths that run off take up what comes twice: it is looked for before they do.
+    first = known if known.settled else asked.strengths(most_rounds=1)
+    repeated = _with_second_pulse(asked, first)
+    mirrored = _with_mirror(asked, known, first, repeated, places, camera)
     return next(one for one in (mirrored, repeated, known) if one is not None)
 
 
@@ -195,22 +200,24 @@ def _with_mirror_as_before(asked: Asked, mirror: SecondPath) -> Known | None:
 def _with_mirror(
     asked: Asked,
     known: Known,
+    first: Known,
     repeated: Known | None,
     places: Callable[[float], Places],
     camera: Camera,
 ) -> Known | None:
     """Strengths with a mirror that is looked for; None: none explains as much.
 
-    `known` are those without, `repeated` those with a second pulse if there is one.
+    `known` are those without, `first` the pixels where it is looked for, `repeated` those with a
+    second pulse if there is one.
     """
-    here = places(float(np.median(known.pixels.std_ps[:, 0])))
+    here = places(float(np.median(first.pixels.std_ps[:, 0])))
     if not here.n_legs:
         return None
     # What strengths alone still gain is no mirror's.
     without = known.misfit() - known.ahead - LEAST_GAIN
     enough = without if repeated is None else repeated.misfit()
     lags_ps = None if repeated is None else repeated.lags_ps
-    for second in second_paths_in(asked.seen, known.pixels, known.dark, here, camera):
+    for second in second_paths_in(asked.seen, first.pixels, first.dark, here, camera):
         more = asked.strengths(second, lags_ps=lags_ps, most_misfit=enough)
         explains = more.misfit() < enough
         if explains and more.settled and _possible(more):
@@ -230,7 +237,7 @@ def _possible(known: Known) -> bool:
 
 
 def _with_second_pulse(asked: Asked, known: Known) -> Known | None:
-    """Strengths with a second pulse; None: there is none. `known` are those without."""
+    """Strengths with a second pulse; None: there is none. `known` is where it is looked for."""
     lags, period = asked.lags_ps(None), asked.whole.histograms.laser_period_ps or 0.0
     rough = second_pulse_in(known, lags, asked.std_ps, period)
     if rough is None or rough[1] < LEAST_GAIN:
