@@ -75,7 +75,7 @@ TOGETHER = {
     ),
     "steps and rounds at most": (
         "least_squares._MOST_PATH_STEPS", "climb._MOST_CLIMB_STEPS", "lateral._MOST_LINE_STEPS",
-        "strengths._MOST_ROUNDS", "revise._MOST_ROUNDS", "prices._ROUNDS", "joint._PASSES",
+        "strengths.MOST_ROUNDS", "revise._MOST_ROUNDS", "prices._ROUNDS", "joint._PASSES",
         "photon._PASSES", "counted._STEPS", "counted._CLIPS", "amplitudes._STEPS",
         "batch.MAX_STEPS",
     ),

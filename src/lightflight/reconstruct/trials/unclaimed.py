@@ -53,7 +53,8 @@ _MOST_FURTHER = 3
 _LINK_PX, _LINK_STDS = 2.3, 2.0
 """Pulses this near to each other in the picture, px, and in time, in their stds, lie together."""
 _WORST_CHI2 = 1.5
-"""A path with further legs must fit its pulses to this chi-square per degree of freedom."""
+"""A path with further legs must fit its pulses to this chi-square per degree of freedom, or as well
+as the path without them does: where light is uneven neither does better."""
 
 
 def with_unclaimed_legs(
@@ -85,10 +86,15 @@ def with_unclaimed_legs(
             continue
         still = sum(map(len, unclaimed_in_pictures(sightings, trial, setting).values()))
         # Explaining the rest must not cost the fit of the others.
-        fits = trial.solution.chi2 < _WORST_CHI2 * max(trial.solution.dof, 1)
+        fits = _misfit(trial) < max(_WORST_CHI2, _misfit(fit))
         if fits and trial.solution.converged and still <= n_left - _LEAST_PULSES:
             return trial
     return fit
+
+
+def _misfit(fit: JointFit) -> float:
+    """Chi-square per degree of freedom."""
+    return fit.solution.chi2 / max(fit.solution.dof, 1)
 
 
 def _leaves_out(fit: JointFit, legs: tuple[ImageLeg, ...]) -> bool:
@@ -227,16 +233,21 @@ def unclaimed_by_legs(sighting: Sighting, legs: tuple[ImageLeg, ...], setting: S
     return pulses[~_explained(gap, errors, std)]
 
 
-def _telling_pulses(sighting: Sighting) -> tuple[Indices, Floats, float]:
-    """(rows of the arrivals table, errors of their times in ps, typical std of a pulse in ps)."""
+def _telling_pulses(sighting: Sighting) -> tuple[Indices, Floats, Floats]:
+    """(n,) rows of the arrivals table, errors of their times, and their stds, ps.
+
+    None narrower than is typical: steep legs, about their corners most of all, draw pulses out.
+    """
     arrivals = sighting.arrivals
     usable = sighting.usable_pulses
     pulses = usable[arrivals.photons[usable] > _LEAST_PHOTONS]
     errors = arrivals.independent_std_ps[pulses]
-    return pulses, errors, float(np.median(arrivals.std_ps[usable])) if len(usable) else 0.0
+    if not len(usable):
+        return pulses, errors, np.zeros(0)
+    return pulses, errors, np.maximum(arrivals.std_ps[pulses], np.median(arrivals.std_ps[usable]))
 
 
-def _explained(gap: Floats, errors: Floats, std: float) -> NDArray[np.bool_]:
+def _explained(gap: Floats, errors: Floats, std: Floats) -> NDArray[np.bool_]:
     """True where a pulse is a leg's, or the mixed light of two; `gap` (n, legs), NaN: not near."""
     tolerance = np.maximum(_ERRORS * errors, _PULSES * std)
     with np.errstate(invalid="ignore"):
