@@ -48,10 +48,10 @@ _LONGEST = 0.3
 """Most that one strength moves in a round: far from its value a step in proportion is too long."""
 _LEAST_STEP = 0.25
 """Of a whole step."""
-_WORSE = 1.0
-"""A step went too far that leaves the counts less likely by as much as it promised to make them
-more so, and this much beside, twice the log: where light of less than none meets dark cells that
-hold a photon, likelihoods fall as off a cliff."""
+_WORSE, _TIMES = 0.5, 10.0
+"""A step went too far that leaves the counts less likely, twice the log, by this for each pixel, as
+far as its own fit may be from its end, and so many times what it promised. Where light of less than
+none meets dark cells that hold a photon, likelihoods fall as off a cliff, thirty times."""
 _LEAST_PART = 0.01
 """Of a step that went too far: what no part of it betters is not told by the counts."""
 _WAIT_STD = 0.6
@@ -261,7 +261,8 @@ def strengths_of(
     for number in range(most_rounds):
         if number:
             here = _round(value, second, pulses, beside, dark, unlit, dispersion, rough, best)
-            if here.lacks > best.lacks + _WORSE + moved and not anew:
+            most = best.lacks + _WORSE * len(pulses.late_ps) + _TIMES * moved
+            if here.lacks > most and not anew:
                 # Expected otherwise, counts are less likely without a step: it is asked alone then.
                 anew = best.pulses is not pulses
                 part = 0.0 if anew else _LEAST_STEP * part
