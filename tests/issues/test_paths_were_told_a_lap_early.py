@@ -30,6 +30,7 @@ def test_a_fitted_start_lies_within_the_first_period(recorded, method):
     assert first["event_time_ps"] > path.vertex_times_ps[0]
 
 
+@pytest.mark.filterwarnings("ignore:check this path")  # one of the five by chance, p = 0.009
 def test_a_known_start_is_kept_whatever_the_lap(recorded):
     scene, hist, timing = recorded
     far = scene.emission_time_ps + 7 * PERIOD_PS
