@@ -382,14 +382,12 @@ def outcome(name: str, strength: float, seed: int, method: str) -> tuple[str, Co
         counted += Counter(["wrong and trusted", *(["blind to it"] if blind else [])])
     named = " ".join(f"{one.name}:{one.sigma:.1f}" for one in path.verdict.findings[:3])
     farthest = float(pulls.max()) if len(pulls) else np.nan
-    return (
-        (
-            f"{words}: {path.n_legs} legs, {level} {named}; farthest {farthest:.1f} stated errors; "
-            f"{time.process_time() - began:.0f} s"
-        ),
-        counted,
-        farthest,
+    most = f"{farthest:.1f}" if len(pulls) else "-"
+    line = (
+        f"{words}: {path.n_legs} legs, {level} {named}; farthest {most} stated errors; "
+        f"{time.process_time() - began:.0f} s"
     )
+    return line, counted, farthest
 
 
 def main() -> None:

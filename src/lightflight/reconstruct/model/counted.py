@@ -98,8 +98,8 @@ class Pixels:
         How much counts follow light: 1, less where that is less than none (`_with_light`).
     shape : Shape
         Of their pulses.
-    penalty : array of float, shape (n,)
-        How far the unknowns are from what is expected of them, squared, in standard deviations.
+    lacks : array of float, shape (n,)
+        Twice what the log of likelihood and priors lacks, up to a constant.
     unknown : array of float, shape (n, q)
         All of them, as they were fitted.
     expected_ps : array of float, shape (n, s)
@@ -120,7 +120,7 @@ class Pixels:
     background_per_ps: Floats
     follow: Floats
     shape: Shape
-    penalty: Floats
+    lacks: Floats
     unknown: Floats
     expected_ps: Floats
     second: Echo | None = None
@@ -137,10 +137,6 @@ class Pixels:
     def drawn_out_ps(self) -> Floats:
         """(n, s), standard deviation of pulses with what flight adds to them, ps."""
         return self.shape.drawn_out_ps(self.std_ps)
-
-    def lacks(self, dispersion: float) -> float:
-        """Twice what the log of likelihood and priors lacks, up to a constant."""
-        return float(np.sum(_lacks_of(self.cells, self.mean, dispersion) + self.penalty))
 
     def taken_of(self, columns: Floats) -> Floats:
         """By how much the pixels' unknowns take up columns (n, m, k); (n, q, k)."""
@@ -277,20 +273,21 @@ def lit_pixels(
         unknown[:, s : 2 * s] += np.where(own.absent, 0.0, last.expected_ps - late)
     length = np.ones((n, 1))
     before: Expected | None = None
+    lacked = np.zeros(n)
     steps = _STEPS if s else 2
     for step in range(steps):
         here = expected_counts(cells, late, std, unknown, pulses, tails, other, beyond, second)
-        here = here._replace(lacks=_lacks_of(cells, here.mean, dispersion))
+        lacks = _lacks_of(cells, here.mean, dispersion)
         if before is not None:
-            worse = here.lacks + own.penalty(unknown, center) > _WORSE + (
-                before.lacks + own.penalty(before.unknown, center)
+            worse = lacks + own.penalty(unknown, center) > _WORSE + (
+                lacked + own.penalty(before.unknown, center)
             )
             length = np.where(
                 worse[:, np.newaxis], _SHORTER * length, np.minimum(1.5 * length, 1.0)
             )
-            here = here.back(before, worse)
+            here, lacks = here.back(before, worse), np.where(worse, lacked, lacks)
             unknown = here.unknown
-        before = here
+        before, lacked = here, lacks
         variance = dispersion * here.mean + (cells.width_error * here.mean) ** 2
         weight = np.divide(
             1.0, variance, out=np.zeros_like(variance), where=cells.live & (here.mean > 0.0)
@@ -318,7 +315,7 @@ def lit_pixels(
         unknown[:, -1],
         here.follow,
         with_flight(pulses, unknown - center),
-        own.penalty(unknown, center),
+        lacks + own.penalty(unknown, center),
         unknown,
         late,
         second,

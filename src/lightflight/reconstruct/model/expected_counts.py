@@ -20,8 +20,9 @@ Tails = Sequence[tuple[float, float]]
 """Shares of a pulse that are late by exponential waits of a mean, ps."""
 
 _FLIGHT_STD = 0.03
-"""The same of pulses with a tail: half the variance that is more or less than expected, in the
-pulse's own. Where it was 0.1, as free as the width of others, dim pixels lost a pulse's front."""
+"""By how much pulses with a tail may differ from pixel to pixel: half the variance that is more or
+less than expected, in the pulse's own. Where it was 0.1, as free as the width of others
+(`model.counted`), dim pixels lost a pulse's front."""
 _TAPERS = 0.25
 """Of the background: other light below none takes so much of it in full, and twice that at most."""
 
@@ -63,8 +64,6 @@ class Expected(NamedTuple):
     mean: Floats
     slopes: Floats
     follow: Floats
-    lacks: Floats
-    """(n,), of the likelihood, twice its log."""
 
     def back(self, before: Expected, worse: NDArray[np.bool_]) -> Expected:
         """As before where it was better."""
@@ -112,15 +111,15 @@ def expected_counts(
     light = np.zeros_like(width) + other
     for k in range(s):
         lit = np.flatnonzero(unknown[:, k] > 0.0)
-        width_ps = std[lit, k : k + 1] * np.exp(unknown[lit, -2:-1])
+        own = std[lit, k : k + 1] * np.exp(unknown[lit, -2:-1])
         place = late[lit, k : k + 1] + unknown[lit, s + k : s + k + 1]
-        z, shape = (cells.edges_ps[lit] - place) / width_ps, drawn_out.of(lit, k)
+        z, shape = (cells.edges_ps[lit] - place) / own, drawn_out.of(lit, k)
         uneven = _uneven(pulses, lit, k)
-        come, density, bend, wider = pulse_at(z, width_ps, shape, tails, uneven)
+        come, density, bend, wider = pulse_at(z, own, shape, tails, uneven)
         if second is not None:
             again = pulse_at(
-                z - second.later(cells.edges_ps[lit], place) / width_ps,
-                width_ps,
+                z - second.later(cells.edges_ps[lit], place) / own,
+                own,
                 shape,
                 tails,
                 uneven,
@@ -136,13 +135,13 @@ def expected_counts(
         share = np.diff(come, axis=1) * cells.live[lit]
         light[lit] += photons * share
         slopes[lit, :, k] = share
-        slopes[lit, :, s + k] = -photons / width_ps * np.diff(density, axis=1)
+        slopes[lit, :, s + k] = -photons / own * np.diff(density, axis=1)
         slopes[lit, :, -2] += photons * np.diff(bend, axis=1)
     mean, follow, kept = _with_light(unknown[:, -1:] * width, light)
     slopes *= follow[:, :, np.newaxis]
     slopes[:, :, -1] = kept * width
     slopes *= (cells.live * cells.open_share)[:, :, np.newaxis]
-    return Expected(unknown, mean * cells.open_share, slopes, follow, np.zeros(len(mean)))
+    return Expected(unknown, mean * cells.open_share, slopes, follow)
 
 
 def _with_light(background: Floats, light: Floats) -> tuple[Floats, Floats, Floats]:

@@ -340,8 +340,7 @@ class _Round:
     @property
     def unknown(self) -> Floats:
         """(k,), values of all unknowns."""
-        second = np.zeros(0) if self.second is None else self.second.value
-        return np.append(self.strengths.value, second)
+        return _unknown(self.strengths.value, self.second)
 
     def on(self, step: Floats) -> tuple[Floats, Second | None]:
         """Strengths and second light a step (k,) further; no darker than dark."""
@@ -388,8 +387,7 @@ def _round(
     said = pixels.said_of(beside.columns(pixels, now, other.by_second))
     score[lit], information[np.ix_(lit, lit)] = said[:2]
     prior = _precision(value, second, rough=rough)
-    held = np.append(value, np.zeros(0) if second is None else second.value)
-    lacks = pixels.lacks(dispersion) + float(prior @ held**2)
+    lacks = float(pixels.lacks.sum() + prior @ _unknown(value, second) ** 2)
     if dark is not None and unlit is not None and unlit.spread is not None:
         other = unlit.other(now, second, images)
         empty = dark_pixels(
@@ -401,9 +399,14 @@ def _round(
         in_dark = np.append(light.OF_SPREAD, free)
         score[in_dark] += said[0]
         information[np.ix_(in_dark, in_dark)] += said[1]
-        lacks += empty.lacks(dispersion)
+        lacks += float(empty.lacks.sum())
         dark = replace(dark, pixels=empty)
     return _Round(now, second, pulses, pixels, dark, score, information, prior, lacks)
+
+
+def _unknown(value: Floats, second: Second | None) -> Floats:
+    """(k,), values of strengths and of the second light's unknowns."""
+    return value if second is None else np.append(value, second.value)
 
 
 def _pulse_of(second: Second | None) -> Echo | None:

@@ -22,10 +22,12 @@ _MANY = 1000
 """Pixels that measure it. Each knows its codes to a few percent, and a bright recording holds as
 many photons as all of these: a shape of the sample alone misfits it by five deviations."""
 _ROUNDS = 4
+"""Parabolas at most; typically one or two."""
 _NEAR = 0.02
-"""Steps in which the misfit's curvature is looked at, and beyond which a parabola is not believed
-to hold: of the log of a tail's mean and the log odds of its share."""
+"""Steps in which the misfit's curvature is looked at: of the log of a tail's mean, and of the log
+odds of its share."""
 _MOST_STEP = 0.2
+"""The same beyond which a parabola is not believed."""
 _THERE = 2e-3
 """The same that end the search: a few parts in ten thousand of a pulse."""
 _SHOWN = 1.0
