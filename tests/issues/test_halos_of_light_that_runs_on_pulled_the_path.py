@@ -80,7 +80,7 @@ def test_each_place_spreads_what_its_own_spot_holds(monkeypatch):
     (line,) = picture.fits
     wider = replace(picture, fits=[replace(line, spot_std_px=2.0 * line.spot_std_px)])
     one, two = (
-        next(lit_places(each, 0, fit.sightings[0], source_told=False, near_px=0.0, run_on=0.0))
+        next(lit_places(each, 0, fit.sightings[0], source_told=False, near_px=0.0))
         for each in (fit, replace(fit, pictures=(wider,)))
     )
     np.testing.assert_allclose(two.photons, 2.0 * one.photons, rtol=1e-12)

@@ -1,13 +1,16 @@
 """The light of a mirrored path: where it falls, when, and how it follows the mirror."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
-from scipy.stats import norm
+from scipy.stats import exponnorm, norm
 
 from lightflight.reconstruct.model.cells import Cells, lag_edges
 from lightflight.reconstruct.model.counted import lit_pixels
 from lightflight.reconstruct.model.expected_counts import Pulses
+from lightflight.reconstruct.model.pulse_shape import shape_of
 from lightflight.reconstruct.model.second_path import (
     Mirror,
     Places,
@@ -16,6 +19,7 @@ from lightflight.reconstruct.model.second_path import (
     return_ps_per_mm,
 )
 from lightflight.reconstruct.model.strength import knots_over, strength_as_seen
+from lightflight.timing.clock.response import Response
 from tests.oracles.worlds.border import camera_record
 from tests.oracles.worlds.light import mirrored, stations
 from tests.oracles.worlds.random_worlds import random_world
@@ -68,6 +72,43 @@ def test_light_falls_where_and_when_the_oracle_has_it(world, second):
     late = beam.arrival_ps - mean[:, np.newaxis]
     spread = np.sqrt(np.sum(weight[lit] * late**2, axis=1) / photons[lit] + world.std_ps**2)
     np.testing.assert_allclose(shown.std_ps[lit, 0], spread, rtol=1e-3)
+
+
+def test_images_keep_the_tail_of_the_response(world, second):
+    """A quarter of every pulse late by 200 ps: sums over all places by hand, cell by cell."""
+    core, wait, late = 70.0, 200.0, 0.25
+    response = Response.with_tail(std_ps=core, tail_ps=wait, tail_share=late)
+    tailed = replace(second.places, std_ps=response.std_ps, shape=shape_of(response))
+    rows, cols = (each.ravel() for each in np.indices(world.view.shape))
+    shown = glow(second.mirror, tailed, second.camera).at(rows, cols)
+    lit = np.flatnonzero(shown.photons[:, 0] > 0.1 * shown.photons.max())
+    rows, cols, reference = rows[lit], cols[lit], shown.arrival_ps[lit, 0]
+    edges = np.tile(np.linspace(-400.0, 1600.0, 41), (len(lit), 1))
+    everywhere = np.ones((len(lit), 40))
+    cells = Cells(edges, everywhere, everywhere > 0.0, 0.0 * everywhere, everywhere)
+    path = replace(second, places=tailed)
+    light, _, by = path.light(cells, rows, cols, reference)
+    beam = mirrored(world, stations(world, stride=0.5))
+    row, col = world.view.image(beam.place)
+    away = np.subtract.outer(rows, row) ** 2 + np.subtract.outer(cols, col) ** 2
+    weight = beam.light * np.exp(-0.5 * away / world.spot_std_px**2)
+    weight /= 2.0 * np.pi * world.spot_std_px**2
+    # The place of the response is its mean.
+    start = reference[:, np.newaxis] + edges + late * wait
+    for pixel in range(0, len(lit), max(len(lit) // 12, 1)):
+        z = start[pixel, :, np.newaxis] - beam.arrival_ps
+        come = (1.0 - late) * norm.cdf(z / core) + late * exponnorm.cdf(z / core, wait / core)
+        expected = np.diff(come @ weight[pixel])
+        np.testing.assert_allclose(light[pixel], expected, atol=4e-3 * expected.sum())
+        # What comes after half a nanosecond is the tail's: a Gaussian has none of it there.
+        tail = edges[pixel, :-1] > 500.0
+        assert light[pixel, tail].sum() == pytest.approx(expected[tail].sum(), rel=0.02)
+    for k, size in enumerate((1e-3, 1e-3, 0.1, 0.01)):
+        step = np.zeros(4)
+        step[k] = size
+        ahead, back = (path.moved(s).light(cells, rows, cols, reference)[0] for s in (step, -step))
+        slope = (ahead - back) / (2.0 * size)
+        np.testing.assert_allclose(by[:, :, k], slope, atol=5e-3 * np.abs(slope).max())
 
 
 def test_counts_follow_the_mirror_as_told(second):

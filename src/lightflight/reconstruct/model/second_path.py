@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from lightflight.path.verdict import FindingName
+from lightflight.reconstruct.model.pulse_shape import GAUSSIAN, Shape
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
@@ -60,6 +60,8 @@ class Places:
         Standard deviation of a pulse, ps.
     return_ps_per_mm : float
         Time that a mm of the way to the camera takes.
+    shape : Shape
+        Of a pulse.
     """
 
     points_mm: Floats
@@ -70,6 +72,7 @@ class Places:
     spot_px: float
     std_ps: float
     return_ps_per_mm: float
+    shape: Shape = GAUSSIAN
 
     @property
     def n_legs(self) -> int:
@@ -130,15 +133,33 @@ class Glow:
         At a share of one.
     arrival_ps, std_ps : array of float
         Its mean time on the clock, and the standard deviation about it, ps.
+    shape : Shape
+        Of its pulses; that of pixel (r, c) of a picture is the (cols r + c)-th.
+    own_ps : float
+        Standard deviation of a pulse before flight draws it out, ps.
     """
 
     photons: Floats
     arrival_ps: Floats
     std_ps: Floats
+    shape: Shape
+    own_ps: float
 
     def at(self, rows: Indices, cols: Indices) -> Glow:
         """Some pixels (n,) of a picture."""
-        return Glow(*(each[rows, cols] for each in (self.photons, self.arrival_ps, self.std_ps)))
+        flat = rows * self.photons.shape[1] + cols
+        return replace(
+            self,
+            photons=self.photons[rows, cols],
+            arrival_ps=self.arrival_ps[rows, cols],
+            std_ps=self.std_ps[rows, cols],
+            shape=self.shape.of(flat),
+        )
+
+    def come(self, lit: Indices, leg: int, late_ps: Floats) -> Floats:
+        """Share of the light of one leg in some pixels (k,) that came by times (k, m), ps."""
+        std = self.std_ps[lit, leg, np.newaxis] if self.shape.is_gaussian else self.own_ps
+        return self.shape.of(lit, leg).come(late_ps / std)
 
 
 Images = tuple[Glow, ...]
@@ -160,11 +181,11 @@ def glow(mirror: Mirror, places: Places, camera: Camera) -> Glow:
         )
     # What flies beyond the plane has no image.
     seen &= places.points_mm @ mirror.normal < mirror.distance_mm
-    found = np.zeros((3, n_rows, n_cols, 2 * places.n_legs))
-    found[2] = 1.0
+    found, times, stds = np.zeros((3, n_rows, n_cols, 2 * places.n_legs))
+    stds[:] = places.std_ps
     part_of = places.leg + places.n_legs * places.beyond
     window = np.arange(-half, half + 1)
-    for k in range(found.shape[3]):
+    for k in range(found.shape[2]):
         own = np.flatnonzero(seen & (part_of == k))
         if not len(own):
             continue
@@ -190,9 +211,11 @@ def glow(mirror: Mirror, places: Places, camera: Camera) -> Glow:
         )
         safe = np.maximum(photons, 1e-300)
         mean, square = first / safe, second / safe
-        found[0, :, :, k], found[1, :, :, k] = photons, middle + mean
-        found[2, :, :, k] = np.sqrt(np.maximum(square - mean**2, 0.0) + places.std_ps**2)
-    return Glow(*found)
+        found[:, :, k], times[:, :, k] = photons, middle + mean
+        stds[:, :, k] = np.sqrt(np.maximum(square - mean**2, 0.0) + places.std_ps**2)
+    flight = 0.5 * ((stds / places.std_ps) ** 2 - 1.0)
+    shape = places.shape.drawn_out(flight.reshape(-1, 2 * places.n_legs))
+    return Glow(found, times, stds, shape, places.std_ps)
 
 
 def in_cells(shown: Glow, cells: Cells, reference_ps: Floats) -> Floats:
@@ -201,8 +224,8 @@ def in_cells(shown: Glow, cells: Cells, reference_ps: Floats) -> Floats:
     for k in range(shown.photons.shape[1]):
         lit = np.flatnonzero(shown.photons[:, k] > _FAINT)
         late = shown.arrival_ps[lit, k] - reference_ps[lit]
-        z = (cells.edges_ps[lit] - late[:, np.newaxis]) / shown.std_ps[lit, k, np.newaxis]
-        out[lit, :, k] = shown.photons[lit, k, np.newaxis] * np.diff(ndtr(z), axis=1)
+        come = shown.come(lit, k, cells.edges_ps[lit] - late[:, np.newaxis])
+        out[lit, :, k] = shown.photons[lit, k, np.newaxis] * np.diff(come, axis=1)
     out *= (cells.live * cells.open_share)[:, :, np.newaxis]
     return out
 
@@ -344,11 +367,11 @@ class SecondPath:
         for k in range(n_legs if only_guessed else 0, 2 * n_legs):
             share = self._shares[k]
             lit = np.flatnonzero(shown.photons[:, k] > _FAINT)
-            late, std = (each[lit, k, np.newaxis] for each in (shown.arrival_ps, shown.std_ps))
+            late = shown.arrival_ps[lit, k, np.newaxis]
             low, up = (each[lit] - late for each in intervals_ps)
             if period_ps > 0.0:
                 lap = period_ps * np.rint(0.5 * (low + up) / period_ps)
                 low, up = low - lap, up - lap
-            part = np.maximum(ndtr(up / std) - ndtr(low / std), 0.0)
+            part = np.maximum(shown.come(lit, k, up) - shown.come(lit, k, low), 0.0)
             out[lit] += share * shown.photons[lit, k, np.newaxis] * part
         return out

@@ -76,9 +76,6 @@ _MOST_LIGHT = 10.0
 """Of all counts: more in the picture is no path's."""
 _FAR_PX = 25.0
 """Light this far outside of the picture reaches it no more, px."""
-_RUN_ON = 2.0
-"""Of a leg's length: so far its light is followed beyond the end of the path. A leg that is half as
-long in the picture as a halo is wide sends hardly any light from farther off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,8 +194,8 @@ def without_diffuse(
         shape = shape_of(whole.timing.response)
         pulses = pulses_expected(seen.of(lit), shape)
         asked = Asked(whole, seen.of(lit), pulses, beam, dark, std, nominal)
-        # What comes twice is a Gaussian's, counted in photons on codes that were measured.
-        sharp = whole.histograms.poisson and shape.is_gaussian and not nominal
+        # What comes twice is told by photons on codes that were measured.
+        sharp = whole.histograms.poisson and not nominal
         known = scattered(asked) if not sharp else with_second(
             asked,
             partial(places_of_path, fit, own[0], whole, source_told=source_told),
@@ -252,9 +249,7 @@ def beam_of_path(
     """
     camera, index = fit.solution.cameras[whole.view], fit.solution.medium.return_group_index
     parts = []
-    for of in lit_places(
-        fit, number, whole, source_told=source_told, near_px=_FAR_PX, run_on=_RUN_ON
-    ):
+    for of in lit_places(fit, number, whole, source_told=source_told, near_px=_FAR_PX):
         arrival = of.event_ps + camera.return_times_ps(of.points_mm, return_group_index=index)
         known = np.isfinite(of.row + of.col + arrival + of.photons)
         leg = np.full(len(known), of.leg)

@@ -24,6 +24,9 @@ Floats = NDArray[np.float64]
 
 _PER_PX = 3.0
 """Places per pixel of a leg."""
+_RUN_ON = 2.0
+"""Of a leg's length: so far its light is followed beyond the end of the path. A leg that is half as
+long in the picture as a halo is wide sends hardly any light from farther off."""
 _STEPS = 801
 """Places at which it is asked how far a leg runs in the picture or near it."""
 
@@ -61,7 +64,6 @@ def lit_places(
     *,
     source_told: bool,
     near_px: float,
-    run_on: float,
 ) -> Iterator[LitPlaces]:
     """Places along the bright legs that the picture shows, or nearly.
 
@@ -76,10 +78,8 @@ def lit_places(
     source_told : bool
         Whether the path begins at its source, and not where it enters the view.
     near_px : float
-        So far outside of the picture a place is nearly shown, px.
-    run_on : float
-        Share of a leg's length that is looked at beyond the end of the path: that ends where the
-        view does, its light runs on; where light ends in view it does not.
+        So far outside of the picture a place is nearly shown, px. A path that ends where the view
+        does runs on as far; where light ends in view it does not.
 
     Yields
     ------
@@ -97,7 +97,7 @@ def lit_places(
     for k, (leg, of) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         if leg.dark:
             continue
-        between = -run_on * (k == 0 and runs_in), 1.0 + run_on * (k in runs_out)
+        between = -_RUN_ON * (k == 0 and runs_in), 1.0 + _RUN_ON * (k in runs_out)
         share = _shares_about_view(state, k, camera, between, near_px)
         # About light that is mostly another's, a leg may run away from the picture: no place then.
         if len(share) < 2:

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from lightflight.camera.stand_in import stand_in_of
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.counted import Pixels
+from lightflight.reconstruct.model.pulse_shape import shape_of
 from lightflight.reconstruct.model.second_path import (
     Mirror,
     Places,
@@ -35,15 +35,15 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_BEYOND_PX = 12.0
-"""Light this far outside of the picture may have its image in it, px."""
-_RUN_ON = 0.5
-"""Share of a leg's length that is looked at beyond the end of the path."""
+_BEYOND = 0.5
+"""Of the picture's longer side: light this far outside of it has its image in it, where a mirror
+stands as far behind the path as that is from the camera."""
 _TURNS = (-4.0, -2.0, -1.2, -0.8, -0.5, -0.35, -0.23, -0.11)
 """Tangents of a mirror's turn out of the picture's plane that are tried, with their opposites: a
 turn by 6 degrees shifts the image's times along 200 mm by a pulse."""
 _GAPS_MM = tuple(np.cumsum(np.concatenate(([4.0], np.geomspace(4.0, 25.0, 44)))).tolist())
-"""Distances from the middle of the path that are tried, mm; a pulse of 160 ps is 24 mm."""
+"""Distances from the middle of the path that are tried, mm; a pulse of 160 ps is 24 mm. Where the
+path itself reaches farther back they go on with the last step, as far behind its end."""
 _COARSE = 12
 """Places per leg with which all mirrors are tried."""
 _LAGS_STD = 0.6
@@ -84,17 +84,16 @@ def places_of_path(
         Outside of the picture a leg is as bright as where it leaves it.
     """
     camera, medium = fit.solution.cameras[whole.view], fit.solution.medium
+    beyond_px = _BEYOND * max(camera.shape)
     parts = [(np.zeros((0, 3)), *(np.zeros(0, dtype=each) for each in (int, bool, float, float)))]
-    for of in lit_places(
-        fit, number, whole, source_told=source_told, near_px=_BEYOND_PX, run_on=_RUN_ON
-    ):
+    for of in lit_places(fit, number, whole, source_told=source_told, near_px=beyond_px):
         way2 = np.sum((of.points_mm - camera.center_mm) ** 2, axis=1)
         of_leg = np.full(len(of.beyond), of.leg)
         parts.append((of.points_mm, of_leg, of.beyond, of.event_ps, of.photons * way2))
     points, leg, beyond, event, light = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Places(
         points, leg, beyond, event, light, fit.pictures[number].spot_std_px, std_ps,
-        return_ps_per_mm(medium.return_group_index),
+        return_ps_per_mm(medium.return_group_index), shape_of(whole.timing.response),
     )  # fmt: skip
 
 
@@ -163,16 +162,17 @@ def _either_side(at: Floats, size: int, spot_px: float) -> list[tuple[Indices, F
 
 
 def _scores(
-    seen: Seen, pixels: Pixels, dark: Group | None, std_ps: float, shape: tuple[int, int]
+    seen: Seen, pixels: Pixels, dark: Group | None, places: Places, shape: tuple[int, int]
 ) -> _Scores:
+    std_ps = places.std_ps
     lags = np.arange(-_EARLIEST_STDS * std_ps, _LATEST_PS, _LAGS_STD * std_ps)
-    parts = [_score_of(pixels, lags, std_ps)]
+    parts = [_score_of(pixels, lags, places)]
     rows, cols, reference = [seen.rows], [seen.cols], [seen.arrival_ps[:, 0]]
     if dark is not None:
         some = np.unique(np.linspace(0, len(dark.points_px) - 1, _MOST_PIXELS).astype(np.int64))
         kept = np.zeros(len(dark.points_px), dtype=bool)
         kept[some] = True
-        parts.append(_score_of(dark.pixels.of(kept), lags, std_ps))
+        parts.append(_score_of(dark.pixels.of(kept), lags, places))
         rows.append(dark.points_px[kept, 0])
         cols.append(dark.points_px[kept, 1])
         reference.append(dark.reference_ps[kept])
@@ -186,11 +186,13 @@ def _scores(
     return _Scores(place, np.append(np.concatenate(reference), 0.0), lags, score, information)
 
 
-def _score_of(pixels: Pixels, lags_ps: Floats, std_ps: float) -> tuple[Floats, Floats]:
+def _score_of(pixels: Pixels, lags_ps: Floats, places: Places) -> tuple[Floats, Floats]:
     """Score and information (n, g) of one photon more at each lag, own unknowns eliminated."""
     cells = pixels.cells
-    z = (cells.edges_ps[:, :, np.newaxis] - lags_ps) / std_ps
-    columns = np.diff(ndtr(z), axis=1) * (cells.live * cells.open_share)[:, :, np.newaxis]
+    z = (cells.edges_ps[:, :, np.newaxis] - lags_ps) / places.std_ps
+    columns = (
+        np.diff(places.shape.come(z), axis=1) * (cells.live * cells.open_share)[:, :, np.newaxis]
+    )
     score, information = pixels.said_of_each(columns)
     return score, np.maximum(information, 0.0)
 
@@ -219,7 +221,7 @@ def second_paths_in(
         With shares of nothing yet, the best first; (): none explains more than chance does. There
         are several, since an image that lies on its leg looks much the same in many mirrors.
     """
-    scores = _scores(seen, pixels, dark, places.std_ps, camera.shape)
+    scores = _scores(seen, pixels, dark, places, camera.shape)
     return tuple(SecondPath(one, places, camera) for one in _best_mirrors(scores, places, camera))
 
 
@@ -237,7 +239,7 @@ def _best_mirrors(scores: _Scores, places: Places, camera: Camera) -> list[Mirro
         own[np.linspace(0, len(own) - 1, _COARSE).astype(int)]
         for own in (shown[places.leg[shown] == k] for k in range(places.n_legs)) if len(own)
     ])  # fmt: skip
-    frame, gaps = _frame(camera), np.array(_GAPS_MM)
+    frame, gaps = _frame(camera), _gaps_of(places.points_mm[few])
     turns = np.array([*_TURNS, 0.0, *(-t for t in reversed(_TURNS))])
     highest = np.zeros((len(turns), len(turns)))
     mirrors: dict[tuple[int, int], Mirror] = {}
@@ -259,6 +261,15 @@ def _best_mirrors(scores: _Scores, places: Places, camera: Camera) -> list[Mirro
     tops = highest >= sliding_window_view(around, (3, 3)).max(axis=(2, 3))
     order = sorted(mirrors, key=lambda at: -highest[at])
     return [mirrors[at] for at in order if tops[at]][:_MOST_MIRRORS]
+
+
+def _gaps_of(points_mm: Floats) -> Floats:
+    """(g,), distances of mirrors from the middle of a path through points (k, 3), mm."""
+    step = _GAPS_MM[-1] - _GAPS_MM[-2]
+    deep = np.max(np.linalg.norm(points_mm - np.median(points_mm, axis=0), axis=1))
+    more = int(max(deep - _GAPS_MM[-1] / 2.0, 0.0) / step)
+    gaps: Floats = np.append(_GAPS_MM, _GAPS_MM[-1] + step * np.arange(1, more + 1))
+    return gaps
 
 
 def _chi2_of(
