@@ -59,6 +59,9 @@ _FEW_INNER = 6
 """An end is judged only by a path that rests on at least so many other pulses of its leg."""
 _FALSE_CUT = 1e-4
 """Chance that an end which is whole is taken for cut."""
+_OUTER_RAMP_PX, _MOST_BEYOND_PX = 3.0, 1.0
+"""The light of so many pixels about a tip, and of as many behind, says where it is, px; to within a
+pixel of the outermost pulse."""
 _USUAL_SPOT_PX = 0.4
 """Std of a usual spot, px, to compare pixels on a leg's line with pixels beside it."""
 
@@ -418,11 +421,14 @@ def _visible_end(
             return edge, None
         gap = lit.gap_px(edge.position_mm, camera)
         # Near the edge, or with a dim leg, the edge is the better guess of the end.
-        if gap < _STOPS_PX or not lit.is_sharp:
-            return edge, seen_tip if lit.is_sharp and gap > DARK_PX else None
+        if not lit.is_sharp or gap < (DARK_PX if dark else _STOPS_PX):
+            return edge, None
     along = camera.pixel_jacobian(inside) @ direction
-    along = along / max(float(np.hypot(*along)), 1e-9)
+    px_per_mm = max(float(np.hypot(*along)), 1e-9)
+    along = along / px_per_mm
     across = float(-along[1]), float(along[0])
+    if dark and lit.is_sharp:
+        inside = inside + lit.beyond_px(outwards * along) / px_per_mm * outwards * direction
     return end_in_picture(camera, inside, across), seen_tip
 
 
@@ -456,6 +462,23 @@ class _Lit:
     def gap_px(self, place_mm: Floats, camera: Camera) -> float:
         """From the tip to the image of a place (3,), world, mm; px."""
         return float(np.hypot(*(np.array(camera.pixels_from_points(place_mm)) - self.tip_px)))
+
+    def beyond_px(self, along: Floats) -> float:
+        """How far beyond the foot of the outermost pulse the light ends, `along` (2,) outwards.
+
+        Where a line as bright as it is behind would end that holds as much light: (n,) pulses with
+        feet u, weighed by a ramp r, hold the light from its middle to the end.
+        """
+        foot = (self.places_px - self.tip_px) @ along
+
+        def ramp(begin: float) -> Floats:
+            """0 up to `begin`, 1 from two pixels on: edges would say how pixels lie."""
+            return np.clip(0.5 * (foot - begin), 0.0, 1.0)
+
+        outer = float(self.photons @ ramp(-_OUTER_RAMP_PX))
+        inner = float(self.photons @ ramp(-2.0 * _OUTER_RAMP_PX)) - outer
+        held = _OUTER_RAMP_PX * outer / max(inner, 1e-9)
+        return float(np.clip(held - (_OUTER_RAMP_PX - 1.0), -_MOST_BEYOND_PX, _MOST_BEYOND_PX))
 
     @property
     def is_sharp(self) -> bool:
