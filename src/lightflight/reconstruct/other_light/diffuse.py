@@ -31,7 +31,6 @@ from lightflight.reconstruct.fit.joint import (
 from lightflight.reconstruct.fit.membership import CLAIM_STDS
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.pulse_shape import shape_of
-from lightflight.reconstruct.model.second_path import SecondPath
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
@@ -126,11 +125,10 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
     if not pulses_of_legs(fit).all():
         return fit
     try:
+        far = False
         for _ in range(_MOST_PATHS):
-            clear, strengths = without_diffuse(plain, fit, setting, nominal=nominal)
-            twice = [o.diffuse.second for o in clear if o.diffuse is not None]
-            seconds = any(one is not None for one in twice)
-            mirrors = any(isinstance(one, SecondPath) for one in twice)
+            clear, strengths = without_diffuse(plain, fit, setting, nominal=nominal, stands=not far)
+            seconds = any(o.diffuse.second is not None for o in clear if o.diffuse is not None)
             much = any(np.abs(one.of_kinds).max() > light.MUCH for one in strengths)
             # Lines and brightness, too, without what is no leg's.
             shown = finely_lit(fit, clear, setting) if seconds or much else fit
@@ -142,7 +140,7 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
                 better = with_fine_light(again, setting)
             fit = replace(better, strengths=strengths, n_shown=fit.n_shown)
             # Images and halos follow the path and its brightness, which in turn follow them.
-            if moved < (_STILL_STDS if mirrors or much else _FAR_STDS):
+            if moved < (_STILL_STDS if seconds or much else _FAR_STDS):
                 break
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return fit
@@ -150,7 +148,12 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
 
 
 def without_diffuse(
-    sightings: list[Sighting], fit: JointFit, setting: Setting, *, nominal: bool
+    sightings: list[Sighting],
+    fit: JointFit,
+    setting: Setting,
+    *,
+    nominal: bool,
+    stands: bool = False,
 ) -> tuple[list[Sighting], tuple[light.Strengths, ...]]:
     """The recordings with the times of the path's pulses as they are without diffuse light.
 
@@ -164,6 +167,8 @@ def without_diffuse(
         Camera, source, medium and waypoints.
     nominal : bool
         Whether the widths of the codes were never measured.
+    stands : bool, optional
+        Whether the path is where it was, nearly, when light that comes twice was found.
 
     Returns
     -------
@@ -201,6 +206,7 @@ def without_diffuse(
             partial(places_of_path, fit, own[0], whole, source_told=source_told),
             fit.sightings[own[0]].diffuse,
             fit.solution.cameras[whole.view],
+            stands=stands,
         )  # fmt: skip
         if not known.settled:
             raise NothingFoundError("the strengths of diffuse light do not settle")

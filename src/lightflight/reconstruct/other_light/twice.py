@@ -151,6 +151,8 @@ def with_second(
     places: Callable[[float], Places],
     so_far: light.Diffuse | None,
     camera: Camera,
+    *,
+    stands: bool,
 ) -> Known:
     """Strengths with what comes twice, where the counts show it: of pulse and mirror the likelier.
 
@@ -164,11 +166,18 @@ def with_second(
         As it was found about the path before.
     camera : Camera
         Who sees it.
+    stands : bool
+        Whether the path is where it was then, nearly: a second pulse is asked for anew about
+        another, where it may be a mirror.
 
     Returns
     -------
     Known
     """
+    if stands and so_far is not None and isinstance(so_far.second, Echo):
+        kept = _with_pulse_as_before(asked, so_far.second)
+        if kept is not None:
+            return kept
     if so_far is not None and isinstance(so_far.second, SecondPath):
         here = places(float(np.median(so_far.std_ps[:, 0])))
         kept = _with_mirror_as_before(asked, replace(so_far.second, places=here, camera=camera))
@@ -193,8 +202,26 @@ def _with_mirror_as_before(asked: Asked, mirror: SecondPath) -> Known | None:
     mirrored = asked.strengths(mirror)
     if not (mirrored.settled and _possible(mirrored)):
         return None
-    enough = mirrored.misfit() + LEAST_GAIN
-    return mirrored if asked.strengths(most_misfit=enough).misfit() > enough else None
+    return mirrored if _explains(mirrored, asked) else None
+
+
+def _with_pulse_as_before(asked: Asked, second: Echo) -> Known | None:
+    """Strengths with a second pulse that was found; None: it explains too little now."""
+    repeated = asked.strengths(second)
+    if not (repeated.settled and _is_share(repeated)):
+        return None
+    return repeated if _explains(repeated, asked) else None
+
+
+def _explains(known: Known, asked: Asked) -> bool:
+    """Whether counts ask for what comes twice: without it they are worse, however well fitted."""
+    enough = known.misfit() + LEAST_GAIN
+    return asked.strengths(lags_ps=known.lags_ps, most_misfit=enough).misfit() > enough
+
+
+def _is_share(known: Known) -> bool:
+    assert isinstance(known.second, Echo)
+    return known.second.share > light.LEAST_SHARE
 
 
 def _with_mirror(
@@ -251,6 +278,4 @@ def _with_second_pulse(asked: Asked, known: Known) -> Known | None:
         return None
     enough = known.misfit() - LEAST_GAIN
     more = asked.strengths(found[0], lags_ps=lags, most_misfit=enough)
-    assert isinstance(more.second, Echo)
-    real = more.settled and more.second.share > light.LEAST_SHARE and more.misfit() < enough
-    return more if real else None
+    return more if more.settled and _is_share(more) and more.misfit() < enough else None

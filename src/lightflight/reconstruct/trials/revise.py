@@ -174,9 +174,15 @@ def bright_legs(sightings: list[Sighting], legs: tuple[ImageLeg, ...]) -> tuple[
     -------
     tuple of ImageLeg
     """
-    light = _light_of(sightings, legs) / [leg.n_pixels for leg in legs]
+    light = _light_per_px(sightings, legs)
     least = _DIM * light.max(initial=0.0)
     return tuple(leg for leg, own in zip(legs, light, strict=True) if own > least)
+
+
+def _light_per_px(sightings: list[Sighting], legs: tuple[ImageLeg, ...]) -> Floats:
+    """(n,), photons of each pixel of a leg, on average."""
+    per_px: Floats = _light_of(sightings, legs) / [leg.n_pixels for leg in legs]
+    return per_px
 
 
 def _light_of(sightings: list[Sighting], legs: tuple[ImageLeg, ...]) -> Floats:
@@ -202,13 +208,17 @@ def fit_without_dim_legs(
     Returns
     -------
     JointFit or None
-        None where no leg is dim, or the others make no path.
+        None where no leg is dim, or the others make no path. A leg may be dim itself, beside one
+        that comes towards the camera: where all dim ones but it are an image, they go alone.
     """
-    chain = bright_legs(sightings, legs)
-    if len(chain) == len(legs):
-        return None
-    fit = fit_or_reason(partial(fit_from_legs, sightings, chain, setting, drop=False))
-    return None if isinstance(fit, NoFit) else revised(sightings, fit, setting)
+    light = _light_per_px(sightings, legs)
+    dimmest = np.argsort(light, kind="stable")
+    for n_dim in range(len(legs) - len(bright_legs(sightings, legs)), 0, -1):
+        chain = tuple(legs[k] for k in sorted(dimmest[n_dim:]))
+        fit = fit_or_reason(partial(fit_from_legs, sightings, chain, setting, drop=False))
+        if not isinstance(fit, NoFit):
+            return revised(sightings, fit, setting)
+    return None
 
 
 def revised(sightings: list[Sighting], fit: JointFit, setting: Setting) -> JointFit:
