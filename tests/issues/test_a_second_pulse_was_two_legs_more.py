@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,7 +36,8 @@ def test_the_dimmest_go_alone_where_all_dim_legs_were_too_many(monkeypatch):
 
     monkeypatch.setattr(revise, "fit_from_legs", fitted)
     monkeypatch.setattr(revise, "revised", lambda _, fit, __: fit)
-    assert revise.fit_without_dim_legs([sighting], legs, None) == "a path"
+    fit: Any = revise.fit_without_dim_legs
+    assert fit([sighting], legs, None) == "a path"
     assert tried == [[1, 2, 3], [0, 1, 2, 3]]
 
 

@@ -69,6 +69,22 @@ def test_a_climb_that_was_cut_short_says_so(rng, most_steps):
     assert slope.value >= slope_at(start).value
 
 
+@pytest.mark.parametrize(("away", "reached"), [(0.3, True), (3.0, False)])
+def test_a_climb_held_back_by_sway_has_reached_a_top_that_is_near(away, reached):
+    """Every other step seems to lead down: damped ever more, it creeps until no step is left."""
+    calls = []
+
+    def slope_at(x):
+        calls.append(x)
+        sway = -1.0 if len(calls) % 2 == 0 else 1e-3 * len(calls)
+        return _Slope(-0.5 * float(x @ x) * 1e-6 + sway, -x, np.eye(1))
+
+    _, _, converged = ascend(
+        np.array([away]), slope_at, lambda x, _, step: x + 1e-4 * step, most_steps=12
+    )
+    assert converged == reached
+
+
 def test_a_wrong_score_ends_where_it_began():
     def slope_at(x):
         return _Slope(float(-(x @ x)), 2.0 * x, np.eye(1))

@@ -38,7 +38,8 @@ _LEAP = 5
 _UNDAMPED = 1e-9
 """Only a gauge is held by so little."""
 _PROMISE = 0.1
-"""Half a standard error of one direction: a leap that should gain less is not tried."""
+"""Of the log-likelihood, half a standard error of one direction: no leap that should gain less is
+tried, and a climb that is so near to its top when its steps are used up has reached it."""
 
 
 class Slope(Protocol):
@@ -132,7 +133,7 @@ def ascend(
     moved
         The point after a step (p,) from it, and from what was found there.
     most_steps : int
-        A climb that takes more is said not to have converged.
+        A climb that takes more has not converged, unless it is within half an error of the top.
     level : float, optional
         A step that changes the log-likelihood by less than this ends a climb, as does a
         short one. With 1e-3 in lines a short leg of one hard
@@ -190,7 +191,9 @@ def ascend(
         if (higher and length2 < _TINY**2) or damping > _MOST_DAMPING:
             left = damped_step(information, score, _FIRST_DAMPING + gauge)
             return point, slope, bool(left @ information @ left < _LEFT**2 * len(left))
-    return point, slope, False
+    # Where steps lead up by less and less the top is near, whatever holds the last of them back.
+    left = damped_step(information, score, _UNDAMPED + gauge)
+    return point, slope, bool(0.5 * float(left @ score) < _PROMISE)
 
 
 def _leapt(

@@ -1,8 +1,8 @@
 """Light that comes twice, by way of a mirror or in a second pulse, beside what is diffuse.
 
 Both are held against the same cells where they are looked for: about a path that is off a mirror
-may look like a second pulse, and a pulse like a mirror. A mirror that was found stays while it
-explains more than none.
+may look like a second pulse, and a pulse like a mirror, and both like what is wrong with it. What
+was found stays while the path does and it explains more than none.
 """
 
 from __future__ import annotations
@@ -167,20 +167,20 @@ def with_second(
     camera : Camera
         Who sees it.
     stands : bool
-        Whether the path is where it was then, nearly: a second pulse is asked for anew about
-        another, where it may be a mirror.
+        Whether the path is where it was then, nearly. About another one light that comes twice
+        is asked for anew: it may have been for what was wrong with that path.
 
     Returns
     -------
     Known
     """
-    if stands and so_far is not None and isinstance(so_far.second, Echo):
-        kept = _with_pulse_as_before(asked, so_far.second)
-        if kept is not None:
-            return kept
-    if so_far is not None and isinstance(so_far.second, SecondPath):
-        here = places(float(np.median(so_far.std_ps[:, 0])))
-        kept = _with_mirror_as_before(asked, replace(so_far.second, places=here, camera=camera))
+    if stands and so_far is not None and so_far.second is not None:
+        second = so_far.second
+        if isinstance(second, Echo):
+            kept = _with_pulse_as_before(asked, second)
+        else:
+            here = places(float(np.median(so_far.std_ps[:, 0])))
+            kept = _with_mirror_as_before(asked, replace(second, places=here, camera=camera))
         if kept is not None:
             return kept
     known = asked.strengths()
