@@ -19,8 +19,11 @@ def test_a_mirrored_leg_is_refused_in_a_sentence_or_contradicted(seed):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", LightflightWarning)
         try:
-            path = lf.reconstruct(record(world, seed), method="photon", **told)
+            level, said = (
+                lf.reconstruct(record(world, seed), method="photon", **told).verdict.level,
+                "",
+            )
         except NothingFoundError as error:
-            assert "lightflight check" in str(error) or "too few to say" in str(error)
-        else:
-            assert path.verdict.level == "contradicted"
+            level, said = None, str(error)
+    refused = "lightflight check" in said or "too few to say" in said
+    assert level == "contradicted" or refused

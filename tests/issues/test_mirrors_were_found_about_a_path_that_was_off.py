@@ -15,7 +15,8 @@ from benchmarks.random_labs import drawn_lab, path_of, pulls_of
 from lightflight.errors import LightflightWarning
 
 
-@pytest.mark.parametrize("seed", [623, pytest.param(552, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [552, 623])
 def test_legs_over_each_other_need_no_mirror(seed):
     """The chance of a pull above 5 is 1e-6 a number."""
     lab = drawn_lab(seed)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+import pytest
 
 from benchmarks.random_labs import calibration, drawn_lab, path_of
 from lightflight.errors import LightflightWarning
@@ -36,6 +37,7 @@ def test_the_shape_of_a_flat_is_that_of_its_pulses():
     assert min(off) < 5e-4
 
 
+@pytest.mark.long
 def test_a_bright_recording_is_not_contradicted_by_its_calibration():
     """Was 7 deviations, and 5 to 7 in four of four."""
     with warnings.catch_warnings():

@@ -21,7 +21,7 @@ from lightflight.errors import LightflightWarning
     ("defect", "share", "seed"),
     [
         ("second", 0.03, 901),
-        ("wall", 0.1, 904),
+        pytest.param("wall", 0.1, 904, marks=pytest.mark.long),
         ("wall", 0.1, 908),
         pytest.param("second", 0.1, 903, marks=pytest.mark.long),
         pytest.param("wall", 0.03, 905, marks=pytest.mark.long),

@@ -73,6 +73,8 @@ _GATE_STDS = 4.0
 """A pulse this near to the expected time is the one that was measured, in standard deviations."""
 _MOST_LIGHT = 10.0
 """Of all counts: more in the picture is no path's."""
+_LONGEST_PS = 1e6
+"""A flight of 300 m is none that a picture shows, nor one that all cells of time could hold."""
 _FAR_PX = 25.0
 """Light this far outside of the picture reaches it no more, px."""
 
@@ -251,7 +253,8 @@ def beam_of_path(
     Raises
     ------
     NothingFoundError
-        Where no leg is near the picture, or one gives more light than the recording holds.
+        Where no leg is near the picture, or one runs away, or gives more light than the recording
+        holds.
     """
     camera, index = fit.solution.cameras[whole.view], fit.solution.medium.return_group_index
     parts = []
@@ -263,6 +266,8 @@ def beam_of_path(
     if not parts:
         raise NothingFoundError("no leg runs in the picture or near it")
     row, col, leg, arrival, photons = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if len(arrival) and np.ptp(arrival) > _LONGEST_PS:
+        raise NothingFoundError("a leg runs away from the light of the others")
     beam = Beam(np.column_stack((row, col)), leg, arrival, photons, std_ps)
     # More light than there is: a leg's line is off its pixels, and bright by exp(400).
     shown = beam.sides(camera.shape) < 0
