@@ -43,7 +43,7 @@ _TURNS = (-4.0, -2.0, -1.2, -0.8, -0.5, -0.35, -0.23, -0.11)
 turn by 6 degrees shifts the image's times along 200 mm by a pulse."""
 _GAPS_MM = tuple(np.cumsum(np.concatenate(([4.0], np.geomspace(4.0, 25.0, 44)))).tolist())
 """Distances from the middle of the path that are tried, mm; a pulse of 160 ps is 24 mm. Where the
-path itself reaches farther back they go on with the last step, as far behind its end."""
+path reaches far back they go on with the last step, to half of the last of them behind its end."""
 _COARSE = 12
 """Places per leg with which all mirrors are tried."""
 _LAGS_STD = 0.6
