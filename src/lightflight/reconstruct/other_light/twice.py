@@ -246,6 +246,9 @@ def _with_mirror(
     lags_ps = None if repeated is None else repeated.lags_ps
     for second in second_paths_in(asked.seen, first.pixels, first.dark, here, camera):
         more = asked.strengths(second, lags_ps=lags_ps, most_misfit=enough)
+        if more.misfit() < enough and not more.settled:
+            # Its rounds went by on the way there: it goes on from where it is.
+            more = asked.strengths(more.second, lags_ps=lags_ps, most_misfit=enough)
         explains = more.misfit() < enough
         if explains and more.settled and _possible(more):
             return more
