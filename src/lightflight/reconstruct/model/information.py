@@ -162,7 +162,7 @@ def ascend(
         step = damped_step(information, score, damping + gauge)
         if not np.isfinite(step).all():
             # Light without bounds, whose score is no number: no record of a set-up takes that.
-            break
+            return point, slope, False
         trial = moved(point, slope, step)
         # A step too far may leave nothing finite: it is refused below.
         with np.errstate(over="ignore", invalid="ignore"):

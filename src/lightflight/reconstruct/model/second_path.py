@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.path.verdict import FindingName
+from lightflight.reconstruct.model.cells import Cells, as_counted
 from lightflight.reconstruct.model.pulse_shape import GAUSSIAN, Shape
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
-    from lightflight.reconstruct.model.cells import Cells
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -226,8 +226,7 @@ def in_cells(shown: Glow, cells: Cells, reference_ps: Floats) -> Floats:
         late = shown.arrival_ps[lit, k] - reference_ps[lit]
         come = shown.come(lit, k, cells.edges_ps[lit] - late[:, np.newaxis])
         out[lit, :, k] = shown.photons[lit, k, np.newaxis] * np.diff(come, axis=1)
-    out *= (cells.live * cells.open_share)[:, :, np.newaxis]
-    return out
+    return as_counted(cells, out)
 
 
 @dataclass(frozen=True, eq=False)

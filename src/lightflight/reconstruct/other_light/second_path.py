@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lightflight.camera.stand_in import stand_in_of
 from lightflight.reconstruct.fit.joint import JointFit
+from lightflight.reconstruct.model.cells import as_counted
 from lightflight.reconstruct.model.counted import Pixels
 from lightflight.reconstruct.model.pulse_shape import shape_of
 from lightflight.reconstruct.model.second_path import (
@@ -190,9 +191,7 @@ def _score_of(pixels: Pixels, lags_ps: Floats, places: Places) -> tuple[Floats, 
     """Score and information (n, g) of one photon more at each lag, own unknowns eliminated."""
     cells = pixels.cells
     z = (cells.edges_ps[:, :, np.newaxis] - lags_ps) / places.std_ps
-    columns = (
-        np.diff(places.shape.come(z), axis=1) * (cells.live * cells.open_share)[:, :, np.newaxis]
-    )
+    columns = as_counted(cells, np.diff(places.shape.come(z), axis=1))
     score, information = pixels.said_of_each(columns)
     return score, np.maximum(information, 0.0)
 
