@@ -6,7 +6,6 @@ path itself was among them. Beside a second pulse the path was measured once, no
 
 from __future__ import annotations
 
-import warnings
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,8 +15,10 @@ import pytest
 import lightflight as lf
 from benchmarks.misfit_labs import recording_of
 from benchmarks.random_labs import pulls_of
-from lightflight.errors import GeometryError, LightflightWarning
+from lightflight.errors import GeometryError
 from lightflight.reconstruct.trials import revise
+
+pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
 
 
 def test_the_dimmest_go_alone_where_all_dim_legs_were_too_many(monkeypatch):
@@ -45,9 +46,7 @@ def test_the_dimmest_go_alone_where_all_dim_legs_were_too_many(monkeypatch):
 def test_a_second_pulse_was_two_legs_more():
     """3 % of 49,000 photons, on a camera with a tail: five legs for three, contradicted."""
     lab, hist, told = recording_of("second", 0.03, 933)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", LightflightWarning)
-        path = lf.reconstruct(hist, **told)
+    path = lf.reconstruct(hist, **told)
     assert path.n_legs == 3
     assert path.verdict.level == "check", path.verdict
     assert path.verdict.findings[0].sentence.endswith("taken into the fit")

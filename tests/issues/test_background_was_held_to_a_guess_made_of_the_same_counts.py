@@ -8,17 +8,16 @@ them").
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import pytest
 from scipy.special import ndtr
 
 from benchmarks.random_labs import drawn_lab, path_of
-from lightflight.errors import LightflightWarning
 from lightflight.reconstruct.model.cells import Cells
 from lightflight.reconstruct.model.counted import dark_pixels, lit_pixels
 from lightflight.reconstruct.model.expected_counts import Pulses
+
+pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
 
 WIDTH_PS, N_CELLS = 400.0, 24
 
@@ -51,7 +50,5 @@ def test_no_light_is_missing_where_there_is_none(counts_a_pixel, photons):
 
 @pytest.mark.parametrize("noise", [4, 5, pytest.param(2, marks=pytest.mark.long)])
 def test_a_dim_recording_with_much_background_is_trusted(noise):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", LightflightWarning)
-        path = path_of(drawn_lab(658), "joint", noise)
+    path = path_of(drawn_lab(658), "joint", noise)
     assert path.verdict.level == "trust", path.verdict

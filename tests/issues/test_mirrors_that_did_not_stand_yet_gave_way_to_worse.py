@@ -6,19 +6,18 @@ tried, which explains six thousand less, but stood. The path was right and contr
 
 from __future__ import annotations
 
-import warnings
+import pytest
 
 import lightflight as lf
 from benchmarks.misfit_labs import recording_of
 from benchmarks.random_labs import pulls_of
-from lightflight.errors import LightflightWarning
+
+pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
 
 
 def test_it_goes_on_from_where_it_is():
     lab, hist, told = recording_of("wall", 0.1, 1038)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", LightflightWarning)
-        path = lf.reconstruct(hist, **told)
+    path = lf.reconstruct(hist, **told)
     assert path.verdict.level == "check", path.verdict
     assert "mirror" in path.verdict.findings[0].sentence
     assert (pulls_of(lab, path)[:, 1] < 5.0).all()

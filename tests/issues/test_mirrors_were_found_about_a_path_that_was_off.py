@@ -7,16 +7,16 @@ and of another recording 8 ("check"). Where the path moves far, mirrors are look
 
 from __future__ import annotations
 
-import warnings
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from benchmarks.random_labs import drawn_lab, path_of, pulls_of
-from lightflight.errors import LightflightWarning
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.other_light import twice
+
+pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
 
 
 @pytest.mark.parametrize("stands", [True, False])
@@ -45,8 +45,6 @@ def test_what_was_found_is_asked_for_first_where_the_path_stands(monkeypatch, st
 def test_legs_over_each_other_need_no_mirror(seed):
     """The chance of a pull above 5 is 1e-6 a number."""
     lab = drawn_lab(seed)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", LightflightWarning)
-        path = path_of(lab)
+    path = path_of(lab)
     assert path.n_legs == 3
     assert (pulls_of(lab, path)[:, 1] < 5.0).all()

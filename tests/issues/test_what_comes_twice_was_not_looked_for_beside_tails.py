@@ -7,14 +7,13 @@ large room a right path was contradicted by the images of what lies farther out.
 
 from __future__ import annotations
 
-import warnings
-
 import pytest
 
 import lightflight as lf
 from benchmarks.misfit_labs import recording_of
 from benchmarks.random_labs import pulls_of
-from lightflight.errors import LightflightWarning
+
+pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
 
 
 @pytest.mark.parametrize(
@@ -31,9 +30,7 @@ from lightflight.errors import LightflightWarning
 def test_it_is_taken_into_the_fit(defect, share, seed):
     """The chance of a pull above 5 is 1e-6 a number; before, all were contradicted."""
     lab, hist, told = recording_of(defect, share, seed)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", LightflightWarning)
-        path = lf.reconstruct(hist, **told)
+    path = lf.reconstruct(hist, **told)
     assert path.verdict.level == "check", path.verdict
     assert path.verdict.findings[0].sentence.endswith("taken into the fit")
     assert path.n_legs == len(lab.vertices) - 1
