@@ -264,12 +264,8 @@ def counts_of(lab: Lab, light: Floats) -> Floats:
 
 def light_of(lab: Lab) -> Floats:
     """(rows, cols, codes), in units of its own."""
-    optics, edges = lab.optics, lab.edges_ps
+    optics = lab.optics
     counts = np.zeros((*optics.shape, lab.n_codes))
-    efficiency = np.exp(
-        lab.unequal * np.random.default_rng([5, lab.seed]).normal(size=optics.shape)
-    )
-    reach = int(np.ceil(4.5 * optics.spot_px + optics.half_active_px + 1))
     start = lab.emission_ps
     for leg, (first, last) in enumerate(pairwise(lab.vertices)):
         length = float(np.linalg.norm(last - first))
@@ -281,25 +277,36 @@ def light_of(lab: Lab) -> Floats:
         arrival = start + INDEX * (share * length + away) / SPEED
         start += INDEX * length / SPEED
         light = lab.brightness(leg, share * length) / away**2 * length / n
-        for place, bright, when in zip(optics.image(points)[0], light, arrival, strict=True):
-            near = [
-                np.arange(max(0, round(at) - reach), min(most, round(at) + reach + 1))
-                for at, most in zip(place, optics.shape, strict=True)
-            ]
-            if not all(map(len, near)):
-                continue
-            seen = bright * np.outer(
-                *(_caught(optics, *at) for at in zip(near, place, strict=True))
-            )
-            early = when - 400 - 5 * lab.pulse_ps
-            late = when + 410 + 5 * lab.pulse_ps + 10 * lab.tail_ps
-            low = max(int(np.searchsorted(edges, early)) - 1, 0)
-            high = min(int(np.searchsorted(edges, late)) + 1, lab.n_codes)
-            delay = edges[low : high + 1] - when - lab.delays_ps[np.ix_(*near)][..., np.newaxis]
-            of_codes = np.diff(lab.come(delay), axis=2)
-            counts[np.ix_(*near, np.arange(low, high))] += seen[..., np.newaxis] * of_codes
-    counts *= efficiency[..., np.newaxis]
-    return counts
+        shed(lab, counts, optics.image(points)[0], light, arrival)
+    return counts * efficiency_of(lab)
+
+
+def efficiency_of(lab: Lab) -> Floats:
+    """(rows, cols, 1), of each pixel."""
+    spread = np.random.default_rng([5, lab.seed]).normal(size=(*lab.optics.shape, 1))
+    efficiency: Floats = np.exp(lab.unequal * spread)
+    return efficiency
+
+
+def shed(lab: Lab, counts: Floats, places: Floats, light: Floats, arrival_ps: Floats) -> None:
+    """Add light that falls at places (row, col) at instants, as spot and pulse spread it."""
+    optics, edges = lab.optics, lab.edges_ps
+    reach = int(np.ceil(4.5 * optics.spot_px + optics.half_active_px + 1))
+    for place, bright, when in zip(places, light, arrival_ps, strict=True):
+        near = [
+            np.arange(max(0, round(at) - reach), min(most, round(at) + reach + 1))
+            for at, most in zip(place, optics.shape, strict=True)
+        ]
+        if not all(map(len, near)):
+            continue
+        seen = bright * np.outer(*(_caught(optics, *at) for at in zip(near, place, strict=True)))
+        early = when - 400 - 5 * lab.pulse_ps
+        late = when + 410 + 5 * lab.pulse_ps + 10 * lab.tail_ps
+        low = max(int(np.searchsorted(edges, early)) - 1, 0)
+        high = min(int(np.searchsorted(edges, late)) + 1, lab.n_codes)
+        delay = edges[low : high + 1] - when - lab.delays_ps[np.ix_(*near)][..., np.newaxis]
+        of_codes = np.diff(lab.come(delay), axis=2)
+        counts[np.ix_(*near, np.arange(low, high))] += seen[..., np.newaxis] * of_codes
 
 
 def _caught(optics: Optics, pixels: NDArray[np.int64], place: float) -> Floats:

@@ -257,7 +257,7 @@ def path_from_sightings(
     except (GeometryError, NothingFoundError):
         detour = _detour(None, request, estimator)
         if detour is not None:
-            return _warned(_judged(*detour, request, estimator))
+            return _warned(detour)
         forked = _forked(None, request, estimator)
         if forked is None:
             raise
@@ -338,14 +338,11 @@ def _reconsidered(
     if alone is not None:
         return _with_arms_not_images(alone, fit, request, estimator)
     instead = found
-    # Light of a second pulse flies as the first did: of it a detour would make legs.
-    repeated = any(one.name is FindingName.OTHER_PULSE for one in found.verdict.findings)
     is_open = leaves_misfit(found.verdict) or (
         fit is not None and has_weak_leg(fit) and names_symptom(found.verdict)
     )
-    if is_open and not repeated:
-        detour = _detour(fit, request, estimator)
-        instead = found if detour is None else _judged(*detour, request, estimator)
+    if is_open and not _is_repeated(found):
+        instead = _detour(fit, request, estimator) or found
         if instead.verdict.level is not Level.CONTRADICTED and not request.may_bend:
             return instead
     bent = _bent(fit, found.verdict, request, estimator)
@@ -360,6 +357,13 @@ def _reconsidered(
     if mirror_of_fit(fit) is not None:
         return _with_arms_not_images(found, fit, request, estimator)
     return found
+
+
+def _is_repeated(found: LightPath) -> bool:
+    """Whether a second pulse is what is wrong most of all: it flies as the first did, in legs."""
+    names = [one.name for one in found.verdict.findings]
+    contradicted = found.verdict.level is Level.CONTRADICTED
+    return FindingName.OTHER_PULSE in (names[:1] if contradicted else names)
 
 
 def _with_arms_not_images(
@@ -402,18 +406,21 @@ def _warned(path: LightPath) -> LightPath:
     return path
 
 
-def _detour(
-    fit: JointFit | None, request: Request, estimator: Estimator
-) -> tuple[LightPath, JointFit] | None:
+def _detour(fit: JointFit | None, request: Request, estimator: Estimator) -> LightPath | None:
     """A path with legs that nobody saw, where that is right; a start says what legs there are.
 
-    A told length that is wrong looks like a way that nobody saw.
+    A told length that is wrong looks like a way that nobody saw. Where the pulses as they were
+    found leave light (by corners, of a camera with a tail), the tests of the counts decide.
     """
     setting = request.setting
     if estimator.of_fit is None or request.start is not None or setting.lengths:
         return None
     found = detour_instead(fit, request.sightings, setting, request.n_legs)
-    return None if found is None else _told(found, request, estimator)
+    told = None if found is None else _told(found.fit, request, estimator)
+    if found is None or told is None:
+        return None
+    path = _judged(*told, request, estimator)
+    return path if found.holds_all or path.verdict.level is not Level.CONTRADICTED else None
 
 
 def _forked(fit: JointFit | None, request: Request, estimator: Estimator) -> LightPath | None:

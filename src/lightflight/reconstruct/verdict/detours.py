@@ -8,6 +8,7 @@ tried apart.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -65,9 +66,26 @@ def has_weak_leg(fit: JointFit) -> bool:
     return bool((pulses_of_legs(fit) <= FEW_PULSES).any())
 
 
+@dataclass(frozen=True)
+class Detoured:
+    """A path with detours that explains the recording far better than one without.
+
+    Attributes
+    ----------
+    fit : JointFit
+        The path.
+    holds_all : bool
+        Whether it holds all but all of the light by its pulses as they were found; else the tests
+        of its counts have to say whether it is right.
+    """
+
+    fit: JointFit
+    holds_all: bool
+
+
 def detour_instead(
     fit: JointFit | None, sightings: list[Sighting], setting: Setting, n_legs: int | None
-) -> JointFit | None:
+) -> Detoured | None:
     """A path with detours that explains the recording far better; None where there is none.
 
     Parameters
@@ -83,8 +101,8 @@ def detour_instead(
 
     Returns
     -------
-    JointFit or None
-        With the fewest detours that do.
+    Detoured or None
+        With the fewest detours that hold all light; where none does, that explain most.
     """
     if fit is not None and not _leaves_room(fit, sightings):
         return None
@@ -100,6 +118,7 @@ def detour_instead(
     places = _worst_of(places, fit)
     as_it_is = np.inf if fit is None else cost_of_pulses(fit, list(fit.sightings))
     cost: float | None = None
+    better: JointFit | None = None
     for n_gaps in range(1, min(len(places), most_gaps) + 1):
         # As many legs as were told, with those that nobody saw or without: others are not fitted.
         if n_legs not in (None, len(legs), len(legs) + n_gaps):
@@ -113,19 +132,21 @@ def detour_instead(
         best = min(trials, key=lambda one: cost_of_pulses(one, sightings), default=None)
         # What is no better than the path as it is is none than the best without a detour, for which
         # more must be fitted.
-        if best is None or not _is_better(best, n_gaps, as_it_is, sightings):
+        if best is None or not _is_cheaper(best, n_gaps, as_it_is, sightings):
             continue
         cost = _cost_without(fit, legs, sightings, setting) if cost is None else cost
-        if _is_better(best, n_gaps, cost, sightings):
-            return best
-    return None
+        if not _is_cheaper(best, n_gaps, cost, sightings):
+            continue
+        if explains_all(best, sightings, cost):
+            return Detoured(best, holds_all=True)
+        if better is None or _is_cheaper(best, 1, cost_of_pulses(better, sightings), sightings):
+            better = best
+    return None if better is None else Detoured(better, holds_all=False)
 
 
-def _is_better(best: JointFit, n_gaps: int, cost: float, sightings: list[Sighting]) -> bool:
-    """Whether a path with detours explains the recording far better than one at that cost."""
-    price = price_of(_PARAMETERS * n_gaps, sightings)
-    cheaper = cost_of_pulses(best, sightings) + price < cost
-    return cheaper and explains_all(best, sightings, cost)
+def _is_cheaper(best: JointFit, n_gaps: int, cost: float, sightings: list[Sighting]) -> bool:
+    """Whether a path with so many detours more explains far better than one at that cost."""
+    return cost_of_pulses(best, sightings) + price_of(_PARAMETERS * n_gaps, sightings) < cost
 
 
 def _leaves_room(fit: JointFit, sightings: list[Sighting]) -> bool:
