@@ -38,7 +38,11 @@ from lightflight.reconstruct.verdict.alternatives import Other, others_beside, w
 from lightflight.reconstruct.verdict.arms import leaves_light, take_up_most, with_arms
 from lightflight.reconstruct.verdict.asked import shares_asked_for
 from lightflight.reconstruct.verdict.bent import asks_for_bends, bent_instead, bent_to_lengths
-from lightflight.reconstruct.verdict.detours import detour_instead, has_weak_leg
+from lightflight.reconstruct.verdict.detours import (
+    detour_instead,
+    has_weak_leg,
+    without_light_unseen,
+)
 from lightflight.reconstruct.verdict.examine import examined
 from lightflight.reconstruct.verdict.judge import leaves_misfit, names_symptom
 from lightflight.reconstruct.ways.joint import fit_of_request
@@ -337,6 +341,9 @@ def _reconsidered(
     alone = _without_images(found, request, estimator)
     if alone is not None:
         return _with_arms_not_images(alone, fit, request, estimator)
+    instead = _unseen_as_such(found, fit, request, estimator)
+    if instead is not None:
+        return instead
     instead = found
     is_open = leaves_misfit(found.verdict) or (
         fit is not None and has_weak_leg(fit) and names_symptom(found.verdict)
@@ -357,6 +364,20 @@ def _reconsidered(
     if mirror_of_fit(fit) is not None:
         return _with_arms_not_images(found, fit, request, estimator)
     return found
+
+
+def _unseen_as_such(
+    found: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
+) -> LightPath | None:
+    """The path whose legs without light are ways that nobody saw, where all else is well."""
+    if fit is None or found.verdict.level is Level.CONTRADICTED or estimator.of_fit is None:
+        return None
+    if request.start is not None or request.setting.told_vertices:
+        return None
+    open_ended = without_light_unseen(fit, request.sightings, request.setting)
+    begun = None if open_ended is None else _told(open_ended, request, estimator)
+    path = None if begun is None else _judged(*begun, request, estimator)
+    return None if path is None or path.verdict.level is Level.CONTRADICTED else path
 
 
 def _is_repeated(found: LightPath) -> bool:

@@ -8,8 +8,8 @@ tried apart.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import combinations
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,6 +142,43 @@ def detour_instead(
         if better is None or _is_cheaper(best, 1, cost_of_pulses(better, sightings), sightings):
             better = best
     return None if better is None else Detoured(better, holds_all=False)
+
+
+def without_light_unseen(
+    fit: JointFit, sightings: list[Sighting], setting: Setting
+) -> JointFit | None:
+    """The path whose legs between others that hardly a pulse speaks for are ways that nobody saw.
+
+    A search joins all legs: what it puts between two of them, beside the picture, has mirrors whose
+    places nothing tells, or a pulse or two of other legs, and is stated as if they were told.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path.
+    sightings : list of Sighting
+        The recordings as they were found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    JointFit or None
+        None where the light of all legs is worth their mirrors, or one mirror would do.
+    """
+    state, pulses = fit.solution.state, pulses_of_legs(fit)
+    empty = tuple(state.seen[k] for k in range(1, len(pulses) - 1) if pulses[k] <= FEW_PULSES)
+    if not empty or state.forks or state.bends:
+        return None
+    unseen = tuple(sorted((*state.unseen, *empty)))
+    if any(after - before == 1 for before, after in pairwise(unseen)):
+        return None
+    trial = refitted(sightings, replace(state, unseen=unseen), setting)
+    if isinstance(trial, NoFit) or not _are_detours(trial, sightings, setting):
+        return None
+    lit, cost = refitted(sightings, state, setting), cost_of_pulses(trial, sightings)
+    worth = not isinstance(lit, NoFit) and _is_cheaper(lit, len(empty), cost, sightings)
+    return None if worth else trial
 
 
 def _is_cheaper(best: JointFit, n_gaps: int, cost: float, sightings: list[Sighting]) -> bool:
