@@ -502,6 +502,7 @@ def _bent(
     found = bent_instead(
         fit, request.sightings, request.setting, request.n_legs,
         cut=_as_cut(fit, request), may_bend=request.may_bend,
+        stands=verdict.level is not Level.CONTRADICTED,
     )  # fmt: skip
     return None if found is None else _told(found, request, estimator)
 

@@ -33,7 +33,6 @@ from lightflight.reconstruct.verdict.evidence import WITHIN
 from lightflight.reconstruct.verdict.judge import leaves_misfit
 from lightflight.reconstruct.verdict.lost import (
     cost_of_pulses,
-    explains_all,
     freed_one_by_one,
     price_of,
 )
@@ -82,8 +81,12 @@ def bent_instead(
     *,
     cut: JointFit | None = None,
     may_bend: bool = False,
+    stands: bool = True,
 ) -> JointFit | None:
     """A path with bent legs that explains the recording far better; None where there is none.
+
+    Whether it explains all is for the tests of its counts to say: pulses as they were found leave
+    light by corners, and of a camera with a tail.
 
     Parameters
     ----------
@@ -99,6 +102,8 @@ def bent_instead(
         The path with more straight legs, pieces of curves that are joined; None: `fit`.
     may_bend : bool, optional
         Whether it is told that legs may be curves: then nothing else that was told is in doubt.
+    stands : bool, optional
+        Whether tests let the straight path stand: then bends must win far more.
 
     Returns
     -------
@@ -110,22 +115,21 @@ def bent_instead(
     bent = _cheapest([one for one in begun if one.has_legs(n_legs)], sightings, setting)
     if bent is None:
         return None
-    without = cost_with_kinks(fit, list(fit.sightings))
+    least = price_of(0, sightings) if stands else WITHIN
     bent = _grown(bent, sightings, setting)
-    if not may_bend and not explains_all(bent, sightings, without):
+    if not may_bend and _gained(bent, fit, sightings) < least:
         # Shapes fewer, or finer ones in the picture, explain no more.
         return None
     bent = _finer(_pruned(bent, sightings, setting), sightings, setting)
     cost = cost_with_kinks(bent, sightings)
     # In light as the straight path has it: what differs then are bends.
-    fine = with_fine_light(bent, setting)
-    if _gained(fine, fit, sightings) < price_of(0, sightings):
+    if _gained(with_fine_light(bent, setting), fit, sightings) < least:
         return None
     if may_bend:
         # Told: what else may be wrong is no reason for corners where there are none.
         return bent
-    clean = explains_all(fine, sightings, without) and not bent.solution.state.unseen
-    return bent if clean and _told_apart(bent, cost, sightings, setting) else None
+    alone = not bent.solution.state.unseen
+    return bent if alone and _told_apart(bent, cost, sightings, setting) else None
 
 
 def bent_to_lengths(
