@@ -61,6 +61,7 @@ from benchmarks.random_labs import (
     shed,
     source_of,
 )
+from benchmarks.refraction import interval
 
 FAR_STDS = 5.0
 GLASS, WATER = (1.5195, 1.5396), (1.334, 1.3606)
@@ -106,31 +107,24 @@ class Pane:
         deep = off @ self.normal
         aside = off - deep[:, np.newaxis] * self.normal
         radius = np.linalg.norm(aside, axis=1)
-        ways = (first, self.thickness, deep - first - self.thickness)
-        media = ((INDEX, INDEX), GLASS, self.beyond)
-
-        def reach(sine: Floats) -> Floats:
-            return sum(
-                way * sine / np.sqrt(phase**2 - sine**2)
-                for way, (phase, _) in zip(ways, media, strict=True)
-            )
+        thick = np.full(len(points), self.thickness)
+        ways = np.stack((np.full(len(points), first), thick, deep - first - self.thickness))
+        phase, group = np.array([(INDEX, INDEX), GLASS, self.beyond]).T[..., np.newaxis]
 
         low, high = np.zeros(len(points)), np.full(len(points), INDEX * (1 - 1e-12))
         for _ in range(60):
-            middle = (low + high) / 2
-            short = reach(middle) < radius
-            low, high = np.where(short, middle, low), np.where(short, high, middle)
+            sine = (low + high) / 2
+            short = (ways * sine / np.sqrt(phase**2 - sine**2)).sum(axis=0) < radius
+            low, high = np.where(short, sine, low), np.where(short, high, sine)
         sine = (low + high) / 2
-        length = sum(
-            way * group * phase / np.sqrt(phase**2 - sine**2)
-            for way, (phase, group) in zip(ways, media, strict=True)
-        )
+        length: Floats = (ways * group * phase / np.sqrt(phase**2 - sine**2)).sum(axis=0)
         unit = aside / np.maximum(radius, 1e-12)[:, np.newaxis]
         cosine = np.sqrt(INDEX**2 - sine**2)
         rays = sine[:, np.newaxis] * unit + cosine[:, np.newaxis] * self.normal
         return optics.image(optics.eye + rays)[0], length
 
     def told(self, optics: Optics) -> tuple[lf.Interface, lf.Interface]:
+        """As a user measures it."""
         return lf.window(
             optics.eye + self.distance * optics.axes[:, 2],
             -self.normal,
@@ -185,6 +179,7 @@ class Scene:
 
     @property
     def forks(self) -> tuple[tuple[int, int], ...]:
+        """As `path.forks` tells them."""
         return tuple(
             (k, way.parent + 1)
             for k, way in enumerate(self.ways)
@@ -303,7 +298,9 @@ def bent(lab: Lab, rng: np.random.Generator) -> Scene | None:
     along = radius * np.sin(angle) + 0.5
     away = radius * (np.cos(angle) - np.cos(half))
     ways = list(_chain(lab.vertices))
-    ways[leg] = Way(start + along * chord + size * away * across, leg - 1 if leg else None, bent=True)
+    ways[leg] = Way(
+        start + along * chord + size * away * across, leg - 1 if leg else None, bent=True
+    )
     scene = Scene("bent", lab, tuple(ways))
     clear = all(_long_px(scene, way.points) >= _least_px(lab) for way in ways)
     return scene if clear else None
@@ -389,9 +386,8 @@ def _with_codes(scene: Scene) -> Scene:
     n_codes = int(last / lab.code_ps) + 40
     widths = 1 + 0.04 * np.random.default_rng([79, lab.seed]).normal(size=n_codes)
     widths /= widths.mean()
-    codes = {"n_codes": n_codes, "widths": widths}
-    beside = tuple(replace(one, **codes) for one in scene.beside)
-    return replace(scene, lab=replace(lab, **codes), beside=beside)
+    beside = tuple(replace(one, n_codes=n_codes, widths=widths) for one in scene.beside)
+    return replace(scene, lab=replace(lab, n_codes=n_codes, widths=widths), beside=beside)
 
 
 # ---- recordings ------------------------------------------------------------------------------
@@ -489,9 +485,16 @@ def _pull(path: lf.LightPath, event: Floats, point: Floats) -> tuple[float, floa
     return float(np.mean(z**2)), float(np.abs(z).max())
 
 
-def main() -> None:
-    from benchmarks.refraction import interval
+def _told_of(path: lf.LightPath) -> str:
+    named = " ".join(f"{one.name}:{one.sigma:.1f}" for one in path.verdict.findings[:3])
+    bends = [bend.leg for bend in path.bends]
+    return (
+        f"{path.n_legs} legs, forks {path.forks}, unseen {path.unseen_legs}, bent {bends}, "
+        f"{path.verdict.level} {named}"
+    )
 
+
+def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -522,13 +525,10 @@ def main() -> None:
             if good and len(pulls):
                 squares.append(pulls[:, 0].mean())
             if args.all or far or not good or level != "trust":
-                named = " ".join(f"{f.name}:{f.sigma:.1f}" for f in path.verdict.findings[:3])
                 most = f"{pulls[:, 1].max():.1f}" if len(pulls) else "-"
-                bends = [bend.leg for bend in path.bends]
                 print(
-                    f"{said}; light {len(scene.ways)} legs {scene.forks} unseen {scene.unseen}: "
-                    f"{'right' if good else 'WRONG'} {path.n_legs} legs, forks {path.forks}, unseen "
-                    f"{path.unseen_legs}, bent {bends}, {level} {named}; farthest {most} stated "
+                    f"{said}; {len(scene.ways)} legs {scene.forks} unseen {scene.unseen}: "
+                    f"{'right' if good else 'WRONG'}, {_told_of(path)}; farthest {most} stated "
                     f"errors; {time.process_time() - began:.0f} s",
                     flush=True,
                 )
