@@ -348,6 +348,8 @@ def cameras(lab: Lab, rng: np.random.Generator) -> Scene | None:
         lab, seed=other.seed, optics=optics, delays_ps=other.delays_ps,
         photons=lab.photons * float(rng.uniform(0.5, 2.0)),
     )  # fmt: skip
+    if ((lab.vertices - eye) @ forward < 100).any():
+        return None
     scene = Scene("cameras", lab, _chain(lab.vertices), (), None, (second,))
     seen = [_long_px(replace(scene, lab=second), way.points) for way in scene.ways]
     return scene if max(seen) >= _least_px(second) else None

@@ -29,7 +29,7 @@ from lightflight.reconstruct.fit.membership import (
     roughly_on_leg,
     tips_in_view,
 )
-from lightflight.reconstruct.fit.pictures import as_shown, state_in_view
+from lightflight.reconstruct.fit.pictures import as_shown, lit_untold, state_in_view
 from lightflight.reconstruct.model.forward import (
     CodeCounts,
     Light,
@@ -42,7 +42,7 @@ from lightflight.reconstruct.model.geometry import (
 )
 from lightflight.reconstruct.model.glass import beside_glass
 from lightflight.reconstruct.model.image_plane import inside_edges_px, undistorted_px
-from lightflight.reconstruct.model.leg_in_picture import LegInPicture, leg_in_picture, lit_by_legs
+from lightflight.reconstruct.model.leg_in_picture import lit_by_legs
 from lightflight.reconstruct.model.light import Diffuse
 from lightflight.reconstruct.model.picture import Picture, measure_picture
 from lightflight.reconstruct.model.pulse_shape import tables_for_counts
@@ -440,7 +440,7 @@ def view_of_counts(
     cut_ends: tuple[bool, ...],
     std_ps: float,
     floor_ps: float,
-) -> View:
+) -> View | None:
     """What one camera's counts bring to a climb from a path.
 
     Parameters
@@ -460,8 +460,8 @@ def view_of_counts(
 
     Returns
     -------
-    View
-        For `climb`.
+    View or None
+        For `climb`; None where its picture tells of no leg.
 
     Raises
     ------
@@ -486,10 +486,12 @@ def view_of_counts(
         beam_share=0.0 if _shows_cuts(in_view, cut_ends, own.camera) else None,
     )  # fmt: skip
     # Light of a leg that the picture says too little of is not expected: its pixels are left out.
-    few = tuple(leg_in_picture(state, k, own.camera) for k in in_view.seen if picture.legs[k].dark)
-    if few:
-        whole = replace(whole, blind=whole.blind | _lit_pixels(few, own.camera, picture))
+    hidden = lit_untold(in_view, own.camera, picture)
+    if hidden is not None:
+        whole = replace(whole, blind=whole.blind | hidden)
     state = as_shown(in_view, picture)
+    if not state.seen:
+        return None
     pixels = pixels_near_path(light, own, whole, state)
     # The floor that the pulses asked for is a clock error of each pixel.
     pixels = replace(pixels, pixel_var=pixels.pixel_var + floor_ps**2)
@@ -512,15 +514,6 @@ def _shows_cuts(state: PathState, cut_ends: tuple[bool, ...], camera: Camera) ->
     places = camera.pixels_from_points(state.vertices_mm[corners])
     inside = np.nan_to_num(inside_edges_px(*places, camera.shape), nan=-np.inf)
     return any(cut_ends) or bool((inside.min(axis=1) > -_AT_TIP_PX).any())
-
-
-def _lit_pixels(
-    lines: tuple[LegInPicture, ...], camera: Camera, picture: Picture
-) -> NDArray[np.bool_]:
-    """(rows, cols), True where the light of some lines reaches a pixel."""
-    rows, cols = (index.ravel() for index in np.indices(camera.shape))
-    lit = lit_by_legs(lines, undistorted_px(camera, rows, cols), spot_px=picture.spot_std_px)
-    return lit.any(axis=1).reshape(camera.shape)
 
 
 def with_uneven(counts: list[Counts], ended: Climb) -> tuple[list[Counts], bool]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from lightflight.errors import NothingFoundError
 from lightflight.path.light_path import LightPath
 from lightflight.path.tables import Goodness
-from lightflight.reconstruct.all_counts.climb import GAUGE, Climb, climb
+from lightflight.reconstruct.all_counts.climb import GAUGE, Climb, View, climb
 from lightflight.reconstruct.all_counts.corners import statements_of_corners
 from lightflight.reconstruct.all_counts.counts import (
     Counts,
@@ -152,10 +152,7 @@ def _climbed(
         ends = replace(ends, tips=known_tips(ends.tips, tips))
         state = _ending_at_tips(state, ends, seen, None if ended is None else previous)
         cut_ends = tuple(tip is not None for tip in ends.tips)
-        views = [
-            view_of_counts(own, state, seen, cut_ends, std_ps, rough.goodness.error_floor_ps)
-            for own in counts
-        ]
+        counts, views = _views(counts, state, seen, cut_ends, std_ps, rough)
         freedom = freedom_at(state, seen, ends)
         # A picture led astray has light without bounds, whose score is no number.
         with np.errstate(invalid="ignore", over="ignore"):
@@ -173,6 +170,26 @@ def _climbed(
     assert ended is not None
     refuse_run_away(state)
     return _path_from_climb(ended, rough, climbed)
+
+
+def _views(
+    counts: list[Counts],
+    state: PathState,
+    seen: Setting,
+    cut_ends: tuple[bool, ...],
+    std_ps: float,
+    rough: LightPath,
+) -> tuple[list[Counts], list[View]]:
+    """The recordings whose pictures tell of some leg, and what each brings to a climb."""
+    floor_ps = rough.goodness.error_floor_ps
+    both = [
+        (own, view)
+        for own in counts
+        if (view := view_of_counts(own, state, seen, cut_ends, std_ps, floor_ps)) is not None
+    ]
+    if not both:
+        raise NothingFoundError("too little light: no picture tells where a leg of the path runs")
+    return [own for own, _ in both], [view for _, view in both]
 
 
 def _ending_at_tips(

@@ -5,8 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.camera.model import Camera
 from lightflight.reconstruct.model.geometry import PathState
-from lightflight.reconstruct.model.leg_in_picture import crosses_picture, leg_in_picture
+from lightflight.reconstruct.model.image_plane import undistorted_px
+from lightflight.reconstruct.model.leg_in_picture import (
+    crosses_picture,
+    leg_in_picture,
+    lit_by_legs,
+)
 from lightflight.reconstruct.model.picture import Picture, measure_picture
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
@@ -85,6 +94,34 @@ def state_in_view(state: PathState, setting: Setting, view: int) -> PathState:
 def as_shown(state: PathState, picture: Picture) -> PathState:
     """The path as a picture showed it: legs that it tells nothing of are dark."""
     return _darker(state, [k for k in state.seen if picture.legs[k].dark])
+
+
+def lit_untold(state: PathState, camera: Camera, picture: Picture) -> NDArray[np.bool_] | None:
+    """Pixels with light of legs that a picture shows too little of to say where they run.
+
+    Such a leg is dark there: its light is not expected, and says nothing for or against the path.
+
+    Parameters
+    ----------
+    state : PathState
+        The path as the camera may show it (`state_in_view`).
+    camera : Camera
+        The camera.
+    picture : Picture
+        What its counts say of the legs.
+
+    Returns
+    -------
+    array of bool, shape (rows, cols), or None
+        None where there is no such leg.
+    """
+    few = tuple(leg_in_picture(state, k, camera) for k in state.seen if picture.legs[k].dark)
+    if not few:
+        return None
+    rows, cols = (index.ravel() for index in np.indices(camera.shape))
+    lit = lit_by_legs(few, undistorted_px(camera, rows, cols), spot_px=picture.spot_std_px)
+    hidden: NDArray[np.bool_] = lit.any(axis=1).reshape(camera.shape)
+    return hidden
 
 
 def _darker(state: PathState, legs: list[int]) -> PathState:

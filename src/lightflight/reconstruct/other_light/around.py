@@ -153,7 +153,9 @@ def pixels_about_path(
     pulse all the same.
     """
     rows, cols, n_cut = _pixels_asked(whole, fit, number)
-    near, beyond = _near_legs(whole, fit, number, rows, cols, CLAIM_REACH_PX if claimed else 0.0)
+    near, unseen, past = _near_legs(
+        whole, fit, number, rows, cols, CLAIM_REACH_PX if claimed else 0.0
+    )
     picture, lit = fit.pictures[number], near.lit
     transit = flight_ps(near.slope, near.narrow, picture)
     response = whole.timing.response
@@ -164,9 +166,9 @@ def pixels_about_path(
     skewness = skewness_of_flight(near.slope, near.bend, std, picture)
     kurtosis, departure = kurtosis_of_flight(near.slope, near.side, skewness, std, picture)
     light = float(whole.arrivals.photons[whole.usable_pulses].sum())
-    steep = lit & (departure > max(LEAST_SHARE, light**-0.5))
-    kept = ~(beyond | steep.any(axis=1))
-    n_lit = int(np.count_nonzero(lit[:, 0] | beyond)) + n_cut
+    steep = lit & (departure > max(LEAST_SHARE, max(light, 1.0) ** -0.5))
+    kept = ~(unseen | past | steep.any(axis=1))
+    n_lit = int(np.count_nonzero(lit[:, 0] | unseen)) + n_cut
     _check_enough(int(np.count_nonzero(lit[:, 0] & kept)), n_lit)
     return Seen(
         rows,
@@ -228,8 +230,8 @@ class _NearLegs:
 
 def _near_legs(
     whole: Sighting, fit: JointFit, number: int, rows: Indices, cols: Indices, least_px: float
-) -> tuple[_NearLegs, NDArray[np.bool_]]:
-    """The legs near some pixels, and whether a leg runs there that shows no pulse, (n,)."""
+) -> tuple[_NearLegs, NDArray[np.bool_], NDArray[np.bool_]]:
+    """The legs near some pixels; whether a leg runs there that shows no pulse, or may run on."""
     camera, picture = fit.solution.cameras[whole.view], fit.pictures[number]
     state, medium = fit.solution.state, fit.solution.medium
     clock = replace(whole, found=fit.solution.modes[mode_columns(list(fit.sightings))[whole.view]])
@@ -239,7 +241,7 @@ def _near_legs(
     reach = max(reach, least_px) + 0.3
     away, given = np.full((len(rows), n_legs), np.inf), np.zeros((len(rows), n_legs))
     arrival, slope, bend, narrow, uneven, side = np.full((6, len(rows), n_legs), np.nan)
-    beyond = np.zeros(len(rows), dtype=bool)
+    unseen, past = np.zeros((2, len(rows)), dtype=bool)
     for k, leg in enumerate(picture.legs):
         if leg.dark:
             continue
@@ -249,11 +251,11 @@ def _near_legs(
             state, camera=camera, medium=medium, legs=k, rows=rows[on_line], cols=cols[on_line]
         )
         near = on_line & (along > leg.span_px[0] - reach) & (along < leg.span_px[1] + reach)
-        beyond |= _runs_unseen(fit, k, print_.fraction, on_line, near)
+        unseen |= _runs_unseen(fit, k, print_.fraction, on_line, near)
         # A path ends where light was found; one of several cameras may see dimmer light beyond.
         if len(fit.solution.cameras) > 1:
-            beyond |= on_line & (k == 0) & (along < leg.span_px[0] + reach)
-            beyond |= on_line & (k in state.last_legs) & (along > leg.span_px[1] - reach)
+            past |= on_line & (k == 0) & (along < leg.span_px[0] + reach)
+            past |= on_line & (k in state.last_legs) & (along > leg.span_px[1] - reach)
         own = near[on_line]
         away[near, k] = np.abs(print_.lateral_px[own])
         given[near, k] = _light_given(picture, k, along[near], across[near])
@@ -286,7 +288,7 @@ def _near_legs(
         side=told(side),
         given=np.where(lit, sorted_(given), 0.0),
     )
-    return legs, beyond
+    return legs, unseen, past
 
 
 def _runs_unseen(

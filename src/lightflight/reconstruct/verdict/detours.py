@@ -167,8 +167,14 @@ def without_light_unseen(
         None where the light of all legs is worth their mirrors, or one mirror would do.
     """
     state, pulses = fit.solution.state, pulses_of_legs(fit)
+    if state.forks or state.bends:
+        return None
+    if len(pulses) > 1 and pulses[-1] == 0:
+        # Nobody saw where the light went: the path ends where it was last seen.
+        shorter = refitted(sightings, replace(state, vertices_mm=state.vertices_mm[:-1]), setting)
+        return None if isinstance(shorter, NoFit) else shorter
     empty = tuple(state.seen[k] for k in range(1, len(pulses) - 1) if pulses[k] <= FEW_PULSES)
-    if not empty or state.forks or state.bends:
+    if not empty:
         return None
     unseen = tuple(sorted((*state.unseen, *empty)))
     if any(after - before == 1 for before, after in pairwise(unseen)):

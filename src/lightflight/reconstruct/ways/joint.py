@@ -23,6 +23,7 @@ from lightflight.path.light_path import LightPath
 from lightflight.reconstruct.fit.active_area import areas_found
 from lightflight.reconstruct.fit.along import begun_along, statements_of_curves, with_curves
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
+from lightflight.reconstruct.fit.pictures import lit_untold, state_in_view
 from lightflight.reconstruct.fit.prices import prices_of_fit
 from lightflight.reconstruct.fit.result import path_from_fit
 from lightflight.reconstruct.fit.short_pieces import without_short_pieces
@@ -41,13 +42,15 @@ from lightflight.reconstruct.legs.plausible import refuse_other_units
 from lightflight.reconstruct.model.geometry import PathState, state_of_path
 from lightflight.reconstruct.model.glass import through_blocks
 from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.model.sighting import Sighting, without_pixels
 from lightflight.reconstruct.model.told import statements_of_lengths
 from lightflight.reconstruct.other_light.diffuse import with_diffuse
 from lightflight.reconstruct.sightings import sighting_from_histograms
+from lightflight.reconstruct.trials.outcome import NoFit
 from lightflight.reconstruct.trials.revise import (
     fit_from_brightest,
     fit_from_legs,
+    refitted,
     revised,
     with_n_legs,
 )
@@ -114,24 +117,44 @@ def fit_of_request(request: Request) -> JointFit:
         state = _at_exact_source(_state_from_start(request.start, setting), setting, period_ps)
         state = through_blocks(state, setting.medium.blocks, setting.cameras)
         fit = fit_joint(sightings, with_curves(state, setting), setting, legs=None)
-        fit = without_short_pieces(fit, setting)
-        return with_diffuse(fit, setting, nominal=request.timing is None)
+        return _with_other_light(without_short_pieces(fit, setting), request)
     if setting.curves:
         state, shared = begun_along(sightings, setting)
         period_ps = sightings[0].histograms.laser_period_ps or 0.0
         state = _at_exact_source(state, setting, period_ps)
-        fit = fit_joint(sightings, state, setting, legs=None, shared=shared)
-        return with_diffuse(fit, setting, nominal=request.timing is None)
+        return _with_other_light(
+            fit_joint(sightings, state, setting, legs=None, shared=shared), request
+        )
     if request.timing is None and setting.source.position_mm is None:
         refuse_if_clock_scatters(sightings[0], pulse_std_ps(sightings))
     fit, legs = (
         _fit_as_found(request, brightest=True) if n_legs is None else _fit_as_told(request, n_legs)
     )
-    fit = without_short_pieces(fit, setting)
-    fit = with_diffuse(fit, setting, nominal=request.timing is None)
+    fit = _with_other_light(without_short_pieces(fit, setting), request)
     if request.timing is None and fit.floor_ps > MUCH_SCATTER * pulse_std_ps(sightings):
         warn_of_scatter(fit.floor_ps, legs, sightings[0], setting.camera)
     return fit
+
+
+def _with_other_light(fit: JointFit, request: Request) -> JointFit:
+    """The fit with light that is not its legs', and without that of legs a picture hardly shows."""
+    setting = request.setting
+    if setting.others:
+        fit = _without_untold(fit, setting)
+    return with_diffuse(fit, setting, nominal=request.timing is None)
+
+
+def _without_untold(fit: JointFit, setting: Setting) -> JointFit:
+    """The fit without pixels of one of several cameras that shows too little of a leg there."""
+    state, seen = fit.solution.state, []
+    for one, picture in zip(fit.sightings, fit.pictures, strict=True):
+        camera = setting.cameras[one.view]
+        hidden = lit_untold(state_in_view(state, setting, one.view), camera, picture)
+        seen.append(one if hidden is None else without_pixels(one, hidden))
+    if all(one is before for one, before in zip(seen, fit.sightings, strict=True)):
+        return fit
+    trial = refitted(seen, state, setting)
+    return fit if isinstance(trial, NoFit) else trial
 
 
 def _fit_as_found(request: Request, *, brightest: bool) -> tuple[JointFit, tuple[ImageLeg, ...]]:
