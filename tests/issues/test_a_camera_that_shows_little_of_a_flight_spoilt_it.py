@@ -1,0 +1,35 @@
+"""Two cameras of random laboratories: eight of the first 14 were trusted, five of the others right.
+
+A second camera may see a leg along its line of sight, three pixels of it, or nothing that tells of
+any leg. Light of legs that it showed too little of was light of no leg: contradicted at 37 sigma.
+Pixels in line with the path, beyond its ends, counted as the path's and as lost: nothing was
+examined. And a camera that told of no leg ended in an IndexError
+(`benchmarks/piece_labs.py --only cameras`).
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.piece_labs import drawn_scene, path_of, pulls_of, right_legs
+from lightflight.path.verdict import Level
+
+pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(4, marks=pytest.mark.long),  # a leg more, after the last, that no pulse shows
+        pytest.param(5, marks=pytest.mark.long),  # legs of 3 and 6 px beside one of 14
+        8,  # one leg that goes half across the second picture
+        11,  # three legs of 6 to 8 px
+    ],
+)
+def test_the_path_is_right_and_trusted(seed):
+    """Of 18 numbers the largest is above five errors by chance once in 100,000."""
+    scene = drawn_scene("cameras", seed)
+    path = path_of(scene)
+    assert right_legs(scene, path)
+    assert path.verdict.level is Level.TRUST
+    assert (pulls_of(scene, path)[:, 1] < 5.0).all()
