@@ -165,8 +165,8 @@ def pixels_about_path(
     std = np.hypot(own, transit)
     skewness = skewness_of_flight(near.slope, near.bend, std, picture)
     kurtosis, departure = kurtosis_of_flight(near.slope, near.side, skewness, std, picture)
-    light = float(whole.arrivals.photons[whole.usable_pulses].sum())
-    steep = lit & (departure > max(LEAST_SHARE, max(light, 1.0) ** -0.5))
+    light = max(float(whole.arrivals.photons[whole.usable_pulses].sum()), 1.0)
+    steep = lit & (departure > max(LEAST_SHARE, light**-0.5))
     kept = ~(unseen | past | steep.any(axis=1))
     n_lit = int(np.count_nonzero(lit[:, 0] | unseen)) + n_cut
     _check_enough(int(np.count_nonzero(lit[:, 0] & kept)), n_lit)
