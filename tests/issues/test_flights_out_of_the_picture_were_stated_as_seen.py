@@ -51,5 +51,5 @@ def test_the_counts_decide_where_pulses_leave_light(holds_all, monkeypatch):
     request = SimpleNamespace(
         start=None, setting=SimpleNamespace(lengths=()), sightings=[], n_legs=None
     )
-    answer = chain._detour(None, request, SimpleNamespace(of_fit=True))
+    answer, _ = chain._detour(None, request, SimpleNamespace(of_fit=True))
     assert (answer is path) == holds_all

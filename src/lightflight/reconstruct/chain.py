@@ -259,7 +259,7 @@ def path_from_sightings(
     try:
         path, fit = estimator.fit(request)
     except (GeometryError, NothingFoundError):
-        detour = _detour(None, request, estimator)
+        detour, _ = _detour(None, request, estimator)
         if detour is not None:
             return _warned(detour)
         forked = _forked(None, request, estimator)
@@ -348,15 +348,22 @@ def _reconsidered(
     is_open = leaves_misfit(found.verdict) or (
         fit is not None and has_weak_leg(fit) and names_symptom(found.verdict)
     )
+    unsure: LightPath | None = None
     if is_open and not _is_repeated(found):
-        instead = _detour(fit, request, estimator) or found
-        if instead.verdict.level is not Level.CONTRADICTED and not request.may_bend:
+        detour, holds_all = _detour(fit, request, estimator)
+        instead = detour if detour is not None and holds_all else found
+        unsure = None if holds_all or request.may_bend else detour
+        stands = instead.verdict.level is not Level.CONTRADICTED
+        if stands and unsure is None and not request.may_bend:
             return instead
     bent = _bent(fit, found.verdict, request, estimator)
     if bent is not None:
         judged = _judged(*bent, request, estimator)
         if request.may_bend or judged.verdict.level is not Level.CONTRADICTED:
             return judged
+    # A curve is cut into legs as well, between which light seems lost: it comes first.
+    if unsure is not None:
+        return unsure
     if fit is None or instead is not found:
         return instead
     if leaves_light(found.verdict):
@@ -427,21 +434,25 @@ def _warned(path: LightPath) -> LightPath:
     return path
 
 
-def _detour(fit: JointFit | None, request: Request, estimator: Estimator) -> LightPath | None:
+def _detour(
+    fit: JointFit | None, request: Request, estimator: Estimator
+) -> tuple[LightPath | None, bool]:
     """A path with legs that nobody saw, where that is right; a start says what legs there are.
 
-    A told length that is wrong looks like a way that nobody saw. Where the pulses as they were
-    found leave light (by corners, of a camera with a tail), the tests of the counts decide.
+    And whether it holds all light by its pulses as they were found: where they leave some (by
+    corners, of a camera with a tail), the tests of the counts decide. A told length that is wrong
+    looks like a way that nobody saw.
     """
     setting = request.setting
     if estimator.of_fit is None or request.start is not None or setting.lengths:
-        return None
+        return None, False
     found = detour_instead(fit, request.sightings, setting, request.n_legs)
     told = None if found is None else _told(found.fit, request, estimator)
     if found is None or told is None:
-        return None
+        return None, False
     path = _judged(*told, request, estimator)
-    return path if found.holds_all or path.verdict.level is not Level.CONTRADICTED else None
+    stands = found.holds_all or path.verdict.level is not Level.CONTRADICTED
+    return path if stands else None, found.holds_all
 
 
 def _forked(fit: JointFit | None, request: Request, estimator: Estimator) -> LightPath | None:
