@@ -1,4 +1,4 @@
-"""Two cameras of random laboratories: eight of the first 14 were trusted, five of the others right.
+"""Two cameras of random laboratories: eight of the first 14 were trusted, four of the others right.
 
 A second camera may see a leg along its line of sight, three pixels of it, or nothing that tells of
 any leg. Light of legs that it showed too little of was light of no leg: contradicted at 37 sigma.

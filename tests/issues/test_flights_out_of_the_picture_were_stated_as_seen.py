@@ -1,4 +1,4 @@
-"""Flights that leave the picture and come back, in random laboratories: six of 14 were found.
+"""Flights that leave the picture and come back, in random laboratories: four of 14 were found.
 
 Whether a detour was right hung on the share of pulses, as found at first, that lie on it: 95 % of
 the light. By corners, where legs cross and on cameras with a tail less does, of any path. What was

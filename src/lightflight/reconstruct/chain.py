@@ -381,7 +381,7 @@ def _unseen_as_such(
         return None
     if request.start is not None or request.setting.told_vertices:
         return None
-    open_ended = without_light_unseen(fit, request.sightings, request.setting)
+    open_ended = without_light_unseen(fit, request.sightings, request.setting, request.n_legs)
     begun = None if open_ended is None else _told(open_ended, request, estimator)
     path = None if begun is None else _judged(*begun, request, estimator)
     return None if path is None or path.verdict.level is Level.CONTRADICTED else path

@@ -145,12 +145,13 @@ def detour_instead(
 
 
 def without_light_unseen(
-    fit: JointFit, sightings: list[Sighting], setting: Setting
+    fit: JointFit, sightings: list[Sighting], setting: Setting, n_legs: int | None
 ) -> JointFit | None:
     """The path whose legs between others that hardly a pulse speaks for are ways that nobody saw.
 
     A search joins all legs: what it puts between two of them, beside the picture, has mirrors whose
-    places nothing tells, or a pulse or two of other legs, and is stated as if they were told.
+    places nothing tells, or a pulse or two of other legs, and is stated as if they were told. A last
+    leg without light is left out, where nobody said that there is one.
 
     Parameters
     ----------
@@ -160,6 +161,8 @@ def without_light_unseen(
         The recordings as they were found.
     setting : Setting
         Camera, source, medium and waypoints.
+    n_legs : int or None
+        How many legs there are, where that is told.
 
     Returns
     -------
@@ -169,7 +172,7 @@ def without_light_unseen(
     state, pulses = fit.solution.state, pulses_of_legs(fit)
     if state.forks or state.bends:
         return None
-    if len(pulses) > 1 and pulses[-1] == 0:
+    if len(pulses) > 1 and pulses[-1] == 0 and n_legs is None:
         # Nobody saw where the light went: the path ends where it was last seen.
         shorter = refitted(sightings, replace(state, vertices_mm=state.vertices_mm[:-1]), setting)
         return None if isinstance(shorter, NoFit) else shorter
