@@ -37,7 +37,12 @@ from lightflight.reconstruct.trials.revise import fit_without_dim_legs
 from lightflight.reconstruct.verdict.alternatives import Other, others_beside, with_others
 from lightflight.reconstruct.verdict.arms import leaves_light, take_up_most, with_arms
 from lightflight.reconstruct.verdict.asked import shares_asked_for
-from lightflight.reconstruct.verdict.bent import asks_for_bends, bent_instead, bent_to_lengths
+from lightflight.reconstruct.verdict.bent import (
+    asks_for_bends,
+    bent_instead,
+    bent_to_lengths,
+    costs_less,
+)
 from lightflight.reconstruct.verdict.detours import (
     detour_instead,
     has_weak_leg,
@@ -261,7 +266,7 @@ def path_from_sightings(
     except (GeometryError, NothingFoundError):
         detour, _ = _detour(None, request, estimator)
         if detour is not None:
-            return _warned(detour)
+            return _warned(detour[0])
         forked = _forked(None, request, estimator)
         if forked is None:
             raise
@@ -348,10 +353,10 @@ def _reconsidered(
     is_open = leaves_misfit(found.verdict) or (
         fit is not None and has_weak_leg(fit) and names_symptom(found.verdict)
     )
-    unsure: LightPath | None = None
+    unsure: tuple[LightPath, JointFit] | None = None
     if is_open and not _is_repeated(found):
         detour, holds_all = _detour(fit, request, estimator)
-        instead = detour if detour is not None and holds_all else found
+        instead = detour[0] if detour is not None and holds_all else found
         unsure = None if holds_all or request.may_bend else detour
         stands = instead.verdict.level is not Level.CONTRADICTED
         if stands and unsure is None and not request.may_bend:
@@ -360,10 +365,13 @@ def _reconsidered(
     if bent is not None:
         judged = _judged(*bent, request, estimator)
         if request.may_bend or judged.verdict.level is not Level.CONTRADICTED:
-            return judged
-    # A curve is cut into legs as well, between which light seems lost: it comes first.
+            # A curve is cut into legs as well, between which light seems lost.
+            is_curve = unsure is None or costs_less(
+                bent[1], unsure[1], request.sightings, request.setting
+            )
+            return judged if unsure is None or is_curve else unsure[0]
     if unsure is not None:
-        return unsure
+        return unsure[0]
     if fit is None or instead is not found:
         return instead
     if leaves_light(found.verdict):
@@ -436,7 +444,7 @@ def _warned(path: LightPath) -> LightPath:
 
 def _detour(
     fit: JointFit | None, request: Request, estimator: Estimator
-) -> tuple[LightPath | None, bool]:
+) -> tuple[tuple[LightPath, JointFit] | None, bool]:
     """A path with legs that nobody saw, where that is right; a start says what legs there are.
 
     And whether it holds all light by its pulses as they were found: where they leave some (by
@@ -452,7 +460,7 @@ def _detour(
         return None, False
     path = _judged(*told, request, estimator)
     stands = found.holds_all or path.verdict.level is not Level.CONTRADICTED
-    return path if stands else None, found.holds_all
+    return (path, told[1]) if stands else None, found.holds_all
 
 
 def _forked(fit: JointFit | None, request: Request, estimator: Estimator) -> LightPath | None:

@@ -49,8 +49,8 @@ _KINK_CHI2 = 20.0
 shape: two numbers are worth no less (ln n each, and what tells two causes apart)."""
 _AKAIKE = 2.0
 """Chi-square that a shape in depth must win to be in the errors, where none more is looked for."""
-_OF_A_CORNER = 3
-"""Numbers of a corner, its place."""
+_OF_A_CORNER, _OF_MIRRORS = 3, 5
+"""Numbers of a corner, its place, and of two mirrors that nobody saw, with a known way between."""
 
 
 def asks_for_bends(verdict: Verdict, state: PathState) -> bool:
@@ -205,6 +205,35 @@ def priced(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> fl
     numbers = _OF_A_CORNER * len(state.corners_seen) + sum(len(bend.fitted) for bend in state.bends)
     own = price_of(numbers, sightings) - price_of(0, sightings)
     return cost_with_kinks(fit, sightings, scatter) + own
+
+
+def costs_less(
+    bent: JointFit, detour: JointFit, sightings: list[Sighting], setting: Setting
+) -> bool:
+    """Whether a path with bends explains the pulses as found better than one with ways unseen.
+
+    Parameters
+    ----------
+    bent : JointFit
+        The one.
+    detour : JointFit
+        The other: the mirrors of each unseen leg are five numbers more.
+    sightings : list of Sighting
+        The recordings as they were found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    bool
+    """
+    curve, gap = (_fitted(sightings, one.solution.state, setting) for one in (bent, detour))
+    if isinstance(curve, NoFit) or isinstance(gap, NoFit):
+        return not isinstance(curve, NoFit)
+    scatter = _scatter([curve, gap])
+    numbers = _OF_MIRRORS * len(gap.solution.state.unseen)
+    own = price_of(numbers, sightings) - price_of(0, sightings)
+    return priced(curve, sightings, scatter) < priced(gap, sightings, scatter) + own
 
 
 def _scatter(fits: list[JointFit]) -> float:

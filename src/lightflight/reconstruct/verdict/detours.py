@@ -150,8 +150,8 @@ def without_light_unseen(
     """The path whose legs between others that hardly a pulse speaks for are ways that nobody saw.
 
     A search joins all legs: what it puts between two of them, beside the picture, has mirrors whose
-    places nothing tells, or a pulse or two of other legs, and is stated as if they were told. A last
-    leg without light is left out, where nobody said that there is one.
+    places nothing tells, or a pulse or two of other legs, and is stated as if they were told. A
+    last leg without light is left out, where nobody said that there is one.
 
     Parameters
     ----------
