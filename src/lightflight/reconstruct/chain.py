@@ -338,42 +338,14 @@ def _reconsidered(
     request: Request,
     estimator: Estimator,
 ) -> LightPath:
-    """The path, or where its verdict leaves something open one with detours, bends or arms.
-
-    Detours come before bends: they are asked about only at the picture's edge, and most
-    recordings have none there.
-    """
+    """The path, or where its verdict leaves something open one with detours, bends or arms."""
     alone = _without_images(found, request, estimator)
     if alone is not None:
         return _with_arms_not_images(alone, fit, request, estimator)
-    instead = _unseen_as_such(found, fit, request, estimator)
-    if instead is not None:
-        return instead
-    instead = found
-    is_open = leaves_misfit(found.verdict) or (
-        fit is not None and has_weak_leg(fit) and names_symptom(found.verdict)
-    )
-    unsure: tuple[LightPath, JointFit] | None = None
-    if is_open and not _is_repeated(found):
-        detour, holds_all = _detour(fit, request, estimator)
-        instead = detour[0] if detour is not None and holds_all else found
-        unsure = None if holds_all or request.may_bend else detour
-        stands = instead.verdict.level is not Level.CONTRADICTED
-        if stands and unsure is None and not request.may_bend:
-            return instead
-    bent = _bent(fit, found.verdict, request, estimator)
-    if bent is not None:
-        judged = _judged(*bent, request, estimator)
-        if request.may_bend or judged.verdict.level is not Level.CONTRADICTED:
-            # A curve is cut into legs as well, between which light seems lost.
-            is_curve = unsure is None or costs_less(
-                bent[1], unsure[1], request.sightings, request.setting
-            )
-            return judged if unsure is None or is_curve else unsure[0]
-    if unsure is not None:
-        return unsure[0]
-    if fit is None or instead is not found:
-        return instead
+    other = _unseen_as_such(found, fit, request, estimator)
+    other = other or _detour_or_bend(found, fit, request, estimator)
+    if other is not None or fit is None:
+        return other or found
     if leaves_light(found.verdict):
         return _forked(fit, request, estimator) or found
     if mirror_of_fit(fit) is not None:
@@ -381,25 +353,59 @@ def _reconsidered(
     return found
 
 
+def _detour_or_bend(
+    found: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
+) -> LightPath | None:
+    """A path with ways that nobody saw or with bends, or the one found; None: arms may be right.
+
+    Detours come before bends: they are asked about only at the picture's edge, and most
+    recordings have none there. A curve is cut into legs as well, between which light seems lost:
+    where the pulses leave that open, the one is taken that they ask for.
+    """
+    detour, holds_all = None, False
+    is_open = leaves_misfit(found.verdict) or (
+        fit is not None and has_weak_leg(fit) and names_symptom(found.verdict)
+    )
+    if is_open and not _is_repeated(found):
+        detour, holds_all = _detour(fit, request, estimator)
+        first = detour[0] if detour is not None and holds_all else found
+        is_sure = holds_all or detour is None
+        if is_sure and _stands(first) and not request.may_bend:
+            return first
+    bent = _bent(fit, found.verdict, request, estimator)
+    judged = None if bent is None else _judged(*bent, request, estimator)
+    if bent is not None and judged is not None and (request.may_bend or _stands(judged)):
+        open_to_both = detour is not None and not (holds_all or request.may_bend)
+        rival = detour[1] if detour is not None and open_to_both else None
+        if rival is None or costs_less(bent[1], rival, request.sightings, request.setting):
+            return judged
+    if detour is None or (request.may_bend and not holds_all):
+        return None
+    return detour[0]
+
+
+def _stands(path: LightPath) -> bool:
+    return path.verdict.level is not Level.CONTRADICTED
+
+
 def _unseen_as_such(
     found: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
 ) -> LightPath | None:
     """The path whose legs without light are ways that nobody saw, where all else is well."""
-    if fit is None or found.verdict.level is Level.CONTRADICTED or estimator.of_fit is None:
+    if fit is None or not _stands(found) or estimator.of_fit is None:
         return None
     if request.start is not None or request.setting.told_vertices:
         return None
     open_ended = without_light_unseen(fit, request.sightings, request.setting, request.n_legs)
     begun = None if open_ended is None else _told(open_ended, request, estimator)
     path = None if begun is None else _judged(*begun, request, estimator)
-    return None if path is None or path.verdict.level is Level.CONTRADICTED else path
+    return path if path is not None and _stands(path) else None
 
 
 def _is_repeated(found: LightPath) -> bool:
     """Whether a second pulse is what is wrong most of all: it flies as the first did, in legs."""
     names = [one.name for one in found.verdict.findings]
-    contradicted = found.verdict.level is Level.CONTRADICTED
-    return FindingName.OTHER_PULSE in (names[:1] if contradicted else names)
+    return FindingName.OTHER_PULSE in (names if _stands(found) else names[:1])
 
 
 def _with_arms_not_images(
@@ -459,7 +465,7 @@ def _detour(
     if found is None or told is None:
         return None, False
     path = _judged(*told, request, estimator)
-    stands = found.holds_all or path.verdict.level is not Level.CONTRADICTED
+    stands = found.holds_all or _stands(path)
     return (path, told[1]) if stands else None, found.holds_all
 
 
