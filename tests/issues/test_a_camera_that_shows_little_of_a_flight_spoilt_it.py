@@ -23,7 +23,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightW
         pytest.param(4, marks=pytest.mark.long),  # a leg more, after the last, that no pulse shows
         pytest.param(5, marks=pytest.mark.long),  # legs of 3 and 6 px beside one of 14
         8,  # one leg that goes half across the second picture
-        11,  # three legs of 6 to 8 px
+        pytest.param(11, marks=pytest.mark.long),  # three legs of 6 to 8 px: told of none
     ],
 )
 def test_the_path_is_right_and_trusted(seed):
