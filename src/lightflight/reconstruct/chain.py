@@ -344,10 +344,15 @@ def _reconsidered(
         return _with_arms_not_images(alone, fit, request, estimator)
     other = _unseen_as_such(found, fit, request, estimator)
     other = other or _detour_or_bend(found, fit, request, estimator)
-    if other is not None or fit is None:
+    if fit is None:
         return other or found
     if leaves_light(found.verdict):
-        return _forked(fit, request, estimator) or found
+        forked = _forked(fit, request, estimator)
+        # Arms that leave nothing to say are right, whatever else would stand.
+        is_right = forked is not None and forked.verdict.level is Level.TRUST
+        return forked if forked is not None and (is_right or other is None) else other or found
+    if other is not None:
+        return other
     if mirror_of_fit(fit) is not None:
         return _with_arms_not_images(found, fit, request, estimator)
     return found

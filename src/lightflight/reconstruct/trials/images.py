@@ -194,7 +194,8 @@ def _misfit(
             one.center_mm + depth * ray
             for depth, ray in zip(np.exp(log_depths), one.rays[[0, -1]], strict=True)
         )
-        along = (end - start) / np.linalg.norm(end - start)
+        # Depths that run away to nothing leave no direction.
+        along = (end - start) / max(float(np.linalg.norm(end - start)), np.finfo(float).tiny)
         misses, means = [], []
         for curve in (one, other):
             length, depth = (each[0] for each in line_meetings(start, along[np.newaxis], curve))
