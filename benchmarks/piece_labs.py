@@ -38,7 +38,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import lightflight as lf
 from lightflight.errors import CalibrationError, GeometryError, NothingFoundError
@@ -46,7 +45,6 @@ from lightflight.errors import CalibrationError, GeometryError, NothingFoundErro
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.random_labs import (
     INDEX,
-    LEAST_SHARE,
     SPEED,
     STEPS_PER_PX,
     Floats,
@@ -58,6 +56,7 @@ from benchmarks.random_labs import (
     drawn_lab,
     efficiency_of,
     histograms,
+    pull_of,
     shed,
     source_of,
 )
@@ -481,10 +480,7 @@ def _pull(path: lf.LightPath, event: Floats, point: Floats) -> tuple[float, floa
     covariance = np.asarray(path.position_covariance_at(event))[0]
     if not (np.isfinite(place).all() and np.isfinite(covariance).all()):
         return None
-    values, vectors = np.linalg.eigh(covariance)
-    told: NDArray[np.bool_] = values > LEAST_SHARE * values.max()
-    z = (vectors.T @ (place - point))[told] / np.sqrt(values[told])
-    return float(np.mean(z**2)), float(np.abs(z).max())
+    return pull_of(place - point, covariance)
 
 
 def _told_of(path: lf.LightPath) -> str:

@@ -406,12 +406,16 @@ def pulls_of(lab: Lab, path: lf.LightPath) -> Floats:
             way = path.vertices_mm[k + 1] - path.vertices_mm[k]
             found = path.vertices_mm[k] + (event - begins) / (ends - begins) * way
             covariance = np.asarray(path.position_covariance_at(np.array([event])))[0]
-            values, vectors = np.linalg.eigh(covariance)
-            told = values > LEAST_SHARE * values.max()
-            off = vectors.T @ (found - first - part * (last - first))
-            z = off[told] / np.sqrt(values[told])
-            pulls.append((np.mean(z**2), np.abs(z).max()))
+            pulls.append(pull_of(found - first - part * (last - first), covariance))
     return np.array(pulls).reshape(-1, 2)
+
+
+def pull_of(off_mm: Floats, covariance: Floats) -> tuple[float, float]:
+    """Mean square and largest of what a place errs by in its stated errors, not along its leg."""
+    values, vectors = np.linalg.eigh(covariance)
+    told = values > LEAST_SHARE * values.max()
+    z = (vectors.T @ off_mm)[told] / np.sqrt(values[told])
+    return float(np.mean(z**2)), float(np.abs(z).max())
 
 
 def main() -> None:
