@@ -9,10 +9,15 @@ examined. And a camera that told of no leg ended in an IndexError
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 
 from benchmarks.piece_labs import drawn_scene, path_of, pulls_of, right_legs
+from lightflight.errors import NothingFoundError
 from lightflight.path.verdict import Level
+from lightflight.reconstruct.all_counts import photon
 
 pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
 
@@ -33,3 +38,11 @@ def test_the_path_is_right_and_trusted(seed):
     assert right_legs(scene, path)
     assert path.verdict.level is Level.TRUST
     assert (pulls_of(scene, path)[:, 1] < 5.0).all()
+
+
+def test_counts_of_which_no_camera_tells_of_a_leg_are_refused(monkeypatch):
+    monkeypatch.setattr(photon, "view_of_counts", lambda *_: None)
+    rough: Any = SimpleNamespace(goodness=SimpleNamespace(error_floor_ps=0.0))
+    nothing: Any = None
+    with pytest.raises(NothingFoundError, match="no picture tells where a leg"):
+        photon._views([nothing], nothing, nothing, (), 50.0, rough)

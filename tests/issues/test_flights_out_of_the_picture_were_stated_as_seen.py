@@ -10,11 +10,15 @@ from __future__ import annotations
 
 import importlib
 from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from benchmarks.piece_labs import drawn_scene, path_of, pulls_of, right_legs
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.verdict import bent, detours
 from tests.path_fakes import make_path
 
 pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
@@ -53,3 +57,40 @@ def test_the_counts_decide_where_pulses_leave_light(holds_all, monkeypatch):
     )
     answer, _ = chain._detour(None, request, SimpleNamespace(of_fit=True))
     assert (answer == (path, None)) == holds_all
+
+
+@pytest.mark.parametrize(("curve", "gap", "is_curve"), [(100.0, 95.0, True), (130.0, 95.0, False)])
+def test_of_a_curve_and_a_way_nobody_saw_the_counts_choose(curve, gap, is_curve, monkeypatch):
+    """The two mirrors cost five numbers, ln 100 each: 23."""
+    costs = {"curve": curve, "gap": gap}
+    unseen = {"curve": (), "gap": (1,)}
+    fits: Any = {
+        name: SimpleNamespace(
+            solution=SimpleNamespace(state=SimpleNamespace(unseen=legs)), name=name
+        )
+        for name, legs in unseen.items()
+    }
+    by_state = {id(fit.solution.state): fit for fit in fits.values()}
+    monkeypatch.setattr(bent, "_fitted", lambda _, state, __: by_state[id(state)])
+    monkeypatch.setattr(bent, "_scatter", lambda _: 1.0)
+    monkeypatch.setattr(bent, "priced", lambda fit, *_: costs[fit.name])
+    seen: Any = [SimpleNamespace(usable_pulses=np.arange(100))]
+    nothing: Any = None
+    assert bent.costs_less(fits["curve"], fits["gap"], seen, nothing) == is_curve
+
+
+@pytest.mark.parametrize(("unseen", "left_out"), [((), True), ((1,), False)])
+def test_a_path_does_not_end_in_a_leg_that_nobody_saw(unseen, left_out, monkeypatch):
+    """A last leg without light is left out, but not behind an unseen one."""
+    vertices = np.array([(0, 0, 0), (300, 0, 0), (300, 30, 0), (0, 30, 0)], dtype=float)
+    fit: Any = SimpleNamespace(
+        solution=SimpleNamespace(state=PathState(vertices, 1000.0, unseen)), label="as it is"
+    )
+    light = [20, 0] if unseen else [20, 20, 0]
+    monkeypatch.setattr(detours, "pulses_of_legs", lambda _: np.array(light))
+    monkeypatch.setattr(detours, "refitted", lambda _, state, __: state)
+    nothing: Any = None
+    state = detours.without_light_unseen(fit, [], nothing, None)
+    assert (state is not None) == left_out
+    if left_out:
+        assert len(state.vertices_mm) == 3

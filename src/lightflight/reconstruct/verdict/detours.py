@@ -172,7 +172,9 @@ def without_light_unseen(
     state, pulses = fit.solution.state, pulses_of_legs(fit)
     if state.forks or state.bends:
         return None
-    if len(pulses) > 1 and pulses[-1] == 0 and n_legs is None:
+    # A path does not end in a leg that nobody saw.
+    behind_unseen = state.n_legs - 2 in state.unseen
+    if len(pulses) > 1 and pulses[-1] == 0 and n_legs is None and not behind_unseen:
         # Nobody saw where the light went: the path ends where it was last seen.
         shorter = refitted(sightings, replace(state, vertices_mm=state.vertices_mm[:-1]), setting)
         return None if isinstance(shorter, NoFit) else shorter
