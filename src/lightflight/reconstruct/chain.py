@@ -349,13 +349,12 @@ def _reconsidered(
     if leaves_light(found.verdict):
         forked = _forked(fit, request, estimator)
         # Arms that leave nothing to say are right, whatever else would stand.
-        is_right = forked is not None and forked.verdict.level is Level.TRUST
-        return forked if forked is not None and (is_right or other is None) else other or found
-    if other is not None:
-        return other
-    if mirror_of_fit(fit) is not None:
+        if forked is not None and forked.verdict.level is Level.TRUST:
+            return forked
+        return other or forked or found
+    if other is None and mirror_of_fit(fit) is not None:
         return _with_arms_not_images(found, fit, request, estimator)
-    return found
+    return other or found
 
 
 def _detour_or_bend(

@@ -118,7 +118,7 @@ def bent_instead(
     least = price_of(0, sightings) if stands else WITHIN
     bent = _grown(bent, sightings, setting)
     if not may_bend and _gained(bent, fit, sightings) < least:
-        # Shapes fewer, or finer ones in the picture, explain no more.
+        # Shapes fewer, or finer ones in the picture, are cheaper by the price of a few numbers.
         return None
     bent = _finer(_pruned(bent, sightings, setting), sightings, setting)
     cost = cost_with_kinks(bent, sightings)

@@ -47,8 +47,8 @@ others hold: of the pulses on the path."""
 _LEAST_GAIN = 40.0
 """Chi-square beyond its parameters' worth that a longer path must win, as a further leg must."""
 _LEAST_EXPLAINED = 0.95
-"""Of the photons found a path with a detour or a bend holds at least this share: one that stands in
-for a wrong index leaves a third of them. Right ones held 0.98 to 1.00."""
+"""Of the photons found a path with a detour that needs no further test holds at least this share:
+one that stands in for a wrong index leaves a third of them. Right ones hold 0.87 to 1.00."""
 _MOST_LEFT = 0.25
 """Where its times scatter beyond their errors, it leaves at most this share of the misfit: one that
 stands in for a wrong source or time leaves half and more."""
