@@ -13,6 +13,8 @@ bent      a leg is an arc, whose sagitta is 2 to 8 % of its length, in any direc
 pane      the camera looks through 4 to 20 mm of glass, tilted by up to 20 degrees (told)
 tank      the same, and water behind it (told)
 cameras   a second camera, from 20 to 120 degrees aside, on a clock that is told
+block     5 to 30 mm of glass in the beam, turned by up to 30 degrees (told)
+cavity    4 to 16 passes between two plane mirrors beside the picture that are a little tilted
 
 The forward model is that of `random_labs.py`: light in steps of an eighth of a pixel; behind glass
 its ray is found by the one invariant of plane faces, the sine of its angle times the index.
@@ -33,6 +35,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -78,6 +81,8 @@ class Way:
     share: float = 1.0
     """Of the light of the flight."""
     bent: bool = False
+    index: float | None = None
+    """That times its light, where it is not the scene's."""
 
     @property
     def lengths(self) -> Floats:
@@ -142,6 +147,7 @@ class Scene:
     ways: tuple[Way, ...]
     unseen: tuple[int, ...] = ()
     pane: Pane | None = None
+    block: lf.Block | None = None
     beside: tuple[Lab, ...] = field(default=())
     """As further cameras film it: their optics, clock and photons."""
 
@@ -150,6 +156,10 @@ class Scene:
         """That times light in the scene."""
         return self.pane.beyond[1] if self.pane else INDEX
 
+    def flown_ps(self, k: int, length: float | Floats) -> Any:
+        """How long light needs for the first stretch of a leg."""
+        return (self.ways[k].index or self.index) * length / SPEED
+
     @property
     def starts_ps(self) -> tuple[float, ...]:
         """Of each leg."""
@@ -157,8 +167,9 @@ class Scene:
         for way in self.ways:
             start = self.lab.emission_ps
             if way.parent is not None:
-                flown = self.index * self.ways[way.parent].lengths[-1] / SPEED
-                start = starts[way.parent] + flown
+                start = starts[way.parent] + self.flown_ps(
+                    way.parent, self.ways[way.parent].lengths[-1]
+                )
             starts.append(start)
         return tuple(starts)
 
@@ -349,9 +360,97 @@ def cameras(lab: Lab, rng: np.random.Generator) -> Scene | None:
     )  # fmt: skip
     if ((lab.vertices - eye) @ forward < 100).any():
         return None
-    scene = Scene("cameras", lab, _chain(lab.vertices), (), None, (second,))
+    scene = Scene("cameras", lab, _chain(lab.vertices), beside=(second,))
     seen = [_long_px(replace(scene, lab=second), way.points) for way in scene.ways]
     return scene if max(seen) >= _least_px(second) else None
+
+
+def block(lab: Lab, rng: np.random.Generator) -> Scene | None:
+    vertices = lab.vertices
+    leg, part = int(rng.integers(len(vertices) - 1)), rng.uniform(0.15, 0.85)
+    start, end = vertices[leg : leg + 2]
+    ahead = (end - start) / np.linalg.norm(end - start)
+    askew = np.cross(ahead, rng.normal(size=3))
+    turn = np.deg2rad(rng.uniform(0, 30))
+    normal = np.cos(turn) * ahead + np.sin(turn) * askew / np.linalg.norm(askew)
+    thick, wide = float(rng.uniform(5, 30)), float(rng.uniform(20, 40))
+    middle = start + part * (end - start)
+    enters = middle - ahead * (thick / 2) / (ahead @ normal)
+    # Snell: what lies along the faces shrinks by the ratio of the phase indices.
+    along = (ahead - (ahead @ normal) * normal) * INDEX / GLASS[0]
+    within = along + np.sqrt(1 - along @ along) * normal
+    leaves = enters + within * thick / (within @ normal)
+    after = leaves + ahead * np.linalg.norm(end - leaves)
+    room = min(np.linalg.norm(enters - start), np.linalg.norm(after - leaves))
+    if room < wide or (end - leaves) @ ahead < wide:
+        return None
+    glass = lf.Block(
+        tuple(middle), tuple(normal), thickness_mm=thick, diameter_mm=wide,
+        glass=lf.Material(*GLASS),
+    )  # fmt: skip
+    points = [*vertices[: leg + 1], enters, leaves, after, *vertices[leg + 2 :]]
+    chain = list(_chain(np.array(points)))
+    # What light does within the glass and on its way out of it is nobody's model.
+    chain[leg + 1] = replace(chain[leg + 1], share=0.0, index=GLASS[1])
+    scene = Scene("block", lab, tuple(chain), block=glass)
+    lit = [way.points for way in chain if way.share]
+    pixels_of = [lab.optics.image(points)[0] for points in lit]
+    if any(((points - lab.optics.eye) @ lab.optics.axes[:, 2] < 50).any() for points in lit):
+        return None
+    clear = [_long_px(scene, points) >= _least_px(lab) for points in lit]
+    shown = [bool(lab.optics.shows(pixels, 1.0).any()) for pixels in pixels_of]
+    # Beside the picture, between the source and a first leg, there may be glass, too.
+    wanted = [k for k in range(len(lit)) if not (k == 0 and leg == 0 and not shown[0])]
+    return scene if all(clear[k] for k in wanted) else None
+
+
+def _as_the_first(brightness: Callable[[int, Floats], Floats], leg: int, length: Floats) -> Floats:
+    return brightness(0, length)
+
+
+def cavity(lab: Lab, rng: np.random.Generator) -> Scene | None:
+    optics = lab.optics
+    rows, cols = optics.shape
+    away = float(np.linalg.norm(lab.vertices.mean(axis=0) - optics.eye))
+    middle = optics.point(
+        (rows - 1) / 2 + rng.uniform(-0.3, 0.3) * rows,
+        (cols - 1) / 2 + rng.uniform(-0.3, 0.3) * cols,
+        away,
+    )
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    line = middle + np.linspace(-3 * away, 3 * away, 6001)[:, np.newaxis] * axis
+    deep = (line - optics.eye) @ optics.axes[:, 2] > 50
+    shown = np.flatnonzero(optics.shows(optics.image(line[deep])[0]))
+    if len(shown) < 5:
+        return None
+    apart_mm = max(450, 6 * lab.pulse_ps + 4 * lab.tail_ps) * SPEED / 2
+    ends = line[deep][shown[[0, -1]]] + np.outer([-1, 1], axis) * apart_mm * rng.uniform(1.1, 1.5)
+    normals = np.outer([1, -1], axis) + np.deg2rad(0.4) * rng.normal(size=(2, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    mm_per_px = away / optics.focal_px
+    walk = np.cross(axis, rng.normal(size=3)) * mm_per_px * rng.uniform(0, 3)
+    place, ahead = ends[0], ends[1] + walk - ends[0]
+    ahead /= np.linalg.norm(ahead)
+    vertices = [place]
+    for k in range(int(rng.integers(4, 17))):
+        there, normal = ends[(k + 1) % 2], normals[(k + 1) % 2]
+        place = place + ahead * ((there - place) @ normal / (ahead @ normal))
+        ahead = ahead - 2 * (ahead @ normal) * normal
+        vertices.append(place)
+    corners = np.array(vertices)
+    # Every pass is as bright as the first, but for what the mirrors take.
+    lab = replace(lab, vertices=corners, brightness=partial(_as_the_first, lab.brightness))
+    scene = Scene("cavity", lab, _chain(corners))
+    kept = 0.97 ** np.arange(len(scene.ways))
+    ways = [replace(way, share=share) for way, share in zip(scene.ways, kept, strict=True)]
+    scene = replace(scene, ways=tuple(ways))
+    if ((corners - optics.eye) @ optics.axes[:, 2] < 50).any():
+        return None
+    if optics.shows(optics.image(corners)[0], -2.0).any():
+        return None
+    clear = all(_long_px(scene, way.points) >= _least_px(lab) for way in ways)
+    return scene if clear else None
 
 
 KINDS: dict[str, Callable[[Lab, np.random.Generator], Scene | None]] = {
@@ -361,6 +460,8 @@ KINDS: dict[str, Callable[[Lab, np.random.Generator], Scene | None]] = {
     "pane": _behind("pane", (INDEX, INDEX)),
     "tank": _behind("tank", WATER),
     "cameras": cameras,
+    "block": block,
+    "cavity": cavity,
 }
 
 
@@ -377,11 +478,11 @@ def drawn_scene(kind: str, seed: int) -> Scene:
 def _with_codes(scene: Scene) -> Scene:
     """As many codes as the light needs."""
     lab, last = scene.lab, 0.0
-    for way, start in zip(scene.ways, scene.starts_ps, strict=True):
+    for k, (way, start) in enumerate(zip(scene.ways, scene.starts_ps, strict=True)):
         for optics in (lab.optics, *(one.optics for one in scene.beside)):
             pixels, length = scene.sight(optics, way.points)
             shown = optics.shows(pixels, -3.0)
-            arrival = start + (scene.index * way.lengths + length) / SPEED
+            arrival = start + scene.flown_ps(k, way.lengths) + length / SPEED
             last = max(last, float(arrival[shown].max(initial=0.0)))
     last += 6 * lab.pulse_ps + 12 * lab.tail_ps + 1000
     n_codes = int(last / lab.code_ps) + 40
@@ -402,7 +503,7 @@ def expected(scene: Scene, lab: Lab) -> Floats:
         total = way.lengths[-1]
         pixels = scene.sight(optics, way.points)[0]
         shown = optics.shows(pixels, -8.0)
-        if not shown.any():
+        if not (way.share and shown.any()):
             continue
         spans = np.abs(np.diff(pixels[shown], axis=0)).max(axis=1).sum()
         n = int(np.clip(spans * STEPS_PER_PX * len(shown) / shown.sum(), 40, 6000))
@@ -412,7 +513,8 @@ def expected(scene: Scene, lab: Lab) -> Floats:
         away = np.linalg.norm(optics.eye - points, axis=1)
         leg = min(k, len(scene.lab.vertices) - 2)
         light = way.share * scene.lab.brightness(leg, lengths) / away**2 * total / n
-        shed(lab, counts, places, light, start + (scene.index * lengths + sight) / SPEED)
+        arrival = start + scene.flown_ps(k, lengths) + sight / SPEED
+        shed(lab, counts, places, light, arrival)
     return counts_of(lab, counts * efficiency_of(lab))
 
 
@@ -428,7 +530,7 @@ def path_of(scene: Scene, method: str = "joint", noise: int = 0) -> lf.LightPath
         told_cameras.append(camera)
     told: dict[str, Any] = {"source": source_of(scene.lab, noise)}
     if scene.pane is None:
-        told["medium"] = lf.Medium()
+        told["medium"] = lf.Medium(blocks=[scene.block] if scene.block else [])
     clocks = [calibration(lab) for lab in labs]
     if len(labs) == 1:
         return lf.reconstruct(
@@ -444,7 +546,7 @@ def right_legs(scene: Scene, path: lf.LightPath) -> bool:
     """Whether the legs are those of the scene; of unseen ones in a row one is as good."""
     if scene.kind == "splitter":
         return path.n_legs == len(scene.ways) and len(path.forks) == 1 and not path.unseen_legs
-    if path.forks:
+    if path.forks or (scene.block is not None) != bool(path.legs_in_glass):
         return False
     curved = tuple(k for k, way in enumerate(scene.ways) if way.bent)
     if tuple(sorted(bend.leg for bend in path.bends)) != curved:
@@ -463,10 +565,10 @@ def pulls_of(scene: Scene, path: lf.LightPath) -> Floats:
     pulls = []
     for k, (way, start) in enumerate(zip(scene.ways, scene.starts_ps, strict=True)):
         shown = scene.shown(k)
-        if k in scene.unseen or not len(shown):
+        if k in scene.unseen or not (way.share and len(shown)):
             continue
         for length in shown[[len(shown) // 4, 3 * len(shown) // 4]]:
-            event = np.array([start + scene.index * length / SPEED])
+            event = np.array([start + scene.flown_ps(k, length)])
             point = way.at(np.array([length]))[0]
             of_branches = [_pull(branch, event, point) for branch in path.branches]
             told = [pull for pull in of_branches if pull is not None]
