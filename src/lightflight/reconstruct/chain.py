@@ -25,6 +25,7 @@ from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.result import explained, mirror_of_fit, on_first_lap
 from lightflight.reconstruct.fit.short_pieces import without_short_pieces
 from lightflight.reconstruct.legs.direction import legs_in_all_pictures
+from lightflight.reconstruct.legs.plausible import OtherUnitsError
 from lightflight.reconstruct.model.geometry import state_of_path
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed, freed_names
@@ -263,6 +264,8 @@ def path_from_sightings(
         return _of_told_length(request, estimator)
     try:
         path, fit = estimator.fit(request)
+    except OtherUnitsError:
+        raise
     except (GeometryError, NothingFoundError):
         detour, _ = _detour(None, request, estimator)
         if detour is not None:

@@ -73,6 +73,10 @@ def slowness(
     return recorded, seen_mm * medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
 
 
+class OtherUnitsError(GeometryError):
+    """Lengths in other units than mm: no path is worth a trial."""
+
+
 def refuse_other_units(
     camera: Camera, source: Source, medium: Medium, legs: Sequence[ImageLeg]
 ) -> None:
@@ -80,12 +84,12 @@ def refuse_other_units(
 
     Raises
     ------
-    GeometryError
+    OtherUnitsError
         Where light would cross a pixel many times slower than it can.
     """
     found = units_of_lengths(camera, source, medium, legs)
     if found is not None:
-        raise GeometryError(f"{found.sentence}: {found.remedy}")
+        raise OtherUnitsError(f"{found.sentence}: {found.remedy}")
 
 
 def implausible(

@@ -38,7 +38,7 @@ from lightflight.reconstruct.legs.direction import (
     warn_of_scatter,
 )
 from lightflight.reconstruct.legs.find import ImageLeg
-from lightflight.reconstruct.legs.plausible import refuse_other_units
+from lightflight.reconstruct.legs.plausible import OtherUnitsError, refuse_other_units
 from lightflight.reconstruct.model.geometry import PathState, state_of_path
 from lightflight.reconstruct.model.glass import through_blocks
 from lightflight.reconstruct.model.setting import Setting
@@ -192,6 +192,8 @@ def _fit_as_told(request: Request, n_legs: int) -> tuple[JointFit, tuple[ImageLe
         if n_shown <= n_legs:
             fit = with_n_legs(sightings, found, setting, n_legs)
             return replace(fit, n_shown=n_shown if n_shown < n_legs else None), legs
+    except OtherUnitsError:
+        raise
     except (GeometryError, NothingFoundError):
         pass
     legs = legs_in_all_pictures(sightings, setting, n_legs)
