@@ -91,7 +91,7 @@ fuzz: $(VENV)/.installed-dev ## new random input at length: property tests, 20,0
 	@$(BIN)/python -m tests.fuzz_readers --files 20000 --keep out/fuzz
 
 attack: $(VENV)/.installed-dev ## tests/attacks at length: more mutants, more kills
-	@LIGHTFLIGHT_ATTACK=long $(BIN)/python -m pytest $(PYTEST_FLAGS) --timeout=7200 tests/attacks
+	@LIGHTFLIGHT_ATTACK=long $(BIN)/python -m pytest $(PYTEST_FLAGS) --timeout=7200 -m "" tests/attacks
 
 mutants: $(VENV)/.installed-dev ## mistakes put into copies of the package: does a test notice each? ARGS="verdict lap"
 	@$(BIN)/python tools/mutants.py $(ARGS)

@@ -90,7 +90,16 @@ def _spoilt(value: Any) -> list[Any]:
     return [None, NAN, INF, 0, -1, 1e300, 10**30, "x", [1]]
 
 
-@pytest.mark.parametrize("name", [field.name for field in fields(lf.TimingCalibration)])
+_SLOW = ("response_curve", "end_widths", "flat_modes_ps", "response_place_ps", "first_live_width")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(field.name, marks=pytest.mark.long if field.name in _SLOW else ())
+        for field in fields(lf.TimingCalibration)
+    ],
+)
 def test_a_calibration_with_a_wrong_field_is_used_or_refused(name, tmp_path):
     """Its digest is sound: another program, or an experiment, has written it so."""
     said, lab = [], _lab()

@@ -184,7 +184,7 @@ def test_tiles_with_a_calibration_equal_the_whole(job, tmp_path, rng):
         nominal,
         skew_ps=rng.normal(0, 3, hist.shape),
         skew_std_ps=np.full(hist.shape, 3.0),
-        gain=1.0 + rng.normal(0, 0.003, hist.shape),
+        gain=1.0 + rng.normal(0, 1e-4, hist.shape),
     )
     skewed.save(tmp_path / "timing.h5")
     job = replace(job, timing=str(tmp_path / "timing.h5"))

@@ -36,7 +36,7 @@ def recorded(blur, seed):
     return world, record(world, seed)
 
 
-@pytest.mark.parametrize("method", ["joint", "photon"])
+@pytest.mark.parametrize("method", ["joint", pytest.param("photon", marks=pytest.mark.long)])
 @pytest.mark.parametrize("blur", [tilted, out_of_focus])
 def test_a_spot_that_grew_along_a_leg_moved_the_path(blur, method):
     """One recording of three legs each: the mean square of pulls over two corners (6 numbers),

@@ -16,6 +16,7 @@ from tests.reconstruct.test_bends import squared_pulls
 
 
 @pytest.mark.usefixtures("unexamined")
+@pytest.mark.long
 def test_it_lies_where_its_errors_say():
     """Three recordings, nine numbers: false alarm 1e-4."""
     scene = bent_scene(legs=1, sagitta_mm=5.0, way="picture")

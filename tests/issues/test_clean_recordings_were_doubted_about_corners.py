@@ -22,7 +22,7 @@ SOFT, SHARP = KINDS["in view, 0.7 px"], KINDS["in view, 0.5 px"]
         pytest.param(SOFT, 107, id="drawn out unevenly", marks=pytest.mark.long),
         pytest.param(SOFT, 122, id="folded back"),
         pytest.param(SHARP, 204, id="drawn out, sharp", marks=pytest.mark.long),
-        pytest.param(SHARP, 212, id="drawn out, steep"),
+        pytest.param(SHARP, 212, id="drawn out, steep", marks=pytest.mark.long),
         pytest.param(SHARP, 245, id="light traded"),
     ],
 )

@@ -48,7 +48,12 @@ def _first_finding(world, clock, seed):
 
 
 @pytest.mark.parametrize(
-    ("by_row", "seed", "prior"), [(True, 2, "known"), (False, 0, "known"), (False, 0, "lab")]
+    ("by_row", "seed", "prior"),
+    [
+        pytest.param(True, 2, "known", marks=pytest.mark.long),
+        (False, 0, "known"),
+        (False, 0, "lab"),
+    ],
 )
 def test_halves_apart_are_named(by_row, seed, prior):
     """Three picoseconds, and from which row or column on; corners are 0.6 to 1 mm off."""

@@ -29,7 +29,7 @@ def _off(path, world):
     [
         ((10.0, 0.0, 0.0), 0, "lab"),
         pytest.param((0.0, 10.0, 0.0), 1, "lab", marks=pytest.mark.long),
-        ((0.0, 0.0, 10.0), 0, "known"),
+        pytest.param((0.0, 0.0, 10.0), 0, "known", marks=pytest.mark.long),
     ],
 )
 def test_delays_askew_are_named_and_can_be_fitted(skew_ps, seed, prior):

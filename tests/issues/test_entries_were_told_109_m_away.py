@@ -25,7 +25,7 @@ def test_it_is_refused_in_one_sentence(seed):
         lf.reconstruct(hist, **told)
 
 
-@pytest.mark.parametrize("photons", [40_000.0, 100.0])
+@pytest.mark.parametrize("photons", [40_000.0, pytest.param(100.0, marks=pytest.mark.long)])
 def test_codes_that_are_even_are_no_reason(photons):
     world = random_world(1, 3, photons)
     told = what_the_user_tells(world) | {"timing": None, "source": None}

@@ -26,7 +26,7 @@ from tests.oracles.worlds.random_worlds import random_world
     [
         pytest.param(2.0, "joint", marks=pytest.mark.long),
         (4.0, "joint"),
-        (6.0, "photon"),
+        pytest.param(6.0, "photon", marks=pytest.mark.long),
         pytest.param(12.0, "joint", marks=pytest.mark.long),
     ],
 )

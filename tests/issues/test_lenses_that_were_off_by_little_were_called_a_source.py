@@ -38,7 +38,12 @@ LENSES = {
 
 
 @pytest.mark.parametrize(
-    "name", ["distortion", "focal_length", pytest.param("pose", marks=pytest.mark.long)]
+    "name",
+    [
+        "distortion",
+        pytest.param("focal_length", marks=pytest.mark.long),
+        pytest.param("pose", marks=pytest.mark.long),
+    ],
 )
 def test_the_lens_is_named(name):
     """A third of a pixel, a hundredth, half a pixel: 0.4 to 15 mm off."""

@@ -11,7 +11,7 @@ from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.long), 1])
 def test_a_mirrored_leg_is_refused_in_a_sentence_or_contradicted(seed):
     assert not DEFECTS["mirrored_picture"].held_out
     world = DEFECTS["mirrored_picture"].applied(random_world(seed, 1), 1.0)

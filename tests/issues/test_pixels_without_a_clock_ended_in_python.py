@@ -24,7 +24,10 @@ def path_of(lab, timing, method):
 
 
 @pytest.mark.parametrize("method", ["joint", "photon"])
-@pytest.mark.parametrize("field", ["skew_ps", "gain", "phases", "end_code"])
+@pytest.mark.parametrize(
+    "field",
+    ["skew_ps", *(pytest.param(f, marks=pytest.mark.long) for f in ("gain", "phases", "end_code"))],
+)
 @pytest.mark.parametrize("flag", [0, flags.UNCALIBRATED])
 def test_the_others_tell_the_path(lab, method, field, flag):
     """16 pixels of the first leg's line and beside it: the path stays within its errors."""

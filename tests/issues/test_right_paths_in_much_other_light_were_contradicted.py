@@ -24,7 +24,7 @@ from tests.oracles.worlds.random_worlds import random_world
     ("defect", "seed", "share", "expected"),
     [
         ("haze_150ps", 5700, 0.5, 0.5),
-        ("veiling_glare", 5700, 0.05, 0.05),
+        pytest.param("veiling_glare", 5700, 0.05, 0.05, marks=pytest.mark.long),
         pytest.param("haze_500ps", 5701, 0.5, 0.5, marks=pytest.mark.long),
         # As many times the light that is left on the path.
         pytest.param("fog", 5700, 0.6, 1.5, marks=pytest.mark.long),

@@ -61,7 +61,7 @@ def test_mixed_light_of_two_legs_is_still_too_wide():
 @pytest.mark.parametrize(
     ("seed", "method"),
     [
-        pytest.param(201, "joint", id="three legs"),
+        pytest.param(201, "joint", id="three legs", marks=pytest.mark.long),
         pytest.param(201, "photon", id="three legs, all counts", marks=pytest.mark.long),
         pytest.param(235, "joint", id="the last leg beside one that was parted"),
     ],

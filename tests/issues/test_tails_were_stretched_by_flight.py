@@ -16,7 +16,7 @@ from benchmarks.random_labs import FAR_STDS, drawn_lab, path_of, pulls_of
     ("seed", "method", "noise"),
     [
         pytest.param(65, "joint", 0, id="wrong and trusted", marks=pytest.mark.long),
-        pytest.param(94, "joint", 0, id="tailed, 40 mm a pixel"),
+        pytest.param(94, "joint", 0, id="tailed, 40 mm a pixel", marks=pytest.mark.long),
         pytest.param(94, "photon", 0, id="tailed, all counts", marks=pytest.mark.long),
         pytest.param(113, "joint", 0, id="tailed, whole pixels", marks=pytest.mark.long),
         pytest.param(113, "photon", 0, id="tailed, whole, all counts", marks=pytest.mark.long),

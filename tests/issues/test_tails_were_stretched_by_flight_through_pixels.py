@@ -22,7 +22,10 @@ from tests.oracles.worlds.random_worlds import random_world
 FINE = Clock(n_codes=2000, width_ps=25.0)
 
 
-@pytest.mark.parametrize(("std_ps", "wait_ps", "seed"), [(14.0, 20.0, 2), (16.0, 24.0, 3)])
+@pytest.mark.parametrize(
+    ("std_ps", "wait_ps", "seed"),
+    [pytest.param(14.0, 20.0, 2, marks=pytest.mark.long), (16.0, 24.0, 3)],
+)
 def test_flight_through_a_pixel_leaves_the_tail_as_long(std_ps, wait_ps, seed):
     """A false alarm comes once in 10,000 recordings of each."""
     world = random_world(seed, 1, clock=FINE)

@@ -26,7 +26,7 @@ def recorded(seed):
 
 
 @pytest.mark.filterwarnings("ignore:check this path")
-@pytest.mark.parametrize("method", ["joint", "photon"])
+@pytest.mark.parametrize("method", ["joint", pytest.param("photon", marks=pytest.mark.long)])
 def test_unequal_pixels_made_lines_too_sure(method):
     """Two recordings of three legs, efficiencies drawn anew: mean squares of pulls over two
     corners (6 numbers each), below 3.3; by chance less than 1e-4."""

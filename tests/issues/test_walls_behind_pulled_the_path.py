@@ -44,7 +44,11 @@ def found(world, seed, method):
 
 @pytest.mark.parametrize(
     ("behind_mm", "method"),
-    [(15.0, "joint"), pytest.param(15.0, "photon", marks=pytest.mark.long), (60.0, "photon")],
+    [
+        (15.0, "joint"),
+        pytest.param(15.0, "photon", marks=pytest.mark.long),
+        pytest.param(60.0, "photon", marks=pytest.mark.long),
+    ],
 )
 def test_one_leg_before_a_wall_is_right_within_its_errors(behind_mm, method):
     """One recording, two numbers: their rms pull passes 3.1 by chance once in 15,000."""
@@ -97,6 +101,7 @@ def test_counts_under_images_of_what_nobody_saw_are_not_believed(monkeypatch):
     assert after.blind[many].all()
 
 
+@pytest.mark.long
 def test_a_wall_that_all_counts_bear_out_is_no_contradiction():
     """Right paths before a wall were contradicted (12 of 12), by "a second pulse +514 ps later"."""
     world = walled(2289, 60.0)

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightW
     [
         ("second", 0.03, 901),
         pytest.param("wall", 0.1, 904, marks=pytest.mark.long),
-        ("wall", 0.1, 908),
+        pytest.param("wall", 0.1, 908, marks=pytest.mark.long),
         pytest.param("second", 0.1, 903, marks=pytest.mark.long),
         pytest.param("wall", 0.03, 905, marks=pytest.mark.long),
         pytest.param("wall", 0.03, 923, marks=pytest.mark.long),

@@ -105,6 +105,7 @@ def test_light_that_goes_straight_on_is_an_arm():
     assert path.verdict.level is Level.TRUST
 
 
+@pytest.mark.long
 def test_all_counts_fit_both_arms_at_their_bound(paths):
     """What `photon` states and what `bounds` says of the true scene are two computations of one
     number; strength and spot along the legs are fitted in one and known in the other. Across arms

@@ -63,7 +63,7 @@ def whitened_off(path: lf.LightPath, scene: Any) -> np.ndarray:
     return np.asarray(np.linalg.solve(np.linalg.cholesky(stated), off))
 
 
-@pytest.mark.parametrize("tilt_deg", [0.0, 25.0])
+@pytest.mark.parametrize("tilt_deg", [pytest.param(0.0, marks=pytest.mark.long), 25.0])
 def test_a_told_block_is_as_good_as_its_bound(tilt_deg):
     """Four recordings of each, every other one with light in the glass.
 

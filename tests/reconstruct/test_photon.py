@@ -34,7 +34,9 @@ def triple() -> LightPath:
 
 
 class TestBright:
-    @pytest.mark.parametrize("lab", [one_leg, three_legs, corner_in_view])
+    @pytest.mark.parametrize(
+        "lab", [pytest.param(one_leg, marks=pytest.mark.long), three_legs, corner_in_view]
+    )
     def test_agrees_with_joint(self, lab):
         """Both are near the bound, so they differ by a fraction of an error."""
         joint, photon = (fitted(lab(), method=m) for m in ("joint", "photon"))
@@ -253,6 +255,7 @@ class TestCamera:
         assert fitted(lab, recording, timing=blunt, n_legs=1).verdict.level == "contradicted"
 
     @pytest.mark.usefixtures("unexamined")
+    @pytest.mark.long
     def test_half_of_all_frames_occupied_at_one_period_per_frame(self):
         lab, frames = one_leg(), 30_000
         rate = (20_000.0 * lab.signal + lab.background_per_code) / frames

@@ -156,6 +156,7 @@ def test_a_length_belongs_to_where_the_light_stops():
     assert path.legs[0].length_mm == pytest.approx(told[0][1], abs=0.6)
 
 
+@pytest.mark.long
 def test_it_halves_the_error_of_the_index_and_all_counts_agree():
     scene = three()
     hist = histograms(scene, 7)

@@ -117,7 +117,8 @@ def test_photon_finds_it_too():
     assert abs(gap.delay_ps - true_delay_ps(gap, way)) < 3.9 * gap.delay_std_ps
 
 
-@pytest.mark.parametrize("n_legs", [2, pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.parametrize("n_legs", [2, 3])
+@pytest.mark.long
 def test_legs_that_nobody_saw_may_be_counted_or_not(n_legs):
     way = roof_or_cube(12)
     path = found(way.scene, 12, n_legs=n_legs)
@@ -138,7 +139,10 @@ def test_straight_legs_about_mirrors_beside_the_picture_have_no_gap():
     "told",
     [
         pytest.param({"medium": lf.Medium(1.012, 1.012)}, marks=pytest.mark.long),
-        {"source": lf.Source((4.0, 3.0, 5.0), emission_time_ps=2000.0)},
+        pytest.param(
+            {"source": lf.Source((4.0, 3.0, 5.0), emission_time_ps=2000.0)},
+            marks=pytest.mark.long,
+        ),
         {"source": lf.Source((0.0, 0.0, 0.0), emission_time_ps=2015.0)},
     ],
     ids=["index", "source", "time"],

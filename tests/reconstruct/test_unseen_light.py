@@ -24,7 +24,8 @@ def spot_of(path, name):
     return next((spot for spot in path.verdict.blind_to if spot.name == name), None)
 
 
-@pytest.mark.parametrize("n_legs", [1, pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.parametrize("n_legs", [1, 3])
+@pytest.mark.long
 def test_a_second_pulse_moves_the_path_as_far_as_is_told(n_legs):
     """To first order, which light above the background falls short of; noise is a tenth of it.
 

@@ -60,7 +60,12 @@ CELLS: dict[str, tuple[RefractedScene, dict[str, Any], Freedom | None]] = {
 
 
 @pytest.mark.parametrize(
-    ("method", "cell"), [*(("joint", cell) for cell in CELLS), ("photon", "tank, one leg")]
+    ("method", "cell"),
+    [
+        *(("joint", cell) for cell in ("tank, one leg", "tank, tilted", "index")),
+        *(pytest.param("joint", cell, marks=pytest.mark.long) for cell in ("window", "distance")),
+        ("photon", "tank, one leg"),
+    ],
 )
 def test_paths_are_at_the_bound_and_their_errors_true(method: str, cell: str) -> None:
     """One recording a cell, off by a draw from what is told as uncertain; legs not told."""
