@@ -203,7 +203,8 @@ def corner_distances(
     """Picture distance from the feet of pixels on one leg to where it is cut before and after.
 
     Legs are cut at corners. The ends of the path are cuts only where `cut_ends` (first, lasts) says
-    so: what lies beyond them is not always dark.
+    so: what lies beyond them is not always dark. Mirrors that nobody sees cut nothing: where they
+    stand is open, and light that fades by the picture's edge would seem to place them.
 
     Parameters
     ----------
@@ -237,11 +238,12 @@ def corner_distances(
         moved: Floats = along @ projection / max(float(np.linalg.norm(along)), 1e-12)
         return moved
 
-    if leg > 0 or cut_ends[0]:
+    open_at = {vertex for k in state.unseen for vertex in (int(state.leg_starts[k]), k + 1)}
+    if (leg > 0 or cut_ends[0]) and start not in open_at:
         before = -print_.fraction * print_.px_per_leg
         by_before[:, 3 * start : 3 * start + 3] = slide(start, at_start)
     stops = dict(zip(state.last_legs, cut_ends[1:], strict=False))
-    if stops.get(leg, leg not in state.last_legs):
+    if stops.get(leg, leg not in state.last_legs) and leg + 1 not in open_at:
         after = (1 - print_.fraction) * print_.px_per_leg
         by_after[:, 3 * leg + 3 : 3 * leg + 6] = slide(leg + 1, at_end)
     return Corners(before, after, by_before, by_after)
