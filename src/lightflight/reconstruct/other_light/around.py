@@ -315,8 +315,13 @@ def _runs_unseen(
 def _light_given(picture: Picture, leg: int, along: Floats, across: Floats) -> Floats:
     """Photons that a leg gives pixels at such places (n,), by its line as the picture shows it."""
     line, light = picture.legs[leg], picture.fits[leg]
+    # Its last pixel alone says how bright a line is at its end, and by a corner, where the light of
+    # two legs runs together, that may be nothing: as bright as a step of the knots before.
+    knots = light.spline.t
+    first, last = span_of_knots(knots)
+    step = min(knots[4] - first, 0.25 * (last - first))
     # A line off its pixels may be bright by exp(400).
-    log_bright = np.minimum(light.spline(np.clip(along, *span_of_knots(light.spline.t))), 60.0)
+    log_bright = np.minimum(light.spline(np.clip(along, first + step, last - step)), 60.0)
     beyond = (along - np.clip(along, *line.span_px)) / light.spot_std_at(along)
     across_it = light.seen(along, across, line.heading_rad(along)).log_light
     given: Floats = np.exp(log_bright + across_it - 0.5 * beyond**2)
