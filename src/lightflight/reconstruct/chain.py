@@ -51,7 +51,7 @@ from lightflight.reconstruct.verdict.detours import (
 )
 from lightflight.reconstruct.verdict.examine import examined
 from lightflight.reconstruct.verdict.judge import leaves_misfit, names_symptom
-from lightflight.reconstruct.ways.joint import fit_of_request
+from lightflight.reconstruct.ways.joint import fit_of_request, fits_begun_by_one_camera
 from lightflight.reconstruct.ways.request import Request
 
 if TYPE_CHECKING:
@@ -275,7 +275,20 @@ def path_from_sightings(
             raise
         return _warned(forked)
     found = _reconsidered(_judged(path, fit, request, estimator), fit, request, estimator)
+    found = _begun_by_one_camera(found, request, estimator)
     return _warned(_with_a_leg_less(found, request, estimator))
+
+
+def _begun_by_one_camera(found: LightPath, request: Request, estimator: Estimator) -> LightPath:
+    """The path, or where several cameras contradict it one that begins with what one shows."""
+    if _stands(found) or request.start is not None or not request.setting.others:
+        return found
+    for fit in fits_begun_by_one_camera(request):
+        told = _told(fit, request, estimator)
+        path = None if told is None else _judged(*told, request, estimator)
+        if path is not None and _stands(path):
+            return path
+    return found
 
 
 def _with_a_leg_less(found: LightPath, request: Request, estimator: Estimator) -> LightPath:

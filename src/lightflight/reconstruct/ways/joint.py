@@ -6,7 +6,9 @@ Where pulses alone leave much of the path unsaid, the likelihood of all counts h
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -46,7 +48,7 @@ from lightflight.reconstruct.model.sighting import Sighting, without_pixels
 from lightflight.reconstruct.model.told import statements_of_lengths
 from lightflight.reconstruct.other_light.diffuse import with_diffuse
 from lightflight.reconstruct.sightings import sighting_from_histograms
-from lightflight.reconstruct.trials.outcome import NoFit
+from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.trials.revise import (
     fit_from_brightest,
     fit_from_legs,
@@ -142,6 +144,33 @@ def _with_other_light(fit: JointFit, request: Request) -> JointFit:
     if setting.others:
         fit = _without_untold(fit, setting)
     return with_diffuse(fit, setting, nominal=request.timing is None)
+
+
+def fits_begun_by_one_camera(request: Request) -> Iterator[JointFit]:
+    """The fits to all cameras' pulses that begin with the path which each of them shows alone.
+
+    Legs of two pictures that are put together wrongly end in a fit that nothing leads out of.
+
+    Parameters
+    ----------
+    request : Request
+        Of several cameras.
+
+    Yields
+    ------
+    JointFit
+        Of all cameras; none for one that shows no path.
+    """
+    setting = request.setting
+    for view in range(len(setting.cameras)):
+        own = [replace(one, view=0) for one in request.sightings if one.view == view]
+        alone = replace(request, sightings=own, setting=setting.at(view))
+        begun = fit_or_reason(partial(fit_of_request, alone))
+        if isinstance(begun, NoFit):
+            continue
+        fit = refitted(request.sightings, begun.solution.state, setting)
+        if not isinstance(fit, NoFit):
+            yield _without_untold(fit, setting)
 
 
 def _without_untold(fit: JointFit, setting: Setting) -> JointFit:
