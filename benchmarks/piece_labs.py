@@ -530,7 +530,7 @@ def path_of(scene: Scene, method: str = "joint", noise: int = 0) -> lf.LightPath
         told_cameras.append(camera)
     told: dict[str, Any] = {"source": source_of(scene.lab, noise)}
     if scene.pane is None:
-        told["medium"] = lf.Medium(blocks=[scene.block] if scene.block else [])
+        told["medium"] = lf.Medium(blocks=(scene.block,) if scene.block else ())
     clocks = [calibration(lab) for lab in labs]
     if len(labs) == 1:
         return lf.reconstruct(
