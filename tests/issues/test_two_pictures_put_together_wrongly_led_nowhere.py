@@ -24,7 +24,9 @@ TRUSTED = make_path(verdict=Verdict(Level.TRUST, ()))
 chain = importlib.import_module("lightflight.reconstruct.chain")
 
 
-def answered(found: Any, others: tuple[str, ...], start: Any, monkeypatch: Any) -> tuple[Any, int]:
+def answered(
+    found: Any, others: tuple[str, ...], start: Any, monkeypatch: Any, of_fit: Any = True
+) -> tuple[Any, int]:
     """The path, and how many of the cameras were begun with; the second one's is right."""
     begun: list[int] = []
 
@@ -37,7 +39,8 @@ def answered(found: Any, others: tuple[str, ...], start: Any, monkeypatch: Any) 
     monkeypatch.setattr(chain, "_told", lambda fit, *_: (fit, fit))
     monkeypatch.setattr(chain, "_judged", lambda fit, *_: (CONTRADICTED, TRUSTED)[fit])
     request = SimpleNamespace(setting=SimpleNamespace(others=others), start=start)
-    return chain._begun_by_one_camera(found, request, None), len(begun)
+    estimator = SimpleNamespace(of_fit=of_fit)
+    return chain._begun_by_one_camera(found, request, estimator), len(begun)
 
 
 def test_what_one_camera_shows_begins_where_both_led_nowhere(monkeypatch):
@@ -53,6 +56,11 @@ def test_nothing_more_is_tried(found, others, start, monkeypatch):
     path, begun = answered(found, others, start, monkeypatch)
     assert path is found
     assert begun == 0
+
+
+def test_an_estimator_that_takes_no_fit_keeps_its_path(monkeypatch):
+    """One that somebody added, of several cameras: it ended in an AssertionError."""
+    assert answered(CONTRADICTED, ("second",), None, monkeypatch, None) == (CONTRADICTED, 0)
 
 
 @pytest.mark.long

@@ -281,7 +281,8 @@ def path_from_sightings(
 
 def _begun_by_one_camera(found: LightPath, request: Request, estimator: Estimator) -> LightPath:
     """The path, or where several cameras contradict it one that begins with what one shows."""
-    if _stands(found) or request.start is not None or not request.setting.others:
+    fixed = request.start is not None or estimator.of_fit is None
+    if fixed or _stands(found) or not request.setting.others:
         return found
     for fit in fits_begun_by_one_camera(request):
         told = _told(fit, request, estimator)
