@@ -25,6 +25,9 @@ FARTHEST_FROM_END = 64
 """Codes before the end of the period that the sync may disturb."""
 _SURELY = 8.0
 """Blurs from the end at which a code is full, or empty, to the last digit."""
+_HILL = 0.5
+"""Part of a blur, or of a code, within which the likelihood of an end is one hill."""
+_SCORINGS = 5
 _BRIGHTEST = 200
 """Pixels that decide the blur and the stray counts, which are common to all."""
 
@@ -301,7 +304,8 @@ def _most_likely_blur(tail: _Tail) -> float:
 def _scan_end(tail: _Tail, blur: float) -> tuple[Floats, Floats]:
     """Most likely end of each pixel and its log-likelihood: (n,), (n,).
 
-    From the end that the summed counts tell, over grids that shrink threefold each time.
+    From the end that the summed counts tell, over grids that shrink threefold each time, and at
+    last by Fisher scoring.
     """
     first, n_codes = tail.edges[0], tail.edges[-1] - tail.edges[0]
     height = tail.level.mean(axis=1)
@@ -314,13 +318,33 @@ def _scan_end(tail: _Tail, blur: float) -> tuple[Floats, Floats]:
     )
     steps = np.linspace(-1.0, 1.0, 9)
     score = np.empty((len(steps), len(height)))
-    for _ in range(5 + int(np.log(n_codes / min(blur, 1.0)) / np.log(3.0))):
+    while True:
         for i, step in enumerate(steps):
             score[i] = _end_likelihood(tail, center + step * half, blur)
         best = np.argmax(score, axis=0)
         center = center + steps[best] * half
         half = half / 3.0
-    return center, score[best, pixel] + beside
+        if half.max() < _HILL * min(blur, 1.0):
+            break
+    end = center
+    for _ in range(_SCORINGS):
+        end = end + np.clip(_end_step(tail, end, blur), -half, half)
+    climbed = _end_likelihood(tail, end, blur)
+    higher = climbed > score[best, pixel]
+    return np.where(higher, end, center), np.where(higher, climbed, score[best, pixel]) + beside
+
+
+def _end_step(tail: _Tail, end: Floats, blur: float) -> Floats:
+    """(n,), step of Fisher scoring from an end; none where no count tells."""
+    share, slope = _share_and_slope(tail, end, blur)
+    score = np.sum((tail.observed / share - tail.level) * slope, axis=1)
+    return np.asarray(score / np.maximum(np.sum(tail.level * slope**2 / share, axis=1), 1e-12))
+
+
+def _share_and_slope(tail: _Tail, end: Floats, blur: float) -> tuple[Floats, Floats]:
+    """(n, k), what codes hold of a full one, and how it follows the end."""
+    share = live_fraction(end, tail.edges, blur) + tail.stray
+    return share, -np.diff(ndtr((end[:, None] - tail.edges) / blur), axis=1)
 
 
 def _end_likelihood(tail: _Tail, end: Floats, blur: float) -> Floats:
@@ -331,8 +355,7 @@ def _end_likelihood(tail: _Tail, end: Floats, blur: float) -> Floats:
 
 def _end_std(tail: _Tail, end: Floats, blur: float) -> Floats:
     """(n,), error of the end from Fisher's information; never below one photon's worth."""
-    share = live_fraction(end, tail.edges, blur) + tail.stray
-    slope = -np.diff(ndtr((end[:, None] - tail.edges) / blur), axis=1)
+    share, slope = _share_and_slope(tail, end, blur)
     information = np.sum(tail.level * slope**2 / share, axis=1)
     last = np.clip((end - tail.edges[0]).astype(int), 0, tail.level.shape[1] - 1)
     height = tail.level[np.arange(len(end)), last]
