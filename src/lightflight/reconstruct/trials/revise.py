@@ -50,6 +50,12 @@ _DIM = 0.25
 leg behind mirrors half and more."""
 _LEAST_TURN_DEG = 2.5
 """Corners that turn less are model error or curvature, not mirrors."""
+_CLEAR_TURN_DEG = 12.0
+"""Corners that turn more are no error of the model, but may be chance."""
+_SURE_TURN_DEG = 45.0
+"""Corners that turn more part lines which no chance makes one."""
+_CHANCE_CHI2 = 14.0
+"""What three numbers more, those of a corner, win by chance in one path of 300."""
 
 
 def fit_from_legs(
@@ -315,13 +321,16 @@ def _merged_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> 
     state = fit.solution.state
     trials: list[tuple[float, int, PathState]] = []
     for corner in state.corners_seen:
-        # A measured mirror is there, and a clear turn is no error of the model.
-        if state.as_told(corner) in setting.told_vertices or state.turn_deg(corner) > 12.0:
+        # A measured mirror is there.
+        turn_deg = state.turn_deg(corner)
+        if state.as_told(corner) in setting.told_vertices or turn_deg > _SURE_TURN_DEG:
             continue
         straight = _without_corner(fit, corner, setting)
-        if not isinstance(straight, NoFit):
-            # Same data, same floor: only the corner differs.
-            loss = _total_cost(straight, fit) - _total_cost(fit.solution, fit)
+        if isinstance(straight, NoFit):
+            continue
+        # Same data, same floor: only the corner differs.
+        loss = _total_cost(straight, fit) - _total_cost(fit.solution, fit)
+        if turn_deg < _CLEAR_TURN_DEG or loss < _CHANCE_CHI2:
             trials.append((loss, corner, straight.state))
     for loss, corner, straight_state in sorted(trials, key=lambda trial: trial[0]):
         needless = loss < _GAIN_CHI2 or state.turn_deg(corner) < _LEAST_TURN_DEG
