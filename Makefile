@@ -52,7 +52,7 @@ lowest: $(VENV)/.installed-lowest ## contract and format tests with the lowest v
 	@NUMBA_CACHE_DIR=$(CURDIR)/$(LOWEST)/numba $(LOWEST)/bin/python -m pytest $(PYTEST_FLAGS) \
 	  -p no:cacheprovider tests/contracts tests/formats tests/batch/test_table.py \
 	  --ignore tests/contracts/test_mutants.py --ignore tests/contracts/test_deciding.py \
-	  --ignore tests/contracts/test_house.py \
+	  --ignore tests/contracts/test_house.py --ignore tests/contracts/test_ways_in.py \
 	  tests/attacks/test_zarr.py tests/attacks/test_tls.py tests/attacks/test_packing.py
 
 check: lint types layers workflows ## ruff, mypy, import-linter, zizmor

@@ -90,7 +90,10 @@ def _spoilt(value: Any) -> list[Any]:
     return [None, NAN, INF, 0, -1, 1e300, 10**30, "x", [1]]
 
 
-_SLOW = ("response_curve", "end_widths", "flat_modes_ps", "response_place_ps", "first_live_width")
+_SLOW = (
+    "response_curve", "end_widths", "flat_modes_ps", "response_place_ps", "first_live_width",
+    "response_std_ps", "phase_std", "anchor_delay_ps",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(
