@@ -16,6 +16,7 @@ from lightflight.flags import SCREAMING_OCCUPANCY
 from lightflight.recording.counting import histogram
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Progress, Recording
+from lightflight.recording.stored import largest_count
 
 _STANDS_OUT = 1.5
 """A screaming pixel fires so many times as often as the median one, too: half as much again is no
@@ -210,11 +211,11 @@ def _near_highest_code(hist: Histograms, row: int) -> NDArray[np.float64]:
 
 
 def _n_saturated(hist: Histograms) -> int:
-    """Pixels with a count at the limit of its storage type."""
+    """Pixels with a count at the largest that could be stored."""
     if hist.counts.dtype.kind != "u":
         return 0
-    limit = np.iinfo(hist.counts.dtype).max
-    return int((hist.counts[..., hist.photon_codes] == limit).any(axis=2).sum())
+    cut = hist.counts[..., hist.photon_codes] >= largest_count(hist)
+    return int(cut.any(axis=2).sum())
 
 
 def codes_of_pulses(hist: Histograms) -> tuple[int, int] | None:

@@ -82,7 +82,7 @@ def places_of_path(
     Returns
     -------
     Places
-        Outside of the picture a leg is as bright as where it leaves it.
+        Outside of the picture a leg is as bright as where it leaves it; none where none is in it.
     """
     camera, medium = fit.solution.cameras[whole.view], fit.solution.medium
     beyond_px = _BEYOND * max(camera.shape)
@@ -91,6 +91,8 @@ def places_of_path(
         way2 = np.sum((of.points_mm - camera.center_mm) ** 2, axis=1)
         of_leg = np.full(len(of.beyond), of.leg)
         parts.append((of.points_mm, of_leg, of.beyond, of.event_ps, of.photons * way2))
+    if all(beyond.all() for _, _, beyond, _, _ in parts):
+        parts = parts[:1]
     points, leg, beyond, event, light = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Places(
         points, leg, beyond, event, light, fit.pictures[number].spot_std_px, std_ps,

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from lightflight.arguments import finite_number, one_of, shown
 from lightflight.errors import CalibrationError
 from lightflight.recording.histograms import Histograms
+from lightflight.recording.stored import check_photons
 from lightflight.timing.calibrate.assemble import (
     clock_from_code_density,
     clock_without_code_density,
@@ -205,6 +206,7 @@ def _checked_parts(
     for part in (code_density, *flats):
         if isinstance(part, Histograms) and part.poisson:
             check_sync(part)
+            check_photons(part)
     if code_density is None and not flats:
         raise ValueError("nothing to calibrate from: give code_density, flat, or both")
     shape = flat_shape(flat_pulse)

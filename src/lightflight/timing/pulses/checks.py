@@ -6,14 +6,16 @@ The four cases of the paper's Fig. 2b are here: too wide, too narrow, good, abno
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lightflight import flags as fl
 from lightflight._kernels import pulse as col
-from lightflight.errors import NothingFoundError
+from lightflight.errors import NothingFoundError, SuspectDataWarning
 from lightflight.recording.histograms import Histograms
+from lightflight.recording.stored import largest_count
 from lightflight.timing.pulses.fits import Fits, even_sample, zero_for_nan
 
 WIDTH_FACTOR = 1.6
@@ -42,6 +44,9 @@ DIMMEST = 3.0
 
 DEAD_BY_CHANCE = 1e-4
 """Chance that any pixel of an array of living ones, each that dim, counts nothing."""
+
+_MOST_CUT = 0.01
+"""Of the pixels that count: more than these are no hot ones."""
 
 SATURATED_OCCUPANCY = 0.999
 """A pixel that fires in this share of all frames counts frames, not photons."""
@@ -110,8 +115,7 @@ def _count_flags(
     if hist.n_frames is not None:
         flags[lit & flat & (dark > fl.SCREAMING_OCCUPANCY * hist.n_frames)] |= fl.SCREAMING
         flags[lit & (counts >= SATURATED_OCCUPANCY * hist.n_frames)] |= fl.SATURATED
-    limit = np.iinfo(hist.counts.dtype).max
-    flags[lit & (fits.table[:, col.PEAK] >= limit)] |= fl.SATURATED
+    flags[lit & (fits.table[:, col.PEAK] >= largest_count(hist))] |= fl.SATURATED
     return flags
 
 
@@ -149,6 +153,24 @@ def _width_flags(fits: Fits, period: float) -> NDArray[np.uint32]:
     flags[wide] |= fl.TOO_WIDE
     flags[narrow] |= fl.TOO_NARROW
     return flags
+
+
+def warn_of_cut_counts(fits: Fits, hist: Histograms) -> None:
+    """Give SuspectDataWarning where more than a few pixels hold the largest count of all.
+
+    Single ones are hot. They are left out, and where the light is brightest nothing is told.
+    """
+    if not hist.poisson:
+        return
+    most = largest_count(hist)
+    lit = fits.table[:, col.COUNTS] > 0
+    n_cut = np.count_nonzero(lit & (fits.table[:, col.PEAK] >= most))
+    if n_cut > max(_MOST_CUT * np.count_nonzero(lit), 1.0):
+        warnings.warn(
+            f"{n_cut} pixels are saturated and left out: counts were cut at {most}; record with "
+            "less light, or store counts in a wider type",
+            SuspectDataWarning, stacklevel=3,
+        )  # fmt: skip
 
 
 def check_fits(fits: Fits, flags: NDArray[np.uint32], period: float) -> None:

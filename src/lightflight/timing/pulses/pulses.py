@@ -20,7 +20,8 @@ from lightflight._kernels.pulse import CHI2, CHI2_BINS, N_PULSES
 from lightflight.arguments import check_kinds, mask_of_pixels, one_of, whole_number
 from lightflight.display import Card
 from lightflight.recording.histograms import Histograms
-from lightflight.timing.pulses.checks import check_fits, flags_of
+from lightflight.recording.stored import check_photons
+from lightflight.timing.pulses.checks import check_fits, flags_of, warn_of_cut_counts
 from lightflight.timing.pulses.fits import (
     Clock,
     Fits,
@@ -168,7 +169,7 @@ def fit_pulses(
         No photons anywhere, or nothing but hot or saturated pixels.
     ValueError
         A wrong `method`, `max_pulses`, `threads`, or shape of `exclude_mask`; a background
-        recording of another shape, or with unknown frames.
+        recording of another shape, or with unknown frames; counts that something multiplied.
     CalibrationError
         The calibration does not fit the recording, or the camera ran without sync.
     """
@@ -178,6 +179,7 @@ def fit_pulses(
     # First: a comb has as many pulses as teeth, and to try them all takes minutes.
     if hist.poisson:
         check_sync(hist, everywhere=True)
+        check_photons(hist)
     clock, pile_up = clock_of(hist, timing), pile_up_of(hist)
     fits = fit_all(
         hist, clock, todo, method=method, max_pulses=max_pulses, background=background,
@@ -190,6 +192,7 @@ def fit_pulses(
     if not fl.is_usable(flags).mean() > _FEW_PULSES:
         check_sync(hist)
     check_fits(fits, flags, clock.period)
+    warn_of_cut_counts(fits, hist)
     return _pulses_from_fits(fits, flags, hist, clock, pile_up, method)
 
 
