@@ -83,7 +83,7 @@ def test_a_path_that_no_pixel_shows_is_in_no_mirror(monkeypatch):
         pictures=[SimpleNamespace(spot_std_px=0.5)],
     )
     whole: Any = SimpleNamespace(view=0, timing=SimpleNamespace(response=None))
-    monkeypatch.setattr(second_path, "shape_of", lambda _: second_path.Places.shape)
+    monkeypatch.setattr(second_path, "shape_of", lambda _: None)
     assert second_path.places_of_path(fit, 0, whole, 70.0, source_told=True).n_legs == 0
     place.beyond[0] = False
     assert second_path.places_of_path(fit, 0, whole, 70.0, source_told=True).n_legs == 1
