@@ -121,6 +121,33 @@ def wall(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told
     return counts_of(lab, light_of(lab) + share * light_of(image)), {}
 
 
+def ghost(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    """The front of a mirror silvered behind 3 to 6 mm of glass: a leg beside that behind it.
+
+    Where one leg is seen, a plate it came through before: the same leg, late and aside.
+    """
+    glass_mm = rng.uniform(3.0, 6.0) / 1.5
+    flights = np.diff(lab.vertices, axis=0)
+    out = flights / np.linalg.norm(flights, axis=1, keepdims=True)
+    if len(out) == 1:
+        aside = np.cross(out[0], rng.normal(size=3))
+        aside *= glass_mm / np.linalg.norm(aside)
+        late = 2.0 * glass_mm * 2.25 / SPEED
+        beside = replace(lab, vertices=lab.vertices + aside, emission_ps=lab.emission_ps + late)
+        return counts_of(lab, light_of(lab) + share * light_of(beside)), {}
+    normal = out[0] - out[1]
+    normal /= np.linalg.norm(normal)
+    # The incoming leg meets a plane this much nearer, or farther, and all behind it is shifted.
+    corner = lab.vertices[1] + out[0] * glass_mm / (out[0] @ normal)
+    vertices = np.array([lab.vertices[0], corner, corner + flights[1]])
+
+    def behind(leg: int, along_mm: Floats) -> Floats:
+        return lab.brightness(leg, along_mm) * (leg > 0)
+
+    beside = replace(lab, vertices=vertices, brightness=behind)
+    return counts_of(lab, light_of(lab) + share * light_of(beside)), {}
+
+
 def second(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
     later = replace(lab, emission_ps=lab.emission_ps + rng.uniform(400.0, 1500.0))
     return counts_of(lab, light_of(lab) + share * light_of(later)), {}
@@ -326,6 +353,7 @@ DEFECTS: dict[str, tuple[Defect, tuple[float, ...]]] = {
     "haze": (haze, (0.1, 0.3)),
     "halo": (halo, (0.05, 0.2)),
     "wall": (wall, (0.03, 0.1)),
+    "ghost": (ghost, (0.04, 0.1)),
     "second": (second, (0.03, 0.1)),
     "drift": (drift, (20.0, 60.0)),
     "walk": (walk, (5.0, 20.0)),
