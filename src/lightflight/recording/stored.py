@@ -88,5 +88,7 @@ def largest_count(hist: Histograms) -> int:
     at = counts == largest
     n_below = np.count_nonzero(counts >= max(largest - 3, 0)) - np.count_nonzero(at)
     in_a_row = (at[:, :-2] & at[:, 1:-1] & at[:, 2:]).any(axis=1)
+    # A pulse that is cut has its flanks; counts that are all one number were made.
+    in_a_row &= ((counts > 0) & ~at).any(axis=1)
     is_cut = np.count_nonzero(at) > n_below and in_a_row.mean() > _CUT_SHARE
     return largest if is_cut else limit

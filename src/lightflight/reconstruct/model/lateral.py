@@ -135,6 +135,9 @@ class LineFit:
         Places along the line at which a kink was looked for, px.
     bend_chi2_at : array of float, shape (b,)
         Chi-square that a kink there would gain (one number each; score test).
+    skewness, skewness_std : float
+        Of the spot across the line, as the counts ask for it where all else is free, and its error;
+        infinite where the line was not measured finely.
     """
 
     offset_px: Floats
@@ -150,6 +153,8 @@ class LineFit:
     log_scatter: float
     bend_places_px: Floats
     bend_chi2_at: Floats
+    skewness: float = 0.0
+    skewness_std: float = np.inf
 
     @property
     def bend_chi2(self) -> float:
@@ -423,8 +428,8 @@ def _slope_at(problem: LineProblem, parameters: Floats, weights: Floats) -> _Slo
 
 
 @dataclass(frozen=True, eq=False)
-class _AskedArea:
-    """What the counts ask of the fourth power of the active side: a step of it and its variance.
+class _Asked:
+    """What the counts ask of one number more: a step of it and its variance.
 
     All other parameters (p,) follow it: by `-followed`.
     """
@@ -434,18 +439,23 @@ class _AskedArea:
     followed: Floats
 
 
-def _asked_area(slope: _Slope) -> _AskedArea:
+def _asked_area(slope: _Slope) -> _Asked:
+    """The fourth power of the active side."""
+    return _asked(slope, slope.expected.by_area)
+
+
+def _asked(slope: _Slope, by_number: Floats) -> _Asked:
+    """A number that the log of the photons follows by `by_number` (n,)."""
     problem, mean = slope.problem, slope.expected.photons
-    by_area = slope.expected.by_area
-    weighted = by_area * slope.weight
+    weighted = by_number * slope.weight
     crossed = slope.expected.gradient * (weighted * mean)[:, np.newaxis]
     shared = _summed(problem.columns.ravel(), crossed, len(slope.held))
     followed = np.linalg.solve(slope.information, shared).astype(np.float64, copy=False)
     score = float(weighted @ (problem.data.photons - mean)) - float(followed @ slope.score)
-    own = float((weighted * mean) @ by_area)
+    own = float((weighted * mean) @ by_number)
     # Where the others follow so well that nothing is left of it, rounding is.
     information = max(own - float(followed @ shared), _NOTHING * own, _NOTHING)
-    return _AskedArea(score / information, 1.0 / information, followed)
+    return _Asked(score / information, 1.0 / information, followed)
 
 
 def _scored(problem: LineProblem, parameters: Floats, weights: Floats) -> Floats:
@@ -469,7 +479,7 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
     # Not scaled: all parameters are logarithms or px, of one size.
     covariance = np.linalg.pinv(slope.information, hermitian=True)
     # While legs are looked for nobody asks.
-    nothing = _AskedArea(0.0, 0.0, np.zeros(len(parameters)))
+    nothing = _Asked(0.0, np.inf, np.zeros(len(parameters)))
     asked = _asked_area(slope) if problem.of_spot else nothing
     mean, gradient = slope.expected.photons, slope.expected.gradient
     residual = problem.data.photons - mean
@@ -505,6 +515,11 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
             span_of_knots(problem.knots[k]),
             covariance[np.ix_(touched, touched)],
         )
+        skew = nothing
+        if problem.of_spot:
+            own_skew = np.zeros(len(mean))
+            own_skew[here] = slope.expected.by_skewness[here]
+            skew = _asked(slope, own_skew)
         widened: Floats = (max(1.0, excess) * covariance).astype(np.float64, copy=False)
         fits.append(
             LineFit(
@@ -525,6 +540,8 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
                 else median_scatter(residual[here], mean[here], variance[here], weights[here]),
                 bend_places_px=places,
                 bend_chi2_at=chi2,
+                skewness=skew.step,
+                skewness_std=float(np.sqrt(max(1.0, excess) * skew.variance)),
             )
         )
     return fits

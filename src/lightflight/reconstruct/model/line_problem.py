@@ -481,12 +481,15 @@ class Expected:
         How what is no halo follows from line and spot.
     direct : array of float, shape (n,)
         Share of the photons that is no halo.
+    across_stds : array of float, shape (n,)
+        Distance of the pixel from the line, in standard deviations of the spot.
     """
 
     photons: Floats
     problem: LineProblem
     seen: SeenLine
     direct: Floats
+    across_stds: Floats
 
     @cached_property
     def gradient(self) -> Floats:
@@ -506,6 +509,13 @@ class Expected:
     def by_area(self) -> Floats:
         """(n,), d ln(photons) / d(fourth power of the active side)."""
         return self.direct * self.seen.by_area
+
+    @property
+    def by_skewness(self) -> Floats:
+        """(n,), d ln(photons) / d(skewness of the spot across the line)."""
+        u = self.across_stds
+        by_skewness: Floats = self.direct * (u**3 - 3.0 * u) / 6.0
+        return by_skewness
 
 
 def expected_photons(problem: LineProblem, parameters: Floats) -> Expected:
@@ -530,15 +540,16 @@ def expected_photons(problem: LineProblem, parameters: Floats) -> Expected:
     log_spot = np.clip(log_spot, *LOG_SPOT_RANGE)
     line = np.sum(problem.lever * own[:, 4 : spot_at - problem.of_spot], axis=1)
     heading = np.asarray(data.heading_rad)
-    seen = seen_line(data.across_px - line, np.exp(log_spot), heading, active_px=problem.active_px)
+    across, spot = data.across_px - line, np.exp(log_spot)
+    seen = seen_line(across, spot, heading, active_px=problem.active_px)
     log_strength = np.sum(problem.basis * own[:, :4], axis=1)
     direct = np.exp(np.clip(log_strength + seen.log_light, -60, 40))
     told = problem.halo
     if told is None:
-        return Expected(direct, problem, seen, np.ones(len(direct)))
+        return Expected(direct, problem, seen, np.ones(len(direct)), across / spot)
     # The spot of all, how much more halo there is, and the line where the halo comes from.
     log_more = own[:, spot_at] + own[:, spot_at + 1] + _LOG_ROOT_2_PI - told.log_light
     log_more += np.sum(told.basis * own[:, spot_at + 2 :], axis=1)
     log_more += np.sum(told.spot_lever * of_spot, axis=1)
     halo = told.photons * np.exp(np.clip(log_more, -_MOST_MORE_LN, _MOST_MORE_LN))
-    return Expected(direct + halo, problem, seen, direct / (direct + halo))
+    return Expected(direct + halo, problem, seen, direct / (direct + halo), across / spot)

@@ -48,6 +48,7 @@ from lightflight.reconstruct.verdict.hidden import (
     findings_of_hidden,
 )
 from lightflight.reconstruct.verdict.judge import verdict_from_evidence
+from lightflight.reconstruct.verdict.lopsided import evidence_of_lopsided_legs
 from lightflight.reconstruct.verdict.lost import evidence_from_lost_legs
 from lightflight.reconstruct.verdict.taken_up import verdict_with_light_taken_up
 from lightflight.reconstruct.verdict.unclaimed_light import verdict_with_unclaimed_light
@@ -165,6 +166,7 @@ def collected(
     return (
         *(one for one in by_score if one.name not in by_fit),
         *lost,
+        *evidence_of_lopsided_legs(fit),
     )
 
 
