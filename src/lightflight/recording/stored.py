@@ -11,6 +11,8 @@ from lightflight.recording.histograms import Histograms
 
 _FEWEST_VALUES = 64
 """Counts that are multiples of one number by chance: one time in 2^64."""
+_FEWEST_DIFFERENT = 8
+"""Different counts among them: fewer are no recording, but numbers that somebody made up."""
 _CUT_SHARE = 0.5
 """Of the pixels with the largest count, those where three codes in a row have it: a pulse that is
 cut is so over its width, while one that was scaled to the largest reaches it once."""
@@ -36,7 +38,9 @@ def common_factor(hist: Histograms) -> int:
         factor = int(np.gcd.reduce(values, initial=factor)) if len(values) else factor
         if factor == 1:
             return 1
-    return max(factor, 1) if told >= _FEWEST_VALUES else 1
+    if factor < 2 or told < _FEWEST_VALUES:
+        return 1
+    return factor if len(np.unique(hist.counts)) > _FEWEST_DIFFERENT else 1
 
 
 def check_photons(hist: Histograms) -> None:
