@@ -8,6 +8,8 @@ to which side it lies (`benchmarks/misfit_labs.py --only ghost`).
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ import lightflight as lf
 from benchmarks.misfit_labs import recording_of
 from lightflight.reconstruct.model.lateral import fit_lines
 from lightflight.reconstruct.model.line_problem import LineData
+from lightflight.reconstruct.verdict.lopsided import evidence_of_lopsided_legs
 
 pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
 
@@ -32,9 +35,18 @@ def test_light_on_one_side_of_a_leg_is_named(share, seed, leg):
     _, hist, told = recording_of("ghost", share, seed)
     path = lf.reconstruct(hist, **told)
     assert path.verdict.level == "contradicted"
-    first = path.verdict.findings[0]
-    assert first.name == "halo"
-    assert first.sentence.startswith(f"light lies beside leg {leg}")
+    said = [one.sentence for one in path.verdict.findings if one.name == "halo"]
+    assert any(sentence.startswith(f"light lies beside leg {leg}") for sentence in said)
+
+
+@pytest.mark.parametrize(("skewness", "doubted"), [(0.016, False), (0.1, True)])
+def test_what_pixels_make_of_a_spot_is_of_no_account(skewness, doubted):
+    """Laboratory 835, nothing wrong: 0.016 ± 0.003 along a column, contradicted."""
+    line = SimpleNamespace(skewness=skewness, skewness_std=0.0032)
+    fit: Any = SimpleNamespace(pictures=[SimpleNamespace(fits=[line])])
+    (evidence,) = evidence_of_lopsided_legs(fit)
+    assert (evidence.sigma > 5.0) == doubted
+    assert doubted or evidence.sigma < 2.0
 
 
 def _line(rng: np.random.Generator, skewness: float) -> LineData:
