@@ -458,6 +458,14 @@ def _asked(slope: _Slope, by_number: Floats) -> _Asked:
     return _Asked(score / information, 1.0 / information, followed)
 
 
+def _skewness(slope: _Slope, here: slice) -> tuple[float, float]:
+    """Skewness of the spot across one leg, whose pixels are `here`, and its error."""
+    by_skewness = np.zeros(len(slope.weight))
+    by_skewness[here] = slope.expected.by_skewness[here]
+    asked = _asked(slope, by_skewness)
+    return asked.step, float(np.sqrt(asked.variance))
+
+
 def _scored(problem: LineProblem, parameters: Floats, weights: Floats) -> Floats:
     def moved(at: Floats, _: _Slope, step: Floats) -> Floats:
         trial = at + step
@@ -479,7 +487,7 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
     # Not scaled: all parameters are logarithms or px, of one size.
     covariance = np.linalg.pinv(slope.information, hermitian=True)
     # While legs are looked for nobody asks.
-    nothing = _Asked(0.0, np.inf, np.zeros(len(parameters)))
+    nothing = _Asked(0.0, 0.0, np.zeros(len(parameters)))
     asked = _asked_area(slope) if problem.of_spot else nothing
     mean, gradient = slope.expected.photons, slope.expected.gradient
     residual = problem.data.photons - mean
@@ -515,11 +523,7 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
             span_of_knots(problem.knots[k]),
             covariance[np.ix_(touched, touched)],
         )
-        skew = nothing
-        if problem.of_spot:
-            own_skew = np.zeros(len(mean))
-            own_skew[here] = slope.expected.by_skewness[here]
-            skew = _asked(slope, own_skew)
+        skewness, skewness_std = _skewness(slope, here) if problem.of_spot else (0.0, np.inf)
         widened: Floats = (max(1.0, excess) * covariance).astype(np.float64, copy=False)
         fits.append(
             LineFit(
@@ -540,8 +544,8 @@ def _results(problem: LineProblem, parameters: Floats, weights: Floats) -> list[
                 else median_scatter(residual[here], mean[here], variance[here], weights[here]),
                 bend_places_px=places,
                 bend_chi2_at=chi2,
-                skewness=skew.step,
-                skewness_std=float(np.sqrt(max(1.0, excess) * skew.variance)),
+                skewness=skewness,
+                skewness_std=float(np.sqrt(max(1.0, excess)) * skewness_std),
             )
         )
     return fits
