@@ -155,12 +155,13 @@ def _width_flags(fits: Fits, period: float) -> NDArray[np.uint32]:
     return flags
 
 
-def warn_of_cut_counts(fits: Fits, hist: Histograms) -> None:
+def warn_of_cut_counts(fits: Fits, flags: NDArray[np.uint32], hist: Histograms) -> None:
     """Give SuspectDataWarning where more than a few pixels hold the largest count of all.
 
     Single ones are hot. They are left out, and where the light is brightest nothing is told.
     """
-    if not hist.poisson:
+    # Of most recordings none is, and nobody asks at which count they were cut.
+    if not hist.poisson or not (flags & fl.SATURATED).any():
         return
     most = largest_count(hist)
     lit = fits.table[:, col.COUNTS] > 0

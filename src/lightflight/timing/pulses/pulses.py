@@ -192,7 +192,7 @@ def fit_pulses(
     if not fl.is_usable(flags).mean() > _FEW_PULSES:
         check_sync(hist)
     check_fits(fits, flags, clock.period)
-    warn_of_cut_counts(fits, hist)
+    warn_of_cut_counts(fits, flags, hist)
     return _pulses_from_fits(fits, flags, hist, clock, pile_up, method)
 
 
