@@ -6,8 +6,9 @@
 Laboratories are those of `random_labs.py` (2 to 60 mm a pixel, a forward model of its own). Wrong
 are, one at a time and in two strengths: haze (a share of the light 300 ps late and 5 px wide), a
 halo of 6 px (that of light outside of the picture does not reach it: a stop stands before the
-sensor), a wall that mirrors the flight, a second pulse, a trigger that drifts, times that walk
-with brightness, a shadow of 4 px, hot pixels, pile-up of first photons only. Light of forms that
+sensor), a wall that mirrors the flight, a mirror silvered behind its glass, a second pulse, a
+trigger that drifts, times that walk with brightness, a shadow of 4 px, hot pixels, pile-up of first
+photons only. Light of forms that
 no model here has: wings of a lens that fall as a power (of 3 px), light that wanders (the later
 the wider), a screen that glows on for 1.5 ns, an image in a curved mirror, neighbours that count
 along a code later, background that grows across the picture, a flash where the light ends that
