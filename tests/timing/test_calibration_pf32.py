@@ -40,7 +40,7 @@ def test_mean_code_under_both_hypotheses(recording):
             timing = lf.calibrate_timing(recording, dead_codes=dead_codes)
         widths[dead_codes] = timing.bin_width_ps
         assert timing.notes[0].startswith("mean code 55.05 ps if")
-        assert "54.66 ps if it is lost" in timing.notes[0]
+        assert "54.65 ps if it is lost" in timing.notes[0]
     assert widths["absorbed"] == pytest.approx(55.06, abs=0.02)
     assert widths["lost"] == pytest.approx(54.67, abs=0.02)
     assert widths[None] == pytest.approx(0.5 * (55.06 + 54.67), abs=0.02)

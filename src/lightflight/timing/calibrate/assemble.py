@@ -34,6 +34,10 @@ _USUALLY_MISSED = 0.05
 """Share of live pixels that even light may miss: a speck of dust, a shaded rim."""
 _MOST_MISSED = 0.5
 """... and above which it is no flat: a beam in the picture lights a tenth."""
+_SAME_LENGTH = 0.02
+"""Of a code: where all codes are told to be so nearly as long as the period, they are made from it.
+A counter that stops by chance where the period does has gains that nobody sees."""
+_COVERED = "the codes cover the laser period: the widths of each pixel add up to it"
 _SCAN_TOLERANCE = 5e-4
 """Relative error of delays that people can set and know."""
 
@@ -63,7 +67,7 @@ def clock_from_code_density(
         If nothing tells how wide a code is.
     """
     good = flags.is_usable(fit.flags)
-    if _covers_the_period(code_density, fit):
+    if not fit.structured and _covers_the_period(code_density, fit):
         # Each pixel's own widths share out the period; codes are then as wide as stated on average.
         share = (code_density.n_codes / fit.phases.sum(axis=-1))[..., np.newaxis]
         fit = replace(fit, phases=fit.phases * share, phase_std=fit.phase_std * share)
@@ -75,6 +79,7 @@ def clock_from_code_density(
         laser_period_ps=code_density.laser_period_ps,
         bin_width_ps=mean_width, gain=width / mean_width, gain_std=gain_std, scale_std=scale_std,
         phases=fit.phases, phase_std=fit.phase_std, code_widths=fit.code_widths,
+        code_width_std=fit.code_width_std,
         end_code=fit.end_code, end_widths=fit.end_widths, first_live_code=fit.first_live_code,
         first_live_width=fit.first_live_width, misfit_std=fit.misfit_std, flags=fit.flags,
         period_end_seen=fit.period_end_seen and code_density.laser_period_ps is not None,
@@ -84,24 +89,50 @@ def clock_from_code_density(
 
 
 def _covers_the_period(code_density: Histograms, fit: CodeDensityFit) -> bool:
-    """Whether a sweep of codes that are all free lasts as long as the laser period."""
-    period, width = code_density.laser_period_ps, code_density.bin_width_ps
-    if fit.structured or period is None or width is None:
+    """Whether the codes, none of which the end of a period cuts, last as long as one."""
+    hidden = _hidden_codes(code_density)
+    if hidden is None or fit.period_end_seen:
         return False
-    return abs(period / width - code_density.n_codes) < 0.5
+    return abs(hidden) < (_SAME_LENGTH if fit.structured else 0.5)
+
+
+def _hidden_codes(code_density: Histograms) -> float | None:
+    """Codes by which the laser period is longer than all there are; None where nothing tells."""
+    period, width = code_density.laser_period_ps, code_density.bin_width_ps
+    return None if period is None or width is None else period / width - code_density.n_codes
+
+
+def _cut_by_the_period(
+    code_density: Histograms, fit: CodeDensityFit, good: NDArray[np.bool_]
+) -> float:
+    """Codes by which periods end within the last code of pixels, rms, where all codes are one.
+
+    Those of pixels whose codes are longer than most would.
+    """
+    last = code_density.counts[..., -1].astype(np.float64)
+    expected = fit.flux * fit.phases[..., (code_density.n_codes - 1) % fit.n_phases]
+    expected = np.maximum(expected * fit.code_widths[-1], 1e-9)
+    squared = (last / expected - 1.0) ** 2 - 1.0 / expected
+    return float(np.sqrt(max(0.0, float(np.average(squared[good], weights=expected[good])))))
 
 
 def _widths_ps(
     code_density: Histograms, fit: CodeDensityFit, dead_codes: str | None, good: NDArray[np.bool_]
 ) -> tuple[Floats, Floats, float, list[str]]:
     """Width of a plateau code per pixel (ps), relative error, shared relative error, notes."""
-    period = code_density.laser_period_ps
-    if period is None or not fit.period_end_seen:
+    period, covered = code_density.laser_period_ps, _covers_the_period(code_density, fit)
+    if period is None or not (fit.period_end_seen or covered):
         return _widths_without_end(code_density, fit)
+    if covered and not fit.structured:
+        each = np.full(fit.flux.shape, period / code_density.n_codes)
+        return each, np.zeros(fit.flux.shape), 0.0, [_COVERED]
+    cut = _cut_by_the_period(code_density, fit, good) if covered else 0.0
     absorbed, lost = period / fit.codes_absorbed, period / fit.codes_lost
     means = float(absorbed[good].mean()), float(lost[good].mean())
-    absorbed_std = fit.absorbed_std / fit.codes_absorbed
-    lost_std = fit.lost_std / fit.codes_lost
+    absorbed_std = np.hypot(fit.absorbed_std, cut) / fit.codes_absorbed
+    lost_std = np.hypot(fit.lost_std, cut) / fit.codes_lost
+    if covered and not fit.dead_codes:
+        return absorbed, absorbed_std, 0.0, [_COVERED]
     if not fit.dead_codes:
         return lost, lost_std, 0.0, [f"mean code {means[1]:.2f} ps; no dead codes"]
     notes = [
@@ -137,14 +168,9 @@ def _widths_without_end(
             "the code-density recording shows no end of the laser period and has no bin_width_ps: "
             "give bin_width_ps (or laser_period_ps, where the codes cover the period)"
         )
-    if code_density.laser_period_ps is not None and _covers_the_period(code_density, fit):
-        each = np.full(fit.flux.shape, code_density.laser_period_ps / code_density.n_codes)
-        text = "the codes cover the laser period: the widths of each pixel add up to it"
-        return each, np.zeros(fit.flux.shape), 0.0, [text]
-    gain_std = ASSUMED_GAIN_STD
-    if code_density.laser_period_ps is not None:
+    gain_std, hidden = ASSUMED_GAIN_STD, _hidden_codes(code_density)
+    if hidden is not None:
         # Codes that stop just short of the period: an end in no pixel bounds the gains' spread.
-        hidden = code_density.laser_period_ps / width - code_density.n_codes
         gain_std = min(gain_std, (abs(hidden) + 1.0) / code_density.n_codes)
     text = (
         "the codes show no end of the laser period, so gains cannot be measured: nominal ones are "

@@ -31,7 +31,6 @@ from lightflight.errors import CalibrationError, SuspectDataWarning
 from lightflight.recording.histograms import Histograms
 from lightflight.timing.calibrate.code_pattern import (
     CodePattern,
-    Plateau,
     drawn_to_mean,
     find_pattern_length,
     fit_free_widths,
@@ -40,12 +39,15 @@ from lightflight.timing.calibrate.code_pattern import (
     pixel_blocks,
 )
 from lightflight.timing.calibrate.period_end import FARTHEST_FROM_END, PeriodEnd, fit_period_end
-from lightflight.timing.clock.code_edges import edges_and_end, relative_widths
+from lightflight.timing.calibrate.shared_widths import Plateau
+from lightflight.timing.clock.code_edges import edges_and_end, end_factor, relative_widths
 
 _FEWEST_PHOTONS = 200
 _MOST_SPECIAL_CODES = 16
 _PULSE_HEIGHT = 1.6
 _MOST_PHOTONS_PER_PERIOD = 0.02
+_CLEAR = 1.0
+"""Of a code: one that ends so far before the period, and three blurs, is whole."""
 _ROUNDS = 200
 """Of expectation and maximisation; with 260 the same to 1e-4 where half of the array is unseen."""
 
@@ -73,6 +75,8 @@ class CodeDensityFit:
         True spread (rms) between pixels of each of `phases`, the noise taken off.
     code_widths : array of float, shape (codes,)
         Relative widths all pixels share; 0 for dead codes.
+    code_width_std : float
+        Error of one of them, rms.
     first_live_code : int
         The first code that is not dead.
     first_live_width : array of float, shape (rows, cols)
@@ -117,6 +121,8 @@ class CodeDensityFit:
     phase_spread: float
 
     code_widths: Floats
+
+    code_width_std: float
 
     first_live_code: int
 
@@ -333,13 +339,13 @@ def _fit(
     first, first_std = np.full(n_pixels, np.nan), np.zeros(n_pixels)
     end = PeriodEnd(np.full(n_pixels, float(hist.n_codes)), np.zeros(n_pixels), 0.0, 0.0, _NONE)
     if structured:
-        if pattern.widths[plateau.first_live] != pattern.regular[plateau.first_live]:
+        if pattern.shared.widths[plateau.first_live] != pattern.shared.regular[plateau.first_live]:
             first, first_std = _first_live_widths(counts[:, plateau.first_live], pattern.flux, good)
         if plateau.end_seen:
-            end = fit_period_end(
-                counts, flux=pattern.flux, phases=pattern.phases, regular=pattern.regular,
-                good=good, start=plateau.fall,
-            )  # fmt: skip
+            end = _period_end(counts, pattern, good, plateau)
+            if pattern.shared.spread2 > 0.0:
+                pattern = _with_last_codes(counts, pattern, end, good, plateau)
+                end = _period_end(counts, pattern, good, plateau)
     words = words.copy()
     words[good & (z_score > 6.0)] |= flags.POOR_FIT
     absorbed, lost, lost_std = _codes_per_period(pattern, plateau.first_live, first, end)
@@ -347,7 +353,8 @@ def _fit(
     fit = CodeDensityFit(
         flux=pattern.flux.reshape(shape), phases=pattern.phases.reshape(*shape, -1),
         phase_std=pattern.phase_std.reshape(*shape, -1), phase_spread=pattern.phase_spread,
-        code_widths=pattern.widths, first_live_code=plateau.first_live,
+        code_widths=pattern.shared.widths, code_width_std=pattern.shared.std,
+        first_live_code=plateau.first_live,
         first_live_width=first.reshape(shape),
         end_code=end.end_code.reshape(shape),
         end_blur_codes=end.blur_codes, end_widths=end.end_widths,
@@ -362,6 +369,34 @@ def _fit(
     return _typical_where_unusable(fit)
 
 
+def _period_end(
+    counts: Counts, pattern: CodePattern, good: NDArray[np.bool_], plateau: Plateau
+) -> PeriodEnd:
+    return fit_period_end(
+        counts, flux=pattern.flux, phases=pattern.phases, regular=pattern.shared.regular,
+        good=good, start=plateau.fall,
+    )  # fmt: skip
+
+
+def _with_last_codes(
+    counts: Counts,
+    pattern: CodePattern,
+    end: PeriodEnd,
+    good: NDArray[np.bool_],
+    plateau: Plateau,
+) -> CodePattern:
+    """The pattern with the widths of codes that some pixels see before their period ends."""
+    code = np.arange(plateau.fall, counts.shape[1])
+    whole = good[:, np.newaxis] & (end.end_code[:, np.newaxis] > code + _CLEAR + 3 * end.blur_codes)
+    mean = pattern.phases[:, code % pattern.phases.shape[1]] * pattern.shared.regular[code]
+    if len(end.end_widths):
+        mean = mean * end_factor(end.end_code, code, end.end_widths)
+    observed, expected = np.zeros((2, counts.shape[1]))
+    observed[code] = np.sum(np.where(whole, counts[:, code], 0), axis=0)
+    expected[code] = np.sum(np.where(whole, pattern.flux[:, np.newaxis] * mean, 0.0), axis=0)
+    return replace(pattern, shared=pattern.shared.with_counts(observed, expected))
+
+
 def _codes_per_period(
     pattern: CodePattern, first_live: int, first: Floats, end: PeriodEnd
 ) -> tuple[Floats, Floats, Floats]:
@@ -371,12 +406,12 @@ def _codes_per_period(
     """
     n_pixels, n_phases = pattern.phases.shape
     absorbed, lost, variance = (np.zeros(n_pixels) for _ in range(3))
-    code = np.arange(len(pattern.widths))
+    code = np.arange(len(pattern.shared.widths))
     for block in pixel_blocks(n_pixels):
         end_code, phases = end.end_code[block], pattern.phases[block]
         near_end = {"end_code": end_code, "end_widths": end.end_widths}
         widths = relative_widths(
-            phases, shared=pattern.widths, first_live_code=first_live,
+            phases, shared=pattern.shared.widths, first_live_code=first_live,
             first_live_width=first[block], **near_end,
         )  # fmt: skip
         absorbed[block] = edges_and_end(widths, end_code)[1]
@@ -384,7 +419,7 @@ def _codes_per_period(
             lost[block] = absorbed[block] + max(first_live - pattern.start_excess, 0.0)
             continue
         regular = relative_widths(
-            phases, shared=pattern.regular, first_live_code=first_live,
+            phases, shared=pattern.shared.regular, first_live_code=first_live,
             first_live_width=np.full(len(phases), np.nan), **near_end,
         )  # fmt: skip
         lost[block] = edges_and_end(regular, end_code)[1]

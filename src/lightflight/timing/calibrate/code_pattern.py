@@ -12,46 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.timing.calibrate.shared_widths import Plateau, SharedWidths, shared_widths
+
 _LONGEST_PATTERN = 64
-_SMOOTH_DEGREE = 4
 _BLOCK = 2048
 
 Counts = NDArray[np.unsignedinteger]
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Plateau:
-    """Codes from `start` to `stop` are all alike; they decide flux and pattern.
-
-    Attributes
-    ----------
-    first_live : int
-        First code that is not dead.
-    start : int
-        First code after those that may take up the dead ones' time.
-    stop : int
-        First code that the end of the period may disturb.
-    fall : int
-        First code that may lie beyond the end of the period in some pixel.
-    end_seen : bool
-        False where codes stop before the period does.
-    """
-
-    first_live: int
-
-    start: int
-
-    stop: int
-
-    fall: int
-
-    end_seen: bool
-
-    @property
-    def codes(self) -> NDArray[np.intp]:
-        """The codes of the plateau."""
-        return np.arange(self.start, self.stop)
 
 
 def find_pattern_length(counts: Counts, *, start: int, stop: int) -> int:
@@ -115,10 +82,8 @@ class CodePattern:
         Standard error of `phases`.
     phase_spread : float
         True spread (rms) of `raw_phases` between pixels, the noise taken off.
-    regular : array of float, shape (codes,)
-        Shared relative widths without dead and first live codes' own.
-    widths : array of float, shape (codes,)
-        Shared relative widths; 0 for dead codes.
+    shared : SharedWidths
+        What all pixels share.
     start_excess : float
         Free widths only: time of the first live codes beyond that of as many plateau codes.
     """
@@ -133,9 +98,7 @@ class CodePattern:
 
     phase_spread: float
 
-    regular: Floats
-
-    widths: Floats
+    shared: SharedWidths
 
     start_excess: float = 0.0
 
@@ -164,7 +127,7 @@ def fit_pattern(
     n_codes = counts.shape[1]
     summed = counts[good].sum(axis=0, dtype=np.float64)
     phase_of_code = np.arange(n_codes) % n_phases
-    regular, widths = np.ones(n_codes), np.ones(n_codes)
+    shared = SharedWidths(np.ones(n_codes), np.ones(n_codes))
     phase_counts = np.stack(
         [
             counts[:, k : plateau.stop : n_phases].sum(axis=1, dtype=np.float64)
@@ -176,10 +139,10 @@ def fit_pattern(
     phase_counts = np.roll(phase_counts, plateau.start % n_phases, axis=1)
     for _ in range(4):
         time = np.bincount(
-            phase_of_code[plateau.codes], weights=widths[plateau.codes], minlength=n_phases
+            phase_of_code[plateau.codes], weights=shared.widths[plateau.codes], minlength=n_phases
         )
         level = phase_counts / time
-        regular, widths = _shared_widths(summed, level[good].sum(axis=0)[phase_of_code], plateau)
+        shared = shared_widths(summed, level[good].sum(axis=0)[phase_of_code], plateau)
     flux = level.mean(axis=1)
     safe = np.maximum(flux, 1e-12)[:, None]
     raw = level / safe
@@ -192,7 +155,7 @@ def fit_pattern(
     mean = phases.mean(axis=1, keepdims=True)
     # All counts over all time: drawn phases lend the flux their smaller noise.
     flux = phase_counts.sum(axis=1) / np.maximum((phases / mean) @ time, 1e-12)
-    return CodePattern(flux, raw, phases / mean, phase_std, spread, regular, widths)
+    return CodePattern(flux, raw, phases / mean, phase_std, spread, shared)
 
 
 def fit_free_widths(
@@ -221,78 +184,12 @@ def fit_free_widths(
     raw = counts / safe
     std = np.sqrt(np.maximum(counts, 1.0)) / safe
     spread = float(np.sqrt(np.mean(np.var(raw[good][:, plateau.codes], axis=0))))
-    regular = np.ones(n_phases)
     widths = np.where(np.arange(n_phases) < plateau.first_live, 0.0, 1.0)
     excess = raw[good][:, plateau.first_live : plateau.start].mean(axis=0) - 1.0
     # Only an unbroken run from the first live code on can hold the dead ones' time.
     wide = np.cumprod(excess > 0.05).astype(bool)
-    return CodePattern(flux, raw, raw, std, spread, regular, widths, float(excess[wide].sum()))
-
-
-def _shared_widths(summed: Floats, expected: Floats, plateau: Plateau) -> tuple[Floats, Floats]:
-    """Widths that all pixels share, from the counts of the whole array: regular, and all.
-
-    A Legendre series in the code, as many terms as the counts demand, is the regular part; the
-    first live codes, and single codes that stand out, have a width of their own. Where more
-    than a tenth of all codes stands out, every code has.
-    """
-    code = np.arange(len(summed))
-    place = 2.0 * (code - plateau.start) / (plateau.stop - 1 - plateau.start) - 1.0
-    plain = (code >= plateau.start) & (code < plateau.stop)
-    regular = _smooth_widths(summed, expected, place, plain)
-    for _ in range(2):
-        ratio = summed / np.maximum(expected * regular, 1e-9)
-        z = (ratio - 1.0) * np.sqrt(np.maximum(expected * regular, 1e-9))
-        # Significant and large: with enough counts every code is significantly odd.
-        odd = (np.abs(z) > 6.0) & (np.abs(ratio - 1.0) > 0.005)
-        inside = (code >= plateau.start) & (code < plateau.stop)
-        if np.mean(odd[inside]) > 0.1:
-            odd[inside] = True
-            break
-        plain = inside & ~odd
-        regular = _smooth_widths(summed, expected, place, plain)
-    widths = regular.copy()
-    widths[inside & odd] *= ratio[inside & odd]
-    for k in range(plateau.first_live, plateau.start):
-        if not odd[k]:
-            break
-        widths[k] = summed[k] / expected[k]
-    widths[: plateau.first_live] = 0.0
-    scale = np.sum(expected[inside] * widths[inside]) / np.sum(expected[inside])
-    return regular / scale, widths / scale
-
-
-def _smooth_widths(
-    summed: Floats, expected: Floats, place: Floats, plain: NDArray[np.bool_]
-) -> Floats:
-    """exp(Legendre series) fitted to summed / expected by Poisson likelihood (Newton steps).
-
-    A term stays if it lowers the deviance by more than 16 (one in 16,000 by chance).
-    """
-    best = np.full(len(summed), summed[plain].sum() / expected[plain].sum())
-    best_deviance = _deviance(summed[plain], (expected * best)[plain])
-    for degree in range(1, _SMOOTH_DEGREE + 1):
-        basis = np.polynomial.legendre.legvander(place, degree)
-        coefficients = np.zeros(degree + 1)
-        coefficients[0] = np.log(summed[plain].sum() / expected[plain].sum())
-        for _ in range(6):
-            mean = expected[plain] * np.exp(basis[plain] @ coefficients)
-            gradient = basis[plain].T @ (summed[plain] - mean)
-            hessian = (basis[plain].T * mean) @ basis[plain]
-            coefficients = coefficients + np.linalg.solve(hessian, gradient)
-        trial = np.exp(basis @ coefficients)
-        deviance = _deviance(summed[plain], (expected * trial)[plain])
-        if deviance < best_deviance - 16.0:
-            best, best_deviance = trial, deviance
-    return best
-
-
-def _deviance(observed: Floats, mean: Floats) -> float:
-    """Twice the log-likelihood ratio of Poisson counts to a perfect fit."""
-    filled = observed > 0
-    terms = mean - observed
-    terms[filled] += observed[filled] * np.log(observed[filled] / mean[filled])
-    return 2.0 * float(terms.sum())
+    shared = SharedWidths(np.ones(n_phases), widths)
+    return CodePattern(flux, raw, raw, std, spread, shared, float(excess[wide].sum()))
 
 
 def drawn_to_mean(
@@ -371,7 +268,8 @@ def pattern_goodness(
     if dof <= 0:
         return chi2, np.zeros(len(counts)), np.zeros(len(counts))
     for block in pixel_blocks(len(counts)):
-        mean = model.raw_phases[block][:, plateau.codes % n_phases] * model.widths[plateau.codes]
+        mean = model.raw_phases[block][:, plateau.codes % n_phases]
+        mean = mean * model.shared.widths[plateau.codes]
         mean = np.maximum(mean * model.flux[block][:, None], 1e-9)
         chi2[block] = np.sum((counts[block][:, plateau.codes] - mean) ** 2 / mean, axis=1)
         total[block], inverse[block] = mean.sum(axis=1), np.minimum(1.0 / mean, 1.0).sum(axis=1)
@@ -379,7 +277,8 @@ def pattern_goodness(
     z_score = (chi2 - dof) / np.sqrt(noise2)
     excess = chi2 - dof
     misfit2 = np.where(z_score > 5.0, excess / np.maximum(total, 1.0), 0.0)
-    if excess[good].sum() > 5.0 * np.sqrt(noise2[good].sum()):
+    # Of all pixels together it is told where it explains more than its price (Schwarz).
+    if excess[good].sum() > np.sqrt(np.log(dof * good.sum()) * noise2[good].sum()):
         misfit2 = np.maximum(misfit2, excess[good].sum() / total[good].sum())
     return chi2, z_score, np.sqrt(np.maximum(misfit2, 0.0))
 

@@ -68,6 +68,12 @@ def fit_notes(
         )
         warnings.warn(text, SuspectDataWarning, stacklevel=4)
         notes.append(text)
+    if fit.code_width_std > 0.0:
+        live = fit.code_widths[fit.code_widths > 0.0]
+        notes.append(
+            f"codes differ one by one by {100 * np.std(live):.1f} % rms in all pixels alike, known "
+            f"to {100 * fit.code_width_std:.2f} %"
+        )
     if fit.first_live_code > 0:
         notes.append(
             f"codes 0-{fit.first_live_code - 1} hold no light; code {fit.first_live_code} is "

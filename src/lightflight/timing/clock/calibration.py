@@ -38,6 +38,7 @@ from lightflight.timing.clock.code_edges import (
     phase_lever,
     relative_widths,
     walk_variance,
+    walked,
 )
 from lightflight.timing.clock.possible import (
     check_plain_values,
@@ -80,6 +81,8 @@ def _typical(std_ps: Floats) -> str:
     return f"{number(float(np.median(known)), 2)} ps in a typical pixel"
 
 
+_WALKED_PS = np.array([600.0, 2500.0])
+"""Ends of the stretches, ps from the flat, in each of which errors of code widths add up to one."""
 _STRANGEST = 1000.0
 """Times the nominal width of a code: a pixel so far off has no clock. Real ones are within 2."""
 
@@ -148,6 +151,9 @@ class TimingCalibration(Drawn, Labelled):
         Relative error of `bin_width_ps`, shared by all pixels (dead codes absorbed or lost).
     code_length_std : float
         Relative error of the codes' length since the calibration (a warm camera), shared.
+    code_width_std : float
+        Relative error of one of `code_widths`, rms: what is left of codes that are unequal one by
+        one. It adds up like a walk from the flat's delay to a pulse's, alike in all pixels.
     assumed_skew_std_ps : float
         Spread of delays assumed for pixels without a flat, ps.
     flat_modes_ps : array of float, shape (rows, cols, k)
@@ -227,6 +233,8 @@ class TimingCalibration(Drawn, Labelled):
     provenance: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     code_length_std: float = field(default=0.0, kw_only=True)
+
+    code_width_std: float = field(default=0.0, kw_only=True)
 
     response_place_ps: float | None = field(default=None, kw_only=True)
 
@@ -438,6 +446,11 @@ class TimingCalibration(Drawn, Labelled):
             counted = self._folded_start() + (self.laser_period_ps or 0.0) * self.reversed_codes
             modes.append((self.code_length_std * np.abs(delay - counted))[:, None])
             names.append("code length")
+        if self.code_width_std > 0:
+            codes = distance / self._width_ps(rows, cols)
+            steps = walked(codes, _WALKED_PS / self.bin_width_ps)
+            modes.append(self.code_width_std * self.bin_width_ps * steps)
+            names.extend(f"code widths {k + 1}" for k in range(steps.shape[1]))
         return np.concatenate(modes, axis=1), tuple(names)
 
     @classmethod

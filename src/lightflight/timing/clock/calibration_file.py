@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _SCHEMA = 2
 """1: pulses stand at the mean of their shape; 2: at `response_place_ps`."""
 
-_LATER_FIELDS = {"code_length_std", "response_curve", "response_place_ps"}
+_LATER_FIELDS = {"code_length_std", "code_width_std", "response_curve", "response_place_ps"}
 """Fields that files of earlier versions do not have."""
 
 

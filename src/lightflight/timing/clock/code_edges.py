@@ -4,6 +4,8 @@ Pure functions in units of the width of a plateau code, shared by `code_density`
 those numbers, and `TimingCalibration`, which gives edges on demand.
 """
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -126,6 +128,33 @@ def walk_variance(code: Floats, anchor: Floats, end_code: Floats) -> Floats:
     # Without a flat nothing is known but the period's end: the walk starts there.
     between = np.abs(code - np.where(np.isfinite(anchor), anchor, end_code))
     return np.asarray(between * np.maximum(1.0 - between / end_code, 0.0))
+
+
+def walked(codes: Floats, ends: Floats) -> Floats:
+    """A walk of unit steps from zero to some places, by stretches that are independent: (n, 2 k).
+
+    Within each stretch it is taken for a straight line: one number says where it leads.
+
+    Parameters
+    ----------
+    codes : array of float, shape (n,)
+        Distance that is walked, forward or back.
+    ends : array of float, shape (k - 1,)
+        Of the stretches but the last, ascending; the same in both directions.
+
+    Returns
+    -------
+    array of float, shape (n, 2 k)
+        Its squares summed up are the variance at the end of each stretch.
+    """
+    columns = []
+    for gone in (codes, -codes):
+        passed = np.maximum(gone, 0.0)
+        for first, last in pairwise((0.0, *ends)):
+            inside = np.clip(passed - first, 0.0, last - first)
+            columns.append(inside / np.sqrt(last - first))
+        columns.append(np.sqrt(np.maximum(passed - ends[-1], 0.0)))
+    return np.stack(columns, axis=1)
 
 
 def phase_lever(code: Floats, response_codes: Floats, n_phases: int) -> Floats:

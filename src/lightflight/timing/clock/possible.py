@@ -14,15 +14,15 @@ from lightflight.arguments import array_of_numbers, pixels_of_shape
 
 _NUMBERS = (
     "first_edge_ps", "bin_width_ps", "laser_period_ps", "scale_std", "assumed_skew_std_ps",
-    "code_length_std", "response_place_ps",
+    "code_length_std", "code_width_std", "response_place_ps",
 )  # fmt: skip
 _CODES = ("n_codes", "first_live_code", "no_photon_code")
 _YES_OR_NO = ("reversed_codes", "period_end_seen")
 _OR_NONE = ("laser_period_ps", "no_photon_code", "response_place_ps")
 _POSITIVE = ("bin_width_ps", "laser_period_ps", "n_codes")
 _NOT_NEGATIVE = (
-    "scale_std", "assumed_skew_std_ps", "code_length_std", "gain", "phases", "code_widths",
-    "gain_std", "phase_std", "misfit_std", "skew_std_ps", "response_std_ps",
+    "scale_std", "assumed_skew_std_ps", "code_length_std", "code_width_std", "gain", "phases",
+    "code_widths", "gain_std", "phase_std", "misfit_std", "skew_std_ps", "response_std_ps",
 )  # fmt: skip
 _WHOLE = ("code_widths", "end_widths", "flat_modes_ps", "response_curve")
 """Arrays without a pixel that is not known: NaN has no place in them."""
