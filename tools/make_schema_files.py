@@ -148,6 +148,12 @@ def known_calibration_with_tail() -> lf.TimingCalibration:
     return replace(known_calibration(), response_curve=curve, response_place_ps=2.5)
 
 
+def known_calibration_of_unequal_codes() -> lf.TimingCalibration:
+    """The same, of codes that differ one by one: schema 3 of calibrations."""
+    widths = 1.0 + 0.05 * np.sin(np.arange(32.0) ** 2)
+    return replace(known_calibration(), code_widths=widths, code_width_std=0.004)
+
+
 def main() -> None:
     """Write the files of the current version."""
     FOLDER.mkdir(exist_ok=True)
@@ -172,6 +178,7 @@ def main() -> None:
         ("path_through_glass", 4, known_path_through_glass()),
         ("calibration", 1, known_calibration()),
         ("calibration", 2, known_calibration_with_tail()),
+        ("calibration", 3, known_calibration_of_unequal_codes()),
     ):
         path = FOLDER / f"{name}_schema_{version}.h5"
         if path.exists():

@@ -18,6 +18,7 @@ from tools.make_schema_files import (
     CLOCK,
     SETTINGS,
     known_calibration,
+    known_calibration_of_unequal_codes,
     known_calibration_with_tail,
     known_frames,
     known_path,
@@ -182,3 +183,13 @@ def test_the_tail_of_a_calibration_is_read():
     assert clock.response_place_ps == expected.response_place_ps
     # Files of schema 1 say no place: their pulses stand at the mean.
     assert lf.TimingCalibration.load(FOLDER / "calibration_schema_1.h5").response_place_ps is None
+
+
+def test_what_is_left_of_unequal_codes_is_read():
+    expected = known_calibration_of_unequal_codes()
+    clock = lf.TimingCalibration.load(FOLDER / "calibration_schema_3.h5")
+    assert clock.code_width_std == expected.code_width_std
+    np.testing.assert_array_equal(clock.code_widths, expected.code_widths)
+    assert "code widths 1" in clock.shared_errors_ps([0], [0], [900.0])[1]
+    # Files of earlier versions say nothing of it: nothing is added.
+    assert lf.TimingCalibration.load(FOLDER / "calibration_schema_2.h5").code_width_std == 0.0

@@ -16,8 +16,9 @@ from lightflight.timing.clock.possible import check_plain_values
 if TYPE_CHECKING:
     from lightflight.timing.clock.calibration import TimingCalibration
 
-_SCHEMA = 2
-"""1: pulses stand at the mean of their shape; 2: at `response_place_ps`."""
+_SCHEMA = 3
+"""1: pulses stand at the mean of their shape; 2: at `response_place_ps`; 3: codes have an error
+that all pixels share (`code_width_std`)."""
 
 _LATER_FIELDS = {"code_length_std", "code_width_std", "response_curve", "response_place_ps"}
 """Fields that files of earlier versions do not have."""
@@ -40,8 +41,9 @@ def save_calibration(timing: TimingCalibration, path: str | os.PathLike[str]) ->
         for name, value in values.items()
         if name not in arrays
     }
-    # Where no place is given, nothing has changed: earlier versions may go on reading.
-    attributes["calibration_schema"] = 1 if timing.response_place_ps is None else _SCHEMA
+    # Where a file says nothing that is new, earlier versions may go on reading.
+    schema = 1 if timing.response_place_ps is None else 2
+    attributes["calibration_schema"] = _SCHEMA if timing.code_width_std > 0.0 else schema
     attributes["provenance"] = dict(timing.provenance)
     save_record(path, kind="calibration", arrays=arrays, attributes=attributes)
 
