@@ -387,13 +387,17 @@ def _with_last_codes(
 ) -> CodePattern:
     """The pattern with the widths of codes that some pixels see before their period ends."""
     code = np.arange(plateau.fall, counts.shape[1])
-    whole = good[:, np.newaxis] & (end.end_code[:, np.newaxis] > code + _CLEAR + 3 * end.blur_codes)
-    mean = pattern.phases[:, code % pattern.phases.shape[1]] * pattern.shared.regular[code]
-    if len(end.end_widths):
-        mean = mean * end_factor(end.end_code, code, end.end_widths)
     observed, expected = np.zeros((2, counts.shape[1]))
-    observed[code] = np.sum(np.where(whole, counts[:, code], 0), axis=0)
-    expected[code] = np.sum(np.where(whole, pattern.flux[:, np.newaxis] * mean, 0.0), axis=0)
+    usable = np.flatnonzero(good)
+    for some in pixel_blocks(len(usable)):
+        block = usable[some]
+        mean = pattern.phases[block][:, code % pattern.phases.shape[1]]
+        mean = mean * pattern.shared.regular[code] * pattern.flux[block, np.newaxis]
+        if len(end.end_widths):
+            mean = mean * end_factor(end.end_code[block], code, end.end_widths)
+        whole = end.end_code[block, np.newaxis] > code + _CLEAR + 3.0 * end.blur_codes
+        observed[code] += np.sum(counts[block][:, code], axis=0, where=whole)
+        expected[code] += np.sum(mean, axis=0, where=whole)
     return replace(pattern, shared=pattern.shared.with_counts(observed, expected))
 
 
