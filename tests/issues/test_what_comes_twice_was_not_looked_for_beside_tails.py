@@ -19,7 +19,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightW
 @pytest.mark.parametrize(
     ("defect", "share", "seed"),
     [
-        ("second", 0.03, 901),
+        ("second", 0.03, 1000),
         pytest.param("wall", 0.1, 904, marks=pytest.mark.long),
         pytest.param("wall", 0.1, 908, marks=pytest.mark.long),
         pytest.param("second", 0.1, 903, marks=pytest.mark.long),
@@ -34,4 +34,14 @@ def test_it_is_taken_into_the_fit(defect, share, seed):
     assert path.verdict.level == "check", path.verdict
     assert path.verdict.findings[0].sentence.endswith("taken into the fit")
     assert path.n_legs == len(lab.vertices) - 1
+    assert (pulls_of(lab, path)[:, 1] < 5.0).all()
+
+
+@pytest.mark.long
+def test_it_is_named_where_times_scatter_besides():
+    """Uneven light that takes 200 ps through a pixel: 3 ps more than bright pulses err by."""
+    lab, hist, told = recording_of("second", 0.03, 901)
+    path = lf.reconstruct(hist, **told)
+    assert path.verdict.level == "contradicted", path.verdict
+    assert path.verdict.findings[0].name == "other_pulse"
     assert (pulls_of(lab, path)[:, 1] < 5.0).all()
