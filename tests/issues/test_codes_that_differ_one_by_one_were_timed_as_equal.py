@@ -10,6 +10,7 @@ import pytest
 
 import lightflight as lf
 from benchmarks.random_clocks import Clock, drawn_clock, outcome
+from lightflight.timing.calibrate.code_pattern import find_pattern_length
 
 pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
 
@@ -26,6 +27,28 @@ def test_times_are_within_their_errors(kind, seed):
     assert np.abs(mean).max() < 4.5
     assert 0.7 < np.sqrt(np.mean(pixels**2)) < 1.3
     assert most < 9.0
+
+
+@pytest.mark.parametrize("uneven", [0.01, 0.04, 0.2])
+def test_they_repeat_nothing(uneven):
+    """Twelve arrays of each: patterns of 15 to 58 codes were told of, which repeated by chance."""
+    rng = np.random.default_rng(14)
+    for n_codes in (150, 300, 700):
+        for counts in (30.0, 1000.0):
+            widths = np.maximum(1.0 + uneven * rng.normal(size=n_codes), 0.0)
+            for _ in range(2):
+                drawn = rng.poisson(counts * widths, (256, n_codes))
+                assert find_pattern_length(drawn, start=0, stop=n_codes) == 1
+
+
+@pytest.mark.parametrize("n", [4, 8, 16])
+def test_a_pattern_among_them_is_found(n):
+    """Of 3 % in each pixel, where codes differ by 4 % besides."""
+    rng = np.random.default_rng(15)
+    for _ in range(5):
+        phases = 1.0 + 0.03 * rng.normal(size=(256, n)) + 0.05 * rng.normal(size=n)
+        widths = phases[:, np.arange(600) % n] * (1.0 + 0.04 * rng.normal(size=600))
+        assert find_pattern_length(rng.poisson(300.0 * widths), start=0, stop=600) == n
 
 
 def folded(gain_spread: float) -> Clock:

@@ -46,24 +46,36 @@ def find_pattern_length(counts: Counts, *, start: int, stop: int) -> int:
     summed = counts[:, start:stop].sum(axis=0, dtype=np.float64)[None]
     lengths = np.arange(2, min(_LONGEST_PATTERN, (stop - start) // 8) + 1)
     for table in (sample, summed):
-        gains = [_pattern_excess(table, int(n)) for n in lengths]
+        alone = _chi2_of_pattern(table, table.shape[1])
+        gains = [_pattern_excess(table, int(n), alone) for n in lengths]
         best = int(np.argmax(gains)) if gains else 0
         if gains and gains[best] > 0:
             return int(lengths[best])
     return 1
 
 
-def _pattern_excess(table: Floats, n_phases: int) -> float:
-    """Chi-square that a pattern of this length explains, less chance and ten times its noise."""
-    n_pixels = len(table)
-    flux = table.mean(axis=1)
-    chi2 = 0.0
+def _pattern_excess(table: Floats, n_phases: int, alone: float) -> float:
+    """Chi-square that a pattern of this length explains, less chance and ten times its noise.
+
+    Codes that differ one by one, `alone` in chi-square, bring as much to any pattern as to what it
+    leaves: chance is so much larger, and what all pixels share of it as large in each of them.
+    """
+    n_pixels, n_codes = table.shape
+    chi2 = _chi2_of_pattern(table, n_phases)
+    left = max(1.0, (alone - chi2) / (n_pixels * (n_codes - n_phases)))
+    dof = n_pixels * (n_phases - 1)
+    noise = np.sqrt(2.0 * dof) + (1.0 - 1.0 / left) * n_pixels * np.sqrt(2.0 * (n_phases - 1))
+    return float(chi2 / left - dof - 10.0 * noise)
+
+
+def _chi2_of_pattern(table: Floats, n_phases: int) -> float:
+    """Of the counts of each pixel, summed by (code modulo n_phases), against equal codes."""
+    flux, chi2 = table.mean(axis=1), 0.0
     for phase in range(n_phases):
         part = table[:, phase::n_phases]
         expected = flux * part.shape[1]
         chi2 += float(np.sum((part.sum(axis=1) - expected) ** 2 / np.maximum(expected, 1e-9)))
-    dof = n_pixels * (n_phases - 1)
-    return float(chi2 - dof - 10.0 * np.sqrt(2.0 * dof))
+    return chi2
 
 
 @dataclass(frozen=True)
