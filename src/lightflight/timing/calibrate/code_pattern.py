@@ -46,26 +46,29 @@ def find_pattern_length(counts: Counts, *, start: int, stop: int) -> int:
     summed = counts[:, start:stop].sum(axis=0, dtype=np.float64)[None]
     lengths = np.arange(2, min(_LONGEST_PATTERN, (stop - start) // 8) + 1)
     for table in (sample, summed):
+        if not len(lengths):
+            break
         alone = _chi2_of_pattern(table, table.shape[1])
-        gains = [_pattern_excess(table, int(n), alone) for n in lengths]
-        best = int(np.argmax(gains)) if gains else 0
-        if gains and gains[best] > 0:
-            return int(lengths[best])
+        chi2 = np.array([_chi2_of_pattern(table, int(n)) for n in lengths])
+        # Codes that differ one by one bring as much to any pattern as to what it leaves.
+        best = int(np.argmax(_pattern_excess(chi2, lengths, len(table), 1.0)))
+        cells = len(table) * (table.shape[1] - int(lengths[best]))
+        left = max(1.0, (alone - float(chi2[best])) / cells)
+        gains = _pattern_excess(chi2, lengths, len(table), left)
+        if gains.max() > 0.0:
+            return int(lengths[np.argmax(gains)])
     return 1
 
 
-def _pattern_excess(table: Floats, n_phases: int, alone: float) -> float:
-    """Chi-square that a pattern of this length explains, less chance and ten times its noise.
+def _pattern_excess(chi2: Floats, lengths: NDArray[np.intp], n_pixels: int, left: float) -> Floats:
+    """Chi-square that patterns of some lengths explain, less chance and ten times its noise.
 
-    Codes that differ one by one, `alone` in chi-square, bring as much to any pattern as to what it
-    leaves: chance is so much larger, and what all pixels share of it as large in each of them.
+    Chance is `left` times that of counts, and what of it all pixels share as large in each of them.
     """
-    n_pixels, n_codes = table.shape
-    chi2 = _chi2_of_pattern(table, n_phases)
-    left = max(1.0, (alone - chi2) / (n_pixels * (n_codes - n_phases)))
-    dof = n_pixels * (n_phases - 1)
-    noise = np.sqrt(2.0 * dof) + (1.0 - 1.0 / left) * n_pixels * np.sqrt(2.0 * (n_phases - 1))
-    return float(chi2 / left - dof - 10.0 * noise)
+    dof = n_pixels * (lengths - 1)
+    shared = (1.0 - 1.0 / left) * n_pixels * np.sqrt(2.0 * (lengths - 1))
+    excess: Floats = chi2 / left - dof - 10.0 * (np.sqrt(2.0 * dof) + shared)
+    return excess
 
 
 def _chi2_of_pattern(table: Floats, n_phases: int) -> float:
