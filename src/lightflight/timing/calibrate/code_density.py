@@ -75,6 +75,8 @@ class CodeDensityFit:
         True spread (rms) between pixels of each of `phases`, the noise taken off.
     code_widths : array of float, shape (codes,)
         Relative widths all pixels share; 0 for dead codes.
+    code_spread : float
+        By how much they differ one by one from their smooth course, rms, the noise taken off.
     code_width_std : float
         Error of one of them, rms.
     first_live_code : int
@@ -121,6 +123,8 @@ class CodeDensityFit:
     phase_spread: float
 
     code_widths: Floats
+
+    code_spread: float
 
     code_width_std: float
 
@@ -354,6 +358,7 @@ def _fit(
         flux=pattern.flux.reshape(shape), phases=pattern.phases.reshape(*shape, -1),
         phase_std=pattern.phase_std.reshape(*shape, -1), phase_spread=pattern.phase_spread,
         code_widths=pattern.shared.widths, code_width_std=pattern.shared.std,
+        code_spread=math.sqrt(pattern.shared.spread2),
         first_live_code=plateau.first_live,
         first_live_width=first.reshape(shape),
         end_code=end.end_code.reshape(shape),

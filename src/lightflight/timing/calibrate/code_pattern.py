@@ -45,9 +45,9 @@ def find_pattern_length(counts: Counts, *, start: int, stop: int) -> int:
     sample = counts[:: max(1, len(counts) // 1024), start:stop].astype(np.float64)
     summed = counts[:, start:stop].sum(axis=0, dtype=np.float64)[None]
     lengths = np.arange(2, min(_LONGEST_PATTERN, (stop - start) // 8) + 1)
+    if not len(lengths):
+        return 1
     for table in (sample, summed):
-        if not len(lengths):
-            break
         alone = _chi2_of_pattern(table, table.shape[1])
         chi2 = np.array([_chi2_of_pattern(table, int(n)) for n in lengths])
         # Codes that differ one by one bring as much to any pattern as to what it leaves.

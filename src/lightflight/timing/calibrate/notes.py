@@ -69,10 +69,9 @@ def fit_notes(
         warnings.warn(text, SuspectDataWarning, stacklevel=4)
         notes.append(text)
     if fit.code_width_std > 0.0:
-        live = fit.code_widths[fit.code_widths > 0.0]
         notes.append(
-            f"codes differ one by one by {100 * np.std(live):.1f} % rms in all pixels alike, known "
-            f"to {100 * fit.code_width_std:.2f} %"
+            f"codes differ one by one by {100 * fit.code_spread:.1f} % rms in all pixels alike, "
+            f"known to {100 * fit.code_width_std:.2f} %"
         )
     if fit.first_live_code > 0:
         notes.append(
