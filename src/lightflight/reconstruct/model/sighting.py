@@ -237,6 +237,8 @@ def photons_at_times(
     background_per_ps : array of float, shape (n,)
     """
     pixels = pixel_counts(sighting, rows, cols)
+    response = sighting.timing.response
+    table = None if response is None else response.table()
     arrival_ps = np.column_stack([sighting.as_counted(rows, cols, one) for one in arrival_ps.T])
     period_ps, other, guessed = sighting.histograms.laser_period_ps, None, None
     if sighting.diffuse is not None:
@@ -251,7 +253,7 @@ def photons_at_times(
     def without(light: Floats | None) -> tuple[Floats, Floats, Floats]:
         return amplitudes_at_times(
             pixels.counts, pixels.lower_ps, pixels.upper_ps, period_ps,
-            arrival_ps + pixels.skew_ps[:, np.newaxis], std_ps, light,
+            arrival_ps + pixels.skew_ps[:, np.newaxis], std_ps, light, table=table,
         )  # fmt: skip
 
     photons, variance, background = without(other)

@@ -14,7 +14,10 @@ from scipy.special import ndtr
 Floats = NDArray[np.float64]
 
 _REACH = 5.0
-"""Half width of a pulse's window, in standard deviations."""
+"""Half width of a pulse's window, in standard deviations: 3e-7 of a Gaussian on either side."""
+
+_BEYOND = 3e-7
+"""Share of a pulse of another shape that comes before and after its window, each."""
 
 _DAMPING = 1e-9
 """Keeps two pulses at one place apart; nothing otherwise."""
@@ -34,11 +37,14 @@ def amplitudes_at_times(
     delays: Floats,
     stds: Floats,
     other: Floats | None = None,
+    *,
+    table: Floats | None = None,
 ) -> tuple[Floats, Floats, Floats]:
     """Photons of each pulse (n, L), their variance without light (n, L), background rate (n,).
 
     counts, lower, upper: (n, codes); delays, stds: (n, L), NaN delay where a pulse is absent;
-    other: (n, codes), counts expected of light that is no pulse's.
+    other: (n, codes), counts expected of light that is no pulse's; table: the pulses' shape as
+    `Response.table` tells it, whose tail lies beneath the pulses that follow; None: Gaussians.
     The variance is the one an amplitude would have were it zero, that is the share of the
     background; the light adds its own count. Amplitudes may come out negative: nothing is
     clipped, so sums stay unbiased.
@@ -48,7 +54,8 @@ def amplitudes_at_times(
     other = np.broadcast_to(other, counts.shape)
     parts = [
         _amplitudes(
-            counts[part], lower[part], upper[part], period, delays[part], stds[part], other[part]
+            counts[part], lower[part], upper[part], period, delays[part], stds[part], other[part],
+            table,
         )
         for part in (slice(i, i + step) for i in range(0, max(len(counts), 1), step))
     ]
@@ -58,15 +65,17 @@ def amplitudes_at_times(
 
 def _amplitudes(
     counts: NDArray[np.generic], lower: Floats, upper: Floats, period: float | None,
-    delays: Floats, stds: Floats, other: Floats,
+    delays: Floats, stds: Floats, other: Floats, table: Floats | None,
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """`amplitudes_at_times` of a few pixels."""
+    first, last = _window(table)
     middle, width = 0.5 * (lower + upper), upper - lower
     live = width > 0.0
     near = np.zeros((*delays.shape, counts.shape[1]), dtype=bool)
     for j in range(delays.shape[1]):
-        offset = np.abs(_the_shorter_way(middle - delays[:, j : j + 1], period))
-        near[:, j] = live & (offset < _REACH * stds[:, j : j + 1] + 0.5 * width)
+        offset, std = _the_shorter_way(middle - delays[:, j : j + 1], period), stds[:, j : j + 1]
+        near[:, j] = live & (offset > first * std - 0.5 * width)
+        near[:, j] &= offset < last * std + 0.5 * width
     inside = np.asarray(near.any(axis=1))
     exposed = np.sum(width * (live & ~inside), axis=1)
     above = counts.astype(np.float64) - other
@@ -84,9 +93,22 @@ def _amplitudes(
         its, k = np.nonzero(near[row, j, order])
         offset = _the_shorter_way(middle[its, k] - delays[its, j], period)
         half, std = 0.5 * width[its, k], stds[its, j]
-        share[its, j, k] = ndtr((offset + half) / std) - ndtr((offset - half) / std)
+        share[its, j, k] = _come((offset + half) / std, table) - _come((offset - half) / std, table)
     photons = _maximum_likelihood(share, above, due, np.isnan(delays))
     return photons, _variance_without(share, due, photons), rate
+
+
+def _come(z: Floats, table: Floats | None) -> Floats:
+    """Share of a pulse that came before places (n,), in standard deviations."""
+    return np.asarray(ndtr(z) if table is None else np.interp(z, table[0], table[1]))
+
+
+def _window(table: Floats | None) -> tuple[float, float]:
+    """First and last place of a pulse's window, in standard deviations."""
+    if table is None:
+        return -_REACH, _REACH
+    first, last = np.searchsorted(table[1], (_BEYOND, 1.0 - _BEYOND))
+    return float(table[0, max(first - 1, 0)]), float(table[0, min(last, table.shape[1] - 1)])
 
 
 def _the_shorter_way(offset: Floats, period: float | None) -> Floats:
