@@ -84,7 +84,8 @@ def _clear_of_ends(fit: JointFit, setting: Setting) -> JointFit:
         check_enough(times, fit.freedom.n_unknown)
     except NothingFoundError:
         return fit
-    return replace(fit, times=times, sighting_of=fit.sighting_of[clear])
+    solution = replace(fit.solution, residual_ps=fit.solution.residual_ps[clear])
+    return replace(fit, solution=solution, times=times, sighting_of=fit.sighting_of[clear])
 
 
 def _finely_solved(fit: JointFit, setting: Setting) -> JointFit:
@@ -120,17 +121,20 @@ def finely_lit(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Jo
     """
     seen, clock = as_found(fit.solution, setting, list(fit.sightings))
     std = pulse_std_ps(sightings)
-    found = [replace(o, found=same.found) for o, same in zip(sightings, clock, strict=True)]
+    moved = [replace(o, found=same.found) for o, same in zip(sightings, clock, strict=True)]
     pictures = pictures_of(
-        fit.solution.state, found, seen, std_ps=std, fine=True, active_px=fit.active_px
+        fit.solution.state, moved, seen, std_ps=std, fine=True, active_px=fit.active_px
     )
     shown = replace(fit, pictures=pictures, lines=told_lines(pictures, sightings, setting, seen))
-    uneven = uneven_light(shown, sightings, setting)
     # What was known of uneven light before stands behind the errors of the clock.
-    of_clock = fit.times.modes_ps[:, : _n_of_clock(fit)]
+    of_clock, columns = np.split(fit.times.modes_ps, [_n_of_clock(fit)], axis=1)
+    of_light = columns @ fit.solution.modes[of_clock.shape[1] :]
+    feet = _feet(shown, seen)
+    left = fit.solution.residual_ps + fit.times.footprint_ps + of_light - feet
+    uneven = uneven_light(shown, sightings, setting, left)
     times = replace(
         fit.times,
-        footprint_ps=_feet(shown, seen) + uneven.late_ps,
+        footprint_ps=feet + uneven.late_ps,
         modes_ps=np.hstack((of_clock, uneven.columns_ps)),
     )
     return with_area_errors(replace(shown, times=times), setting)

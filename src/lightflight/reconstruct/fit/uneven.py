@@ -3,9 +3,10 @@
 A pixel sees a stretch of its leg through the spot. Its mean time is that of its foot, later by
 (variance of the spot) x (slope of the times) x (slope of the log of the light that pixels see).
 The joint fit takes the light from a spline; light that changes faster than its knots lie stays in
-the photons of the pulses as a scatter about it. Here that rest is taken for a Gaussian process
-along the leg, as strong as the photons show it: its mean corrects the times. Its errors, and those
-of the slopes of a spline with dense knots, are columns of errors that pulses share.
+the photons of the pulses as a scatter about it, and in their times. Here that rest is taken for a
+Gaussian process along the leg, as strong as photons and times make it: its mean by the photons
+corrects the times. Its errors, and those of the slopes of a spline with dense knots, are columns of
+errors that pulses share.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from lightflight.reconstruct.fit.rest_of_light import (
+    LightShown,
+    SlopesShown,
     rest_of_light,
     slopes_of_rest,
 )
@@ -28,22 +31,23 @@ from lightflight.reconstruct.model.lateral import LineFit
 from lightflight.reconstruct.model.leg_in_picture import LegInPicture
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.model.strength import KNOT_SPACING_PX, span_of_knots
+from lightflight.reconstruct.model.strength import span_of_knots
 
 if TYPE_CHECKING:
     from lightflight.reconstruct.fit.joint import JointFit
 
 Floats = NDArray[np.float64]
 
-_ALIKE_PX = 1.0
-"""Over so much of the picture the rest is alike: knots at the usual distance leave waves of up to
-6 px, a spot hides those shorter than 3 px; px."""
 _LEAST_PHOTONS = 30.0
 _FEW = 8
 _NEAR_STDS = 2.0
 """Beyond so many standard deviations of the spot its shape is in doubt."""
 _END_PX = 1.0
 """Of a leg that has grains: so near to its end in the picture the slope of its light is unknown."""
+_PATH_DEGREE = 3
+"""Times that run as a polynomial of this degree along a leg are the path's to explain."""
+_PATH_FREE = 30.0
+"""How much of that there may be, in the largest of the times that the path leaves."""
 _LEAST_EFFECT = 0.1
 """Columns that make less than this, in errors of the pulses, are left out."""
 
@@ -109,8 +113,50 @@ def pulses_by_leg(fit: JointFit, setting: Setting) -> Iterator[PulsesOfLeg]:
             yield PulsesOfLeg(number, here, points, prints, picture.legs[leg], picture.fits[leg])
 
 
-def uneven_light(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Uneven:
-    """What the brightness that is left out does to each pulse of a joint fit."""
+@dataclass(frozen=True, eq=False)
+class _Pulses:
+    """Pulses of one leg in one recording; (n,) each.
+
+    Attributes
+    ----------
+    points_px : array of float, shape (n, 2)
+    photons : array of float
+    error_ps : array of float
+        Of each alone.
+    left_ps : array of float
+        By how much they are later than path and spline say.
+    kept : array of bool
+        Those that are no outliers.
+    """
+
+    points_px: Floats
+    photons: Floats
+    error_ps: Floats
+    left_ps: Floats
+    kept: NDArray[np.bool_]
+
+
+def uneven_light(
+    fit: JointFit, sightings: list[Sighting], setting: Setting, left_ps: Floats
+) -> Uneven:
+    """What the brightness that is left out does to each pulse of a joint fit.
+
+    Parameters
+    ----------
+    fit : JointFit
+        Of n pulses, with pictures as they are.
+    sightings : list of Sighting
+        The recordings, perhaps with light found that is no leg's.
+    setting : Setting
+        As it was found to be.
+    left_ps : array of float, shape (n,)
+        By how much each pulse is later than path, clock and the splines of the pictures say, ps.
+
+    Returns
+    -------
+    Uneven
+        Of the n pulses.
+    """
     n = len(fit.times.leg)
     late, columns = np.zeros(n), [np.zeros((n, 0))]
     for some in pulses_by_leg(fit, setting):
@@ -118,16 +164,14 @@ def uneven_light(fit: JointFit, sightings: list[Sighting], setting: Setting) -> 
         if not sightings[some.number].histograms.poisson or len(some.rows) < _FEW:
             continue
         here = some.rows
-        error = np.sqrt((fit.times.photon_var + fit.times.pixel_var)[here])
-        own, shared = _of_leg(
-            some.line,
-            some.light,
-            some.prints,
+        pulses = _Pulses(
             some.points_px,
             sightings[some.number].arrivals.photons[fit.times.index[here]],
-            error,
+            np.sqrt((fit.times.photon_var + fit.times.pixel_var)[here]),
+            left_ps[here],
+            fit.times.weight[here] > 0,
         )
-        late[here] = own
+        late[here], shared = _of_leg(some.line, some.light, some.prints, pulses)
         whole = np.zeros((n, shared.shape[1]))
         whole[here] = shared
         columns.append(whole)
@@ -135,45 +179,52 @@ def uneven_light(fit: JointFit, sightings: list[Sighting], setting: Setting) -> 
 
 
 def _of_leg(
-    line: LegInPicture,
-    strength: LineFit,
-    print_: Footprint,
-    points: Floats,
-    photons: Floats,
-    error_ps: Floats,
+    line: LegInPicture, strength: LineFit, print_: Footprint, pulses: _Pulses
 ) -> tuple[Floats, Floats]:
     """Lateness (n,) and its columns (n, k) of the pulses of one leg."""
-    along, _ = line.along_across(points)
+    along, _ = line.along_across(pulses.points_px)
     spot = strength.spot_std_at(along)
     shape = strength.seen(along, print_.lateral_px, line.heading_rad(along)).log_light
     lateral = print_.lateral_px / spot
     low, high = span_of_knots(strength.spline.t)
-    telling = (photons > _LEAST_PHOTONS) & (np.abs(lateral) < _NEAR_STDS)
+    telling = (pulses.photons > _LEAST_PHOTONS) & (np.abs(lateral) < _NEAR_STDS)
     telling &= (along > low) & (along < high)
     per_slope = spot**2 * print_.slope_ps_per_px
     late = np.zeros(len(along))
     errors = _slope_errors_of_spline(strength, along)
     if np.count_nonzero(telling) >= _FEW:
-        seen = along[telling]
-        rest = np.log(photons[telling]) - strength.spline(seen) - shape[telling]
-        rest = rest - np.average(rest, weights=photons[telling])
-        # Denser knots leave shorter waves.
-        alike = _ALIKE_PX * strength.knot_spacing_px / KNOT_SPACING_PX
-        found = rest_of_light(
-            seen, rest, 1.0 / photons[telling], alike_px=alike, spot_px=float(np.median(spot))
-        )
-        if found is not None:
-            mean, more = slopes_of_rest(*found, rest, seen, along)
-            late, errors = per_slope * mean, np.hstack((errors, more))
-            if found[0].patches:
+        seen, photons = along[telling], pulses.photons[telling]
+        rest = np.log(photons) - strength.spline(seen) - shape[telling]
+        rest = rest - np.average(rest, weights=photons)
+        slopes = _slopes_by_times(along, per_slope, pulses, telling)
+        shown = LightShown(seen, rest, 1.0 / photons, strength.spline.t, slopes)
+        found = rest_of_light(shown, spot_px=float(np.median(spot)))
+        if not found.is_none:
+            mean, errors = slopes_of_rest(found, shown, along)
+            late = per_slope * mean
+            if found.patches:
                 # A grain just outside is not seen, and leads the end of the spline astray.
                 ends = np.flatnonzero((along < low + _END_PX) | (along > high - _END_PX))
-                unknown = np.hypot(found[0].steepest_per_px, strength.log_slope(along[ends]))
+                unknown = np.hypot(found.steepest_per_px, strength.log_slope(along[ends]))
                 errors = np.hstack((errors, np.eye(len(along))[:, ends] * unknown))
-    scaled = (per_slope / error_ps)[:, np.newaxis] * errors
+    scaled = (per_slope / pulses.error_ps)[:, np.newaxis] * errors
     across, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
     kept = sizes > _LEAST_EFFECT
-    return late, error_ps[:, np.newaxis] * across[:, kept] * sizes[kept]
+    return late, pulses.error_ps[:, np.newaxis] * across[:, kept] * sizes[kept]
+
+
+def _slopes_by_times(
+    along: Floats, per_slope: Floats, pulses: _Pulses, telling: NDArray[np.bool_]
+) -> SlopesShown:
+    """What times show of the slope of the light, but for what a path not yet right leaves."""
+    telling = telling & pulses.kept & (np.abs(per_slope) > 0.0)
+    places, per, left = along[telling], per_slope[telling], pulses.left_ps[telling]
+    middle, scale = np.mean(along), max(float(np.ptp(along)), 1.0)
+    smooth = np.polynomial.polynomial.polyvander((places - middle) / scale, _PATH_DEGREE)
+    free = _PATH_FREE * np.abs(left).max(initial=0.0) * smooth
+    return SlopesShown(
+        places, left / per, (pulses.error_ps[telling] / per) ** 2, free / per[:, np.newaxis]
+    )
 
 
 def _slope_errors_of_spline(strength: LineFit, along: Floats) -> Floats:

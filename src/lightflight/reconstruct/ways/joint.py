@@ -332,9 +332,11 @@ def path_of_pulses(fit: JointFit, request: Request) -> LightPath:
         )  # fmt: skip
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return path
-    # The likelihood may have climbed another hill; then the pulses would tell.
+    # The likelihood may have climbed another hill, or know too little of uneven light; then the
+    # pulses would tell: it need leave no less than their errors, which joint fits may.
     chi2 = [_chi2_of_residuals(one) for one in (path, better)]
-    worse = chi2[1] > chi2[0] + float(chdtri(len(fit.labels), _ANOTHER_HILL))
+    most = max(chi2[0], float(np.count_nonzero(path.residuals["used"])))
+    worse = chi2[1] > most + float(chdtri(len(fit.labels), _ANOTHER_HILL))
     if worse or not better.goodness.converged:
         return path
     said = f"{why}: all counts were fitted."

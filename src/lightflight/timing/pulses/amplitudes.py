@@ -54,7 +54,13 @@ def amplitudes_at_times(
     other = np.broadcast_to(other, counts.shape)
     parts = [
         _amplitudes(
-            counts[part], lower[part], upper[part], period, delays[part], stds[part], other[part],
+            counts[part],
+            lower[part],
+            upper[part],
+            period,
+            delays[part],
+            stds[part],
+            other[part],
             table,
         )
         for part in (slice(i, i + step) for i in range(0, max(len(counts), 1), step))
