@@ -191,7 +191,7 @@ def _of_leg(
     telling &= (along > low) & (along < high)
     per_slope = spot**2 * print_.slope_ps_per_px
     late = np.zeros(len(along))
-    errors = _slope_errors_of_spline(strength, along)
+    errors = slope_errors_of_spline(strength, along)
     if np.count_nonzero(telling) >= _FEW:
         seen, photons = along[telling], pulses.photons[telling]
         rest = np.log(photons) - strength.spline(seen) - shape[telling]
@@ -227,11 +227,23 @@ def _slopes_by_times(
     )
 
 
-def _slope_errors_of_spline(strength: LineFit, along: Floats) -> Floats:
-    """One-sigma columns (n, k) of the errors of the spline's slopes along the line, per px.
+def slope_errors_of_spline(strength: LineFit, along: Floats) -> Floats:
+    """One-sigma columns of the errors of the spline's slopes along the line.
 
     They are a sixth of the pulses' own but at the ends of lines, where another leg's light may lead
     the spline astray.
+
+    Parameters
+    ----------
+    strength : LineFit
+        Of the leg.
+    along : array of float, shape (n,)
+        Places on its line, px.
+
+    Returns
+    -------
+    array of float, shape (n, k)
+        ln per px.
     """
     knots = strength.spline.t
     low, high = span_of_knots(knots)
