@@ -18,6 +18,7 @@ from lightflight.reconstruct.fit.rest_of_light import (
     rest_of_light,
     slopes_of_rest,
 )
+from lightflight.reconstruct.fit.uneven import stretches
 from lightflight.reconstruct.model.strength import knots_over
 
 _SPOT_PX = 0.38
@@ -176,3 +177,13 @@ def test_times_alone_do_not_make_light_uneven():
     _, columns = slopes_of_rest(found, shown, places)
     inner = (places > 2.0) & (places < 29.0)
     assert np.sqrt((columns[inner] ** 2).sum(axis=1).mean()) < 0.05
+
+
+@pytest.mark.parametrize("n", [0, 5, 300, 301, 1_000])
+def test_a_long_leg_is_asked_stretch_by_stretch(rng, n):
+    """Each pulse once, in order, and of those that tell no more than 300 or so at once."""
+    along, telling = rng.uniform(0.0, 400.0, 1_500), np.arange(1_500) < n
+    parts = stretches(along, telling)
+    assert np.array_equal(np.concatenate(parts), np.argsort(along))
+    assert max(int(telling[part].sum()) for part in parts) <= 301
+    assert len(parts) == max(1, -(-n // 300))

@@ -48,6 +48,9 @@ _PATH_DEGREE = 3
 """Times that run as a polynomial of this degree along a leg are the path's to explain."""
 _PATH_FREE = 30.0
 """How much of that there may be, in the largest of the times that the path leaves."""
+_MOST_AT_ONCE = 300
+"""Pulses of one stretch of a leg, along which the rest is alike: what is asked grows with their
+third power."""
 _LEAST_EFFECT = 0.1
 """Columns that make less than this, in errors of the pulses, are left out."""
 
@@ -172,9 +175,7 @@ def uneven_light(
             fit.times.weight[here] > 0,
         )
         late[here], shared = _of_leg(some.line, some.light, some.prints, pulses)
-        whole = np.zeros((n, shared.shape[1]))
-        whole[here] = shared
-        columns.append(whole)
+        columns.append(_placed(here, shared, n))
     return Uneven(late, np.hstack(columns))
 
 
@@ -190,34 +191,68 @@ def _of_leg(
     telling = (pulses.photons > _LEAST_PHOTONS) & (np.abs(lateral) < _NEAR_STDS)
     telling &= (along > low) & (along < high)
     per_slope = spot**2 * print_.slope_ps_per_px
-    late = np.zeros(len(along))
-    errors = slope_errors_of_spline(strength, along)
-    if np.count_nonzero(telling) >= _FEW:
-        seen, photons = along[telling], pulses.photons[telling]
-        rest = np.log(photons) - strength.spline(seen) - shape[telling]
-        rest = rest - np.average(rest, weights=photons)
-        slopes = _slopes_by_times(along, per_slope, pulses, telling)
-        shown = LightShown(seen, rest, 1.0 / photons, strength.spline.t, slopes)
-        found = rest_of_light(shown, spot_px=float(np.median(spot)))
-        if not found.is_none:
-            mean, errors = slopes_of_rest(found, shown, along)
-            late = per_slope * mean
-            if found.patches:
-                # A grain just outside is not seen, and leads the end of the spline astray.
-                ends = np.flatnonzero((along < low + _END_PX) | (along > high - _END_PX))
-                unknown = np.hypot(found.steepest_per_px, strength.log_slope(along[ends]))
-                errors = np.hstack((errors, np.eye(len(along))[:, ends] * unknown))
-    scaled = (per_slope / pulses.error_ps)[:, np.newaxis] * errors
+    late, of_spline = np.zeros(len(along)), slope_errors_of_spline(strength, along)
+    columns = []
+    for here in stretches(along, telling):
+        seen = here[telling[here]]
+        if len(seen) < _FEW:
+            continue
+        rest = np.log(pulses.photons[seen]) - strength.spline(along[seen]) - shape[seen]
+        rest = rest - np.average(rest, weights=pulses.photons[seen])
+        slopes = _slopes_by_times(along, per_slope, pulses, seen)
+        noise = 1.0 / pulses.photons[seen]
+        shown = LightShown(along[seen], rest, noise, strength.spline.t, slopes)
+        found = rest_of_light(shown, spot_px=float(np.median(spot[here])))
+        if found.is_none:
+            continue
+        slope, errors = slopes_of_rest(found, shown, along[here])
+        late[here] = per_slope[here] * slope
+        of_spline[here] = 0.0
+        columns.append(_placed(here, errors, len(along)))
+        if found.patches:
+            # A grain just outside is not seen, and leads the end of the spline astray.
+            ends = here[(along[here] < low + _END_PX) | (along[here] > high - _END_PX)]
+            unknown = np.hypot(found.steepest_per_px, strength.log_slope(along[ends]))
+            columns.append(_placed(ends, np.diag(unknown), len(along)))
+    scaled = (per_slope / pulses.error_ps)[:, np.newaxis] * np.hstack([of_spline, *columns])
     across, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
     kept = sizes > _LEAST_EFFECT
     return late, pulses.error_ps[:, np.newaxis] * across[:, kept] * sizes[kept]
 
 
+def stretches(along: Floats, telling: NDArray[np.bool_]) -> list[Indices]:
+    """Pulses of a leg, stretch by stretch: of a long one each may be as uneven as it likes.
+
+    Parameters
+    ----------
+    along : array of float, shape (n,)
+        Places on its line, px.
+    telling : array of bool, shape (n,)
+        Those that are asked.
+
+    Returns
+    -------
+    list of array of int
+        Of each stretch its pulses, in their order along the line.
+    """
+    order = np.argsort(along, kind="stable")
+    n = -(-np.count_nonzero(telling) // _MOST_AT_ONCE) or 1
+    last = np.searchsorted(np.cumsum(telling[order]), telling.sum() * np.arange(1, n) / n)
+    return np.split(order, last)
+
+
+def _placed(rows: Indices, columns: Floats, n: int) -> Floats:
+    """(n, k), columns of some of n rows, and nothing of the others."""
+    whole = np.zeros((n, columns.shape[1]))
+    whole[rows] = columns
+    return whole
+
+
 def _slopes_by_times(
-    along: Floats, per_slope: Floats, pulses: _Pulses, telling: NDArray[np.bool_]
+    along: Floats, per_slope: Floats, pulses: _Pulses, telling: Indices
 ) -> SlopesShown:
     """What times show of the slope of the light, but for what a path not yet right leaves."""
-    telling = telling & pulses.kept & (np.abs(per_slope) > 0.0)
+    telling = telling[pulses.kept[telling] & (np.abs(per_slope[telling]) > 0.0)]
     places, per, left = along[telling], per_slope[telling], pulses.left_ps[telling]
     middle, scale = np.mean(along), max(float(np.ptp(along)), 1.0)
     smooth = np.polynomial.polynomial.polyvander((places - middle) / scale, _PATH_DEGREE)
