@@ -116,14 +116,14 @@ def seen_through_spot(rng, strength):
 @pytest.mark.parametrize("by_times", [False, True])
 @pytest.mark.parametrize("strength", [0.0, 0.05, 0.3])
 def test_slopes_of_uneven_light_are_within_their_errors(strength, by_times):
-    """Rms pull of the slopes of 40 legs of 96 pulses, with a smooth path error in their times.
+    """Rms pull of the slopes of 20 legs of 96 pulses, with a smooth path error in their times.
 
-    Neighbours share errors: of some 600 numbers the rms is beyond these limits less often than one
-    in 1e4. Photons alone must do as well here, for they see most of such light.
+    From seed to seed it varies by 0.04 about 0.93 to 1.08: beyond these limits by chance in one of
+    1e4. Photons alone must do as well here, for they see most of such light.
     """
     rng = np.random.default_rng(20)
     knots, pulls = knots_over(-0.5, 31.5), []
-    for _ in range(40):
+    for _ in range(20):
         places = np.sort((np.arange(32) + np.array([[-0.17], [0.0], [0.21]])).ravel())
         rest, slope = seen_through_spot(rng, strength)(places)
         noise = np.full(len(places), 1e-4)
@@ -140,7 +140,7 @@ def test_slopes_of_uneven_light_are_within_their_errors(strength, by_times):
         asked = replace(shown, slopes=slopes) if by_times else shown
         mean, columns = slopes_of_rest(rest_of_light(asked, spot_px=_SPOT_PX), shown, places)
         pulls.append((mean - beyond) / np.sqrt((columns**2).sum(axis=1)))
-    assert 0.85 < np.sqrt(np.mean(np.square(pulls))) < 1.2
+    assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.23
 
 
 def test_waves_that_pass_through_nothing_at_pixels_are_found_by_times():
