@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve, solve_triangular
 
-from lightflight.reconstruct.model.strength import span_of_knots
+from lightflight.reconstruct.model.strength import slopes_of_splines
 
 Floats = NDArray[np.float64]
 
@@ -159,7 +159,7 @@ class LightShown:
     noise : array of float, shape (n,)
         Its variance by chance.
     knots : array of float, shape (m,)
-        Of the cubic spline; empty: nothing was taken off.
+        Of the cubic spline, over all of these places.
     slopes : SlopesShown
         By times; of none, the photons speak alone.
     """
@@ -200,14 +200,9 @@ class LightShown:
 
     def of_spline(self, places_px: Floats, *, slope: bool = False) -> Floats:
         """(q, m - 4), what the spline may be at q places, one standard deviation a coefficient."""
-        size = max(len(self.knots) - 4, 0)
-        if not size:
-            return np.zeros((len(places_px), 0))
-        low, high = span_of_knots(self.knots)
-        each = BSpline(self.knots, _FREE_LN * np.eye(size), 3)
-        each = each.derivative() if slope else each
-        inside = (places_px >= low) & (places_px <= high)
-        free: Floats = each(np.clip(places_px, low, high)) * inside[:, np.newaxis]
+        if slope:
+            return _FREE_LN * slopes_of_splines(self.knots, places_px)
+        free: Floats = _FREE_LN * BSpline.design_matrix(places_px, self.knots, 3).toarray()
         return free
 
 

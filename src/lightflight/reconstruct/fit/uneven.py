@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 
 from lightflight.reconstruct.fit.rest_of_light import (
     LightShown,
@@ -31,7 +30,7 @@ from lightflight.reconstruct.model.lateral import LineFit
 from lightflight.reconstruct.model.leg_in_picture import LegInPicture
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.model.strength import span_of_knots
+from lightflight.reconstruct.model.strength import slopes_of_splines, span_of_knots
 
 if TYPE_CHECKING:
     from lightflight.reconstruct.fit.joint import JointFit
@@ -118,11 +117,10 @@ def pulses_by_leg(fit: JointFit, setting: Setting) -> Iterator[PulsesOfLeg]:
 
 @dataclass(frozen=True, eq=False)
 class _Pulses:
-    """Pulses of one leg in one recording; (n,) each.
+    """What the pulses of one leg in one recording show; (n,) each.
 
     Attributes
     ----------
-    points_px : array of float, shape (n, 2)
     photons : array of float
     error_ps : array of float
         Of each alone.
@@ -132,7 +130,6 @@ class _Pulses:
         Those that are no outliers.
     """
 
-    points_px: Floats
     photons: Floats
     error_ps: Floats
     left_ps: Floats
@@ -168,29 +165,26 @@ def uneven_light(
             continue
         here = some.rows
         pulses = _Pulses(
-            some.points_px,
             sightings[some.number].arrivals.photons[fit.times.index[here]],
             np.sqrt((fit.times.photon_var + fit.times.pixel_var)[here]),
             left_ps[here],
             fit.times.weight[here] > 0,
         )
-        late[here], shared = _of_leg(some.line, some.light, some.prints, pulses)
+        late[here], shared = _of_leg(some, pulses)
         columns.append(_placed(here, shared, n))
     return Uneven(late, np.hstack(columns))
 
 
-def _of_leg(
-    line: LegInPicture, strength: LineFit, print_: Footprint, pulses: _Pulses
-) -> tuple[Floats, Floats]:
+def _of_leg(some: PulsesOfLeg, pulses: _Pulses) -> tuple[Floats, Floats]:
     """Lateness (n,) and its columns (n, k) of the pulses of one leg."""
-    along, _ = line.along_across(pulses.points_px)
+    line, strength, lateral_px = some.line, some.light, some.prints.lateral_px
+    along, _ = line.along_across(some.points_px)
     spot = strength.spot_std_at(along)
-    shape = strength.seen(along, print_.lateral_px, line.heading_rad(along)).log_light
-    lateral = print_.lateral_px / spot
+    shape = strength.seen(along, lateral_px, line.heading_rad(along)).log_light
     low, high = span_of_knots(strength.spline.t)
-    telling = (pulses.photons > _LEAST_PHOTONS) & (np.abs(lateral) < _NEAR_STDS)
+    telling = (pulses.photons > _LEAST_PHOTONS) & (np.abs(lateral_px / spot) < _NEAR_STDS)
     telling &= (along > low) & (along < high)
-    per_slope = spot**2 * print_.slope_ps_per_px
+    per_slope = spot**2 * some.prints.slope_ps_per_px
     late, of_spline = np.zeros(len(along)), slope_errors_of_spline(strength, along)
     columns = []
     for here in stretches(along, telling):
@@ -280,10 +274,7 @@ def slope_errors_of_spline(strength: LineFit, along: Floats) -> Floats:
     array of float, shape (n, k)
         ln per px.
     """
-    knots = strength.spline.t
-    low, high = span_of_knots(knots)
-    slopes = BSpline(knots, np.eye(len(strength.spline.c)), 3).derivative()
-    inside = (along >= low) & (along <= high)
     values, vectors = np.linalg.eigh(strength.spline_covariance)
-    columns: Floats = slopes(np.clip(along, low, high)) @ (vectors * np.sqrt(np.maximum(values, 0)))
-    return columns * inside[:, np.newaxis]
+    slopes = slopes_of_splines(strength.spline.t, along)
+    columns: Floats = slopes @ (vectors * np.sqrt(np.maximum(values, 0)))
+    return columns

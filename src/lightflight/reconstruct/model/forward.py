@@ -46,7 +46,12 @@ from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.picture import arrival_curvature
 from lightflight.reconstruct.model.pulse_shape import tables_for_counts
 from lightflight.reconstruct.model.spot import SeenLine, seen_line
-from lightflight.reconstruct.model.strength import LOG_SPOT_RANGE, SpotAlong, span_of_knots
+from lightflight.reconstruct.model.strength import (
+    LOG_SPOT_RANGE,
+    SpotAlong,
+    slopes_of_splines,
+    span_of_knots,
+)
 from lightflight.reconstruct.model.thick_beam import (
     BEAM_SHARES,
     ThickFooting,
@@ -539,7 +544,7 @@ def _fill_leg(
     local.arrival_ps[here, k] = mean_ps + modes_ps @ modes
     jacobian, at, splines = local.jacobian, 3 * k, layout.spline_starts[k]
     to_spline = slice(splines, splines + design.shape[1])
-    to_slope = BSpline(light.knots[k], np.eye(design.shape[1]), 3).derivative()(seen.along_px)
+    to_slope = slopes_of_splines(light.knots[k], seen.along_px)
     # d ln(std) = d(variance) / (2 variance).
     to_log_std = 0.5 / std**2
     growth = light.spots[k].growth_at(seen.along_px) if light.spots else np.zeros(len(here))

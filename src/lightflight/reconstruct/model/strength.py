@@ -115,6 +115,27 @@ def span_of_knots(knots: Floats) -> tuple[float, float]:
     return knots[3], knots[-4]
 
 
+def slopes_of_splines(knots: Floats, along_px: Floats) -> Floats:
+    """Slope of the spline of each coefficient alone, at places along a line.
+
+    Parameters
+    ----------
+    knots : array of float, shape (k,)
+        Of a cubic spline, px.
+    along_px : array of float, shape (n,)
+
+    Returns
+    -------
+    array of float, shape (n, k - 4)
+        Per px; zero outside of the span of the knots.
+    """
+    low, high = span_of_knots(knots)
+    each = BSpline(knots, np.eye(len(knots) - 4), 3).derivative()
+    inside = (along_px >= low) & (along_px <= high)
+    slopes: Floats = each(np.clip(along_px, low, high)) * inside[:, np.newaxis]
+    return slopes
+
+
 def strength_as_seen(
     spline: BSpline, covariance: Floats, brightest: float, along_px: Floats
 ) -> tuple[Floats, NDArray[np.bool_]]:
