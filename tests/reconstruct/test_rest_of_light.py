@@ -1,7 +1,7 @@
 """The rest of the light along a leg: slopes of what a spline leaves out, and their errors.
 
-The light is points and waves of which the picture as seen is known in closed form; nothing is taken
-from the package but the two functions asked.
+The light is points, waves and noise of which the picture as seen is known in closed form; of the
+package only what is asked is taken, and the knots and parts of the spline that goes before it.
 """
 
 from __future__ import annotations
