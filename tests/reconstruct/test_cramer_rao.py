@@ -92,6 +92,7 @@ class TestClosedForms:
             np.zeros_like(lower), lower, lower + width, np.ones((1, 1)),
             np.empty((0, 0)), 0.0, *tables_for_counts(None),
             np.full((1, 1), np.log(photons)), np.full((1, 1), 1000.3), np.full((1, 1), std),
+            np.zeros((1, 1)),
             np.full(1, np.log(1e-12)), np.ones(1, dtype=bool), True, score, information,
         )  # fmt: skip
         found = information[0, :3, :3]

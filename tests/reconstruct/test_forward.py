@@ -13,19 +13,17 @@ from lightflight.camera.model import Camera
 from lightflight.flight import Medium
 from lightflight.reconstruct.model.forward import (
     CodeCounts,
-    Layout,
-    Light,
+    LightModes,
     Local,
     Pixels,
-    layout_of,
     local_variables,
-    moved_light,
 )
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.leg_in_picture import leg_in_picture
 from lightflight.reconstruct.model.likelihood import likelihood
 from lightflight.reconstruct.model.strength import SpotAlong
+from lightflight.reconstruct.model.unknowns import Layout, Light, layout_of, moved_light
 
 CAMERA = Camera.facing_plane((12, 16), distance_mm=535.0, field_of_view_mm=(122.5, 91.9))
 AIR = Medium()
@@ -55,6 +53,7 @@ def scene_of(
     pixel_std: float = 0.0,
     scatter: float = 0.0,
     n_modes: int = 0,
+    n_uneven: int = 0,
 ) -> tuple[Light, Pixels]:
     lines = tuple(leg_in_picture(state, k, CAMERA) for k in range(state.n_legs))
     splines = [straight(lambda s: np.log(photons) + slope * s, line) for line in lines]
@@ -75,7 +74,10 @@ def scene_of(
         near[:, k] = (along > low - 1.5) & (along < high + 1.5) & (np.abs(across) < 2.5)
     keep = near.any(axis=1)
     n = int(keep.sum())
-    modes = np.random.default_rng(0).normal(0.0, 3.0, (n, len(lines), n_modes))
+    rng = np.random.default_rng(0)
+    modes = rng.normal(0.0, 3.0, (n, len(lines), n_modes))
+    sizes = 0.2, 3.0, 200.0
+    uneven = LightModes(*(rng.normal(0.0, std, (n, len(lines), n_uneven)) for std in sizes))
     return light, Pixels(
         rows=rows[keep],
         cols=cols[keep],
@@ -84,6 +86,7 @@ def scene_of(
         skew_ps=np.zeros(n),
         pixel_var=np.full(n, pixel_std**2),
         modes_ps=modes,
+        uneven=uneven if n_uneven else None,
     )
 
 
@@ -118,9 +121,7 @@ class Model:
     def __init__(self, state, light, pixels, *, seed, background=0.002):
         self.rng = np.random.default_rng(seed)
         self.state, self.light, self.pixels = state, light, pixels
-        self.layout: Layout = layout_of(
-            3 * len(state.vertices_mm) + 1, pixels.modes_ps.shape[2], light
-        )
+        self.layout: Layout = layout_of(3 * len(state.vertices_mm) + 1, pixels.n_modes, light)
         self.basis = np.eye(3 * len(state.vertices_mm) + 1)
         self.log_background = np.full(len(pixels.rows), np.log(background))
         self.shift = np.sqrt(pixels.pixel_var) * self.rng.normal(size=len(pixels.rows))
@@ -159,23 +160,27 @@ class TestShared:
     """Derivatives by the path, the light and the clock, through the pixels' own nuisances."""
 
     @pytest.mark.parametrize(
-        ("state", "slope", "growing", "active", "beam"),
+        ("state", "slope", "growing", "active", "beam", "n_uneven"),
         [
-            (CORNER, 0.03, 0.0, 0.0, None),
-            (CORNER, 0.2, 0.0, 0.0, None),
-            (STEEP, 0.03, 0.0, 0.0, None),
-            (ASIDE, 0.2, 0.0, 0.0, None),
-            (CORNER, 0.1, 0.3, 0.0, None),
-            (CORNER, 0.1, 0.0, 1.0, None),
-            (ASIDE, 0.1, 0.3, 0.9, None),
-            (CORNER, 0.1, 0.0, 0.0, 0.5),
-            (ASIDE, 0.1, 0.3, 0.9, 0.0),
+            (CORNER, 0.03, 0.0, 0.0, None, 0),
+            (CORNER, 0.2, 0.0, 0.0, None, 0),
+            (STEEP, 0.03, 0.0, 0.0, None, 0),
+            (ASIDE, 0.2, 0.0, 0.0, None, 0),
+            (CORNER, 0.1, 0.3, 0.0, None, 0),
+            (CORNER, 0.1, 0.0, 1.0, None, 0),
+            (ASIDE, 0.1, 0.3, 0.9, None, 0),
+            (CORNER, 0.1, 0.0, 0.0, 0.5, 0),
+            (ASIDE, 0.1, 0.3, 0.9, 0.0, 0),
+            (CORNER, 0.1, 0.0, 0.0, None, 3),
+            (ASIDE, 0.1, 0.3, 0.9, 0.0, 3),
         ],
     )
-    def test_score_is_the_slope_of_the_value(self, state, slope, growing, active, beam):
+    def test_score_is_the_slope_of_the_value(self, state, slope, growing, active, beam, n_uneven):
         """Pixels' nuisances follow a step as `nuisance_gain` says; the slope along that way is the
         efficient score. In standard errors of each parameter alone; corners in view included."""
-        light, pixels = scene_of(state, slope=slope, pixel_std=2.0, scatter=0.1, n_modes=2)
+        light, pixels = scene_of(
+            state, slope=slope, pixel_std=2.0, scatter=0.1, n_modes=2, n_uneven=n_uneven
+        )
         if growing:
             varies = np.array([-growing, growing, 0.3 * growing])
             spots = tuple(SpotAlong(np.array([-6.0, 6.0]), varies) for _ in light.lines)
@@ -287,7 +292,8 @@ class TestCollapse:
                     continue
                 alone = Local(
                     local.log_photons[p : p + 1, k : k + 1], local.arrival_ps[p : p + 1, k : k + 1],
-                    local.std_ps[p : p + 1, k : k + 1], local.jacobian[p : p + 1],
+                    local.std_ps[p : p + 1, k : k + 1], local.third_ps3[p : p + 1, k : k + 1],
+                    local.jacobian[p : p + 1],
                 )  # fmt: skip
                 found = expected_counts(alone, np.full(1, -99.0), np.zeros(1), first)[0]
                 true = self.integrated(

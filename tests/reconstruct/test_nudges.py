@@ -10,7 +10,7 @@ import pytest
 import lightflight as lf
 from lightflight.camera.refraction import window
 from lightflight.materials import Material
-from lightflight.reconstruct.model.forward import layout_of, local_variables
+from lightflight.reconstruct.model.forward import local_variables
 from lightflight.reconstruct.model.geometry import arrival_jacobian, footprints
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.setting import Setting
@@ -20,6 +20,7 @@ from lightflight.reconstruct.model.shared import (
     nudges_of_views,
     shared_errors,
 )
+from lightflight.reconstruct.model.unknowns import layout_of
 from tests.reconstruct.test_forward import ASIDE, CAMERA, CORNER, scene_of
 
 MEDIUM = lf.Medium(path_group_index_std=1e-3, return_group_index_std=2e-3, index_correlation=0.4)

@@ -14,12 +14,18 @@ PERIOD, CODES = 50_000.0, 64
 ALL_OPEN, GAUSSIAN, NO_OTHER = np.ones((1, 1)), tables_for_counts(None), np.empty((0, 0))
 
 
+def response_share(response, delay_ps):
+    """Share of a response that has come, by its own table."""
+    place, come, _ = response.table()
+    return np.interp(delay_ps / response.std_ps, place, come)
+
+
 class TestOnePixel:
     """One pixel's log-likelihood, score and information in its local variables."""
 
     @staticmethod
     def evaluated(counts, lower, upper, variables, *, period=PERIOD, outside=True, expected=False,
-                  open_share=ALL_OPEN, shape=GAUSSIAN, other=NO_OTHER):  # fmt: skip
+                  open_share=ALL_OPEN, shape=GAUSSIAN, other=NO_OTHER, third=0.0):  # fmt: skip
         n_legs = (len(variables) - 1) // 3
         log_photons, delay, log_std = (variables[k:-1:3][np.newaxis] for k in range(3))
         score, information = np.zeros((1, len(variables))), np.zeros((1, *(len(variables),) * 2))
@@ -36,6 +42,7 @@ class TestOnePixel:
             np.ascontiguousarray(log_photons),
             np.ascontiguousarray(delay),
             np.ascontiguousarray(np.exp(log_std)),
+            np.full(delay.shape, third),
             variables[-1:].copy(),
             np.array([outside]),
             expected,
@@ -185,6 +192,30 @@ class TestOnePixel:
                 score[i], abs=0.02 * error + 1e-3 * abs(score[i])
             )
 
+    def test_a_tailed_pulse_cut_by_a_corner_is_skewed(self):
+        """Half of a footprint: what comes is a half Gaussian of flight, spread by the response."""
+        response = Response.with_tail(std_ps=60.0, tail_ps=200.0, tail_share=0.5)
+        late = 50.0 * np.abs(np.random.default_rng(3).normal(size=4000))
+        edges = np.arange(1500.0, 4000.0, 50.0)
+        come = np.mean([response_share(response, edges - 2000.0 - flight) for flight in late], 0)
+        true = 1e4 * np.diff(come)
+        std = np.hypot(response.std_ps, late.std())
+        variables = np.array([np.log(1e4), 2000.0 + late.mean(), np.log(std), np.log(1e-9)])
+        off = late - late.mean()
+        found = [
+            [
+                -self.evaluated(
+                    np.zeros(1), edges[k : k + 1], edges[k + 1 : k + 2], variables,
+                    shape=tables_for_counts(response, std), third=third,
+                )[0]
+                for k in range(len(true))
+            ]
+            for third in (0.0, float(np.mean(off**3)))
+        ]  # fmt: skip
+        plain, skewed = (np.abs(true - one).sum() for one in found)
+        assert skewed < 0.4 * plain
+        assert skewed < 0.002 * true.sum()
+
     def test_half_of_the_photons_counted_is_half_of_the_information(self):
         _, lower, upper, variables = self.case(9, 2)
         mean = self.mean_of(lower, upper, variables)
@@ -213,7 +244,8 @@ class TestOnePixel:
                 counts[np.newaxis].astype(float), lower[np.newaxis], upper[np.newaxis], ALL_OPEN,
                 NO_OTHER, PERIOD, shape[0], shape[1],
                 variables[np.newaxis, 0:-1:3], variables[np.newaxis, 1:-1:3],
-                np.exp(variables[np.newaxis, 2:-1:3]), variables[-1:], np.array([True]), False,
+                np.exp(variables[np.newaxis, 2:-1:3]), np.zeros((1, 2)), variables[-1:],
+                np.array([True]), False,
                 score, information,
             )  # fmt: skip
             assert value == pytest.approx(compiled[0], rel=1e-12)

@@ -7,7 +7,7 @@ from scipy.stats import chi2
 import lightflight as lf
 from lightflight.reconstruct.all_counts.climb import order_of
 from lightflight.reconstruct.limits.planning import moved_to
-from lightflight.reconstruct.model.forward import Layout
+from lightflight.reconstruct.model.unknowns import Layout
 from lightflight.simulate.presets import ideal, paper_scene
 from tests.oracles import several_views
 from tests.oracles.refracted_bound import bound, emission_freedom

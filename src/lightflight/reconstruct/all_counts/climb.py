@@ -12,15 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.reconstruct.model.forward import (
-    CodeCounts,
-    Layout,
-    Light,
-    Local,
-    Pixels,
-    layout_of,
-    moved_light,
-)
+from lightflight.reconstruct.model.forward import CodeCounts, Local, Pixels
 from lightflight.reconstruct.model.freedom import Freedom, state_vector
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.information import ascend
@@ -34,6 +26,7 @@ from lightflight.reconstruct.model.shared import (
 )
 from lightflight.reconstruct.model.strength import SPOT_PRIOR
 from lightflight.reconstruct.model.thick_beam import BEAM_SHARE_STD
+from lightflight.reconstruct.model.unknowns import Layout, Light, layout_of, moved_light
 from lightflight.units import std_from_mad
 
 Floats = NDArray[np.float64]
@@ -99,7 +92,7 @@ class ViewPoint:
     light : Light
         Brightness, spot and pulse width.
     modes : array of float, shape (k,)
-        Shared errors of its clock, in standard deviations.
+        Shared errors of its clock and light, in standard deviations.
     log_background : array of float, shape (n,)
         ln(background counts per ps) of each pixel.
     delay_shift_ps : array of float, shape (n,)
@@ -436,9 +429,7 @@ def climb(
     errors = shared_errors(setting)
     order = order_of(
         [
-            layout_of(
-                freedom.basis.shape[1], view.pixels.modes_ps.shape[2], view.light, len(errors)
-            )
+            layout_of(freedom.basis.shape[1], view.pixels.n_modes, view.light, len(errors))
             for view in views
         ]
     )

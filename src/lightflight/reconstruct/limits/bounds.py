@@ -34,9 +34,6 @@ from lightflight.reconstruct.limits.conditions import (
     expected_codes,
     light_and_pixels,
 )
-from lightflight.reconstruct.model.forward import (
-    layout_of,
-)
 from lightflight.reconstruct.model.freedom import (
     Freedom,
     ends_in_view,
@@ -62,6 +59,7 @@ from lightflight.reconstruct.model.told import (
     checked_lengths,
     checked_waypoints,
 )
+from lightflight.reconstruct.model.unknowns import layout_of
 from lightflight.timing.clock.response import Response
 
 if TYPE_CHECKING:

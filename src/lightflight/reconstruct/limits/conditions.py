@@ -13,12 +13,7 @@ from scipy.interpolate import BSpline
 from lightflight.arguments import finite_number
 from lightflight.display import Shown
 from lightflight.flight import Medium, Source
-from lightflight.reconstruct.model.forward import (
-    CodeCounts,
-    Light,
-    Local,
-    Pixels,
-)
+from lightflight.reconstruct.model.forward import CodeCounts, Local, Pixels
 from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.glass import looks_at_blocks
 from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
@@ -31,6 +26,7 @@ from lightflight.reconstruct.model.leg_in_picture import (
 from lightflight.reconstruct.model.pulse_shape import tables_for_counts
 from lightflight.reconstruct.model.sighting import clock_errors
 from lightflight.reconstruct.model.strength import strength_spline
+from lightflight.reconstruct.model.unknowns import Light
 from lightflight.timing.clock.response import Response
 from lightflight.units import std_from_fwhm
 

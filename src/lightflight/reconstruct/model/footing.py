@@ -65,11 +65,14 @@ class Footing:
         Mean arrival time minus that of the foot, ps.
     variance_ps2 : Moment
         Variance of the arrival time over the footprint, ps^2.
+    third_ps3 : array of float, shape (n,)
+        Third cumulant of it, ps^3.
     """
 
     log_share: Moment
     offset_ps: Moment
     variance_ps2: Moment
+    third_ps3: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +180,7 @@ def footing(
         by_before=before[2],
         by_after=after[2],
     )
-    return Footing(share, offset, variance)
+    return Footing(share, offset, variance, np.sum(weight * off**3, axis=1))
 
 
 def _density(along: Floats, log_slope: Floats, spot_px: Floats) -> Floats:

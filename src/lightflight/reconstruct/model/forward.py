@@ -19,7 +19,7 @@ handful of parameters; `likelihood` holds it against the counts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,73 +40,53 @@ from lightflight.reconstruct.model.geometry import (
     arrival_jacobian,
 )
 from lightflight.reconstruct.model.image_plane import mean_focal_px
-from lightflight.reconstruct.model.leg_in_picture import LegInPicture
 from lightflight.reconstruct.model.nudges import Nudges
 from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.picture import arrival_curvature
 from lightflight.reconstruct.model.pulse_shape import tables_for_counts
 from lightflight.reconstruct.model.spot import SeenLine, seen_line
 from lightflight.reconstruct.model.strength import (
-    LOG_SPOT_RANGE,
-    SpotAlong,
     slopes_of_splines,
     span_of_knots,
 )
 from lightflight.reconstruct.model.thick_beam import (
-    BEAM_SHARES,
     ThickFooting,
     slant_of_leg,
     thick_footing,
 )
+from lightflight.reconstruct.model.unknowns import Layout, Light
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
 
 Floats = NDArray[np.float64]
 
+_MOST_BENT = 0.7
+"""How much more or less of the variance in a pixel light may make that is not log-linear; as where
+pulses are fitted (`other_light.drawn_out`)."""
+_LEAST_WIDE = 0.3
+"""... and how much of the variance of a pulse is left at least."""
 _DARK_LOG = -60.0
 """ln(photons) of a pixel that a leg does not light: far below any, and exp() of it is no zero."""
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
-    """Everything about the light that is not the path.
+class LightModes:
+    """How the light of legs may be uneven beyond its splines, one standard deviation a column.
 
     Attributes
     ----------
-    lines : tuple of LegInPicture
-        Where along each leg's image the strength is measured.
-    knots : tuple of arrays
-        Knots of the cubic log-strength of each leg, px along its line.
-    coefficients : tuple of arrays
-        Spline coefficients of the log of photons per pixel on the line.
-    log_spot_px : float
-        Log of the spot's standard deviation, px.
-    log_std_ps : float
-        Log of the standard deviation of laser pulse and response, ps.
-    log_scatter : tuple of float
-        Per leg, scatter of ln(photons) from pixel to pixel that the model does not explain.
-    cut_ends : tuple of bool
-        Whether the light begins at the path's first vertex, and stops at its last.
-    spots : tuple of SpotAlong
-        How the spot of each leg differs from that of all; (): it does not.
-    active_px : float
-        Side of the pixels' active area, which makes that spot with the lens; 0: it is a Gaussian.
-    beam_share : float or None
-        Share of the spot's variance that is the beam's own thickness, which corners cut otherwise;
-        None: no corner is seen that would tell.
+    ln : array of float, shape (n, L, k)
+        Log of the light of a leg in a pixel.
+    late_ps : array of float, shape (n, L, k)
+        By how much later its mean time is, ps.
+    wider_ps2 : array of float, shape (n, L, k)
+        By how much wider it is, in the variance of its time, ps^2.
     """
 
-    lines: tuple[LegInPicture, ...]
-    knots: tuple[Floats, ...]
-    coefficients: tuple[Floats, ...]
-    log_spot_px: float
-    log_std_ps: float
-    log_scatter: tuple[float, ...]
-    cut_ends: tuple[bool, ...] = (False, False)
-    spots: tuple[SpotAlong, ...] = ()
-    active_px: float = 0.0
-    beam_share: float | None = None
+    ln: Floats
+    late_ps: Floats
+    wider_ps2: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +105,8 @@ class Pixels:
         Variance of that delay from the calibration, ps^2.
     modes_ps : array of float, shape (n, L, k)
         Shared clock errors at the leg's arrival, one-sigma columns, ps.
+    uneven : LightModes or None
+        Where legs are lit more unevenly than splines tell; None: nowhere.
     """
 
     rows: Indices
@@ -134,6 +116,13 @@ class Pixels:
     skew_ps: Floats
     pixel_var: Floats
     modes_ps: Floats
+    uneven: LightModes | None = None
+
+    @property
+    def n_modes(self) -> int:
+        """Shared errors of clock and light, in this order."""
+        of_light = 0 if self.uneven is None else int(self.uneven.ln.shape[2])
+        return int(self.modes_ps.shape[2]) + of_light
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +170,8 @@ class Local:
         Mean over the footprint; NaN where the leg is not near.
     std_ps : array of float, shape (n, L)
         Of the pulse with its transit.
+    third_ps3 : array of float, shape (n, L)
+        Third cumulant that flight through the footprint adds to it.
     jacobian : array of float, shape (n, 3 L, P)
         d(ln photons, time, ln std of each leg) / d(parameters).
     """
@@ -188,119 +179,8 @@ class Local:
     log_photons: Floats
     arrival_ps: Floats
     std_ps: Floats
+    third_ps3: Floats
     jacobian: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Layout:
-    """Where each kind of parameter sits in the vector of P.
-
-    Attributes
-    ----------
-    n_free : int
-        Freedom of the path.
-    n_modes : int
-        Shared clock errors.
-    spline_starts : tuple of int
-        First coefficient of each leg's log-strength.
-    size : int
-        P; the last two are log spot and log std.
-    n_shared : int
-        Shared errors of camera and medium.
-    spot_starts : tuple of int
-        First number of each leg's own spot; (): all legs have one.
-    beam : int or None
-        Place of the beam's share of the spot; None: it is not asked for.
-    """
-
-    n_free: int
-    n_modes: int
-    spline_starts: tuple[int, ...]
-    size: int
-    n_shared: int = 0
-    spot_starts: tuple[int, ...] = ()
-    beam: int | None = None
-
-    @property
-    def unit_priors(self) -> slice:
-        """Parameters counted in their own standard deviations: modes, then shared errors."""
-        return slice(self.n_free, self.n_free + self.n_modes + self.n_shared)
-
-    @property
-    def of_path_and_shared(self) -> Indices:
-        """Places of the path's freedom and of the shared errors of camera and medium."""
-        first = self.n_free + self.n_modes
-        places: Indices = np.r_[0 : self.n_free, first : first + self.n_shared]
-        return places
-
-
-def layout_of(n_free: int, n_modes: int, light: Light, n_shared: int = 0) -> Layout:
-    """Order of the parameters: path, modes, shared errors, splines and then spots leg by leg, the
-    beam's share of the spot where it is asked for, and last the log of the spot of all and of the
-    pulse's std.
-
-    Parameters
-    ----------
-    n_free : int
-        Columns of the path's freedom.
-    n_modes : int
-        Shared clock errors.
-    light : Light
-        Brightness, spot and pulse width.
-    n_shared : int, optional
-        Shared errors of camera and medium.
-
-    Returns
-    -------
-    Layout
-        And the number of parameters.
-    """
-    starts, at = [], n_free + n_modes + n_shared
-    for coefficients in light.coefficients:
-        starts.append(at)
-        at += len(coefficients)
-    spots = tuple(at + 3 * k for k in range(len(light.spots)))
-    at += 3 * len(spots)
-    beam = None if light.beam_share is None else at
-    size = at + (beam is not None) + 2
-    return Layout(n_free, n_modes, tuple(starts), size, n_shared, spots, beam)
-
-
-def moved_light(light: Light, step: Floats, layout: Layout) -> Light:
-    """The light after a step of the parameters; widths keep within sane bounds.
-
-    Parameters
-    ----------
-    light : Light
-        Brightness, spot and pulse width.
-    step : array of float, shape (P,)
-    layout : Layout
-        Where each kind of parameter sits.
-
-    Returns
-    -------
-    Light
-        Lines and knots stay.
-    """
-    coefficients = tuple(
-        c + step[start : start + len(c)]
-        for c, start in zip(light.coefficients, layout.spline_starts, strict=True)
-    )
-    spots = tuple(
-        replace(spot, varies_ln=spot.varies_ln + np.clip(step[start : start + 3], -0.5, 0.5))
-        for spot, start in zip(light.spots, layout.spot_starts, strict=True)
-    )
-    share = light.beam_share
-    if share is not None and layout.beam is not None:
-        share = float(np.clip(share + step[layout.beam], *BEAM_SHARES))
-    return replace(
-        light,
-        coefficients=coefficients,
-        spots=spots,
-        beam_share=share,
-        log_spot_px=float(np.clip(light.log_spot_px + step[-2], *LOG_SPOT_RANGE)),
-        log_std_ps=float(light.log_std_ps + np.clip(step[-1], -0.5, 0.5)),
-    )
 
 
 def local_variables(
@@ -331,7 +211,7 @@ def local_variables(
     basis : array of float, shape (3m + 1, p)
         Columns are unit moves of (vertices in mm, start time in ps).
     modes : array of float, shape (k,)
-        Shared clock errors, in standard deviations.
+        Shared errors of clock and light, in standard deviations.
     camera : Camera
         The camera that sees it.
     medium : Medium
@@ -351,14 +231,19 @@ def local_variables(
         log_photons=np.full((n, n_legs), _DARK_LOG),
         arrival_ps=np.full((n, n_legs), np.nan),
         std_ps=np.ones((n, n_legs)),
+        third_ps3=np.zeros((n, n_legs)),
         jacobian=np.zeros((n, 3 * n_legs, layout.size)),
     )
     seen_px = pixels.points_px if seen_px is None else seen_px
+    of_clock, of_light = np.split(modes, [pixels.modes_ps.shape[2]])
+    uneven = pixels.uneven
     for k in state.seen:
         here = np.flatnonzero(pixels.near[:, k])
         seen = _seen_leg(state, light, pixels, seen_px[here], k, here, camera, medium)
         slopes = _slopes(seen, state, seen_px[here], basis, medium, nudges)
-        _fill_leg(local, seen, slopes, light, pixels.modes_ps[here, k], modes, layout, here)
+        _fill_leg(local, seen, slopes, light, pixels.modes_ps[here, k], of_clock, layout, here)
+        if uneven is not None:
+            _fill_uneven(local, uneven, of_light, layout, here, k)
     return local
 
 
@@ -537,8 +422,10 @@ def _fill_leg(
         + inwards * across,
         _DARK_LOG,
     )
-    std = np.sqrt(pulse_var + feet.variance_ps2.value)
+    wider, wider_by_spline = _wider_by_bend(seen, light)
+    std = np.sqrt(pulse_var + feet.variance_ps2.value + wider)
     local.std_ps[here, k] = std
+    local.third_ps3[here, k] = feet.third_ps3
     ahead_px, per_px = seen.across.ahead_px, seen.print_.slope_ps_per_px
     mean_ps = seen.print_.arrival_ps + feet.offset_ps.value + per_px * ahead_px
     local.arrival_ps[here, k] = mean_ps + modes_ps @ modes
@@ -582,5 +469,41 @@ def _fill_leg(
             )
     jacobian[here, at : at + 3, -2] = by_spot.T
     jacobian[here, at, to_spline] += design
-    jacobian[here, at + 1, layout.n_free : layout.n_free + layout.n_modes] = modes_ps
+    jacobian[here, at + 2, to_spline] += to_log_std[:, np.newaxis] * wider_by_spline
+    jacobian[here, at + 1, layout.n_free : layout.n_free + len(modes)] = modes_ps
     jacobian[here, at + 2, -1] = pulse_var / std**2
+
+
+def _wider_by_bend(seen: _SeenLeg, light: Light) -> tuple[Floats, Floats]:
+    """What light that is not log-linear adds to the variance of times in a pixel, ps^2.
+
+    Of light seen through a Gaussian spot s that is s^4 (ln I)'' times the slope of the times,
+    squared (`docs/explanation/method.md`); where a corner leaves a share of the footprint, less by
+    its square. Also (n, c), how it follows the coefficients of the leg's spline.
+    """
+    knots, coefficients = light.knots[seen.leg], light.coefficients[seen.leg]
+    bends = BSpline(knots, np.eye(len(coefficients)), 3).derivative(2)(seen.along_px)
+    bend = seen.spot_px**2 * (bends @ coefficients)
+    lit = np.clip(np.exp(seen.feet.log_share.value), 0.0, 1.0)
+    per_bend = (lit * seen.print_.slope_ps_per_px * seen.spot_px) ** 2
+    believed = np.abs(bend) < _MOST_BENT
+    by_spline = (per_bend * believed * seen.spot_px**2)[:, np.newaxis] * bends
+    return np.clip(bend, -_MOST_BENT, _MOST_BENT) * per_bend, by_spline
+
+
+def _fill_uneven(
+    local: Local, uneven: LightModes, modes: Floats, layout: Layout, here: Indices, k: int
+) -> None:
+    """Add to `local` what light does in the pixels `here` that is more uneven than its spline."""
+    last = layout.n_free + layout.n_modes
+    own = slice(last - len(modes), last)
+    by_photons, by_time, by_std = (local.jacobian[here, 3 * k + row] for row in range(3))
+    local.log_photons[here, k] += uneven.ln[here, k] @ modes
+    local.arrival_ps[here, k] += uneven.late_ps[here, k] @ modes
+    by_photons[:, own], by_time[:, own] = uneven.ln[here, k], uneven.late_ps[here, k]
+    before = local.std_ps[here, k] ** 2
+    after = np.maximum(before + uneven.wider_ps2[here, k] @ modes, _LEAST_WIDE * before)
+    local.std_ps[here, k] = np.sqrt(after)
+    by_std *= (before / after)[:, np.newaxis]
+    by_std[:, own] = uneven.wider_ps2[here, k] / (2.0 * after[:, np.newaxis])
+    local.jacobian[here, 3 * k : 3 * k + 3] = np.stack((by_photons, by_time, by_std), axis=1)

@@ -103,6 +103,7 @@ def likelihood(
         local.log_photons + log_photons_shift,
         delays,
         local.std_ps,
+        local.third_ps3,
         log_background,
         expected_only=expected_only,
     )
@@ -130,6 +131,7 @@ def _scored(
     log_photons: Floats,
     delays: Floats,
     stds: Floats,
+    thirds: Floats,
     log_background: Floats,
     *,
     expected_only: bool,
@@ -140,6 +142,7 @@ def _scored(
         share, later = codes.second
         log_photons = np.hstack((log_photons, log_photons + np.log(share)))
         delays, stds = np.hstack((delays, delays + later)), np.hstack((stds, stds))
+        thirds = np.hstack((thirds, thirds))
     n, n_local = len(delays), 3 * delays.shape[1] + 1
     score, information = np.zeros((n, n_local)), np.zeros((n, n_local, n_local))
     value = photon_score(
@@ -153,6 +156,7 @@ def _scored(
         log_photons,
         delays,
         stds,
+        thirds,
         log_background,
         codes.use_outside,
         expected_only,

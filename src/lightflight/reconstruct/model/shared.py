@@ -20,7 +20,7 @@ from lightflight.arguments import shown
 from lightflight.camera.refraction import interface_moved, phase_index_moved, scene_denser
 from lightflight.flight import INDEX_SLACK_STDS, Medium
 from lightflight.reconstruct import FREE_NAMES
-from lightflight.reconstruct.model.forward import Layout, Light, Local, Pixels, local_variables
+from lightflight.reconstruct.model.forward import Local, Pixels, local_variables
 from lightflight.reconstruct.model.geometry import PathState, vertex_time_jacobian
 from lightflight.reconstruct.model.image_plane import (
     decentering_of_corner,
@@ -31,6 +31,7 @@ from lightflight.reconstruct.model.image_plane import (
 from lightflight.reconstruct.model.nudges import Nudges, nudge_between
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
+from lightflight.reconstruct.model.unknowns import Layout, Light
 from lightflight.timing.clock.calibration import TimingCalibration
 from lightflight.timing.clock.shared_modes import with_shared_errors
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS

@@ -239,7 +239,7 @@ def thick_footing(
         log_share, offset, width = (
             replace(one, value=value) for one, value in zip(moments(feet), values, strict=True)
         )
-        feet = Footing(log_share, offset, width)
+        feet = Footing(log_share, offset, width, feet.third_ps3)
     # To the right the corner lies farther.
     lean = nearest[0]
     by_across = [share * lean * (each.by_before + each.by_after) for each in moments(feet)]
@@ -292,6 +292,7 @@ def _moments(
         _more(share_, none, none, by_slope),
         _more(offset, log_slope * uneven + bowed, uneven, by_slope),
         _more(width, spread, none, by_slope),
+        feet.third_ps3,
     )
 
 
