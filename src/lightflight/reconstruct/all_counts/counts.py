@@ -17,6 +17,7 @@ from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.path.light_path import LightPath
 from lightflight.reconstruct.all_counts.climb import Climb, View, uneven_pixels
 from lightflight.reconstruct.all_counts.corners import pixels_of_uneven_corners
+from lightflight.reconstruct.all_counts.rest_in_counts import with_rest_of_light
 from lightflight.reconstruct.all_counts.strangers import (
     counts_of_pulses,
     further_pulses,
@@ -30,11 +31,7 @@ from lightflight.reconstruct.fit.membership import (
     tips_in_view,
 )
 from lightflight.reconstruct.fit.pictures import as_shown, lit_untold, state_in_view
-from lightflight.reconstruct.model.forward import (
-    CodeCounts,
-    Light,
-    Pixels,
-)
+from lightflight.reconstruct.model.forward import CodeCounts, Pixels
 from lightflight.reconstruct.model.geometry import (
     PathState,
     footprints,
@@ -52,10 +49,12 @@ from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting, clock_errors, pixel_counts
 from lightflight.reconstruct.model.strength import span_of_knots, strength_spline
 from lightflight.reconstruct.model.thick_beam import BEAM_SHARE_STD, clear_of_corners_px
+from lightflight.reconstruct.model.unknowns import Light
 from lightflight.timing.pulses.pile_up import open_share_of
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
+    from lightflight.reconstruct.fit.uneven import RestAlong
 
 Floats = NDArray[np.float64]
 
@@ -393,6 +392,8 @@ class Counts:
         Side of the pixels' active area; None: what each picture says of it.
     corners : tuple of int
         Vertices whose pixels are left out, since what they count is no light of legs alone.
+    rests : tuple of RestAlong
+        How uneven light is along its legs beyond splines.
     """
 
     whole: Sighting
@@ -400,6 +401,7 @@ class Counts:
     uneven: NDArray[np.bool_]
     active_px: float | None = None
     corners: tuple[int, ...] = ()
+    rests: tuple[RestAlong, ...] = ()
 
 
 def clean_counts(
@@ -503,6 +505,8 @@ def view_of_counts(
             f"no usable pixel lies near leg {bare[0] + 1} of the path: give a smaller n_legs or "
             "another start"
         )
+    if counts.rests:
+        pixels = with_rest_of_light(pixels, counts.rests, light, state, own.camera, own.medium)
     codes = codes_of_pixels(pixels, whole, state, own, std_ps)
     uneven = counts.uneven[pixels.rows, pixels.cols]
     return View(whole.view, light, pixels, codes, uneven, state.dark)
@@ -547,5 +551,10 @@ def with_uneven(counts: list[Counts], ended: Climb) -> tuple[list[Counts], bool]
         )  # fmt: skip
         whole = replace(own.whole, blind=own.whole.blind | left_out)
         std_ps = float(np.exp(at.light.log_std_ps))
-        after.append(Counts(whole, std_ps, uneven, own.active_px, (*own.corners, *corners)))
+        after.append(
+            replace(
+                own, whole=whole, intrinsic_ps=std_ps, uneven=uneven,
+                corners=(*own.corners, *corners),
+            )
+        )  # fmt: skip
     return after, new

@@ -35,6 +35,7 @@ from lightflight.reconstruct.fit.membership import (
     tip_of_leg,
 )
 from lightflight.reconstruct.fit.result import prior_in_words
+from lightflight.reconstruct.fit.uneven import RestAlong
 from lightflight.reconstruct.model.geometry import (
     PathState,
     footprints,
@@ -66,6 +67,7 @@ def photon_path(
     tips: Tips = (None, None),
     shared: Floats | None = None,
     areas: Mapping[int, tuple[float, float]] | None = None,
+    rests: Mapping[int, tuple[RestAlong, ...]] | None = None,
 ) -> LightPath:
     """Refine a rough path by the likelihood of all counts.
 
@@ -88,6 +90,8 @@ def photon_path(
     areas : mapping of int to (float, float), optional
         Active areas of cameras that are not small: side, pitches, and standard deviation of its
         fourth power, for which the path is climbed to without it, too.
+    rests : mapping of int to tuple of RestAlong, optional
+        How uneven light is along legs beyond splines, by camera.
 
     Returns
     -------
@@ -100,7 +104,7 @@ def photon_path(
         Where no pixel lies near the path, or the counts lead it out of all bounds.
     """
     told = {view: side for view, (side, _) in (areas or {}).items()}
-    climbed = partial(_climbed, sightings, setting, rough, std_ps, tips, shared)
+    climbed = partial(_climbed, sightings, setting, rough, std_ps, tips, shared, rests or {})
     path = climbed(told)
     for view, (side, fourth_std) in (areas or {}).items():
         if side > 0.0:
@@ -127,6 +131,7 @@ def _climbed(
     std_ps: float,
     tips: Tips,
     shared: Floats | None,
+    rests: Mapping[int, tuple[RestAlong, ...]],
     active_px: Mapping[int, float],
 ) -> LightPath:
     """The path at the top of the likelihood, with active areas as told; of no other camera."""
@@ -141,6 +146,7 @@ def _climbed(
             std_ps,
             np.zeros((*whole.blind.shape, state.n_legs), bool),
             active_px.get(whole.view, 0.0),
+            rests=rests.get(whole.view, ()),
         )
         for whole in wholes
     ]

@@ -25,7 +25,7 @@ from lightflight.reconstruct.fit.membership import (
 )
 from lightflight.reconstruct.fit.pictures import pictures_of
 from lightflight.reconstruct.fit.robust import check_enough, solve_robustly
-from lightflight.reconstruct.fit.uneven import uneven_light
+from lightflight.reconstruct.fit.uneven import RestAlong, Uneven, uneven_light
 from lightflight.reconstruct.model.geometry import footprints
 from lightflight.reconstruct.model.picture import footprint_corrections
 from lightflight.reconstruct.model.setting import Setting
@@ -126,18 +126,51 @@ def finely_lit(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Jo
         fit.solution.state, moved, seen, std_ps=std, fine=True, active_px=fit.active_px
     )
     shown = replace(fit, pictures=pictures, lines=told_lines(pictures, sightings, setting, seen))
-    # What was known of uneven light before stands behind the errors of the clock.
-    of_clock, columns = np.split(fit.times.modes_ps, [_n_of_clock(fit)], axis=1)
-    of_light = columns @ fit.solution.modes[of_clock.shape[1] :]
-    feet = _feet(shown, seen)
-    left = fit.solution.residual_ps + fit.times.footprint_ps + of_light - feet
-    uneven = uneven_light(shown, sightings, setting, left)
+    feet, uneven = _feet_and_rest(shown, sightings, setting)
     times = replace(
         fit.times,
         footprint_ps=feet + uneven.late_ps,
-        modes_ps=np.hstack((of_clock, uneven.columns_ps)),
+        modes_ps=np.hstack((fit.times.modes_ps[:, : _n_of_clock(fit)], uneven.columns_ps)),
     )
     return with_area_errors(replace(shown, times=times), setting)
+
+
+def rests_of_light(fit: JointFit, setting: Setting) -> dict[int, tuple[RestAlong, ...]]:
+    """How uneven light is along the legs of a fit beyond splines, by camera.
+
+    Of a camera's repeats the first tells.
+
+    Parameters
+    ----------
+    fit : JointFit
+        With fine pictures.
+    setting : Setting
+        As told.
+
+    Returns
+    -------
+    dict of int to tuple of RestAlong
+    """
+    rests = _feet_and_rest(fit, list(fit.sightings), setting)[1].rests
+    views = [one.view for one in fit.sightings]
+    return {
+        view: tuple(one for one in rests if one.number == views.index(view)) for view in set(views)
+    }
+
+
+def _feet_and_rest(
+    fit: JointFit, sightings: list[Sighting], setting: Setting
+) -> tuple[Floats, Uneven]:
+    """What the light does to each pulse: that of the splines of its pictures, and what they miss.
+
+    `fit`: with pictures as they are now, and times as they were solved.
+    """
+    seen, _ = as_found(fit.solution, setting, list(fit.sightings))
+    feet, n_of_clock = _feet(fit, seen), _n_of_clock(fit)
+    # What was known of uneven light before stands behind the errors of the clock.
+    of_light = fit.times.modes_ps[:, n_of_clock:] @ fit.solution.modes[n_of_clock:]
+    left = fit.solution.residual_ps + fit.times.footprint_ps + of_light - feet
+    return feet, uneven_light(fit, sightings, setting, left)
 
 
 def _n_of_clock(fit: JointFit) -> int:

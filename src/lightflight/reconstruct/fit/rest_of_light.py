@@ -85,6 +85,13 @@ class Rest:
         """Standard deviation of the slope in the strongest patch; zero without any."""
         return max((std for _, std in self.patches), default=0.0) / self.patch_alike_px
 
+    def variance(self, places_px: Floats) -> Floats:
+        """(n,), of the rest at places."""
+        found = np.full(len(places_px), self.std**2)
+        for place, std in self.patches:
+            found += (std * _window(places_px, place)[0]) ** 2
+        return found
+
     def covariance(self, one: Floats, other: Floats) -> Floats:
         """(n, m), of the rest at n places with that at m others."""
         found: Floats = self.std**2 * _alike(one, other, self.alike_px)[0]

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from lightflight.reconstruct.fit.rest_of_light import (
     LightShown,
+    Rest,
     SlopesShown,
     rest_of_light,
     slopes_of_rest,
@@ -55,6 +56,29 @@ _LEAST_EFFECT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
+class RestAlong:
+    """The rest of the light along a stretch of a leg in one recording.
+
+    Attributes
+    ----------
+    number : int
+        Which recording.
+    leg : int
+    line : LegInPicture
+        Along which places are counted.
+    span_px : (float, float)
+        Where the stretch begins and stops.
+    rest : Rest
+    """
+
+    number: int
+    leg: int
+    line: LegInPicture
+    span_px: tuple[float, float]
+    rest: Rest
+
+
+@dataclass(frozen=True, eq=False)
 class Uneven:
     """Effect of the brightness that a spline leaves out.
 
@@ -64,10 +88,13 @@ class Uneven:
         (n,), by how much each pulse is late, ps.
     columns_ps : array of float
         (n, k), one-sigma errors of that, shared by neighbours, ps.
+    rests : tuple of RestAlong
+        What was found along legs.
     """
 
     late_ps: Floats
     columns_ps: Floats
+    rests: tuple[RestAlong, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +105,7 @@ class PulsesOfLeg:
     ----------
     number : int
         Which recording.
+    leg : int
     rows : array of int, shape (m,)
         Which of the n.
     points_px : array of float, shape (m, 2)
@@ -91,6 +119,7 @@ class PulsesOfLeg:
     """
 
     number: int
+    leg: int
     rows: Indices
     points_px: Floats
     prints: Footprint
@@ -112,7 +141,8 @@ def pulses_by_leg(fit: JointFit, setting: Setting) -> Iterator[PulsesOfLeg]:
                 cols=cols,
             )  # fmt: skip
             points = undistorted_px(camera, rows, cols)
-            yield PulsesOfLeg(number, here, points, prints, picture.legs[leg], picture.fits[leg])
+            line, light = picture.legs[leg], picture.fits[leg]
+            yield PulsesOfLeg(number, leg, here, points, prints, line, light)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +189,7 @@ def uneven_light(
     """
     n = len(fit.times.leg)
     late, columns = np.zeros(n), [np.zeros((n, 0))]
+    rests: list[RestAlong] = []
     for some in pulses_by_leg(fit, setting):
         # Noise of scaled intensities is not that of photons: what is left may be all noise.
         if not sightings[some.number].histograms.poisson or len(some.rows) < _FEW:
@@ -170,13 +201,15 @@ def uneven_light(
             left_ps[here],
             fit.times.weight[here] > 0,
         )
-        late[here], shared = _of_leg(some, pulses)
-        columns.append(_placed(here, shared, n))
-    return Uneven(late, np.hstack(columns))
+        own = _of_leg(some, pulses)
+        late[here] = own.late_ps
+        columns.append(_placed(here, own.columns_ps, n))
+        rests.extend(own.rests)
+    return Uneven(late, np.hstack(columns), tuple(rests))
 
 
-def _of_leg(some: PulsesOfLeg, pulses: _Pulses) -> tuple[Floats, Floats]:
-    """Lateness (n,) and its columns (n, k) of the pulses of one leg."""
+def _of_leg(some: PulsesOfLeg, pulses: _Pulses) -> Uneven:
+    """What it is of the n pulses of one leg."""
     line, strength, lateral_px = some.line, some.light, some.prints.lateral_px
     along, _ = line.along_across(some.points_px)
     spot = strength.spot_std_at(along)
@@ -186,7 +219,8 @@ def _of_leg(some: PulsesOfLeg, pulses: _Pulses) -> tuple[Floats, Floats]:
     telling &= (along > low) & (along < high)
     per_slope = spot**2 * some.prints.slope_ps_per_px
     late, of_spline = np.zeros(len(along)), slope_errors_of_spline(strength, along)
-    columns = []
+    columns: list[Floats] = []
+    rests: list[RestAlong] = []
     for here in stretches(along, telling):
         seen = here[telling[here]]
         if len(seen) < _FEW:
@@ -199,6 +233,8 @@ def _of_leg(some: PulsesOfLeg, pulses: _Pulses) -> tuple[Floats, Floats]:
         found = rest_of_light(shown, spot_px=float(np.median(spot[here])))
         if found.is_none:
             continue
+        span = float(along[here].min()), float(along[here].max())
+        rests.append(RestAlong(some.number, some.leg, line, span, found))
         slope, errors = slopes_of_rest(found, shown, along[here])
         late[here] = per_slope[here] * slope
         of_spline[here] = 0.0
@@ -211,7 +247,8 @@ def _of_leg(some: PulsesOfLeg, pulses: _Pulses) -> tuple[Floats, Floats]:
     scaled = (per_slope / pulses.error_ps)[:, np.newaxis] * np.hstack([of_spline, *columns])
     across, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
     kept = sizes > _LEAST_EFFECT
-    return late, pulses.error_ps[:, np.newaxis] * across[:, kept] * sizes[kept]
+    shared = pulses.error_ps[:, np.newaxis] * across[:, kept] * sizes[kept]
+    return Uneven(late, shared, tuple(rests))
 
 
 def stretches(along: Floats, telling: NDArray[np.bool_]) -> list[Indices]:

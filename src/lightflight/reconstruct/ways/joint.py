@@ -24,6 +24,7 @@ from lightflight.errors import (
 from lightflight.path.light_path import LightPath
 from lightflight.reconstruct.fit.active_area import areas_found
 from lightflight.reconstruct.fit.along import begun_along, statements_of_curves, with_curves
+from lightflight.reconstruct.fit.fine import rests_of_light
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.fit.pictures import lit_untold, state_in_view
 from lightflight.reconstruct.fit.prices import prices_of_fit
@@ -328,7 +329,7 @@ def path_of_pulses(fit: JointFit, request: Request) -> LightPath:
     try:
         better = photon_path(
             sightings, setting, path, std_ps=pulse_std_ps(sightings), tips=fit.tips,
-            shared=fit.solution.shared, areas=areas_found(fit),
+            shared=fit.solution.shared, areas=areas_found(fit), rests=rests_of_light(fit, setting),
         )  # fmt: skip
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return path

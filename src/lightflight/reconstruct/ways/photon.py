@@ -13,6 +13,7 @@ from lightflight.reconstruct.all_counts.counts import merged
 from lightflight.reconstruct.all_counts.photon import photon_path
 from lightflight.reconstruct.all_counts.pooled import pooled_camera, pooled_sighting
 from lightflight.reconstruct.fit.active_area import areas_found
+from lightflight.reconstruct.fit.fine import rests_of_light
 from lightflight.reconstruct.fit.joint import JointFit, pulse_std_ps
 from lightflight.reconstruct.sightings import unwrapped_sighting
 from lightflight.reconstruct.ways.joint import fit_of_request, path_of_fit
@@ -88,6 +89,7 @@ def path_of_all_counts(fit: JointFit, rough: LightPath, request: Request) -> Lig
         tips=fit.tips,
         shared=fit.solution.shared,
         areas=areas_found(fit),
+        rests=rests_of_light(fit, request.setting),
     )
 
 
