@@ -1,7 +1,8 @@
-"""A pulse with more than half of its light in its tail, drawn out by flight: tables lay too far apart.
+"""Pulses with more than half of their light in a tail were drawn out in steps too far apart.
 
-How far was asked of its highest density, as if all of it were a Gaussian; its front is twice as
-steep. Of a pulse of 60 ps and a tail of 200 ps, 0.9 % of the photons were expected elsewhere.
+How far apart tables lie was asked of the highest density, as if all of it were a Gaussian: the
+front is twice as steep. Of a pulse of 60 ps and a tail of 200 ps, 0.9 % of the photons were
+expected elsewhere.
 """
 
 import numpy as np
