@@ -76,3 +76,22 @@ def test_each_stretch_is_as_uneven_as_it_is():
     std = np.linalg.norm(ln, axis=1)
     assert std[PLACES < -2.0] == pytest.approx(0.2, rel=0.02)
     assert std[PLACES > 2.0] == pytest.approx(0.05, rel=0.02)
+
+
+def test_of_very_much_light_the_ends_are_told_alone():
+    """Near an end as with all else; far from any nothing."""
+    end = 1.3
+    lit = NOWHERE[0], end - PLACES
+    whole, ends = (
+        modes_of_rest(
+            [RestAlong(0, 0, None, (-50.0, 50.0), SMOOTH)], PLACES, np.full(len(PLACES), SPOT), lit,
+            ends_alone=alone,
+        )
+        for alone in (False, True)
+    )  # fmt: skip
+    assert ends[0].shape[1] < 0.6 * whole[0].shape[1]
+    near, far = np.abs(PLACES - end) < 1.5, end - 7.0 * SPOT - 2.0 > PLACES
+    for all_of_it, of_ends in zip(whole, ends, strict=True):
+        std = np.linalg.norm(all_of_it, axis=1)
+        np.testing.assert_allclose(np.linalg.norm(of_ends, axis=1)[near], std[near], rtol=0.02)
+        assert np.linalg.norm(of_ends, axis=1)[far].max() < 0.05 * std.max()

@@ -9,7 +9,7 @@ footprint; where a leg begins or ends it sees fewer, and its light is the less c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +19,7 @@ from scipy.special import ndtr
 from lightflight.flight import Medium
 from lightflight.reconstruct.model.footing import corner_distances
 from lightflight.reconstruct.model.forward import LightModes, Pixels
-from lightflight.reconstruct.model.geometry import PathState, footprints
+from lightflight.reconstruct.model.geometry import Indices, PathState, footprints
 from lightflight.reconstruct.model.unknowns import Light
 
 if TYPE_CHECKING:
@@ -35,8 +35,16 @@ _REACH_SPOTS = 4.0
 """Of a footprint."""
 _LEAST_LIT = 1e-6
 """Share of a footprint below which it is dark."""
-_LEAST_SHARE = 1e-2
-"""Of the largest mode: smaller ones are left out."""
+_LEAST_SHARE = 0.05
+"""Of the largest mode: smaller ones are left out, of which the variance has 0.1 %."""
+_BLOCK = 64
+"""Cells that are made into modes at once, as many as twelve spots: a leg of any length costs as
+much for its length."""
+_MOST_MODES = 300
+"""What all legs may take: a climb's steps cost the square of it. Of more the ends of legs are told
+alone: along so much light the errors of times average out."""
+_ENDS_SPOTS = 6.0
+"""Light so near to an end of a leg."""
 
 
 def with_rest_of_light(
@@ -66,31 +74,85 @@ def with_rest_of_light(
     Pixels
         With the modes of it.
     """
+    told = [
+        _Leg.of(leg, [one for one in rests if one.leg == leg], pixels, light, state, camera, medium)
+        for leg in sorted({one.leg for one in rests})
+    ]
+    told = [one for one in told if len(one.here)]
+    modes = [modes_of_rest(one.rests, one.along_px, one.spot_px, one.lit_px) for one in told]
+    if sum(ln.shape[1] for ln, _, _ in modes) > _MOST_MODES:
+        modes = [
+            modes_of_rest(one.rests, one.along_px, one.spot_px, one.lit_px, ends_alone=True)
+            for one in told
+        ]
+    if not told:
+        return pixels
     both = []
-    for leg in {one.leg for one in rests}:
+    for one, (ln, late_px, wider_px2) in zip(told, modes, strict=True):
+        slope = one.slope_ps_per_px[:, np.newaxis]
+        placed = np.zeros((3, *pixels.near.shape, ln.shape[1]))
+        placed[:, one.here, one.leg] = ln, slope * late_px, slope**2 * wider_px2
+        both.append(placed)
+    return replace(pixels, uneven=LightModes(*np.concatenate(both, axis=3)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Leg:
+    """A leg in the k pixels near it.
+
+    Attributes
+    ----------
+    leg : int
+    rests : list of RestAlong
+        Its stretches.
+    here : array of int, shape (k,)
+        Which pixels.
+    along_px, spot_px, slope_ps_per_px : array of float, shape (k,)
+    lit_px : (array of float, array of float), shape (k,) each
+        As `modes_of_rest` takes them.
+    """
+
+    leg: int
+    rests: list[RestAlong]
+    here: Indices
+    along_px: Floats
+    spot_px: Floats
+    slope_ps_per_px: Floats
+    lit_px: tuple[Floats, Floats]
+
+    @classmethod
+    def of(
+        cls,
+        leg: int,
+        rests: list[RestAlong],
+        pixels: Pixels,
+        light: Light,
+        state: PathState,
+        camera: Camera,
+        medium: Medium,
+    ) -> _Leg:
         here = np.flatnonzero(pixels.near[:, leg])
         prints = footprints(
             state, camera=camera, medium=medium, legs=leg, rows=pixels.rows[here],
             cols=pixels.cols[here],
         )  # fmt: skip
         corners = corner_distances(state, prints, leg, camera=camera, cut_ends=light.cut_ends)
+        points = pixels.points_px[here]
         spot = np.full(len(here), np.exp(light.log_spot_px))
         if light.spots:
-            drawn, _ = light.lines[leg].along_across(pixels.points_px[here])
-            spot *= np.exp(light.spots[leg].log_at(drawn))
+            spot *= np.exp(light.spots[leg].log_at(light.lines[leg].along_across(points)[0]))
+        along, _ = rests[0].line.along_across(points)
         lit = corners.before, corners.after
-        own = [one for one in rests if one.leg == leg]
-        along, _ = own[0].line.along_across(pixels.points_px[here])
-        ln, late_px, wider_px2 = modes_of_rest(own, along, spot, lit)
-        slope = prints.slope_ps_per_px[:, np.newaxis]
-        placed = np.zeros((3, *pixels.near.shape, ln.shape[1]))
-        placed[:, here, leg] = ln, slope * late_px, slope**2 * wider_px2
-        both.append(placed)
-    return replace(pixels, uneven=LightModes(*np.concatenate(both, axis=3)))
+        return cls(leg, rests, here, along, spot, prints.slope_ps_per_px, lit)
 
 
 def modes_of_rest(
-    rests: Sequence[RestAlong], along_px: Floats, spot_px: Floats, lit_px: tuple[Floats, Floats]
+    rests: Sequence[RestAlong],
+    along_px: Floats,
+    spot_px: Floats,
+    lit_px: tuple[Floats, Floats],
+    *,
+    ends_alone: bool = False,
 ) -> tuple[Floats, Floats, Floats]:
     """What the rest along a leg may do to n pixels, one standard deviation a column.
 
@@ -104,6 +166,8 @@ def modes_of_rest(
         Standard deviation of the spot there.
     lit_px : (array of float, array of float), shape (n,) each
         Where the leg begins and stops, from those feet.
+    ends_alone : bool, optional
+        Whether light away from these is left to its spline.
 
     Returns
     -------
@@ -111,6 +175,8 @@ def modes_of_rest(
         Log of the light.
     late_px : array of float, shape (n, k)
         By how much further along the leg its middle is.
+    wider_px2 : array of float, shape (n, k)
+        By how much larger the variance about that is.
     """
     reach, cell = _REACH_SPOTS * spot_px.max(), _CELL_SPOTS * float(np.median(spot_px))
     edges = np.arange(along_px.min() - reach, along_px.max() + reach + cell, cell)
@@ -127,13 +193,45 @@ def modes_of_rest(
     middle = first.sum(axis=1, keepdims=True)
     off2 = share - edge - 2.0 * middle * first + middle**2 * share
     late, wider = first - middle * share, off2 - off2.sum(axis=1, keepdims=True) * share
-    noise = _noise_of_cells(rests, 0.5 * (edges[1:] + edges[:-1]))
-    noise /= np.sqrt(cell)
-    # Lengths in spots: both count alike.
-    _, sizes, to_cells = np.linalg.svd(np.vstack((share, late, wider)) * noise, full_matrices=False)
-    to_cells = (to_cells * noise)[sizes > _LEAST_SHARE * sizes[0]].T
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    noise = _noise_of_cells(rests, middles) / np.sqrt(cell)
+    if ends_alone:
+        noise *= _near_ends(middles, along_px, lit_px, _ENDS_SPOTS * float(np.median(spot_px)))
+    # Lengths in spots: all three count alike.
+    to_cells = _to_cells(np.stack((share, late, wider)) * noise) * noise[:, np.newaxis]
     spot = spot_px[:, np.newaxis]
     return share @ to_cells, spot * (late @ to_cells), spot**2 * (wider @ to_cells)
+
+
+def _to_cells(effects: Floats) -> Floats:
+    """(c, k), modes of c cells of unit noise, by their effects (3, n, c) on pixels."""
+    n_cells = effects.shape[2]
+    modes = []
+    for first in range(0, n_cells, _BLOCK):
+        block = slice(first, min(first + _BLOCK, n_cells))
+        own = effects[:, :, block]
+        own = own[:, own.any(axis=(0, 2))].reshape(-1, own.shape[2])
+        _, sizes, to_cells = np.linalg.svd(own, full_matrices=False)
+        placed = np.zeros((n_cells, len(sizes)))
+        placed[block] = to_cells.T
+        modes.append((sizes, placed))
+    sizes = np.concatenate([size for size, _ in modes])
+    found: Floats = np.hstack([placed for _, placed in modes])[
+        :, sizes > _LEAST_SHARE * sizes.max(initial=0.0)
+    ]
+    return found
+
+
+def _near_ends(
+    places_px: Floats, along_px: Floats, lit_px: tuple[Floats, Floats], reach_px: float
+) -> NDArray[np.bool_]:
+    """(c,), whether places lie near to where a leg begins or stops."""
+    near = np.zeros(len(places_px), dtype=bool)
+    for end in lit_px:
+        if np.isfinite(end).any():
+            at = float(np.median((along_px + end)[np.isfinite(end)]))
+            near |= np.abs(places_px - at) < reach_px
+    return near
 
 
 def _noise_of_cells(rests: Sequence[RestAlong], middles_px: Floats) -> Floats:

@@ -151,7 +151,11 @@ def rests_of_light(fit: JointFit, setting: Setting) -> dict[int, tuple[RestAlong
     -------
     dict of int to tuple of RestAlong
     """
-    rests = _feet_and_rest(fit, list(fit.sightings), setting)[1].rests
+    try:
+        rests = _feet_and_rest(fit, list(fit.sightings), setting)[1].rests
+    except np.linalg.LinAlgError:
+        # Of pulses that tell nothing of it nothing is told.
+        return {}
     views = [one.view for one in fit.sightings]
     return {
         view: tuple(one for one in rests if one.number == views.index(view)) for view in set(views)
