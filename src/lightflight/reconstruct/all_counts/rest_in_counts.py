@@ -79,14 +79,14 @@ def with_rest_of_light(
         for leg in sorted({one.leg for one in rests})
     ]
     told = [one for one in told if len(one.here)]
+    if not told:
+        return pixels
     modes = [modes_of_rest(one.rests, one.along_px, one.spot_px, one.lit_px) for one in told]
     if sum(ln.shape[1] for ln, _, _ in modes) > _MOST_MODES:
         modes = [
             modes_of_rest(one.rests, one.along_px, one.spot_px, one.lit_px, ends_alone=True)
             for one in told
         ]
-    if not told:
-        return pixels
     both = []
     for one, (ln, late_px, wider_px2) in zip(told, modes, strict=True):
         slope = one.slope_ps_per_px[:, np.newaxis]

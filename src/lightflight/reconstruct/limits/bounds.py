@@ -372,7 +372,7 @@ def _information(
     """The Fisher information of the expected counts, turned into the path's covariance."""
     camera, medium = setting.camera, setting.medium
     light, pixels = light_and_pixels(state, whole, cut_ends, conditions, camera, medium)
-    errors, n_modes = shared_errors(setting), pixels.modes_ps.shape[2]
+    errors, n_modes = shared_errors(setting), pixels.n_modes
     layout = layout_of(freedom.basis.shape[1], n_modes, light, len(errors))
     local = local_with_shared(
         state,
