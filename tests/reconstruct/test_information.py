@@ -161,3 +161,16 @@ def test_a_slope_that_is_no_number_moves_nothing():
     x, _, converged = ascend(np.array([1.5]), slope_at, moved, most_steps=20)
     assert x == 1.5
     assert not converged
+
+
+def test_a_ridge_that_winds_takes_few_steps_without_leaps():
+    """Rosenbrock's, thirty times as long as wide: by steps ten up, ten down more than 120."""
+
+    def slope_at(x):
+        rest = np.array([30.0 * (x[1] - x[0] ** 2), 1.0 - x[0]])
+        by_x = np.array([[-60.0 * x[0], 30.0], [-1.0, 0.0]])
+        return _Slope(-0.5 * float(rest @ rest), -by_x.T @ rest, by_x.T @ by_x)
+
+    x, _, converged = ascend(np.array([-5.0, 25.0]), slope_at, _added, most_steps=95)
+    assert converged
+    np.testing.assert_allclose(x, [1.0, 1.0], atol=0.01)

@@ -28,7 +28,12 @@ _LEFT = 1.0
 """It is the top only where an undamped step would be no longer than this many standard errors."""
 _FIRST_DAMPING = 1e-3
 _LEAST_DAMPING = 1e-12
-"""Ten up, ten down: near the top the step is Fisher's, whose curvature is the covariance."""
+"""Near the top the step is Fisher's, whose curvature is the covariance."""
+_EASED, _TIGHTENED = 0.1, 2.0
+"""Least and most that damping is multiplied by after a step that led up: as far as it should, or
+hardly. By a rule that knows only up and down every other step along a ridge is refused."""
+_REFUSED = 4.0
+"""The same after a step that led down; twice as much for each one more."""
 _MOST_DAMPING = 1e12
 """No step leads up any more."""
 _WINDING = 12
@@ -156,7 +161,7 @@ def ascend(
     With C the inverse of the information, s^T C^-1 s of a step s is its length in standard errors
     squared, and twice what it should gain.
     """
-    slope, damping = slope_at(point), _FIRST_DAMPING
+    slope, damping, refused = slope_at(point), _FIRST_DAMPING, _REFUSED
     information, score = slope.information, slope.score
     for number in range(1, most_steps + 1):
         step = damped_step(information, score, damping + gauge)
@@ -169,7 +174,8 @@ def ascend(
             new = slope_at(trial)
             gained = new.value - slope.value
             higher = bool(np.isfinite(new.value) and gained >= -1e-12 * (1.0 + abs(slope.value)))
-            length2 = float(step @ information @ step) / len(step)
+            curved = float(step @ information @ step)
+            length2, expected = curved / len(step), float(step @ score) - 0.5 * curved
             if higher:
                 point, slope = trial, new
                 # Asked for here alone: a step that is refused costs its value.
@@ -181,12 +187,13 @@ def ascend(
             promised = 0.5 * float(ahead @ score) > _PROMISE
             leapt = _leapt(point, slope, ahead, slope_at, moved, gauge) if promised else None
             if leapt is not None:
-                (point, slope), damping = leapt, _FIRST_DAMPING
+                (point, slope), damping, refused = leapt, _FIRST_DAMPING, _REFUSED
                 information, score = slope.information, slope.score
                 continue
         if ended:
             return point, slope, True
-        damping = max(damping / 10.0, _LEAST_DAMPING) if higher else damping * 10.0
+        damping *= _eased(gained, expected) if higher else refused
+        damping, refused = max(damping, _LEAST_DAMPING), _REFUSED if higher else 2.0 * refused
         # No step leads higher where what follows the step sways by more than it gains: at the top.
         if (higher and length2 < _TINY**2) or damping > _MOST_DAMPING:
             left = damped_step(information, score, _FIRST_DAMPING + gauge)
@@ -194,6 +201,15 @@ def ascend(
     # Where steps lead up by less and less the top is near, whatever holds the last of them back.
     left = damped_step(information, score, _UNDAMPED + gauge)
     return point, slope, bool(0.5 * float(left @ score) < _PROMISE)
+
+
+def _eased(gained: float, expected: float) -> float:
+    """What damping is multiplied by after a step that led up, by `gained` instead of `expected`.
+
+    Nielsen's rule (IMM-REP-1999-05): as it was after half of it.
+    """
+    kept = gained / expected if expected > 0.0 else 0.0
+    return float(np.clip(1.0 - (2.0 * kept - 1.0) ** 3, _EASED, _TIGHTENED))
 
 
 def _leapt(
