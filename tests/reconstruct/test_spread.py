@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -103,3 +105,23 @@ def test_light_that_is_all_outside_makes_a_halo_and_no_glare():
     assert list(found.sides) == [3]
     assert found.wide[0, 0, :N_HALOS] == pytest.approx(found.outside[0, 0, 0])
     assert not found.wide[0, 0, N_HALOS:].any()
+
+
+def test_counts_of_cells_alike_are_those_of_every_column():
+    """Against `wide_light`, strength by strength, legs of two times, light outside: 1e-3 of it."""
+    rng = np.random.default_rng(7)
+    bent = beam(-20.0, 30.0)
+    bent = replace(
+        bent,
+        leg=(np.arange(len(bent.leg)) > 60).astype(int),
+        arrival_ps=3000.0 + 20.0 * bent.points_px[:, 1] + rng.uniform(0.0, 30.0, len(bent.leg)),
+    )
+    points = np.array([[8, 0], [8, 10], [3, 20], [16, 7]])
+    edges = np.concatenate((np.arange(0.0, 5000.0, 25.0), [9e3, 2e4]))
+    one = np.ones((4, len(edges) - 1))
+    cells = Cells(np.tile(edges - 1000.0, (4, 1)), one, one > 0.0, 0.0 * one, one)
+    wide = rng.normal(0.0, 0.1, N_WIDE)
+    columns = spread.wide_light(cells, points, np.full(4, 1000.0), bent, SHAPE)
+    found = spread.spread_counts(edges, points, bent, SHAPE, wide)
+    assert found == pytest.approx(columns @ wide, abs=1e-3 * np.abs(columns).sum(axis=1).max())
+    assert found.sum(axis=1) == pytest.approx(columns.sum(axis=1) @ wide, rel=1e-3)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from lightflight.reconstruct.model.cells import Cells, as_counted
-from lightflight.reconstruct.model.counted import Pixels, cumulated
+from lightflight.reconstruct.model.counted import Pixels
 from lightflight.reconstruct.model.expected_counts import Tails
 from lightflight.reconstruct.model.pulse_shape import GAUSSIAN, Shape
 from lightflight.reconstruct.model.second_path import SecondPath
@@ -26,6 +26,7 @@ from lightflight.reconstruct.model.spread import (
     WIDE_PX,
     Beam,
     Spread,
+    spread_counts,
     wide_light,
 )
 
@@ -215,24 +216,23 @@ class Diffuse:
         fine = np.arange(first - middle - _AROUND_PS, last - middle + _AROUND_PS, _FINE_PS)
         coarse = np.arange(fine[-1] + _COARSE_PS, fine[-1] + _COARSE_FOR_PS, _COARSE_PS)
         lags = np.concatenate((fine, coarse))
-        reference = np.full(len(rows), middle)
-        edges = np.tile(lags, (len(rows), 1))
-        nothing = np.zeros((len(rows), len(lags) - 1))
-        cells = Cells(edges, nothing, nothing == 0.0, nothing, nothing + 1.0)
-        found = self.spread(cells, points, reference, shape)
+        beam = self.beam.brighter(self.strengths.outside, shape)
+        found = spread_counts(middle + lags, points, beam, shape, self.strengths.wide)
         for k in range(self.leg.shape[1]):
             own = np.flatnonzero((at >= 0) & (self.photons[at, k] > 0.0))
-            late = self.arrival_ps[at[own], k] - reference[own]
-            std, photons = self.std_ps[at[own], k], self.photons[at[own], k, np.newaxis]
+            late = self.arrival_ps[at[own], k, np.newaxis] - middle
+            std, photons = self.std_ps[at[own], k, np.newaxis], self.photons[at[own], k, np.newaxis]
             pulse = self.shape.of(at[own], k)
             for again, delay in ((1.0, 0.0), *self._second):
+                z = (lags - late - delay) / std
+                prompt, come = pulse.come(z), np.zeros_like(z)
                 for share, wait in self.strengths.tails:
-                    by_edge = cumulated(edges[own], late + delay, std, wait, pulse)
-                    found[own] += again * share * photons * np.diff(by_edge, axis=1)
+                    come += share * (prompt - pulse.kept_back(z, std / wait))
+                found[own] += again * photons * np.diff(come, axis=1)
         before = np.concatenate((np.zeros((len(rows), 1)), np.cumsum(found, axis=1)), axis=1)
         out = np.empty(intervals_ps[0].shape)
         for i in range(len(rows)):
-            low, up = (each[i] - reference[i] for each in intervals_ps)
+            low, up = (each[i] - middle for each in intervals_ps)
             if period_ps > 0.0:
                 lap = period_ps * np.floor((low - lags[0]) / period_ps)
                 low, up = low - lap, up - lap
@@ -307,10 +307,9 @@ def late_light(pixels: Pixels, waits_ps: Sequence[float] = LATE_PS) -> Floats:
             come.append((second.share * come[0][0], again))
         shape = pixels.shape.of(lit, k)
         for photons, z in come:
-            prompt = shape.come(z)
             for j, wait in enumerate(waits_ps):
-                by_edge = prompt - shape.kept_back(z, std / wait) - prompt
-                out[lit, :, j] += photons * np.diff(by_edge, axis=1)
+                # What comes late less what comes at once: what waits still keep back.
+                out[lit, :, j] -= photons * np.diff(shape.kept_back(z, std / wait), axis=1)
     return as_counted(pixels.cells, out)
 
 

@@ -207,28 +207,89 @@ def halo(
 
     `points_px` (n, 2) are the pixels, of a picture of `shape`.
     """
-    n, m = cells.counts.shape
-    out = np.zeros((n, m, len(reaches_px) + len(late)))
-    row, col = points_px.T
+    columns = _columns(reaches_px, late)
+    out = np.zeros((len(columns), *cells.counts.shape))
+    edges_ps = cells.edges_ps + reference_ps[:, np.newaxis]
     for leg in np.unique(beam.leg):
         one = beam.of(beam.leg == leg)
         slots, times, stds = _slots(one)
-        rises = {wait: _rise(times, stds, wait) for wait in {0.0, *(wait for _, wait in late)}}
-        for j, reach in enumerate(reaches_px):
-            down, across = (
-                _blur(size, one.points_px[:, axis], reach) for axis, size in enumerate(shape)
-            )
-            by_slot = [(down[:, own] * one.photons[own]) @ across[:, own].T for own in slots]
-            by_time = np.stack([picture[row, col] for picture in by_slot], axis=1)
-            light = by_time.sum(axis=1)
-            # Where a leg's halo is a ten-thousandth of its brightest it is none.
-            lit = np.flatnonzero(light > 1e-4 * float(light.max(initial=1e-300)))
-            edges = cells.edges_ps[lit] + reference_ps[lit, np.newaxis]
-            own = [(len(reaches_px) + k, wait) for k, (px, wait) in enumerate(late) if px == reach]
-            for place, wait in [(j, 0.0), *own]:
-                by_edge = _come_by(edges, by_time[lit], rises[wait], wait)
-                out[lit, :, place] += np.diff(by_edge, axis=1)
-    return as_counted(cells, out)
+        grid = _grid(times, stds)
+        rises = {wait: _rise(grid, times, stds, wait) for wait in {wait for _, wait in columns}}
+        light = _by_slot(points_px, one, slots, shape, reaches_px)
+        # Where a leg's halo is a ten-thousandth of its brightest it is none.
+        bright = light.sum(axis=2)
+        lit = np.any(bright > 1e-4 * bright.max(axis=1, initial=1e-300)[:, np.newaxis], axis=0)
+        edges = _Edges.of(edges_ps[lit], grid)
+        for c, (j, wait) in enumerate(columns):
+            out[c, lit] += np.diff(_come_by(edges, light[j, lit], rises[wait], wait), axis=1)
+    return as_counted(cells, np.ascontiguousarray(np.moveaxis(out, 0, 2)))
+
+
+def spread_counts(
+    edges_ps: Floats, points_px: Indices, beam: Beam, shape: tuple[int, int], wide: Floats
+) -> Floats:
+    """Counts that halo and glare of given strengths bring to cells that are alike in all pixels.
+
+    Parameters
+    ----------
+    edges_ps : array of float, shape (m + 1,)
+        Of these cells, on the clock.
+    points_px : array of int, shape (n, 2)
+        (row, column).
+    beam : Beam
+        Light that is spread; what lies outside of the picture makes no glare in it.
+    shape : (int, int)
+        Of the picture.
+    wide : array of float, shape (k,)
+        Shares of the light, in the order of `WIDE_LABELS`.
+
+    Returns
+    -------
+    array of float, shape (n, m)
+        As `wide_light` for each strength, summed: here light of one wait is told in one product.
+    """
+    out = np.zeros((len(points_px), len(edges_ps) - 1))
+    columns = _columns(WIDE_PX, WIDE_LATE)
+    for leg in np.unique(beam.leg):
+        one = beam.of(beam.leg == leg)
+        slots, times, stds = _slots(one)
+        light = _by_slot(points_px, one, slots, shape, WIDE_PX)
+        for late in sorted({wait for _, wait in columns}):
+            own = [(c, j) for c, (j, wait) in enumerate(columns) if wait == late]
+            by_slot = sum(wide[c] * light[j] for c, j in own)
+            out += by_slot @ np.diff(_rise(edges_ps, times, stds, late), axis=1)
+    seen = beam.sides(shape) < 0
+    if seen.any():
+        nothing = np.zeros((1, out.shape[1]))
+        cells = Cells(edges_ps[np.newaxis], nothing, nothing == 0.0, nothing, nothing + 1.0)
+        over = glare(cells, np.zeros(1), beam.of(seen), shape[0] * shape[1])
+        out += over[0] @ wide[len(columns) :]
+    return out
+
+
+def _columns(
+    reaches_px: Sequence[float], late: Sequence[tuple[float, float]]
+) -> list[tuple[int, float]]:
+    """Of each halo which reach it has and how long it waits, ps: those at once, then late ones."""
+    at_once = [(j, 0.0) for j in range(len(reaches_px))]
+    return at_once + [(list(reaches_px).index(reach), wait) for reach, wait in late]
+
+
+def _by_slot(
+    points_px: Indices,
+    beam: Beam,
+    slots: Sequence[Indices],
+    shape: tuple[int, int],
+    reaches_px: Sequence[float],
+) -> Floats:
+    """(j, n, b): light of each slot that a halo of each reach brings to pixels `points_px`."""
+    row, col = points_px.T
+    light = np.empty((len(reaches_px), len(row), len(slots)))
+    for j, reach in enumerate(reaches_px):
+        down, across = (_blur(size, beam.points_px[:, k], reach) for k, size in enumerate(shape))
+        for b, own in enumerate(slots):
+            light[j, :, b] = ((down[:, own] * beam.photons[own]) @ across[:, own].T)[row, col]
+    return light
 
 
 def _slots(beam: Beam) -> tuple[list[Indices], Floats, Floats]:
@@ -242,29 +303,49 @@ def _slots(beam: Beam) -> tuple[list[Indices], Floats, Floats]:
     return slots, beam.arrival_ps.min() + mean, stds
 
 
-def _rise(times_ps: Floats, stds_ps: Floats, wait_ps: float) -> tuple[Floats, Floats]:
-    """Times (g,), and the share of the light of each slot (b, g) that has come, late by a wait."""
-    reach = _REACH_STDS * stds_ps.max()
-    step = _GRID_STDS * stds_ps.min()
-    grid = np.arange(times_ps[0] - reach, times_ps[-1] + reach + step, step)
-    grids = np.tile(grid, (len(times_ps), 1))
-    return grid, cumulated(grids, times_ps, stds_ps, wait_ps)
+def _grid(times_ps: Floats, stds_ps: Floats) -> Floats:
+    """(g,), times at which it is told what has come of slots."""
+    reach, step = _REACH_STDS * stds_ps.max(), _GRID_STDS * stds_ps.min()
+    return np.arange(times_ps[0] - reach, times_ps[-1] + reach + step, step)
 
 
-def _come_by(
-    edges_ps: Floats, light: Floats, rise: tuple[Floats, Floats], wait_ps: float
-) -> Floats:
-    """(n, m), what has come by each edge (n, m) of the light of slots (n, b), late by a wait."""
-    grid, come_of_slots = rise
+def _rise(grid_ps: Floats, times_ps: Floats, stds_ps: Floats, wait_ps: float) -> Floats:
+    """(b, g), the share of the light of each slot that has come, late by a wait."""
+    return cumulated(np.tile(grid_ps, (len(times_ps), 1)), times_ps, stds_ps, wait_ps)
+
+
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """Where edges of cells (n, m) lie in a grid of times: step below, part of one, past the end.
+
+    `below` counts through n tables, one after another.
+    """
+
+    below: Indices
+    part: Floats
+    beyond_ps: Floats
+
+    @classmethod
+    def of(cls, edges_ps: Floats, grid_ps: Floats) -> _Edges:
+        place = (edges_ps - grid_ps[0]) / (grid_ps[1] - grid_ps[0])
+        np.clip(place, 0.0, len(grid_ps) - 1.0, out=place)
+        low = np.minimum(place.astype(np.int64), len(grid_ps) - 2)
+        first = len(grid_ps) * np.arange(len(edges_ps))[:, np.newaxis]
+        return cls(first + low, place - low, np.maximum(edges_ps - grid_ps[-1], 0.0))
+
+
+def _come_by(edges: _Edges, light: Floats, come_of_slots: Floats, wait_ps: float) -> Floats:
+    """(n, m), what has come by each edge of the light of slots (n, b), late by a wait."""
     by_grid = light @ come_of_slots
-    place = np.clip((edges_ps - grid[0]) / (grid[1] - grid[0]), 0.0, len(grid) - 1.0)
-    low = np.minimum(place.astype(np.int64), len(grid) - 2)
-    before, after = (np.take_along_axis(by_grid, low + k, axis=1) for k in range(2))
-    come: Floats = before + (place - low) * (after - before)
+    flat = by_grid.ravel()
+    come, after = flat.take(edges.below), flat.take(edges.below + 1)
+    after -= come
+    after *= edges.part
+    come += after
     if wait_ps > 0.0:
         # All pulses have come by the end of the grid: what waits still decays, and nothing else.
         kept = light.sum(axis=1) - by_grid[:, -1]
-        come += kept[:, np.newaxis] * -np.expm1(-np.maximum(edges_ps - grid[-1], 0.0) / wait_ps)
+        come -= kept[:, np.newaxis] * np.expm1(edges.beyond_ps / -wait_ps)
     return come
 
 
