@@ -76,6 +76,8 @@ PLAUSIBLE: dict[str, Plausible] = {
     # More would be seen by eye.
     "haze": _LIGHT,
     "halo": _LIGHT,
+    # The front of a mirror silvered behind its glass, at a slant.
+    "halo beside a leg": Plausible(0.1, "of the light"),
     "glare": _LIGHT,
     "other_pulse": _LIGHT,
     "pile_up": Plausible(0.3, "of the brightest pixel's photons"),

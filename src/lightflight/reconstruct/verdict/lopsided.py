@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from lightflight.path.verdict import FindingName
+from lightflight.path.verdict import BlindSpot, FindingName
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.verdict.evidence import LIGHT, Evidence
+from lightflight.reconstruct.model.geometry import vertex_time_jacobian
+from lightflight.reconstruct.model.sizes import PLAUSIBLE
+from lightflight.reconstruct.verdict.evidence import LIGHT, SEEN_AT, Evidence
 
 _TOLD = 0.3
 """Skewness is asked for where it is known to this. Of a spot that hardly two rows of pixels see it
@@ -20,6 +22,10 @@ is known to one and more: there what pixels make of a spot stands for it."""
 _OF_NO_ACCOUNT = 0.01
 """Skewness that pixels and lenses may have: it moves a line by less than a hundredth of the spot.
 Of 58,000 photons on pixels that are active all over, along a column, an even spot shows 0.016."""
+
+SECOND_BEAM = PLAUSIBLE["halo beside a leg"]
+_PARTED = 2.0
+"""Spots between two beams that are seen as two, whatever their skewness is known to."""
 
 
 def evidence_of_lopsided_legs(fit: JointFit) -> tuple[Evidence, ...]:
@@ -65,5 +71,60 @@ def evidence_of_lopsided_legs(fit: JointFit) -> tuple[Evidence, ...]:
             np.empty((0, dof)),
             symptom=True,
             data=LIGHT,
+            blind=blind_to_second_beams(fit),
         ),
     )
+
+
+def blind_to_second_beams(fit: JointFit) -> tuple[BlindSpot, ...]:
+    """The second beam beside a leg that moves the path most and makes it lopsided unseen.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path, with its lines measured finely.
+
+    Returns
+    -------
+    tuple of BlindSpot
+        () where none moves a vertex by more than is stated.
+
+    Notes
+    -----
+    A share s of the light at d moves the middle of a spot by s d, and makes its skewness
+    s (1 - s) (1 - 2 s) (d / spot)^3: half way into the spot nothing is seen of it.
+    """
+    state, lines = fit.solution.state, fit.lines
+    m, n_free = len(state.vertices_mm), fit.freedom.basis.shape[1]
+    places = np.arange(4 * m).reshape(m, 4)[:, :3].ravel()
+    by_free = vertex_time_jacobian(state, fit.solution.medium)[places] @ fit.freedom.basis
+    covariance = by_free @ fit.solution.covariance[:n_free, :n_free] @ by_free.T
+    stated_mm = np.linalg.norm(np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(m, 3), axis=1)
+    spots = []
+    for (view, leg), away_px in _unseen_beams(fit).items():
+        own = lines.leg == leg
+        if lines.view is not None:
+            own &= lines.view == view
+        offsets = lines.whitening[:, own].sum(axis=1) * SECOND_BEAM.size * away_px
+        moved = by_free @ (fit.solution.line_gain[:n_free] @ offsets)
+        moved_mm = np.linalg.norm(moved.reshape(m, 3), axis=1)
+        worst = int(np.argmax(moved_mm - stated_mm))
+        if moved_mm[worst] > stated_mm[worst]:
+            unit = f"{SECOND_BEAM.unit} of leg {leg + 1}, {away_px:.2g} px beside it"
+            spots.append(
+                BlindSpot(FindingName.HALO, SECOND_BEAM.size, unit, float(moved_mm[worst]))
+            )
+    return tuple(sorted(spots, key=lambda spot: -spot.moves_mm)[:1])
+
+
+def _unseen_beams(fit: JointFit) -> dict[tuple[int, int], float]:
+    """By camera and leg, how far beside it a second beam is seen in half of all recordings, px."""
+    share, found = SECOND_BEAM.size, dict[tuple[int, int], float]()
+    for sighting, picture in zip(fit.sightings, fit.pictures, strict=True):
+        for leg, line in enumerate(picture.fits):
+            if np.isfinite(line.skewness_std):
+                least = SEEN_AT * np.hypot(line.skewness_std, _OF_NO_ACCOUNT)
+                parted = (least / (share * (1.0 - share) * (1.0 - 2.0 * share))) ** (1.0 / 3.0)
+                away_px = line.spot_std_px * float(min(parted, _PARTED))
+                found[sighting.view, leg] = min(away_px, found.get((sighting.view, leg), np.inf))
+    return found
