@@ -108,15 +108,20 @@ def photon_path(
     path = climbed(told)
     for view, (side, fourth_std) in (areas or {}).items():
         if side > 0.0:
+            # What an area of next to nothing does is how far two climbs to one top end apart.
+            wide = max(side, fourth_std**0.25)
+            larger = path if wide == side else climbed({**told, view: wide})
             without = climbed({**told, view: 0.0})
-            path = _with_error_of_area(path, without, fourth_std / side**4)
+            path = _with_error_of_area(path, larger, without, fourth_std / wide**4)
     return path
 
 
-def _with_error_of_area(path: LightPath, without: LightPath, share: float) -> LightPath:
-    """The path with the error of an area whose effect on it is known to no more than a share."""
+def _with_error_of_area(
+    path: LightPath, larger: LightPath, without: LightPath, share: float
+) -> LightPath:
+    """The path with the error of an area: a share of what a larger one does to it."""
     moved_by = np.column_stack(
-        (path.vertices_mm - without.vertices_mm, path.vertex_times_ps - without.vertex_times_ps)
+        (larger.vertices_mm - without.vertices_mm, larger.vertex_times_ps - without.vertex_times_ps)
     )
     error = share * moved_by.ravel()
     error = np.outer(error, error)

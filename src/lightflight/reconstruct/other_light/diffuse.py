@@ -131,8 +131,9 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
         far = False
         for _ in range(_MOST_PATHS):
             clear, strengths = without_diffuse(plain, fit, setting, nominal=nominal, stands=not far)
-            seconds = any(o.diffuse.second is not None for o in clear if o.diffuse is not None)
-            much = any(np.abs(one.of_kinds).max() > light.MUCH for one in strengths)
+            found = [o.diffuse for o in clear if o.diffuse is not None]
+            seconds = any(one.second is not None for one in found)
+            much = any(np.abs(one.strengths.of_kinds).max() > light.MUCH for one in found)
             # Lines and brightness, too, without what is no leg's.
             shown = finely_lit(fit, clear, setting) if seconds or much else fit
             better = fitted_again(shown, clear, setting)
@@ -304,7 +305,7 @@ def _measured(known: Known, beam: Beam, part: float) -> _Measured:
     core = about < _CORE_STDS * pixels.drawn_out_ps[:, :, np.newaxis]
     other = np.sum(core * np.abs(spread)[:, np.newaxis], axis=2)
     diffuse = light.Diffuse(
-        strengths,
+        known.told,
         beam,
         seen.rows,
         seen.cols,
