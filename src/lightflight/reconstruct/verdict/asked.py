@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.verdict.doubtful import causes_instead_of_corners
 from lightflight.reconstruct.verdict.evidence import CHECK_AT, WITHIN, Evidence
 from lightflight.reconstruct.verdict.examine import evidence_of_pulses
 from lightflight.reconstruct.verdict.hidden import findings_of_hidden
@@ -49,19 +50,25 @@ def shares_asked_for(
     -------
     dict of str to float
         Of names that explain the misfit as well as the best cause; at most one. Empty where the
-        recording shows no misfit: then nothing says how far things are off.
+        recording shows no misfit, nor a corner that may stand for one: then nothing says how far
+        things are off.
     """
     hidden = findings_of_hidden(fit, told=n_legs is not None)
     evidence, _ = evidence_of_pulses(fit, hidden, sightings, setting, n_legs=n_legs)
-    causes = [one for one in evidence if not one.symptom]
-    best = max((one.gain for one in causes), default=0.0)
-    if best <= 0.0 or family_p_value(evidence) > CHECK_AT:
-        return {}
-    named = {one.frees: one.need for one in causes if _explains(one, best)}
+    if family_p_value(evidence) <= CHECK_AT:
+        causes = _explaining([one for one in evidence if not one.symptom])
+    elif n_legs is None:
+        # A corner more explains what a clock that is early does: without it there is a misfit.
+        causes = causes_instead_of_corners(fit, sightings, setting)[1]
+    else:
+        causes = []
+    named = {one.frees: one.need for one in causes if one.frees}
     needs = {name: named.get(_SAME_AS.get(name, name)) for name in free}
     told = {name: need for name, need in needs.items() if need is not None}
     return {name: min(1.0, need / len(told) ** 0.5) for name, need in told.items()}
 
 
-def _explains(cause: Evidence, best: float) -> bool:
-    return bool(cause.frees) and cause.gain > best - WITHIN
+def _explaining(causes: list[Evidence]) -> list[Evidence]:
+    """Those that gain as much as the best, nearly."""
+    best = max((one.gain for one in causes), default=0.0)
+    return [one for one in causes if best > 0.0 and one.gain > best - WITHIN]

@@ -64,19 +64,45 @@ def verdict_with_doubtful_corners(
     """
     if verdict.level is not Level.TRUST:
         return verdict
+    corners, causes = causes_instead_of_corners(fit, sightings, setting)
+    if not causes:
+        return verdict
+    findings = tuple(_finding(one, corners, fit.solution.state) for one in causes[:MOST_NAMED])
+    return replace(verdict, level=Level.CHECK, findings=findings)
+
+
+def causes_instead_of_corners(
+    fit: JointFit, sightings: list[Sighting], setting: Setting
+) -> tuple[tuple[int, ...], list[Evidence]]:
+    """Corners that errors of the set-up explain as well, and those errors, the best first.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path; its number of legs was not told.
+    sightings : list of Sighting
+        Its recordings.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    corners : tuple of int
+        Numbers of their vertices.
+    causes : list of Evidence
+        Empty where none are in doubt.
+    """
     asked = corners_asked_about(fit, setting.told_vertices)
     if not asked:
-        return verdict
-    state = fit.solution.state
+        return (), []
     # In even light, as the paths without: unequal pixels would take up what a corner explains.
-    plain = refitted(sightings, state, setting)
+    plain = refitted(sightings, fit.solution.state, setting)
     longer = fit if isinstance(plain, NoFit) else plain
     for corners in asked:
         causes = _causes_instead(corners, longer, sightings, setting)
         if causes:
-            findings = tuple(_finding(one, corners, state) for one in causes[:MOST_NAMED])
-            return replace(verdict, level=Level.CHECK, findings=findings)
-    return verdict
+            return corners, causes
+    return (), []
 
 
 def corners_asked_about(fit: JointFit, told: Collection[int]) -> tuple[tuple[int, ...], ...]:
