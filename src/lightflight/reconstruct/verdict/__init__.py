@@ -7,5 +7,5 @@
   is to reach: `asked`
 - other paths: `detours`, `bent`, `arms`, `hidden`, `doubtful`, `alternatives`
 - what is noticed without a test: `bookkeeping`; light taken up, and unseen: `taken_up`,
-  `unseen_light`
+  `unseen_light`, `lopsided`; what an error that nothing shows moves: `blind`
 """

@@ -21,10 +21,10 @@ from lightflight.reconstruct.fit.membership import mode_columns
 from lightflight.reconstruct.model.geometry import (
     Indices,
     footprints,
-    vertex_time_jacobian,
 )
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.verdict.blind import Vertices, farthest
 from lightflight.reconstruct.verdict.candidates import (
     LEAST_SIGNAL,
     Candidate,
@@ -65,17 +65,14 @@ class Examined:
         (N, p), orthonormal basis of what the fit can take up.
     gain : array of float
         (p, N): d(free parameters) / d(whitened rows), of those that move the path.
-    vertex_mm : array of float
-        (3m, p), what these do to the vertices, mm.
-    vertex_std_mm : array of float
-        (3m,), stated errors of the vertices, mm.
+    vertices : Vertices
+        What these do to the vertices.
     """
 
     residual: Floats
     span: Floats
     gain: Floats
-    vertex_mm: Floats
-    vertex_std_mm: Floats
+    vertices: Vertices
 
     def left_of(self, columns: Floats) -> Floats:
         """What the fit cannot take up of columns (N, k)."""
@@ -174,17 +171,11 @@ def examined_fit(fit: JointFit, solution: Solution, setting: Setting) -> Examine
     kept = values > 1e-9 * values[0]
     n_free = fit.freedom.basis.shape[1]
     gain = ((right[kept].T / values[kept]) @ left[:, kept].T) / scale[:, np.newaxis]
-    to_vertices = vertex_time_jacobian(solution.state, setting.medium)
-    m = len(solution.state.vertices_mm)
-    places = np.arange(4 * m).reshape(m, 4)[:, :3].ravel()
-    vertex_mm = to_vertices[places] @ fit.freedom.basis
-    covariance = vertex_mm @ solution.covariance[:n_free, :n_free] @ vertex_mm.T
     return Examined(
         residual=solution.rows,
         span=left[:, kept],
         gain=gain[:n_free],
-        vertex_mm=vertex_mm,
-        vertex_std_mm=np.sqrt(np.maximum(np.diag(covariance), 0.0)),
+        vertices=Vertices.of(fit, solution, setting.medium),
     )
 
 
@@ -279,21 +270,10 @@ def _blind(
     for k, plausible in enumerate(candidate.plausible):
         seen = float(np.linalg.norm(signal * mixing[:, k]))
         hidden = min(1.0, SEEN_AT / max(seen, 1e-12))
-        moved = examined.vertex_mm @ (examined.gain @ (hidden * candidate.columns[:, k]))
-        by_vertex = np.linalg.norm(moved.reshape(-1, 3), axis=1)
-        stated = np.linalg.norm(examined.vertex_std_mm.reshape(-1, 3), axis=1)
-        worst = int(np.argmax(by_vertex - stated))
-        if by_vertex[worst] > stated[worst]:
-            spots.append(
-                BlindSpot(
-                    candidate.name,
-                    hidden * plausible.size,
-                    plausible.unit,
-                    float(by_vertex[worst]),
-                )
-            )
-    spots.sort(key=lambda spot: -spot.moves_mm)
-    return tuple(spots[:1])
+        moved_mm = examined.vertices.moved_mm(examined.gain @ (hidden * candidate.columns[:, k]))
+        size, unit = hidden * plausible.size, plausible.unit
+        spots.append(examined.vertices.spot(candidate.name, size, unit, moved_mm))
+    return farthest(spots)
 
 
 def _scatter(fit: JointFit, times: TimeData, solution: Solution) -> Evidence:

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from lightflight.path.verdict import BlindSpot, FindingName
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model import light
-from lightflight.reconstruct.model.geometry import vertex_time_jacobian
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.model.spread import HALO_LATE, HALO_PX, Beam, wide_light
 from lightflight.reconstruct.other_light.around import Group
+from lightflight.reconstruct.verdict.blind import Vertices
 from lightflight.reconstruct.verdict.count_tests import (
     Cause,
     Columns,
@@ -91,23 +91,16 @@ def blind_to_light(
         By the cause's name.
     """
     late_ps = shift_of_pulses(held, sums, causes, fit)
-    to_vertices = vertex_time_jacobian(fit.solution.state, fit.solution.medium)
-    m = len(fit.solution.state.vertices_mm)
-    places = np.arange(4 * m).reshape(m, 4)[:, :3].ravel()
-    by_free = to_vertices[places] @ fit.freedom.basis
-    n_free = by_free.shape[1]
-    moved = by_free @ (fit.solution.photon_gain[:n_free] @ late_ps)
-    covariance = by_free @ fit.solution.covariance[:n_free, :n_free] @ by_free.T
-    stated = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    mm = np.linalg.norm(moved.reshape(m, 3, -1), axis=1)
-    beyond = mm, np.linalg.norm(stated.reshape(m, 3), axis=1)
+    vertices = Vertices.of(fit, fit.solution, fit.solution.medium)
+    n_free = vertices.by_free.shape[1]
+    moved_mm = vertices.moved_mm(fit.solution.photon_gain[:n_free] @ late_ps)
     asked = [one for one in causes if one.name in PLAUSIBLE and not one.symptom]
     if fit.strengths:
         asked = [one for one in asked if one.name not in _OF_FIT]
     found: dict[FindingName, BlindSpot] = {}
     by_cell = _seen_in_one_cell(sums)
     for cause in asked:
-        for spot in _spots(cause, sums, by_cell, *beyond, least_size):
+        for spot in _spots(cause, sums, by_cell, vertices, moved_mm, least_size):
             if cause.name not in found or spot.moves_mm > found[cause.name].moves_mm:
                 found[cause.name] = spot
     return found
@@ -134,14 +127,13 @@ def _spots(
     cause: Cause,
     sums: Sums,
     by_cell: Floats,
-    mm: Floats,
-    stated_mm: Floats,
+    vertices: Vertices,
+    moved_mm: Floats,
     least_size: float,
 ) -> Iterator[BlindSpot]:
     """Each column's largest unseen size, where it moves a vertex by more than is stated.
 
-    `by_cell` (K,) is seen in single cells, `mm` (m, K) what a size of one does to the vertices,
-    `stated_mm` (m,) their errors.
+    `by_cell` (K,) is seen in single cells, `moved_mm` (m, K) what a size of one does to `vertices`.
     """
     known = np.diag(sums.information)
     seen_at = max(SEEN_AT, least_size * float(np.sqrt(known[list(cause.columns)].max())))
@@ -149,12 +141,11 @@ def _spots(
         size = min(cause.plausible, float(by_cell[column]))
         if known[column] > 0.0:
             size = min(size, seen_at / float(np.sqrt(known[column])))
-        by_vertex = size * mm[:, column]
-        worst = int(np.argmax(by_vertex - stated_mm))
-        if by_vertex[worst] > stated_mm[worst]:
-            where = f" {cause.labels[j]}".rstrip() if cause.labels else ""
-            unit = f"{PLAUSIBLE[cause.name].unit}{where}"
-            yield BlindSpot(cause.name, size, unit, float(by_vertex[worst]))
+        where = f" {cause.labels[j]}".rstrip() if cause.labels else ""
+        unit = f"{PLAUSIBLE[cause.name].unit}{where}"
+        spot = vertices.spot(cause.name, size, unit, size * moved_mm[:, column])
+        if spot is not None:
+            yield spot
 
 
 def shift_of_pulses(
