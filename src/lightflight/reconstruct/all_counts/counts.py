@@ -346,12 +346,13 @@ def codes_of_pixels(
         sighting.histograms, pixels.rows, pixels.cols, (found.lower_ps, found.upper_ps)
     )
     if sighting.diffuse is not None:
-        other = sighting.diffuse.counts(
-            pixels.rows, pixels.cols, intervals,
-            float(sighting.histograms.laser_period_ps or 0.0), setting.camera.shape,
-        )  # fmt: skip
-        # As in its cells: of photons of which those that came first are counted.
-        other *= open_share / open_share.max(axis=1, keepdims=True)
+        period_ps = float(sighting.histograms.laser_period_ps or 0.0)
+        other = _counted_first(
+            sighting.diffuse.counts(
+                pixels.rows, pixels.cols, intervals, period_ps, setting.camera.shape
+            ),
+            open_share,
+        )
         if isinstance(sighting.diffuse.second, Echo):
             second = sighting.diffuse.second.share, sighting.diffuse.second.delay_ps
     pulses = strange_pulses(sighting, state, setting, std_ps)
@@ -374,6 +375,42 @@ def codes_of_pixels(
         other=other,
         second=second,
     )
+
+
+def _counted_first(counts: Floats, open_share: Floats) -> Floats:
+    """What is counted of other light: as in its cells, of photons of which the first counts."""
+    first: Floats = counts * (open_share / open_share.max(axis=1, keepdims=True))
+    return first
+
+
+def other_light_otherwise(
+    sighting: Sighting, pixels: Pixels, codes: CodeCounts
+) -> list[CodeCounts]:
+    """The same counts with light about the path that is off by a standard deviation, one by one.
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, with the diffuse light found in it.
+    pixels : Pixels
+        The pixels that take part.
+    codes : CodeCounts
+        What they count, with other light as it was told.
+
+    Returns
+    -------
+    list of CodeCounts
+        One for each error of that light; none where there is too little of it.
+    """
+    diffuse = sighting.diffuse
+    if diffuse is None or not diffuse.has_halo or codes.open_share is None:
+        return []
+    skew = pixels.skew_ps[:, np.newaxis]
+    intervals = codes.lower_ps - skew, codes.upper_ps - skew
+    about = pixels.rows, pixels.cols, intervals, codes.period_ps, sighting.blind.shape
+    told, open_share = diffuse.counts(*about), codes.open_share
+    more = (_counted_first(one.counts(*about) - told, open_share) for one in diffuse.otherwise())
+    return [replace(codes, other=codes.other + one) for one in more]
 
 
 @dataclass(frozen=True, eq=False)

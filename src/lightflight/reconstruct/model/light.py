@@ -6,7 +6,7 @@ other pulses, pile-up) or by the light of all bright pixels about them (halo, gl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -26,6 +26,7 @@ from lightflight.reconstruct.model.spread import (
     WIDE_PX,
     Beam,
     Spread,
+    halo_whenever,
     spread_counts,
     wide_light,
 )
@@ -65,6 +66,8 @@ OF_PULSES, OF_SPREAD = np.r_[:N_LATE, WAITS], np.r_[WIDE, OUTSIDE]
 """Where the kinds of `LABELS` stand: which are a pulse's own, which are of light from elsewhere."""
 _HALO_KINDS = [N_LATE, N_LATE + 1]
 """Where halos stand in `Strengths.of_kinds`: at once and late."""
+_LEAST_HALO = 0.1
+"""Of the brightest halo: what is unknown of dimmer ones is taken as of this one."""
 _NUDGE = 1e-3
 """Step of a mean wait for its derivative, ln."""
 
@@ -161,6 +164,43 @@ class Diffuse:
         value = self.strengths.value.copy()
         value[HALOS] = 0.0
         return replace(self, strengths=replace(self.strengths, value=value))
+
+    def halo_photons(self, rows: Indices, cols: Indices, shape: tuple[int, int]) -> Floats:
+        """(m,), photons of all halos in some pixels, whenever they come."""
+        photons: Floats = self._halos(rows, cols, shape) @ self.strengths.value[HALOS]
+        return photons
+
+    def _halos(self, rows: Indices, cols: Indices, shape: tuple[int, int]) -> Floats:
+        """(m, j), the same of each halo at a strength of one."""
+        beam = self.beam.brighter(self.strengths.outside, shape)
+        return halo_whenever(np.column_stack((rows, cols)), beam, shape)
+
+    def halo_unknown(self, rows: Indices, cols: Indices, shape: tuple[int, int]) -> Floats:
+        """(m, j), how the log of the halo in some pixels follows what is unknown of how wide it is.
+
+        One standard deviation a column.
+        """
+        each = self._halos(rows, cols, shape)
+        told = each @ self.strengths.value[HALOS]
+        root = np.linalg.cholesky(self.strengths.covariance[HALOS, HALOS])
+        # Where there is hardly any its log would be anything.
+        least = _LEAST_HALO * float(told.max(initial=0.0))
+        if least <= 0.0:
+            return np.zeros((len(rows), 0))
+        unknown: Floats = each @ root / np.maximum(told, least)[:, np.newaxis]
+        return unknown
+
+    def otherwise(self) -> Iterator[Diffuse]:
+        """The same with spread light that is off by one standard deviation, of one error each.
+
+        What is left unknown of its strengths is a sum of these errors, which are independent.
+        """
+        own = np.ix_(OF_SPREAD, OF_SPREAD)
+        variance, errors = np.linalg.eigh(self.strengths.covariance[own])
+        for error in (errors * np.sqrt(np.maximum(variance, 0.0))).T:
+            value = self.strengths.value.copy()
+            value[OF_SPREAD] += error
+            yield replace(self, strengths=replace(self.strengths, value=value))
 
     def times(self, factor: float) -> Diffuse:
         """The same of a recording `factor` times as long."""

@@ -60,12 +60,16 @@ class Halo:
         As told, ln of the photons per px of its length there.
     shares : array of float, shape (n, p)
         Of a pixel's halo, from each place; they sum to one.
+    modes : array of float, shape (n, k)
+        How its log follows what is left unknown of how wide it is, one-sigma columns, the same k
+        for all legs.
     """
 
     photons: Floats
     along_px: Floats
     log_light: Floats
     shares: Floats
+    modes: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +129,8 @@ class HaloTable:
         The same of the numbers of the leg's own spot.
     log_light : array of float, shape (n,)
         The same of the line as told, ln of the photons per px.
+    more : array of float, shape (n, 1 + k)
+        How the log of it follows how much more there is, and what is unknown of how wide it is.
     """
 
     photons: Floats
@@ -132,13 +138,19 @@ class HaloTable:
     basis: Floats
     spot_lever: Floats
     log_light: Floats
+    more: Floats
+
+    @property
+    def n_more(self) -> int:
+        """Numbers that say how much more of it there is, and how wide it is."""
+        return int(self.more.shape[1])
 
 
 @dataclass(frozen=True, eq=False)
 class LineProblem:
     """Data of all legs in one stack; parameters: spline of each leg, its two offsets and the s
     numbers of its own spot (three, or none), then, where halo is among the photons, the log of how
-    much more there is than told, and last the log of the spot of all.
+    much more there is than told and k numbers of how wide it is, last the log of the spot of all.
 
     Each pixel is touched by few of them: four of the cubic spline, its leg's two offsets and s of
     its spot, the spot of all and the halo. Bent legs have more offsets, and where there is one w is
@@ -261,17 +273,18 @@ def problem_of(data: list[LineData], spacing_px: list[float], *, fine: bool) -> 
         np.tile(stop - n_spot + np.arange(n_spot), (len(d.photons), 1))
         for stop, d in zip(starts[1:], data, strict=True)
     ]
-    has_halo = any(d.halo is not None for d in data)
-    size = starts[-1] + has_halo + 1
+    modes = [d.halo.modes.shape[1] for d in data if d.halo is not None]
+    n_more = 1 + max(modes) if modes else 0
+    size = starts[-1] + n_more + 1
     touched = [
         _filled(columns, size - 1),
         np.vstack(of_spot),
         np.full((pixels[-1].stop, 1), size - 1),
     ]
-    halo = _halo_of(data, knots, anchors, starts, n_spot) if has_halo else None
+    halo = _halo_of(data, knots, anchors, starts, n_spot) if n_more else None
     if halo is not None:
-        touched += [np.full((pixels[-1].stop, 1), size - 2), halo.columns]
-    level = [np.full((1, 1), _HALO_PRIOR_LN**-2.0)] * has_halo
+        touched += [np.tile(starts[-1] + np.arange(n_more), (pixels[-1].stop, 1)), halo.columns]
+    more = np.diag(np.r_[_HALO_PRIOR_LN**-2.0, np.ones(n_more - 1)]) if n_more else None
     return LineProblem(
         data=_joined(data),
         pixels=pixels,
@@ -283,7 +296,9 @@ def problem_of(data: list[LineData], spacing_px: list[float], *, fine: bool) -> 
         basis=np.vstack(bases),
         lever=_filled(levers, 0.0),
         spot_lever=np.vstack(spots),
-        precision=block_diag(*stiff, *level, np.full((1, 1), SPOT_PRIOR[1] ** -2.0)),
+        precision=block_diag(
+            *stiff, *([] if more is None else [more]), np.full((1, 1), SPOT_PRIOR[1] ** -2.0)
+        ),
         expected=np.zeros(size),
         halo=halo,
     )
@@ -297,7 +312,7 @@ def _halo_of(
     n_spot: int,
 ) -> HaloTable:
     """The halo among the photons of all legs, leg after leg."""
-    photons, columns, bases, levers, log_light = [], [], [], [], []
+    photons, columns, bases, levers, log_light, more = [], [], [], [], [], []
     for k, d in enumerate(data):
         n, n_spline = len(d.photons), len(knots[k]) - 4
         columns.append(np.tile(starts[k] + np.arange(n_spline), (n, 1)))
@@ -306,6 +321,7 @@ def _halo_of(
             bases.append(np.zeros((n, n_spline)))
             levers.append(np.zeros((n, n_spot)))
             log_light.append(np.zeros(n))
+            more.append(np.ones((n, 1)))
             continue
         # Beyond what is shown a line is as bright as where it ends.
         places = np.clip(d.halo.along_px, *span_of_knots(knots[k]))
@@ -314,12 +330,14 @@ def _halo_of(
         bases.append(d.halo.shares @ BSpline.design_matrix(places, knots[k], 3).toarray())
         levers.append(d.halo.shares @ spot.shares(places)[:, :n_spot])
         log_light.append(d.halo.shares @ d.halo.log_light)
+        more.append(np.hstack((np.ones((n, 1)), d.halo.modes)))
     return HaloTable(
         np.concatenate(photons),
         _filled(columns, starts[-1]),
         _filled(bases, 0.0),
         np.vstack(levers),
         np.concatenate(log_light),
+        _filled(more, 0.0),
     )
 
 
@@ -503,7 +521,9 @@ class Expected:
         # A wider spot of the same brightness holds more light, and so does its halo.
         halo = 1.0 - direct
         of_spot = by_spot * problem.spot_lever + halo * problem.halo.spot_lever
-        return np.hstack((*of_line, of_spot, by_spot + halo, halo, halo * problem.halo.basis))
+        return np.hstack(
+            (*of_line, of_spot, by_spot + halo, halo * problem.halo.more, halo * problem.halo.basis)
+        )
 
     @property
     def by_area(self) -> Floats:
@@ -548,8 +568,9 @@ def expected_photons(problem: LineProblem, parameters: Floats) -> Expected:
     if told is None:
         return Expected(direct, problem, seen, np.ones(len(direct)), across / spot)
     # The spot of all, how much more halo there is, and the line where the halo comes from.
-    log_more = own[:, spot_at] + own[:, spot_at + 1] + _LOG_ROOT_2_PI - told.log_light
-    log_more += np.sum(told.basis * own[:, spot_at + 2 :], axis=1)
+    of_halo, of_line = np.split(own[:, spot_at + 1 :], [told.n_more], axis=1)
+    log_more = own[:, spot_at] + _LOG_ROOT_2_PI - told.log_light
+    log_more += np.sum(told.more * of_halo, axis=1) + np.sum(told.basis * of_line, axis=1)
     log_more += np.sum(told.spot_lever * of_spot, axis=1)
     halo = told.photons * np.exp(np.clip(log_more, -_MOST_MORE_LN, _MOST_MORE_LN))
     return Expected(direct + halo, problem, seen, direct / (direct + halo), across / spot)

@@ -198,6 +198,7 @@ class _Counted:
     photons: Floats
     empty: Floats
     halo: Floats
+    unknown: Floats
     blended: Bools
     diffuse: Diffuse | None
 
@@ -216,14 +217,15 @@ def _counted(
     pixels = _pixels_near(legs, camera, sighting.blind)
     arrival, width = _times_of_legs(state, pixels, camera, medium, std_ps)
     photons, empty, _ = photons_at_times(sighting, pixels.rows, pixels.cols, arrival, width)
-    halo, diffuse = np.zeros(photons.shape), None
+    halo, unknown, diffuse = np.zeros(photons.shape), np.zeros((len(photons), 0)), None
     if fine and sighting.diffuse is not None and sighting.diffuse.has_halo:
         # A halo is as bright as the line that it is of: what it adds says how bright that is.
         diffuse = sighting.diffuse
         bare = replace(sighting, diffuse=diffuse.without_halo())
         bright, empty, _ = photons_at_times(bare, pixels.rows, pixels.cols, arrival, width)
         halo = np.maximum(bright - photons, 0.0)
-    return _Counted(pixels, photons, empty, halo, _blended(arrival, width), diffuse)
+        unknown = diffuse.halo_unknown(pixels.rows, pixels.cols, camera.shape)
+    return _Counted(pixels, photons, empty, halo, unknown, _blended(arrival, width), diffuse)
 
 
 def _lines_told(
@@ -257,7 +259,15 @@ def _lines_told(
         spread = (
             None
             if counted.diffuse is None
-            else _halo_of_leg(counted.diffuse, k, legs[k], camera, places, counted.halo[use, k])
+            else _halo_of_leg(
+                counted.diffuse,
+                k,
+                legs[k],
+                camera,
+                places,
+                counted.halo[use, k],
+                counted.unknown[use],
+            )
         )
         photons = counted.photons[use, k] + (0.0 if spread is None else spread.photons)
         data.append(
@@ -298,6 +308,7 @@ def _halo_of_leg(
     camera: Camera,
     places: tuple[Floats, Floats],
     photons: Floats,
+    unknown: Floats,
 ) -> Halo | None:
     """A leg's halo among the photons at some places along and across; None: no light is told of."""
     own = diffuse.beam.of(diffuse.beam.leg == k)
@@ -311,7 +322,7 @@ def _halo_of_leg(
         shares += share / reach**2 * np.exp(-0.5 * gap2 / reach**2)
     # Where there is less than none, from all places alike.
     shares = np.maximum(shares, 1e-12) * own.photons
-    return Halo(photons, along, np.log(per_px), shares / shares.sum(axis=1, keepdims=True))
+    return Halo(photons, along, np.log(per_px), shares / shares.sum(axis=1, keepdims=True), unknown)
 
 
 def _clear_span(
