@@ -17,6 +17,7 @@ import pytest
 
 import lightflight as lf
 from lightflight.reconstruct.all_counts import photon
+from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.light import Diffuse
 from lightflight.reconstruct.model.spread import WIDE_PX
 from tests.oracles.miss import across, error_and_covariance
@@ -76,6 +77,26 @@ def test_a_halo_of_any_width_is_a_sum_of_those_in_the_fit(width_px):
 def test_a_single_leg_in_a_halo_of_4_px_is_where_it_says(seed, method):
     """Pulls were 5.4, 8.9 and 11.9; chance brings one of three above 3 once in 3,000."""
     assert pull_of(path_of(seed, method), seed) < 3.0
+
+
+@pytest.mark.parametrize("seed", [96001, 96011])
+def test_a_halo_that_is_less_than_none_within_and_more_without_is_a_halo(seed):
+    """Over 3 px: begun with a wide spot its parts summed to nothing, and lines were measured as if
+    there were none: pulls of 8.6 and 14.5, "check", with 0.1 mm stated to 0.016."""
+    world = random_world(seed, 1).but(halo=0.2, halo_std_px=3.0)
+    path = lf.reconstruct(record(world, seed), method="photon", **what_the_user_tells(world))
+    error, covariance = error_and_covariance(path, world.vertices)
+    assert np.sqrt(error @ np.linalg.solve(covariance, error) / len(error)) < 3.0
+
+
+@pytest.mark.parametrize(
+    ("parts", "much"),
+    [((0.0, 0.0), False), ((0.02, 0.0), False), ((0.1, 0.0), True), ((0.2, -0.2), True)],
+)
+def test_parts_of_a_halo_that_cancel_are_one(parts, much):
+    value = np.zeros(len(light.LABELS))
+    value[[light.HALOS.start, light.HALOS.start + 4]] = parts
+    assert light.Strengths(value, np.eye(len(value))).much_halo is much
 
 
 def test_light_that_is_spread_comes_as_the_pulses_do_that_it_is_of(monkeypatch):

@@ -26,6 +26,7 @@ from lightflight.reconstruct.model.spread import (
     WIDE_PX,
     Beam,
     Spread,
+    columns_of_halos,
     halo_whenever,
     spread_counts,
     wide_light,
@@ -64,8 +65,15 @@ WAITS, OUTSIDE = slice(WIDE.stop, WIDE.stop + N_LATE), slice(WIDE.stop + N_LATE,
 HALOS = slice(N_LATE, N_LATE + len(WIDE_PX) + len(WIDE_LATE))
 OF_PULSES, OF_SPREAD = np.r_[:N_LATE, WAITS], np.r_[WIDE, OUTSIDE]
 """Where the kinds of `LABELS` stand: which are a pulse's own, which are of light from elsewhere."""
-_HALO_KINDS = [N_LATE, N_LATE + 1]
-"""Where halos stand in `Strengths.of_kinds`: at once and late."""
+_ACROSS_PX = 0.5
+_FALLS_OFF = _ACROSS_PX * np.array(
+    [
+        np.exp(-0.5 * (np.arange(-4.0 * WIDE_PX[-1], 4.0 * WIDE_PX[-1], _ACROSS_PX) / reach) ** 2)
+        / (reach * np.sqrt(2.0 * np.pi))
+        for reach in WIDE_PX
+    ]
+)
+"""How halos fall off from a long line: light of each in strips of half a pixel; it sums to one."""
 _LEAST_HALO = 0.1
 """Of the brightest halo: what is unknown of dimmer ones is taken as of this one."""
 _NUDGE = 1e-3
@@ -94,6 +102,22 @@ class Strengths:
         """
         halo, late, glare = np.split(self.wide, [len(WIDE_PX), len(WIDE_PX) + len(WIDE_LATE)])
         return np.concatenate((self.value[:N_LATE], [halo.sum(), late.sum()], glare))
+
+    @property
+    def much(self) -> bool:
+        """Whether as much light is diffuse as moves lines and brightness in the picture."""
+        return self.much_halo or bool(np.abs(self.of_kinds).max() > MUCH)
+
+    @property
+    def much_halo(self) -> bool:
+        """The same of what is spread about the path, which may be less than none on one side of a
+        place and more on the other: as it falls off from a line.
+        """
+        shares = np.zeros((2, len(WIDE_PX)))
+        columns = columns_of_halos(WIDE_PX, WIDE_LATE)
+        for share, (reach, wait) in zip(self.value[HALOS], columns, strict=True):
+            shares[int(wait > 0.0), reach] += share
+        return bool((np.abs(shares @ _FALLS_OFF).sum(axis=1) > MUCH).any())
 
     @property
     def wide(self) -> Floats:
@@ -157,7 +181,7 @@ class Diffuse:
     @property
     def has_halo(self) -> bool:
         """Whether much light is spread about the path."""
-        return bool(np.abs(self.strengths.of_kinds[_HALO_KINDS]).max() > MUCH)
+        return self.strengths.much_halo
 
     def without_halo(self) -> Diffuse:
         """The same without the light that is spread about the path."""

@@ -209,7 +209,7 @@ def halo(
 
     `points_px` (n, 2) are the pixels, of a picture of `shape`.
     """
-    columns = _columns(reaches_px, late)
+    columns = columns_of_halos(reaches_px, late)
     out = np.zeros((len(columns), *cells.counts.shape))
     edges_ps = cells.edges_ps + reference_ps[:, np.newaxis]
     for leg in np.unique(beam.leg):
@@ -231,7 +231,7 @@ def halo_whenever(points_px: Indices, beam: Beam, shape: tuple[int, int]) -> Flo
     """(n, j), light of halos in pixels (n, 2), whenever it comes; in the order of `WIDE_LABELS`."""
     everything = [np.arange(len(beam.leg))]
     by_reach = _by_slot(points_px, beam, everything, shape, WIDE_PX)[:, :, 0]
-    return by_reach[[j for j, _ in _columns(WIDE_PX, WIDE_LATE)]].T
+    return by_reach[[j for j, _ in columns_of_halos(WIDE_PX, WIDE_LATE)]].T
 
 
 def spread_counts(
@@ -258,7 +258,7 @@ def spread_counts(
         As `wide_light` for each strength, summed: here light of one wait is told in one product.
     """
     out = np.zeros((len(points_px), len(edges_ps) - 1))
-    columns = _columns(WIDE_PX, WIDE_LATE)
+    columns = columns_of_halos(WIDE_PX, WIDE_LATE)
     for leg in np.unique(beam.leg):
         one = beam.of(beam.leg == leg)
         slots, times, stds = _slots(one)
@@ -276,7 +276,7 @@ def spread_counts(
     return out
 
 
-def _columns(
+def columns_of_halos(
     reaches_px: Sequence[float], late: Sequence[tuple[float, float]]
 ) -> list[tuple[int, float]]:
     """Of each halo which reach it has and how long it waits, ps: those at once, then late ones."""
