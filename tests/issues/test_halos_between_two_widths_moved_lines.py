@@ -72,10 +72,11 @@ def test_a_halo_of_any_width_is_a_sum_of_those_in_the_fit(width_px):
 
 
 @pytest.mark.parametrize(
-    ("seed", "method"), [(95000, "joint"), (95002, "joint"), (95021, "photon")]
+    ("seed", "method"), [(95000, "joint"), (95002, "joint"), (95021, "photon"), (96106, "photon")]
 )
 def test_a_single_leg_in_a_halo_of_4_px_is_where_it_says(seed, method):
-    """Pulls were 5.4, 8.9 and 11.9; chance brings one of three above 3 once in 3,000."""
+    """Pulls were 5.4, 8.9, 11.9 and 5.1 (strengths did not settle: dim pixels held pulses); chance
+    brings one of four above 3 once in 2,000."""
     assert pull_of(path_of(seed, method), seed) < 3.0
 
 

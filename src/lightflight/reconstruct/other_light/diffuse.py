@@ -18,6 +18,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.fine import finely_lit, fitted_again, with_fine_light
@@ -67,6 +68,12 @@ _CLEAR_OF_HALO = 3.0
 """Nor do those that it gives less than so many times the chance of the halo there. Their pulses
 take up what chance adds to the halo, and not what it takes away: without this halos were two to
 four errors too dim in four of 20 recordings (1,000 photons of halo, 10 to 50 of the leg)."""
+_BESIDE_PX = ((1.5, 4.0), (10.0, np.inf))
+"""So far from pixels on a leg's line others show its halo, and those that show none, px."""
+_FEW_BESIDE = 20
+"""Fewer pixels than this say nothing of a halo before it is fitted."""
+_BEYOND_CHANCE = 3.0
+"""Times the error of the difference of two medians: less is no halo."""
 _MOST_DIM = 0.1
 """Of the brightest pixel's light: none is left out that holds more."""
 _LEAST_SHARE = 0.5
@@ -205,8 +212,7 @@ def without_diffuse(
         std = pulse_std_in_view(found, whole.view)
         seen = pixels_about_path(whole, fit, own[0], std, claimed=True)
         so_far = fit.sightings[own[0]].diffuse
-        about = seen.leg[:, 0] >= 0
-        least = _least_lit(so_far, seen.of(np.flatnonzero(about)), whole.blind.shape)
+        about, least = seen.leg[:, 0] >= 0, _least_lit(so_far, seen, whole)
         reach = fit.pictures[own[0]].spot_std_px * np.sqrt(-2.0 * np.log(least))
         lit = np.flatnonzero(about & (seen.away_px[:, 0] < reach))
         # The wings of a spot are neither dark nor known well enough to be told from a halo.
@@ -249,16 +255,42 @@ def without_diffuse(
     return found, tuple(strengths)
 
 
-def _least_lit(so_far: light.Diffuse | None, seen: Seen, shape: tuple[int, int]) -> float:
+def _least_lit(so_far: light.Diffuse | None, seen: Seen, whole: Sighting) -> float:
     """Of the brightest pixel's light, the least that a leg gives pixels which hold its pulses.
 
-    `seen`: pixels about the legs; `so_far`: the halo as it was found before, if it was.
+    `so_far`: the halo as it was found before; None: what pixels beside the legs count, of `seen`.
     """
-    if so_far is None or not so_far.has_halo or not len(seen.rows):
-        return _LEAST_LIT
-    halo = max(float(np.median(so_far.halo_photons(seen.rows, seen.cols, shape))), 0.0)
-    dim = _CLEAR_OF_HALO * np.sqrt(halo) / max(float(np.nanmax(so_far.photons)), 1.0)
+    about = seen.of(np.flatnonzero(seen.leg[:, 0] >= 0))
+    if so_far is not None:
+        if not so_far.has_halo or not len(about.rows):
+            return _LEAST_LIT
+        halo = float(np.median(so_far.halo_photons(about.rows, about.cols, whole.blind.shape)))
+        brightest = float(np.nanmax(so_far.photons))
+    else:
+        halo = _counted_beside(seen, whole.histograms.photons)
+        brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
+    dim = _CLEAR_OF_HALO * np.sqrt(max(halo, 0.0)) / max(brightest, 1.0)
     return float(np.clip(dim, _LEAST_LIT, _MOST_DIM))
+
+
+def _counted_beside(seen: Seen, photons: NDArray[np.unsignedinteger]) -> float:
+    """What pixels beside the legs count more than those far off, beyond chance; photons."""
+    about = seen.leg[:, 0] >= 0
+    here, line = np.column_stack((seen.rows, seen.cols)), about & (seen.away_px[:, 0] < 1.0)
+    if not line.any():
+        return 0.0
+    away = cKDTree(here[line]).query(here)[0]
+    near, far = (
+        photons[tuple(here[(away > low) & (away <= high)].T)].astype(np.float64)
+        for low, high in _BESIDE_PX
+    )
+    if min(len(near), len(far)) < _FEW_BESIDE:
+        return 0.0
+    typical = np.median(near), np.median(far)
+    error = np.sqrt(
+        0.5 * np.pi * sum(m / len(of) for m, of in zip(typical, (near, far), strict=True))
+    )
+    return float(typical[0] - typical[1] - _BEYOND_CHANCE * error)
 
 
 def _own_std_ps(known: Known, seen: Seen) -> float:
