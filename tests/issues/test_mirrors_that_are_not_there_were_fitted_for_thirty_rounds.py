@@ -1,7 +1,9 @@
 """Two thirds of the time of three legs went into the fit of a mirror where there is none.
 
 Shares of light that is not there leave the plane free: it wandered through all thirty rounds, and
-was then refused. After six it is asked whether what is still to come could be enough.
+was then refused. After six it is asked whether what is still to come could be enough. With more
+patience one was found all the same: of pulses fitted once and of those fitted to the end, which it
+was held against, the latter are narrower, and explain 28 more.
 """
 
 import numpy as np

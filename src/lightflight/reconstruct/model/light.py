@@ -104,20 +104,22 @@ class Strengths:
         return np.concatenate((self.value[:N_LATE], [halo.sum(), late.sum()], glare))
 
     @property
-    def much(self) -> bool:
-        """Whether as much light is diffuse as moves lines and brightness in the picture."""
-        return self.much_halo or bool(np.abs(self.of_kinds).max() > MUCH)
+    def most(self) -> float:
+        """The largest share, in absolute value, of any kind of it."""
+        return max(self.of_halos, float(np.abs(self.of_kinds).max()))
 
     @property
-    def much_halo(self) -> bool:
-        """The same of what is spread about the path, which may be less than none on one side of a
-        place and more on the other: as it falls off from a line.
+    def of_halos(self) -> float:
+        """The larger share of what is spread about the path, at once and late.
+
+        That may be less than none on one side of a place and more on the other, as it falls off
+        from a line: either counts.
         """
         shares = np.zeros((2, len(WIDE_PX)))
         columns = columns_of_halos(WIDE_PX, WIDE_LATE)
         for share, (reach, wait) in zip(self.value[HALOS], columns, strict=True):
             shares[int(wait > 0.0), reach] += share
-        return bool((np.abs(shares @ _FALLS_OFF).sum(axis=1) > MUCH).any())
+        return float(np.abs(shares @ _FALLS_OFF).sum(axis=1).max())
 
     @property
     def wide(self) -> Floats:
@@ -181,7 +183,7 @@ class Diffuse:
     @property
     def has_halo(self) -> bool:
         """Whether much light is spread about the path."""
-        return self.strengths.much_halo
+        return self.strengths.of_halos > MUCH
 
     def without_halo(self) -> Diffuse:
         """The same without the light that is spread about the path."""

@@ -146,7 +146,7 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
             clear, strengths = without_diffuse(plain, fit, setting, nominal=nominal, stands=not far)
             found = [o.diffuse for o in clear if o.diffuse is not None]
             seconds = any(one.second is not None for one in found)
-            much = any(one.strengths.much for one in found)
+            much = any(one.strengths.most > light.MUCH for one in found)
             # Lines and brightness, too, without what is no leg's.
             shown = finely_lit(fit, clear, setting) if seconds or much else fit
             better = fitted_again(shown, clear, setting)

@@ -248,6 +248,7 @@ def strengths_of(
     rough: bool = False,
     most_misfit: float = np.inf,
     most_rounds: int = MOST_ROUNDS,
+    to_the_end: bool = False,
 ) -> Known:
     """Strengths of diffuse light, and of light that comes a second time if there is any.
 
@@ -272,6 +273,9 @@ def strengths_of(
         Where no round to come can bring the deviance below this, none follows: not settled.
     most_rounds : int, optional
         1: the pixels are fitted without other light, and no more.
+    to_the_end : bool, optional
+        Whether pixels are fitted with strengths that are small, too: who is compared with others by
+        the deviance may not lack what they gain by narrower pulses.
 
     Returns
     -------
@@ -306,8 +310,8 @@ def strengths_of(
         before = whole
         step = damping / max(1.0, _length(whole, second)) * whole
         value, second = best.on(step)
-        shares = light.Strengths(value, best.strengths.covariance).of_kinds
-        small = second is None and np.abs(shares).max() < _LINEAR
+        shares = light.Strengths(value, best.strengths.covariance)
+        small = second is None and shares.most < _LINEAR and not to_the_end
         still = moved < (_STILL if number < most_rounds - 1 else _NEARLY_STILL) ** 2
         if rough:
             still = np.abs(whole[: light.N_LATE]).max() < _ROUGHLY_STILL

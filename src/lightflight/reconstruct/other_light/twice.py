@@ -86,6 +86,7 @@ class Asked:
         dispersion: float = 1.0,
         most_misfit: float = np.inf,
         most_rounds: int = MOST_ROUNDS,
+        to_the_end: bool = False,
     ) -> Known:
         """Strengths, with light that comes a second time if there is any."""
         if lags_ps is None:
@@ -97,6 +98,7 @@ class Asked:
             dispersion=dispersion,
             most_misfit=most_misfit,
             most_rounds=most_rounds,
+            to_the_end=to_the_end,
         )
         # A second pulse moves as it is fitted, its cells do not.
         return replace(known, lags_ps=lags_ps)
@@ -216,7 +218,8 @@ def _with_pulse_as_before(asked: Asked, second: Echo) -> Known | None:
 def _explains(known: Known, asked: Asked) -> bool:
     """Whether counts ask for what comes twice: without it they are worse, however well fitted."""
     enough = known.misfit() + LEAST_GAIN
-    return asked.strengths(lags_ps=known.lags_ps, most_misfit=enough).misfit() > enough
+    without = asked.strengths(lags_ps=known.lags_ps, most_misfit=enough, to_the_end=True)
+    return without.misfit() > enough
 
 
 def _is_share(known: Known) -> bool:
@@ -251,7 +254,7 @@ def _with_mirror(
             more = asked.strengths(more.second, lags_ps=lags_ps, most_misfit=enough)
         explains = more.misfit() < enough
         if explains and more.settled and _possible(more):
-            return more
+            return more if _explains(more, asked) else None
         # The best one explains too little: so do the others.
         if not explains:
             return None
@@ -281,4 +284,5 @@ def _with_second_pulse(asked: Asked, known: Known) -> Known | None:
         return None
     enough = known.misfit() - LEAST_GAIN
     more = asked.strengths(found[0], lags_ps=lags, most_misfit=enough)
-    return more if more.settled and _is_share(more) and more.misfit() < enough else None
+    found_one = more.settled and _is_share(more) and more.misfit() < enough
+    return more if found_one and _explains(more, asked) else None
