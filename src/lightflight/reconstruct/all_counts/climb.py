@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lightflight.reconstruct.model.forward import CodeCounts, Local, Pixels
 from lightflight.reconstruct.model.freedom import Freedom, state_vector
@@ -334,16 +334,7 @@ class _Hill:
             delta=point.shared,
             view=view.number,
         )
-        found = likelihood(
-            local,
-            view.pixels,
-            view.codes,
-            log_background=at.log_background,
-            delay_shift_ps=at.delay_shift_ps,
-            log_photons_shift=at.departure,
-            log_scatter=view.scatter,
-        )
-        return Told(local, found)
+        return Told(local, _likelihood_at(view, at, local, view.codes, view.scatter))
 
     def _prior_score(self, point: _Point) -> tuple[Floats, float]:
         """Score (P,) and log-density of all priors at a point."""
@@ -462,6 +453,21 @@ def climb(
     )  # fmt: skip
 
 
+def _likelihood_at(
+    view: View, at: ViewPoint, local: Local, codes: CodeCounts, log_scatter: ArrayLike
+) -> Likelihood:
+    """Of `codes` of one camera where `at` is; `log_scatter`: how much its pixels may depart."""
+    return likelihood(
+        local,
+        view.pixels,
+        codes,
+        log_background=at.log_background,
+        delay_shift_ps=at.delay_shift_ps,
+        log_photons_shift=at.departure,
+        log_scatter=log_scatter,
+    )
+
+
 def led_by(view: View, at: ViewPoint, told: Told, codes: Sequence[CodeCounts]) -> Floats:
     """(p, k), what is added to the score of a view's p parameters by k other codes instead of its.
 
@@ -481,20 +487,9 @@ def led_by(view: View, at: ViewPoint, told: Told, codes: Sequence[CodeCounts]) -
     array of float, shape (p, k)
         Of the top of the likelihood the covariance times this is how far it lies aside.
     """
-
-    def score(own: CodeCounts) -> Floats:
-        return likelihood(
-            told.local,
-            view.pixels,
-            own,
-            log_background=at.log_background,
-            delay_shift_ps=at.delay_shift_ps,
-            log_photons_shift=at.departure,
-            log_scatter=view.scatter,
-        ).score
-
     before = told.result.score
-    return np.reshape([score(one) - before for one in codes], (len(codes), len(before))).T
+    led = [_likelihood_at(view, at, told.local, one, view.scatter).score - before for one in codes]
+    return np.reshape(led, (len(codes), len(before))).T
 
 
 def uneven_pixels(view: View, at: ViewPoint, told: Told) -> NDArray[np.bool_]:
@@ -513,15 +508,7 @@ def uneven_pixels(view: View, at: ViewPoint, told: Told) -> NDArray[np.bool_]:
     -------
     array of bool, shape (n, L)
     """
-    free = likelihood(
-        told.local,
-        view.pixels,
-        view.codes,
-        log_background=at.log_background,
-        delay_shift_ps=at.delay_shift_ps,
-        log_photons_shift=at.departure,
-        log_scatter=_FREE_SCATTER,
-    )
+    free = _likelihood_at(view, at, told.local, view.codes, _FREE_SCATTER)
     departure = at.departure + free.nuisance_step[:, 2:]
     std = free.nuisance_std[:, 2:]
     usual = np.hypot(std, at.light.log_scatter)

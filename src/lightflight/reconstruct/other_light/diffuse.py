@@ -248,7 +248,7 @@ def without_diffuse(
                 one = of_repeat(known, cells, part)
             bright = asked.lit_by(known.second)
             bright = replace(
-                bright, photons=part * bright.photons, std_ps=_own_std_ps(one, asked.seen)
+                bright, photons=part * bright.photons, std_ps=_std_as_fitted_ps(one, asked.seen)
             )
             clear = _doubting_stretched(_without_wings(found[number], seen.of(wing)), seen)
             found[number] = _corrected(clear, _measured(one, bright, part))
@@ -293,7 +293,7 @@ def _counted_beside(seen: Seen, photons: NDArray[np.unsignedinteger]) -> float:
     return float(typical[0] - typical[1] - _BEYOND_CHANCE * error)
 
 
-def _own_std_ps(known: Known, seen: Seen) -> float:
+def _std_as_fitted_ps(known: Known, seen: Seen) -> float:
     """Typical standard deviation of pulses as fitted, without what flight adds to them, ps."""
     squared = known.pixels.std_ps[:, 0] ** 2
     if known.pixels.shape.is_gaussian:
