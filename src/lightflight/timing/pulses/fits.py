@@ -346,22 +346,32 @@ def _looked_through(
 
 
 class Misfit(NamedTuple):
-    """How far fits of some pixels are from their counts.
+    """How far fits of some pixels are from their counts; by batches of pixels, in order.
 
     Attributes
     ----------
-    chi2 : float
+    chi2s : tuple of array of float, shape (n,)
         Pearson's, over the bins that expect enough: these may be others for another shape.
-    deviance : float
+    deviances : tuple of array of float, shape (n,)
         Twice what the log-likelihood lacks, up to a constant.
     """
 
-    chi2: float
-    deviance: float
+    chi2s: tuple[Floats, ...]
+    deviances: tuple[Floats, ...]
+
+    @property
+    def chi2(self) -> float:
+        """Of all pixels."""
+        return sum(float(np.nansum(one)) for one in self.chi2s)
+
+    @property
+    def deviance(self) -> float:
+        """Of all pixels."""
+        return sum(float(np.nansum(one)) for one in self.deviances)
 
 
 def misfit_of_shapes(
-    hist: Histograms, timing: CodeClock, todo: NDArray[np.bool_]
+    hist: Histograms, timing: CodeClock | None, todo: NDArray[np.bool_]
 ) -> Callable[[Response], Misfit]:
     """Function that tells how well one pulse of a shape fits in each of some pixels, in all.
 
@@ -371,8 +381,8 @@ def misfit_of_shapes(
     ----------
     hist : Histograms
         Counts per pixel and code.
-    timing : CodeClock
-        Calibrated clock.
+    timing : CodeClock or None
+        Calibrated clock; None: nominal codes.
     todo : array of bool, shape (rows, cols)
         True where a pixel takes part.
 
@@ -400,10 +410,7 @@ def misfit_of_shapes(
     def misfit(response: Response) -> Misfit:
         model = model_of(response.table())
         fits = [fit(bins, start, model) for bins, start in parts]
-        return Misfit(
-            sum(float(np.nansum(one.chi2)) for one in fits),
-            sum(-2.0 * float(np.nansum(one.objective)) for one in fits),
-        )
+        return Misfit(tuple(one.chi2 for one in fits), tuple(-2.0 * one.objective for one in fits))
 
     return misfit
 

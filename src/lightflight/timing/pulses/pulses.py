@@ -22,6 +22,7 @@ from lightflight.display import Card
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.stored import check_photons
 from lightflight.timing.pulses.checks import check_fits, flags_of, warn_of_cut_counts
+from lightflight.timing.pulses.common_shape import common_shape, explained_better
 from lightflight.timing.pulses.fits import (
     Clock,
     Fits,
@@ -150,7 +151,9 @@ def fit_pulses(
     response
         Shape of the pulse: a `Response` (`lightflight.timing.clock.response`), or the counts of a
         measured one, (codes,), on the nominal codes. None: that of `timing`, where its flat was
-        fitted with one, else a Gaussian. `std_ps` is then the standard deviation of the shape,
+        fitted with one, else a Gaussian; without `timing` the tail that all pulses have in common,
+        where they explain the counts better with it (`timing.pulses.common_shape`; to have
+        Gaussians: `Response.gaussian()`). `std_ps` is then the standard deviation of the shape,
         stretched about its place to fit; `delay_ps` that place (the mean, unless the calibration
         found a better one, see `Response.anchored`).
     exclude_mask
@@ -180,10 +183,35 @@ def fit_pulses(
     if hist.poisson:
         check_sync(hist, everywhere=True)
         check_photons(hist)
+
+    def fitted(shape: Response | None) -> Pulses:
+        return _fitted(hist, timing, todo, method, max_pulses, background, shape, threads)
+
+    pulses = fitted(_response_for(hist, timing, response))
+    if timing is not None or response is not None or pulses.method != "likelihood":
+        return pulses
+    shape = common_shape(hist, timing, pulses)
+    if shape is None:
+        return pulses
+    by_shape = fitted(shape)
+    return by_shape if explained_better(by_shape, pulses) else pulses
+
+
+def _fitted(
+    hist: Histograms,
+    timing: CodeClock | None,
+    todo: NDArray[np.bool_],
+    method: str,
+    max_pulses: int,
+    background: Histograms | None,
+    response: Response | None,
+    threads: int,
+) -> Pulses:
+    """Pulses of one shape, None: Gaussians; parameters and errors as in `fit_pulses`."""
     clock, pile_up = clock_of(hist, timing), pile_up_of(hist)
     fits = fit_all(
         hist, clock, todo, method=method, max_pulses=max_pulses, background=background,
-        pile_up=pile_up, response=_response_for(hist, timing, response), threads=threads,
+        pile_up=pile_up, response=response, threads=threads,
     )  # fmt: skip
     flags = flags_of(fits, hist, todo, clock.period)
     flags[(pile_up.rate > HIGH_RATE)[fits.pixel]] |= fl.PILE_UP

@@ -1,0 +1,243 @@
+"""The tail that all pulses of a recording have in common, found from the recording itself.
+
+A detector keeps some photons back, and so does what scattered the light: pulses are Gaussians with
+a tail, of one kind for all pixels. Where no flat told the shape, the pulses themselves do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lightflight.recording.histograms import Histograms
+from lightflight.timing.clock.response import Response
+from lightflight.timing.pulses.fits import Misfit, misfit_of_shapes
+
+if TYPE_CHECKING:
+    from lightflight.timing.clock.code_clock import CodeClock
+    from lightflight.timing.pulses.pulses import Pulses
+
+Floats = NDArray[np.float64]
+
+SAMPLE = 100
+"""Pixels that are enough to find what kind of shape the array's pulse has."""
+SHOWN = 1.0
+"""A shape that single pixels of a flat show by less than this, in the spread of their chi-square,
+is none that a recording, which is dimmer, could show."""
+MOST_LEFT = 0.5
+"""A tail explains at least half of what a Gaussian leaves, or something else is the matter."""
+
+_MANY = 300
+"""Pixels of a recording that measure its shape: errors of a shape are the same in all pixels."""
+_FIRST_TAILS = (0.5, 1.5, 4.0, 10.0)
+_FIRST_SHARES = (0.05, 0.15, 0.35, 0.7)
+"""Means of a tail, in the Gaussian's width, and its shares, of which the best is begun with."""
+_ROUNDS = 4
+"""Parabolas at most; typically one or two."""
+_NEAR = 0.02
+"""Steps in which the misfit's curvature is looked at: of the log of a tail's mean, and of the log
+odds of its share."""
+_MOST_STEP = 0.2
+"""The same beyond which a parabola is not believed."""
+_THERE = 2e-3
+"""The same that end the search: a few parts in ten thousand of a pulse."""
+_MORE_ROUNDS = 12
+"""Parabolas from the best of a grid, whose neighbours are up to seven such steps away."""
+
+
+def common_shape(hist: Histograms, timing: CodeClock | None, gaussians: Pulses) -> Response | None:
+    """Gaussian with a tail that the brightest pulses have in common; None where Gaussians do.
+
+    Parameters
+    ----------
+    hist : Histograms
+        The recording.
+    timing : CodeClock or None
+        Its clock; None: nominal codes.
+    gaussians : Pulses
+        Its pulses, fitted as Gaussians.
+
+    Returns
+    -------
+    Response
+        The shape, in widths of its Gaussian; its place is where pulses seem to stand that flight
+        has widened (`Response.anchored`).
+    """
+    sample = _Asked.of(hist, timing, gaussians, SAMPLE)
+    if not len(sample.dof):
+        return None
+    excess = sample.excess(Response.gaussian())
+    if excess < SHOWN * np.sqrt(2.0 * sample.dof.sum() * len(sample.dof)):
+        return None
+    kinds = [
+        np.array([np.log(tail), np.log(share / (1.0 - share))])
+        for tail, share in product(_FIRST_TAILS, _FIRST_SHARES)
+    ]
+    kind = sample.best_from(min(kinds, key=lambda one: sample.excess(with_tail(one))))
+    if sample.excess(with_tail(kind)) >= MOST_LEFT * excess:
+        return None
+    return with_tail(_Asked.of(hist, timing, gaussians, _MANY).best_from(kind)).anchored()
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """Pixels that are asked for their shape: half of them tell it, those which it fits best.
+
+    In the others light may come twice, and where legs meet pixels are brightest.
+
+    Attributes
+    ----------
+    misfit_of : callable
+        How far one pulse of a `Response` is from the counts of each pixel.
+    dof : array of float, shape (n,)
+        Degrees of freedom of such a fit.
+    """
+
+    misfit_of: Callable[[Response], Misfit]
+    dof: Floats
+
+    @classmethod
+    def of(
+        cls, hist: Histograms, timing: CodeClock | None, gaussians: Pulses, number: int
+    ) -> _Asked:
+        """The brightest pixels."""
+        own = ~all_but_brightest(gaussians, hist.shape, number)
+        # Of a single pulse: what the others of a pixel took is free again.
+        dof = gaussians.dof[gaussians.pulse_index == 0] + 2 * (_n_pulses(gaussians) - 1)
+        return cls(misfit_of_shapes(hist, timing, own), dof[own.ravel()].astype(np.float64))
+
+    def beyond(self, shape: Response) -> Floats:
+        """Chi-square beyond its degrees of freedom, (n,)."""
+        return np.concatenate(self.misfit_of(shape).chi2s) - self.dof
+
+    def excess(self, shape: Response) -> float:
+        """That of all, had each the median's."""
+        return float(len(self.dof) * np.nanmedian(self.beyond(shape)))
+
+    def best_from(self, kind: Floats) -> Floats:
+        """Kind of a tail that fits best those pixels which one like it fits best."""
+        own = np.argsort(self.beyond(with_tail(kind)))[: max(len(self.dof) // 2, 1)]
+
+        def deviance(x: Floats) -> float:
+            return float(np.nansum(np.concatenate(self.misfit_of(with_tail(x)).deviances)[own]))
+
+        return lowest(deviance, kind, _MORE_ROUNDS)
+
+
+def explained_better(by_shape: Pulses, gaussians: Pulses) -> bool:
+    """Whether pulses of a common shape explain the counts better than Gaussians, for what they are.
+
+    Parameters
+    ----------
+    by_shape, gaussians : Pulses
+        The same recording, fitted with one and the other.
+
+    Returns
+    -------
+    bool
+        By chi-square and two for each number that is fitted (Akaike), over pixels that both fit.
+    """
+    costs, usable = zip(*(_cost(pulses) for pulses in (by_shape, gaussians)), strict=True)
+    both = usable[0] & usable[1]
+    return bool(both.any() and costs[0][both].sum() < costs[1][both].sum())
+
+
+def _cost(pulses: Pulses) -> tuple[Floats, NDArray[np.bool_]]:
+    """Chi-square of each pixel and twice what is fitted there, (n,); where there is one, (n,)."""
+    first = pulses.pulse_index == 0
+    cost = pulses.chi2[first] + 4.0 * _n_pulses(pulses)
+    return cost, pulses.usable[first] & np.isfinite(cost)
+
+
+def _n_pulses(pulses: Pulses) -> NDArray[np.intp]:
+    """Rows of each pixel, (n,)."""
+    return np.bincount(pulses.row.astype(np.int64) * pulses.shape[1] + pulses.col)
+
+
+def all_but_brightest(pulses: Pulses, shape: tuple[int, int], number: int) -> NDArray[np.bool_]:
+    """Pixels that are not asked for the shape of the array's pulse.
+
+    Parameters
+    ----------
+    pulses : Pulses
+        One or more for each pixel.
+    shape : (int, int)
+        Rows and columns.
+    number : int
+        How many are asked.
+
+    Returns
+    -------
+    array of bool, shape (rows, cols)
+    """
+    photons = np.full(shape, -1.0)
+    own = pulses.usable
+    np.maximum.at(photons, (pulses.row[own], pulses.col[own]), pulses.photons[own])
+    least = np.sort(photons, axis=None)[-min(number, photons.size)]
+    others: NDArray[np.bool_] = photons < max(least, 1.0)
+    return others
+
+
+def with_tail(kind: Floats) -> Response:
+    """The shape of a log of the tail's mean, in the Gaussian's width, and log odds of its share.
+
+    Parameters
+    ----------
+    kind : array of float, shape (2,)
+        Both.
+
+    Returns
+    -------
+    Response
+        Of a Gaussian of 1 ps.
+    """
+    share = float(1.0 / (1.0 + np.exp(-kind[1])))
+    return Response.with_tail(std_ps=1.0, tail_ps=float(np.exp(kind[0])), tail_share=share)
+
+
+def lowest(misfit: Callable[[Floats], float], start: Floats, rounds: int = _ROUNDS) -> Floats:
+    """Where a misfit of two numbers is least, by parabolas; near the start.
+
+    Parameters
+    ----------
+    misfit : callable
+        Of an array of float, shape (2,).
+    start : array of float, shape (2,)
+        Where to begin.
+    rounds : int, optional
+        Parabolas at most.
+
+    Returns
+    -------
+    array of float, shape (2,)
+    """
+    at, least = start, misfit(start)
+    for _ in range(rounds):
+        slope, curvature = _parabola(misfit, at, least)
+        values, vectors = np.linalg.eigh(curvature)
+        if values[0] <= 0.0:
+            break
+        step = -vectors @ ((slope @ vectors) / values)
+        step *= min(1.0, _MOST_STEP / float(np.abs(step).max()))
+        now = misfit(at + step)
+        if now >= least:
+            break
+        at, least = at + step, now
+        if np.abs(step).max() < _THERE:
+            break
+    return at
+
+
+def _parabola(misfit: Callable[[Floats], float], at: Floats, here: float) -> tuple[Floats, Floats]:
+    """Slope (2,) and curvature (2, 2) of a misfit."""
+    along = _NEAR * np.eye(2)
+    up, down = (np.array([misfit(at + side * one) for one in along]) for side in (1.0, -1.0))
+    both = misfit(at + along.sum(axis=0))
+    curvature = np.diag(up + down - 2.0 * here)
+    curvature[0, 1] = curvature[1, 0] = both + here - up.sum()
+    return (up - down) / (2.0 * _NEAR), curvature / _NEAR**2
