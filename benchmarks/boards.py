@@ -76,9 +76,10 @@ def through_five_codes(counts: NDArray[np.integer], at: int) -> float:
 
     try:
         start = (float(counts[at]), float(middle[at]), STD_PS)
-        return float(curve_fit(bell, middle[own], counts[own], start)[0][1])
+        place = float(curve_fit(bell, middle[own], counts[own], start)[0][1])
     except RuntimeError:
         return float("nan")
+    return place if abs(place - middle[at]) < 3.0 * CODE_PS else float("nan")
 
 
 def strongest(arrivals: lf.Arrivals) -> tuple[Floats, Floats]:
@@ -98,8 +99,9 @@ def times_by(way: str, hist: lf.Histograms, shape: Response) -> tuple[Floats, Fl
             for own, at in zip(counts.reshape(-1, CODES), fullest.ravel(), strict=True)
         ]
         return np.reshape(found, fullest.shape), np.ones(fullest.shape)
-    given = {"Gaussians": Response.gaussian(), "known shape": shape}.get(way)
-    return strongest(lf.find_arrivals(hist, response=given))
+    if way == "Gaussians":
+        return strongest(lf.find_arrivals(hist, response="clock"))
+    return strongest(lf.find_arrivals(hist, response=shape if way == "known shape" else None))
 
 
 def main() -> None:

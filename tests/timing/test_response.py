@@ -51,7 +51,7 @@ def test_tailed_gaussian_is_the_density_of_its_photons(ratio, rng):
 def test_a_tabulated_gaussian_is_the_gaussian_fit(rng):
     delay = rng.uniform(2000, 12_000, 40)
     hist = late_pulses(rng, delay, 3000)
-    plain = fit_pulses(hist, timing=TimingCalibration.nominal(hist), max_pulses=1)
+    plain = fit_pulses(hist, max_pulses=1, response="clock")
     tabulated = fit_pulses(hist, max_pulses=1, response=Response.gaussian(3.0))
     std = np.sqrt(plain.covariance[:, 0, 0])
     np.testing.assert_allclose(tabulated.delay_ps, plain.delay_ps, atol=0.02 * std.min())
@@ -82,7 +82,7 @@ def test_pulses_of_a_known_shape(rng, measured):
         assert abs(off.mean()) < 0.13
         assert 0.92 < off.std() < 1.08
         assert (pulses.chi2 / pulses.dof).mean() == pytest.approx(1.0, abs=0.01)
-        poor = fit_pulses(hist, timing=TimingCalibration.nominal(hist), max_pulses=1)
+        poor = fit_pulses(hist, max_pulses=1, response="clock")
         assert ((poor.flags & fl.POOR_FIT) != 0).mean() > 0.9
         assert ((pulses.flags & fl.POOR_FIT) != 0).mean() < 0.01
 

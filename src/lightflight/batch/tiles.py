@@ -335,7 +335,7 @@ def _pulses_of_tile(
     if not hist.photons.any():  # dark is a fact: these pixels saw nothing
         return {"blind": ~timing.is_known}
     try:
-        arrivals = find_arrivals(hist, timing=timing, background=background)
+        arrivals = find_arrivals(hist, timing=timing, background=background, response="clock")
     except NothingFoundError:  # hot pixels alone
         return {"blind": np.ones(hist.shape, dtype=bool)}
     # A pixel without a pulse is a row of NaN: most of a megapixel, and nothing to keep.

@@ -94,7 +94,7 @@ def laser_pulse(
     """
     check_kinds("path", "hist", path=path, hist=hist, timing=timing)
     clock = clock_or_nominal(hist, timing)
-    arrivals = find_arrivals(hist, timing=clock)
+    arrivals = find_arrivals(hist, timing=clock, response="clock")
     # Variances of independent delays add: laser, response and flight through the footprint.
     width = laser_width_from_pulses(
         arrivals,

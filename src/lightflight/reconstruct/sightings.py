@@ -125,6 +125,7 @@ def sighting_from_histograms(
         timing=clock,
         background=background,
         exclude_mask=exclude_mask,
+        response="clock",  # late light has a place of its own, below
     )
     # The paper fits one Gaussian per pixel and discards what is too wide for one.
     # A pixel that light crosses again and again shows a pulse each time: the counts say how many.

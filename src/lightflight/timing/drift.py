@@ -114,7 +114,7 @@ def drift_from_flat(
     CalibrationError
         If the calibration has no delays, or is of another camera.
     """
-    if not np.isfinite(timing.anchor_delay_ps).any():
+    if not timing.has_flat:
         raise CalibrationError("the calibration has no delays to compare with: it had no flat")
     found = delays_from_flat(flat, timing=timing, flat_arrival_ps=flat_arrival_ps)
     arrival = checked_arrivals_ps(flat_arrival_ps, flat.shape)
@@ -166,7 +166,7 @@ def drift_in_slices(slices: Sequence[Histograms], *, timing: TimingCalibration |
 
     if len(slices) < 2:
         raise ValueError(f"drift needs at least two slices, got {len(slices)}")
-    pulses = [fit_pulses(part, timing=timing, max_pulses=1) for part in slices]
+    pulses = [fit_pulses(part, timing=timing, max_pulses=1, response="clock") for part in slices]
     usable = np.stack([part.usable for part in pulses])
     delay = np.where(usable, np.stack([part.delay_ps for part in pulses]), np.nan)
     std = np.sqrt(np.stack([part.covariance[:, 0, 0] for part in pulses]))

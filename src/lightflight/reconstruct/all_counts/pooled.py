@@ -113,5 +113,5 @@ def pooled_sighting(sighting: Sighting, factor: int) -> Sighting:
     hist = pooled_histograms(sighting, factor)
     # Delays and unequal codes were taken off when the counts were added.
     clock = TimingCalibration.nominal(hist)
-    arrivals = find_arrivals(hist, timing=clock)
+    arrivals = find_arrivals(hist, timing=clock, response="clock")
     return Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals, clock))

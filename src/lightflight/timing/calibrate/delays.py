@@ -95,7 +95,7 @@ def delays_from_flat(
     from lightflight.timing.pulses.pulses import fit_pulses
 
     arrival = checked_arrivals_ps(flat_arrival_ps, flat.shape)
-    pulses = fit_pulses(flat, timing=timing)
+    pulses = fit_pulses(flat, timing=timing, response="clock")
     row = _strongest_rows(pulses)
     delay, photons = pulses.delay_ps[row], pulses.photons[row]
     std = np.sqrt(pulses.covariance[row, 0, 0])

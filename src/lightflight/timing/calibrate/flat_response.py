@@ -76,7 +76,7 @@ def tail_of_flat_if_any(flat: Histograms, *, timing: TimingCalibration) -> Respo
     NothingFoundError
         As `fit_pulses`: where no pixel shows a pulse.
     """
-    first = fit_pulses(flat, timing=timing, max_pulses=1)
+    first = fit_pulses(flat, timing=timing, max_pulses=1, response="clock")
     others = all_but_brightest(first, flat.shape, SAMPLE)
     asked = ~others.ravel()
     dof = float(np.nansum(first.dof[asked]))

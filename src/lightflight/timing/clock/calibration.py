@@ -290,6 +290,11 @@ class TimingCalibration(Drawn, Labelled):
         return int(self.phases.shape[2])
 
     @cached_property
+    def has_flat(self) -> bool:
+        """Whether a flat told the delays of pixels, and so what a pulse looks like."""
+        return bool(np.isfinite(self.anchor_delay_ps).any())
+
+    @cached_property
     def is_known(self) -> NDArray[np.bool_]:
         """(rows, cols), True where the codes of a pixel have times and it has a delay.
 

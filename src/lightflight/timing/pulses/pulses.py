@@ -150,10 +150,10 @@ def fit_pulses(
         nothing is subtracted. Used by "likelihood" only.
     response
         Shape of the pulse: a `Response` (`lightflight.timing.clock.response`), or the counts of a
-        measured one, (codes,), on the nominal codes. None: that of `timing`, where its flat was
-        fitted with one, else a Gaussian; without `timing` the tail that all pulses have in common,
-        where they explain the counts better with it (`timing.pulses.common_shape`; to have
-        Gaussians: `Response.gaussian()`). `std_ps` is then the standard deviation of the shape,
+        measured one, (codes,), on the nominal codes; "clock": that of `timing`, where its flat was
+        fitted with one, else a Gaussian. None: the same, and where no flat told anything (without
+        `timing`, or by a nominal one) with the tail that all pulses have in common, if they explain
+        the counts better by it (`common_shape`). `std_ps` is the standard deviation of the shape,
         stretched about its place to fit; `delay_ps` that place (the mean, unless the calibration
         found a better one, see `Response.anchored`).
     exclude_mask
@@ -188,7 +188,8 @@ def fit_pulses(
         return _fitted(hist, timing, todo, method, max_pulses, background, shape, threads)
 
     pulses = fitted(_response_for(hist, timing, response))
-    if timing is not None or response is not None or pulses.method != "likelihood":
+    told = response is not None or not _lacks_a_flat(timing)
+    if told or pulses.method != "likelihood":
         return pulses
     shape = common_shape(hist, timing, pulses)
     if shape is None:
@@ -237,11 +238,20 @@ def _check_options(
         raise ValueError(f"max_pulses must be at most {MOST_PULSES}, got {max_pulses}")
     if whole_number("threads", threads) < 1:
         raise ValueError(f"threads must be at least 1, got {threads}")
-    if response is not None and method == "least_squares":
+    if isinstance(response, str):
+        one_of("response", response, ("clock",))
+    elif response is not None and method == "least_squares":
         raise ValueError(
             "the least squares of the paper fit Gaussians: leave response out, or take "
             'method="likelihood"'
         )
+
+
+def _lacks_a_flat(timing: CodeClock | None) -> bool:
+    """Whether nothing was told of what a pulse looks like."""
+    from lightflight.timing.clock.calibration import TimingCalibration
+
+    return timing is None or (isinstance(timing, TimingCalibration) and not timing.has_flat)
 
 
 def _response_for(
@@ -251,7 +261,7 @@ def _response_for(
     from lightflight.timing.clock.response import Response
     from lightflight.timing.pulses.measured_response import response_from_counts
 
-    if response is None:
+    if response is None or isinstance(response, str):
         return None if timing is None else timing.response
     return response if isinstance(response, Response) else response_from_counts(response, hist)
 
