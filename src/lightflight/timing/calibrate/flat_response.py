@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,9 +10,11 @@ from lightflight.timing.clock.calibration import TimingCalibration
 from lightflight.timing.clock.response import Response
 from lightflight.timing.pulses.common_shape import (
     MOST_LEFT,
+    NEARLY_THERE,
     SAMPLE,
     SHOWN,
     all_but_brightest,
+    best_of_first,
     lowest,
     with_tail,
 )
@@ -31,8 +31,8 @@ many photons as all of these: a shape of the sample alone misfits it by five dev
 def tail_of_flat(flat: Histograms, *, timing: TimingCalibration) -> Response:
     """Gaussian with a tail that fits the pulses of a flat best: one ratio and share for all.
 
-    Place, width, photons and background are each pixel's own; the least sum of Pearson's chi2
-    over the brightest pixels decides.
+    Place, width, photons and background are each pixel's own; the likelihood of the brightest
+    pixels decides.
 
     Parameters
     ----------
@@ -104,19 +104,7 @@ def _best_tail(
     flat: Histograms, timing: TimingCalibration, others: NDArray[np.bool_]
 ) -> tuple[Floats, float]:
     """Kind of the tail (2,) that fits all but some pixels best, and their summed chi-square."""
-    from scipy.optimize import minimize
-
     misfit_of = misfit_of_shapes(flat, timing, ~others)
-
-    def misfit(x: Floats) -> float:
-        # Out there a tail is absent, or all there is: nothing holds the simplex.
-        if abs(x[0]) > 3.0 or abs(x[1]) > 8.0:
-            return np.inf
-        return misfit_of(with_tail(x)).chi2
-
-    # A long tail of few photons, and one of half: a simplex finds the dip that it begins near.
-    starts = (np.array([0.7, -2.0]), np.array([0.0, 0.0]))
-    options: Any = {"maxfev": 60, "xatol": 0.02, "fatol": 0.5}
-    found = [minimize(misfit, x, method="Nelder-Mead", options=options) for x in starts]
-    best = min(found, key=lambda one: float(one.fun))
-    return best.x, float(best.fun)
+    begin = best_of_first(lambda kind: misfit_of(with_tail(kind)).chi2)
+    kind = lowest(lambda x: misfit_of(with_tail(x)).deviance, begin, NEARLY_THERE)
+    return kind, misfit_of(with_tail(kind)).chi2

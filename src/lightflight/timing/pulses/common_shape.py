@@ -32,22 +32,27 @@ is none that a recording, which is dimmer, could show."""
 MOST_LEFT = 0.5
 """A tail explains at least half of what a Gaussian leaves, or something else is the matter."""
 
+NEARLY_THERE = 0.1
+"""Steps that end it where more pixels will be asked after these."""
+
 _MANY = 300
 """Pixels of a recording that measure its shape: errors of a shape are the same in all pixels."""
 _FIRST_TAILS = (0.5, 1.5, 4.0, 10.0)
 _FIRST_SHARES = (0.05, 0.15, 0.35, 0.7)
 """Means of a tail, in the Gaussian's width, and its shares, of which the best is begun with."""
-_ROUNDS = 4
-"""Parabolas at most; typically one or two."""
+_ROUNDS = 12
+"""Parabolas at most; typically two, and five from the best of a few kinds of tail, whose neighbours
+are up to seven of the longest steps away."""
 _NEAR = 0.02
 """Steps in which the misfit's curvature is looked at: of the log of a tail's mean, and of the log
 odds of its share."""
 _MOST_STEP = 0.2
 """The same beyond which a parabola is not believed."""
-_THERE = 2e-3
-"""The same that end the search: a few parts in ten thousand of a pulse."""
-_MORE_ROUNDS = 12
-"""Parabolas from the best of a grid, whose neighbours are up to seven such steps away."""
+_LEAST_CURVATURE = 1e-6
+"""Of the larger one: below, a misfit that is all but flat one way would send steps far off."""
+_THERE = 0.02
+"""The same that end the search: what a parabola leaves is about its step squared, a few parts in
+ten thousand of a pulse."""
 
 
 def common_shape(hist: Histograms, timing: CodeClock | None, gaussians: Pulses) -> Response | None:
@@ -74,14 +79,11 @@ def common_shape(hist: Histograms, timing: CodeClock | None, gaussians: Pulses) 
     excess = sample.excess(Response.gaussian())
     if excess < SHOWN * np.sqrt(2.0 * sample.dof.sum() * len(sample.dof)):
         return None
-    kinds = [
-        np.array([np.log(tail), np.log(share / (1.0 - share))])
-        for tail, share in product(_FIRST_TAILS, _FIRST_SHARES)
-    ]
-    kind = sample.best_from(min(kinds, key=lambda one: sample.excess(with_tail(one))))
+    begin = best_of_first(lambda one: sample.excess(with_tail(one)))
+    kind = sample.best_from(begin, NEARLY_THERE)
     if sample.excess(with_tail(kind)) >= MOST_LEFT * excess:
         return None
-    return with_tail(_Asked.of(hist, timing, gaussians, _MANY).best_from(kind)).anchored()
+    return with_tail(_Asked.of(hist, timing, gaussians, _MANY).best_from(kind, _THERE)).anchored()
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,14 +121,14 @@ class _Asked:
         """That of all, had each the median's."""
         return float(len(self.dof) * np.nanmedian(self.beyond(shape)))
 
-    def best_from(self, kind: Floats) -> Floats:
+    def best_from(self, kind: Floats, there: float) -> Floats:
         """Kind of a tail that fits best those pixels which one like it fits best."""
         own = np.argsort(self.beyond(with_tail(kind)))[: max(len(self.dof) // 2, 1)]
 
         def deviance(x: Floats) -> float:
             return float(np.nansum(np.concatenate(self.misfit_of(with_tail(x)).deviances)[own]))
 
-        return lowest(deviance, kind, _MORE_ROUNDS)
+        return lowest(deviance, kind, there)
 
 
 def explained_better(by_shape: Pulses, gaussians: Pulses) -> bool:
@@ -200,7 +202,16 @@ def with_tail(kind: Floats) -> Response:
     return Response.with_tail(std_ps=1.0, tail_ps=float(np.exp(kind[0])), tail_share=share)
 
 
-def lowest(misfit: Callable[[Floats], float], start: Floats, rounds: int = _ROUNDS) -> Floats:
+def best_of_first(misfit: Callable[[Floats], float]) -> Floats:
+    """The kind of tail (2,) to begin with: the one of least misfit of a few."""
+    kinds = [
+        np.array([np.log(tail), np.log(share / (1.0 - share))])
+        for tail, share in product(_FIRST_TAILS, _FIRST_SHARES)
+    ]
+    return min(kinds, key=misfit)
+
+
+def lowest(misfit: Callable[[Floats], float], start: Floats, there: float = _THERE) -> Floats:
     """Where a misfit of two numbers is least, by parabolas; near the start.
 
     Parameters
@@ -209,26 +220,26 @@ def lowest(misfit: Callable[[Floats], float], start: Floats, rounds: int = _ROUN
         Of an array of float, shape (2,).
     start : array of float, shape (2,)
         Where to begin.
-    rounds : int, optional
-        Parabolas at most.
+    there : float, optional
+        Steps that end the search.
 
     Returns
     -------
     array of float, shape (2,)
     """
     at, least = start, misfit(start)
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         slope, curvature = _parabola(misfit, at, least)
         values, vectors = np.linalg.eigh(curvature)
-        if values[0] <= 0.0:
-            break
+        # Where the misfit bends down a step goes down as well, and no farther than is believed.
+        values = np.maximum(np.abs(values), _LEAST_CURVATURE * np.abs(values).max())
         step = -vectors @ ((slope @ vectors) / values)
         step *= min(1.0, _MOST_STEP / float(np.abs(step).max()))
         now = misfit(at + step)
         if now >= least:
             break
         at, least = at + step, now
-        if np.abs(step).max() < _THERE:
+        if np.abs(step).max() < there:
             break
     return at
 
