@@ -375,7 +375,8 @@ def misfit_of_shapes(
 ) -> Callable[[Response], Misfit]:
     """Function that tells how well one pulse of a shape fits in each of some pixels, in all.
 
-    As many calls of `fit_pulses` would, but pulses are looked for, and codes laid out, once.
+    As many calls of `fit_pulses` would, but pulses are looked for, and codes laid out, once; each
+    shape is begun with where pulses stood for the last.
 
     Parameters
     ----------
@@ -410,6 +411,9 @@ def misfit_of_shapes(
     def misfit(response: Response) -> Misfit:
         model = model_of(response.table())
         fits = [fit(bins, start, model) for bins, start in parts]
+        for k, ((bins, start), one) in enumerate(zip(parts, fits, strict=True)):
+            # The next shape asked about is much like this one.
+            parts[k] = bins, np.where(one.converged[:, np.newaxis], one.theta, start)
         return Misfit(tuple(one.chi2 for one in fits), tuple(-2.0 * one.objective for one in fits))
 
     return misfit
