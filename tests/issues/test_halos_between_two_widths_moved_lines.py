@@ -133,14 +133,23 @@ def test_all_counts_answer_for_what_is_unknown_of_a_halo(monkeypatch):
         told = replace(sighting, diffuse=diffuse)
         return climb([told], *rest, **calls[-1][1]).vertices_mm[-1]
 
-    moved = np.array([end_of(one) for one in sighting.diffuse.otherwise()]) - path.vertices_mm[-1]
-    monkeypatch.setattr(
-        photon, "_led_by_other_light", lambda ended, _: np.zeros((ended.order.size, 0))
-    )
-    without = climb([sighting], *rest, **calls[-1][1])
     # Across the leg: where it ends along it the picture's edge says.
-    side = across(world_of(BETWEEN_ROWS).vertices)[0]
-    variance = [side @ one.covariance[4:7, 4:7] @ side for one in (path, without)]
-    assert variance[0] > 2.0 * variance[1]
-    stated = variance[0] - variance[1]
+    side, led_by = across(world_of(BETWEEN_ROWS).vertices)[0], photon._led_by_other_light
+
+    def variance_of(errors: list[int]) -> float:
+        """Of the leg's end, with these of the halo's errors."""
+        monkeypatch.setattr(
+            photon, "_led_by_other_light", lambda ended, counts: led_by(ended, counts)[:, errors]
+        )
+        path = climb([sighting], *rest, **calls[-1][1])
+        return float(side @ path.covariance[4:7, 4:7] @ side)
+
+    alone = variance_of([])
+    assert side @ path.covariance[4:7, 4:7] @ side > 2.0 * alone
+    # Those of eighteen that move the leg most; two more are of light that nobody told of.
+    most = [12, 15, 16, 17]
+    otherwise = list(sighting.diffuse.otherwise())
+    moved = np.array([end_of(otherwise[k]) for k in most]) - path.vertices_mm[-1]
+    stated = variance_of(most) - alone
+    assert stated > 2.0 * alone
     assert np.sum((moved @ side) ** 2) == pytest.approx(stated, rel=0.3)
