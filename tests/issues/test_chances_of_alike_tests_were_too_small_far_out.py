@@ -1,4 +1,4 @@
-"""Chances of a family of tests were taken from the tests' likeness at 5 %, also where they are 1e-6.
+"""Chances of a family of tests were taken from how alike they are at 5 %, also at 1e-6.
 
 Tests that look nearly the same way fail together at 5 % and apart far out: of forty directions in a
 plane one fails at 1e-6 in 6.3e-6 of all recordings, where 3.4e-6 was told. In the families of real

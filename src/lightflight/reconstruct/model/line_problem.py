@@ -109,6 +109,10 @@ class LineData:
         return 0.0 if self.halo is None else self.halo.photons
 
 
+_A_PHOTON = 1.0
+"""Pixels that expect less of their legs say nothing of a spot's skewness: their chance is no
+Gaussian's, and a photon of the background is enough."""
+
 _OF_PIXELS = ("along_px", "across_px", "photons", "empty_variance")
 """What `LineData` holds pixel by pixel."""
 
@@ -532,8 +536,11 @@ class Expected:
 
     @property
     def by_skewness(self) -> Floats:
-        """(n,), d ln(photons) / d(skewness of the spot across the line)."""
-        u = self.across_stds
+        """(n,), d ln(photons) / d(skewness of the spot across the line).
+
+        Five spots aside one photon, of whatever, would count as a hundred do in the spot.
+        """
+        u = np.where(self.photons < _A_PHOTON, 0.0, self.across_stds)
         by_skewness: Floats = self.direct * (u**3 - 3.0 * u) / 6.0
         return by_skewness
 
