@@ -8,13 +8,16 @@ pulses have in common tells the shape.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import exponnorm, norm
 
 import lightflight as lf
+from lightflight import flags as fl
 from lightflight.timing.clock.response import Response
-from lightflight.timing.pulses.common_shape import common_shape
+from lightflight.timing.pulses.common_shape import common_shape, evenly_among, explained_better
 
 SIZE, CODES, CODE_PS, STD_PS, TAIL_PS = 16, 400, 16.0, 30.0, 150.0
 ROWS, COLS = np.mgrid[:SIZE, :SIZE]
@@ -109,3 +112,14 @@ def test_tails_are_found_where_pixels_see_two_pulses() -> None:
 def test_a_name_that_is_none_is_told(tailed: lf.Histograms) -> None:
     with pytest.raises(ValueError, match='response must be one of "clock"'):
         lf.fit_pulses(tailed, response="gauss")
+
+
+def test_a_shape_that_costs_pixels_their_time_is_not_taken(tailed: lf.Histograms) -> None:
+    """As a decay does that the end of the codes cuts."""
+    gaussians = lf.fit_pulses(tailed, response="clock")
+    shape = Response.with_tail(std_ps=STD_PS, tail_ps=TAIL_PS, tail_share=0.3).anchored()
+    shaped = lf.fit_pulses(tailed, response=shape)
+    some = evenly_among(gaussians)
+    assert explained_better(shaped, gaussians, some)
+    lost = np.where(np.arange(len(shaped.row)) % 5 == 0, fl.NEAR_GATE_EDGE, 0).astype(np.uint32)
+    assert not explained_better(replace(shaped, flags=shaped.flags | lost), gaussians, some)

@@ -37,6 +37,8 @@ NEARLY_THERE = 0.1
 
 _MANY = 300
 """Pixels of a recording that measure its shape: errors of a shape are the same in all pixels."""
+_KEPT = 0.9
+"""Of the pixels that Gaussians have a time of, at least so many keep one."""
 _FIRST_TAILS = (0.5, 1.5, 4.0, 10.0)
 _FIRST_SHARES = (0.05, 0.15, 0.35, 0.7)
 """Means of a tail, in the Gaussian's width, and its shares, of which the best is begun with."""
@@ -131,22 +133,46 @@ class _Asked:
         return lowest(deviance, kind, there)
 
 
-def explained_better(by_shape: Pulses, gaussians: Pulses) -> bool:
+def evenly_among(pulses: Pulses) -> NDArray[np.bool_]:
+    """Some of the pixels that show a pulse, bright and dim alike.
+
+    Parameters
+    ----------
+    pulses : Pulses
+        Of all pixels.
+
+    Returns
+    -------
+    array of bool, shape (rows, cols)
+        True for every one of so many that a few hundred are.
+    """
+    shown = np.flatnonzero(_cost(pulses)[1])
+    some = np.zeros(pulses.shape[0] * pulses.shape[1], dtype=bool)
+    some[shown[:: max(1, len(shown) // _MANY)]] = True
+    return some.reshape(pulses.shape)
+
+
+def explained_better(by_shape: Pulses, gaussians: Pulses, some: NDArray[np.bool_]) -> bool:
     """Whether pulses of a common shape explain the counts better than Gaussians, for what they are.
 
     Parameters
     ----------
     by_shape, gaussians : Pulses
         The same recording, fitted with one and the other.
+    some : array of bool, shape (rows, cols)
+        Pixels that are asked: those where Gaussians are usable.
 
     Returns
     -------
     bool
-        By chi-square and two for each number that is fitted (Akaike), over pixels that both fit.
+        By chi-square and two for each number that is fitted (Akaike); not where the shape, cut by
+        the end of the codes or too wide for the light there is, leaves many pixels without a time.
     """
-    costs, usable = zip(*(_cost(pulses) for pulses in (by_shape, gaussians)), strict=True)
-    both = usable[0] & usable[1]
-    return bool(both.any() and costs[0][both].sum() < costs[1][both].sum())
+    own = some.ravel()
+    (shaped, usable), (plain, _) = (_cost(pulses) for pulses in (by_shape, gaussians))
+    both = own & usable
+    kept = np.count_nonzero(both) > _KEPT * np.count_nonzero(own)
+    return bool(kept and shaped[both].sum() < plain[both].sum())
 
 
 def _cost(pulses: Pulses) -> tuple[Floats, NDArray[np.bool_]]:
