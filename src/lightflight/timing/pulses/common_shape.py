@@ -76,10 +76,8 @@ def common_shape(hist: Histograms, timing: CodeClock | None, gaussians: Pulses) 
         has widened (`Response.anchored`).
     """
     sample = _Asked.of(hist, timing, gaussians, SAMPLE)
-    if not len(sample.dof):
-        return None
     excess = sample.excess(Response.gaussian())
-    if excess < SHOWN * np.sqrt(2.0 * sample.dof.sum() * len(sample.dof)):
+    if not excess > SHOWN * sample.spread:
         return None
     begin = best_of_first(lambda one: sample.excess(with_tail(one)))
     kind = sample.best_from(begin, NEARLY_THERE)
@@ -100,10 +98,13 @@ class _Asked:
         How far one pulse of a `Response` is from the counts of each pixel.
     dof : array of float, shape (n,)
         Degrees of freedom of such a fit.
+    spread : float
+        Of their chi-square, times how many there are.
     """
 
     misfit_of: Callable[[Response], Misfit]
     dof: Floats
+    spread: float
 
     @classmethod
     def of(
@@ -113,7 +114,9 @@ class _Asked:
         own = ~all_but_brightest(gaussians, hist.shape, number)
         # Of a single pulse: what the others of a pixel took is free again.
         dof = gaussians.dof[gaussians.pulse_index == 0] + 2 * (_n_pulses(gaussians) - 1)
-        return cls(misfit_of_shapes(hist, timing, own), dof[own.ravel()].astype(np.float64))
+        misfit_of = misfit_of_shapes(hist, timing, own)
+        asked = dof[misfit_of(Response.gaussian()).pixels].astype(np.float64)
+        return cls(misfit_of, asked, float(np.sqrt(2.0 * asked.sum() * len(asked))))
 
     def beyond(self, shape: Response) -> Floats:
         """Chi-square beyond its degrees of freedom, (n,)."""
@@ -121,14 +124,14 @@ class _Asked:
 
     def excess(self, shape: Response) -> float:
         """That of all, had each the median's."""
-        return float(len(self.dof) * np.nanmedian(self.beyond(shape)))
+        return float(len(self.dof) * np.median(self.beyond(shape))) if len(self.dof) else 0.0
 
     def best_from(self, kind: Floats, there: float) -> Floats:
         """Kind of a tail that fits best those pixels which one like it fits best."""
         own = np.argsort(self.beyond(with_tail(kind)))[: max(len(self.dof) // 2, 1)]
 
         def deviance(x: Floats) -> float:
-            return float(np.nansum(np.concatenate(self.misfit_of(with_tail(x)).deviances)[own]))
+            return float(np.sum(np.concatenate(self.misfit_of(with_tail(x)).deviances)[own]))
 
         return lowest(deviance, kind, there)
 

@@ -350,12 +350,15 @@ class Misfit(NamedTuple):
 
     Attributes
     ----------
+    pixels : array of int, shape (m,)
+        Those that show a pulse, all batches together: row times columns and column.
     chi2s : tuple of array of float, shape (n,)
         Pearson's, over the bins that expect enough: these may be others for another shape.
     deviances : tuple of array of float, shape (n,)
         Twice what the log-likelihood lacks, up to a constant.
     """
 
+    pixels: NDArray[np.int64]
     chi2s: tuple[Floats, ...]
     deviances: tuple[Floats, ...]
 
@@ -414,7 +417,11 @@ def misfit_of_shapes(
         for k, ((bins, start), one) in enumerate(zip(parts, fits, strict=True)):
             # The next shape asked about is much like this one.
             parts[k] = bins, np.where(one.converged[:, np.newaxis], one.theta, start)
-        return Misfit(tuple(one.chi2 for one in fits), tuple(-2.0 * one.objective for one in fits))
+        return Misfit(
+            pixels,
+            tuple(one.chi2 for one in fits),
+            tuple(-2.0 * one.objective for one in fits),
+        )
 
     return misfit
 
