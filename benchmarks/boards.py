@@ -116,13 +116,11 @@ def main() -> None:
     for share, tail_ps, photons, own in BOARDS:
         squares: dict[str, list[float]] = {way: [] for way in WAYS}
         pulls, spent = [], 0.0
+        shape = Response.with_tail(std_ps=STD_PS, tail_ps=tail_ps, tail_share=share).anchored()
         for seed in range(options.first, options.first + options.runs):
             hist = recording(share, tail_ps, photons, own, seed)
             for way in WAYS:
                 began = time.process_time()
-                shape = Response.with_tail(
-                    std_ps=STD_PS, tail_ps=tail_ps, tail_share=share
-                ).anchored()
                 found, stated = times_by(way, hist, shape)
                 off = found - delays_ps()
                 off -= np.nanmedian(off)

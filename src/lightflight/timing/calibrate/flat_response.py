@@ -52,8 +52,8 @@ def tail_of_flat(flat: Histograms, *, timing: TimingCalibration) -> Response:
         As `fit_pulses`: where no pixel shows a pulse.
     """
     first = fit_pulses(flat, timing=timing, max_pulses=1, response=Response.gaussian())
-    kind, _ = _best_tail(flat, timing, all_but_brightest(first, flat.shape, SAMPLE))
-    return _measured(kind, flat, timing, all_but_brightest(first, flat.shape, _MANY))
+    kind, _ = _best_tail(flat, timing, all_but_brightest(first, SAMPLE))
+    return _measured(kind, flat, timing, all_but_brightest(first, _MANY))
 
 
 def tail_of_flat_if_any(flat: Histograms, *, timing: TimingCalibration) -> Response | None:
@@ -77,7 +77,7 @@ def tail_of_flat_if_any(flat: Histograms, *, timing: TimingCalibration) -> Respo
         As `fit_pulses`: where no pixel shows a pulse.
     """
     first = fit_pulses(flat, timing=timing, max_pulses=1, response="clock")
-    others = all_but_brightest(first, flat.shape, SAMPLE)
+    others = all_but_brightest(first, SAMPLE)
     asked = ~others.ravel()
     dof = float(np.nansum(first.dof[asked]))
     excess = float(np.nansum(first.chi2[asked])) - dof
@@ -86,7 +86,7 @@ def tail_of_flat_if_any(flat: Histograms, *, timing: TimingCalibration) -> Respo
     kind, found = _best_tail(flat, timing, others)
     if found - dof >= MOST_LEFT * excess:
         return None
-    return _measured(kind, flat, timing, all_but_brightest(first, flat.shape, _MANY))
+    return _measured(kind, flat, timing, all_but_brightest(first, _MANY))
 
 
 def _measured(

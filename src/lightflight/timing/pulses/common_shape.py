@@ -76,8 +76,9 @@ def common_shape(hist: Histograms, timing: CodeClock | None, gaussians: Pulses) 
         has widened (`Response.anchored`).
     """
     sample = _Asked.of(hist, timing, gaussians, SAMPLE)
-    excess = sample.excess(Response.gaussian())
-    if not excess > SHOWN * sample.spread:
+    beyond, dof = sample.beyond(Response.gaussian())
+    excess = _of_all(beyond)
+    if not excess > SHOWN * np.sqrt(2.0 * dof.sum() * len(dof)):
         return None
     begin = best_of_first(lambda one: sample.excess(with_tail(one)))
     kind = sample.best_from(begin, NEARLY_THERE)
@@ -96,44 +97,47 @@ class _Asked:
     ----------
     misfit_of : callable
         How far one pulse of a `Response` is from the counts of each pixel.
-    dof : array of float, shape (n,)
-        Degrees of freedom of such a fit.
-    spread : float
-        Of their chi-square, times how many there are.
+    dof : array of int, shape (rows * cols,)
+        Degrees of freedom of such a fit, of every pixel.
     """
 
     misfit_of: Callable[[Response], Misfit]
-    dof: Floats
-    spread: float
+    dof: NDArray[np.int64]
 
     @classmethod
     def of(
         cls, hist: Histograms, timing: CodeClock | None, gaussians: Pulses, number: int
     ) -> _Asked:
         """The brightest pixels."""
-        own = ~all_but_brightest(gaussians, hist.shape, number)
+        own = ~all_but_brightest(gaussians, number)
         # Of a single pulse: what the others of a pixel took is free again.
         dof = gaussians.dof[gaussians.pulse_index == 0] + 2 * (_n_pulses(gaussians) - 1)
-        misfit_of = misfit_of_shapes(hist, timing, own)
-        asked = dof[misfit_of(Response.gaussian()).pixels].astype(np.float64)
-        return cls(misfit_of, asked, float(np.sqrt(2.0 * asked.sum() * len(asked))))
+        return cls(misfit_of_shapes(hist, timing, own), dof)
 
-    def beyond(self, shape: Response) -> Floats:
-        """Chi-square beyond its degrees of freedom, (n,)."""
-        return np.concatenate(self.misfit_of(shape).chi2s) - self.dof
+    def beyond(self, shape: Response) -> tuple[Floats, Floats]:
+        """Chi-square beyond its degrees of freedom, and these, (n,) each."""
+        found = self.misfit_of(shape)
+        dof = self.dof[found.pixels].astype(np.float64)
+        return np.concatenate((np.empty(0), *found.chi2s)) - dof, dof
 
     def excess(self, shape: Response) -> float:
-        """That of all, had each the median's."""
-        return float(len(self.dof) * np.median(self.beyond(shape))) if len(self.dof) else 0.0
+        """Chi-square of all beyond its degrees of freedom."""
+        return _of_all(self.beyond(shape)[0])
 
     def best_from(self, kind: Floats, there: float) -> Floats:
         """Kind of a tail that fits best those pixels which one like it fits best."""
-        own = np.argsort(self.beyond(with_tail(kind)))[: max(len(self.dof) // 2, 1)]
+        beyond, _ = self.beyond(with_tail(kind))
+        own = np.argsort(beyond)[: max(len(beyond) // 2, 1)]
 
         def deviance(x: Floats) -> float:
             return float(np.sum(np.concatenate(self.misfit_of(with_tail(x)).deviances)[own]))
 
         return lowest(deviance, kind, there)
+
+
+def _of_all(beyond: Floats) -> float:
+    """The sum over pixels, had each the median's."""
+    return float(len(beyond) * np.median(beyond)) if len(beyond) else 0.0
 
 
 def evenly_among(pulses: Pulses) -> NDArray[np.bool_]:
@@ -190,15 +194,13 @@ def _n_pulses(pulses: Pulses) -> NDArray[np.intp]:
     return np.bincount(pulses.row.astype(np.int64) * pulses.shape[1] + pulses.col)
 
 
-def all_but_brightest(pulses: Pulses, shape: tuple[int, int], number: int) -> NDArray[np.bool_]:
+def all_but_brightest(pulses: Pulses, number: int) -> NDArray[np.bool_]:
     """Pixels that are not asked for the shape of the array's pulse.
 
     Parameters
     ----------
     pulses : Pulses
         One or more for each pixel.
-    shape : (int, int)
-        Rows and columns.
     number : int
         How many are asked.
 
@@ -206,7 +208,7 @@ def all_but_brightest(pulses: Pulses, shape: tuple[int, int], number: int) -> ND
     -------
     array of bool, shape (rows, cols)
     """
-    photons = np.full(shape, -1.0)
+    photons = np.full(pulses.shape, -1.0)
     own = pulses.usable
     np.maximum.at(photons, (pulses.row[own], pulses.col[own]), pulses.photons[own])
     least = np.sort(photons, axis=None)[-min(number, photons.size)]
