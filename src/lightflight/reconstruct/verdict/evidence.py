@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, ndtri
+from scipy.special import chdtrc, chdtri, ndtri
 
 from lightflight.path.verdict import BlindSpot, FindingName
 
@@ -66,6 +66,9 @@ class Evidence:
         worked out from `directions`.
     silent_below : float
         Chi-square that a misfit of no account may bring; the test speaks from there on.
+    widened : float
+        What its numbers are divided by, over what chance alone spreads them by: more than 1 where
+        a misfit of no account is in the divisor.
     frees : str
         What `free=` calls the cause; "": nothing.
     need : float
@@ -85,6 +88,7 @@ class Evidence:
     data: str = field(default="pulses", kw_only=True)
     remains: float = field(default=float("nan"), kw_only=True)
     silent_below: float = field(default=0.0, kw_only=True)
+    widened: float = field(default=1.0, kw_only=True)
     frees: str = field(default="", kw_only=True)
     need: float = field(default=float("nan"), kw_only=True)
 
@@ -98,7 +102,14 @@ class Evidence:
     @property
     def speaks(self) -> float:
         """Chance that the test says anything where all is well."""
-        return float(chdtrc(self.dof, self.silent_below))
+        return float(chdtrc(self.dof, self.widened**2 * self.silent_below))
+
+    def chance_of(self, p_value: float) -> float:
+        """Chance that its p-value is as small where all is well; as stated, if it is as small."""
+        if self.p_value <= p_value:
+            return p_value
+        as_small = chdtrc(self.dof, self.widened**2 * chdtri(self.dof, p_value))
+        return float(min(as_small, self.speaks))
 
     @property
     def sigma(self) -> float:

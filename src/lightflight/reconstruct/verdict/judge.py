@@ -63,12 +63,9 @@ def family_p_value(evidence: Sequence[Evidence]) -> float:
 
 
 def _log_all_above(p_value: float, tests: Sequence[Evidence]) -> float:
-    """Log of the chance that independent tests all stay above a p-value.
-
-    A test that is silent up to some size is not below it more often than it speaks.
-    """
-    speak = np.array([one.speaks for one in tests])
-    return float(np.log1p(-np.minimum(np.minimum(p_value, speak), 1.0 - 1e-16)).sum())
+    """Log of the chance that independent tests all stay above a p-value."""
+    chances = np.array([one.chance_of(p_value) for one in tests])
+    return float(np.log1p(-np.minimum(chances, 1.0 - 1e-16)).sum())
 
 
 def _log_passed(p_value: float, together: Sequence[Evidence]) -> float:

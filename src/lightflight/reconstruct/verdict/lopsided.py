@@ -48,15 +48,15 @@ def evidence_of_lopsided_legs(fit: JointFit) -> tuple[Evidence, ...]:
     deviations from the line, all else of the lines free (`LineFit.skewness`).
     """
     found = [
-        (leg, line.skewness, float(np.hypot(line.skewness_std, _OF_NO_ACCOUNT)))
+        (leg, line.skewness, line.skewness_std, float(np.hypot(line.skewness_std, _OF_NO_ACCOUNT)))
         for picture in fit.pictures
         for leg, line in enumerate(picture.fits)
         if line.skewness_std < _TOLD
     ]
     if not found:
         return ()
-    deviates = [skewness / std for _, skewness, std in found]
-    leg, skewness, std = found[int(np.argmax(np.abs(deviates)))]
+    deviates = [skewness / std for _, skewness, _, std in found]
+    leg, skewness, _, std = found[int(np.argmax(np.abs(deviates)))]
     chi2, dof = float(np.sum(np.square(deviates))), len(deviates)
     return (
         Evidence(
@@ -72,6 +72,7 @@ def evidence_of_lopsided_legs(fit: JointFit) -> tuple[Evidence, ...]:
             np.empty((0, dof)),
             symptom=True,
             data=LIGHT,
+            widened=min(std / by_chance for _, _, by_chance, std in found),
             blind=blind_to_second_beams(fit),
         ),
     )
