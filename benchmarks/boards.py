@@ -2,6 +2,7 @@
 
     python benchmarks/boards.py                  # all boards, one recording each
     python benchmarks/boards.py --runs 10 --first 50
+    python benchmarks/boards.py --no-period      # as files that do not say how long the laser's is
 
 32 x 32 pixels, codes of 16 ps in a period of 8.2 ns, a laser and detector of 30 ps (standard
 deviation) of whose light a share is late by an exponential delay (SciPy's `exponnorm`), pixels lit
@@ -51,7 +52,9 @@ def delays_ps() -> Floats:
     return np.asarray(2500.0 + 3.1 * cols + 1.7 * rows + bowl)
 
 
-def recording(share: float, tail_ps: float, photons: float, own: bool, seed: int) -> lf.Histograms:
+def recording(
+    share: float, tail_ps: float, photons: float, own: bool, seed: int, period_ps: float | None
+) -> lf.Histograms:
     rng, at = np.random.default_rng([31, seed]), EDGES_PS - delays_ps()[..., np.newaxis]
     late = exponnorm.cdf(at, tail_ps / STD_PS, 0.0, STD_PS)
     came = np.diff((1.0 - share) * norm.cdf(at, 0.0, STD_PS) + share * late)
@@ -61,9 +64,7 @@ def recording(share: float, tail_ps: float, photons: float, own: bool, seed: int
         came = came + part[..., np.newaxis] * more
     bright = photons * rng.lognormal(0.0, 0.5, at.shape[:2])
     counts = rng.poisson(bright[..., np.newaxis] * came + 2e-5 * photons)
-    return lf.Histograms(
-        counts.astype(np.uint32), bin_width_ps=CODE_PS, laser_period_ps=CODES * CODE_PS
-    )
+    return lf.Histograms(counts.astype(np.uint32), bin_width_ps=CODE_PS, laser_period_ps=period_ps)
 
 
 def through_five_codes(counts: NDArray[np.integer], at: int) -> float:
@@ -110,7 +111,9 @@ def main() -> None:
     )
     parser.add_argument("--runs", type=int, default=1, help="recordings of each board")
     parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--no-period", action="store_true", help="do not tell the laser's period")
     options = parser.parse_args()
+    period_ps = None if options.no_period else CODES * CODE_PS
     warnings.simplefilter("ignore", OptimizeWarning)
     print(f"{'late by, photons':26s} " + " ".join(f"{way:>11s}" for way in WAYS) + "   pull  cpu s")
     for share, tail_ps, photons, own in BOARDS:
@@ -118,7 +121,7 @@ def main() -> None:
         pulls, spent = [], 0.0
         shape = Response.with_tail(std_ps=STD_PS, tail_ps=tail_ps, tail_share=share).anchored()
         for seed in range(options.first, options.first + options.runs):
-            hist = recording(share, tail_ps, photons, own, seed)
+            hist = recording(share, tail_ps, photons, own, seed, period_ps)
             for way in WAYS:
                 began = time.process_time()
                 found, stated = times_by(way, hist, shape)

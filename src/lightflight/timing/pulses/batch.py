@@ -340,12 +340,11 @@ def _rows_of(window: Window, index: Indices) -> Window:
 
 
 def _holds(window: Window, theta: Floats, model: Model, index: Indices) -> Bools:
-    """True where the window holds all of every pulse, or all bins."""
+    """True where the window holds all that was recorded of every pulse."""
     centres, reach = theta[:, : theta.shape[1] // 2 - 1], model.reach * theta[:, -2]
-    inside = (centres.min(axis=1) - reach >= window.edges[index, 0]) & (
-        centres.max(axis=1) + reach <= window.edges[index, -1]
-    )
-    return np.asarray(inside | window.whole[index])
+    begin, end = window.known[index].T
+    held: Bools = (centres.min(axis=1) - reach >= begin) & (centres.max(axis=1) + reach <= end)
+    return held
 
 
 def _free(theta: Floats, gradient: Floats, bounds: Floats, fit_std: bool) -> Bools:

@@ -142,6 +142,9 @@ class Window:
         exposure.
     whole : array of bool
         (p,), True where no bin is outside.
+    known : array of float
+        (p, 2), from when to when all that was recorded is in the window; infinite towards where
+        nothing else was.
     """
 
     counts: Floats
@@ -151,6 +154,7 @@ class Window:
     m: Indices
     outside: Floats
     whole: Bools
+    known: Floats
 
 
 def place_in(bins: Bins, low: Floats, high: Floats) -> tuple[Indices, Indices, Floats]:
@@ -185,8 +189,16 @@ def window_at(bins: Bins, first: Indices, m: Indices, lap: Floats) -> Window:
     counts, exposure = (np.where(inside, values[row, place], 0.0)
                         for values in (bins.counts, bins.exposure))  # fmt: skip
     outside = _sums(bins.counts, bins.exposure) - _sums(counts, exposure)
-    outside[m == bins.n] = 0.0
-    return Window(counts, edges, exposure, exposure > 0.0, m, outside, m == bins.n)
+    whole, on_a_ring = m == bins.n, math.isfinite(bins.period)
+    outside[whole] = 0.0
+    none_before, none_after = (
+        whole | (at_end & (not on_a_ring)) for at_end in (first == 0, first + m == bins.n)
+    )
+    known = np.stack(
+        [np.where(none_before, -np.inf, edges[:, 0]), np.where(none_after, np.inf, edges[:, -1])],
+        axis=1,
+    )
+    return Window(counts, edges, exposure, exposure > 0.0, m, outside, whole, known)
 
 
 def step_above(m: Indices) -> Indices:
