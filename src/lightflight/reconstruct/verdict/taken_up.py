@@ -20,7 +20,7 @@ from lightflight.reconstruct.fit.result import mirror_of_fit, second_pulse_of_fi
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.spread import WIDE_LATE, WIDE_PX
-from lightflight.reconstruct.verdict.count_evidence import evidence_from_counts
+from lightflight.reconstruct.verdict.count_evidence import causes, evidence_from_counts
 from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.reconstruct.verdict.judge import verdict_from_evidence
 
@@ -63,7 +63,7 @@ def verdict_with_light_taken_up(
         `plain`, unless diffuse light of a plausible strength, or light that comes twice, is all
         that contradicts the path.
     """
-    if plain.level is not Level.CONTRADICTED or not _has_place(plain, fit):
+    if plain.level is not Level.CONTRADICTED or not _plausible(fit):
         return plain
     try:
         counts = evidence_from_counts(fit, sightings, nominal=nominal, taken_up=True)
@@ -74,41 +74,55 @@ def verdict_with_light_taken_up(
         return plain
     told = tuple(
         replace(one, sentence=f"{one.sentence}: taken into the fit", severity=Severity.CHECK)
-        for one in (
-            *_what_comes_twice(plain, fit),
-            *(_as_fitted(one, fit) for one in plain.findings if one.name in _DIFFUSE),
-        )
+        for one in _as_fitted(plain, fit)
     )
     return replace(left, level=Level.CHECK, findings=(*told, *left.findings))
 
 
-def _has_place(plain: Verdict, fit: JointFit) -> bool:
-    """Whether light that the fit found, of a plausible strength, may be all that is wrong."""
-    first = plain.findings[0].name if plain.findings else None
-    # What comes twice is light of the path: all that its counts are called may be it.
-    return _plausible(fit) and (first in _DIFFUSE or bool(_what_comes_twice(plain, fit)))
+def _as_fitted(plain: Verdict, fit: JointFit) -> tuple[Finding, ...]:
+    """What the fit has taken up, with the strengths that it has.
+
+    Causes that were named keep their names. Where none has a place in the fit, as where a short
+    tail was taken for an echo, what there is most of in the fit is named.
+    """
+    twice = _what_comes_twice(plain, fit)
+    most = max(fit.strengths, key=lambda one: float(one.of_kinds.sum()))
+    named = tuple(one for one in plain.findings if one.name in _DIFFUSE)
+    if not named and not twice:
+        sigma = max((one.sigma for one in plain.findings), default=0.0)
+        cause = max(
+            (one for one in causes(np.empty(0)) if one.name in _DIFFUSE[1:]),
+            key=lambda one: _share_and_words(one.name, most)[0],
+        )
+        named = (Finding(cause.name, "", sigma, cause.remedy, Severity.CHECK),)
+    return (*twice, *(_with_strength(one, most) for one in named))
 
 
-def _as_fitted(finding: Finding, fit: JointFit) -> Finding:
+def _with_strength(finding: Finding, most: light.Strengths) -> Finding:
     """The finding with the strength that the fit has: tests tell sizes from a plain flight's.
 
     As it was where the fit calls most of that light by another name.
     """
-    most = max(fit.strengths, key=lambda one: float(one.of_kinds.sum()))
-    if finding.name in (FindingName.HAZE, FindingName.SHAPE):
+    share, words = _share_and_words(finding.name, most)
+    fitted = share > light.LEAST_SHARE or not finding.sentence
+    return replace(finding, sentence=words) if fitted else finding
+
+
+def _share_and_words(name: FindingName, most: light.Strengths) -> tuple[float, str]:
+    """How much light of that name the fit has, and what is said of it."""
+    if name in (FindingName.HAZE, FindingName.SHAPE):
         share, wait = _sum_and_mean(most.tails)
         words = {
             FindingName.HAZE: f"{share:.2g} of the light on the path comes late",
             FindingName.SHAPE: f"pulses have a tail: {share:.2g} of their light",
-        }[finding.name] + f", by some {wait:.3g} ps"
-    elif finding.name is FindingName.HALO:
+        }[name]
+        return share, f"{words}, by some {wait:.3g} ps"
+    if name is FindingName.HALO:
         reaches = (*WIDE_PX, *(reach for reach, _ in WIDE_LATE))
         share, reach = _sum_and_mean(list(zip(most.value[light.HALOS], reaches, strict=True)))
-        words = f"{share:.2g} of the light lies about the path, over some {reach:.2g} px"
-    else:
-        share = float(most.of_kinds[-2:].sum())
-        words = f"{share:.2g} of the light lies over the whole picture"
-    return replace(finding, sentence=words) if share > light.LEAST_SHARE else finding
+        return share, f"{share:.2g} of the light lies about the path, over some {reach:.2g} px"
+    share = float(most.of_kinds[-2:].sum())
+    return share, f"{share:.2g} of the light lies over the whole picture"
 
 
 def _sum_and_mean(parts: Sequence[tuple[float, float]]) -> tuple[float, float]:
