@@ -69,6 +69,7 @@ def photon_path(
     shared: Floats | None = None,
     areas: Mapping[int, tuple[float, float]] | None = None,
     rests: Mapping[int, tuple[RestAlong, ...]] | None = None,
+    slanted: bool = False,
 ) -> LightPath:
     """Refine a rough path by the likelihood of all counts.
 
@@ -93,6 +94,8 @@ def photon_path(
         fourth power, for which the path is climbed to without it, too.
     rests : mapping of int to tuple of RestAlong, optional
         How uneven light is along legs beyond splines, by camera.
+    slanted : bool, optional
+        Whether spots may be no circles.
 
     Returns
     -------
@@ -105,7 +108,9 @@ def photon_path(
         Where no pixel lies near the path, or the counts lead it out of all bounds.
     """
     told = {view: side for view, (side, _) in (areas or {}).items()}
-    climbed = partial(_climbed, sightings, setting, rough, std_ps, tips, shared, rests or {})
+    climbed = partial(
+        _climbed, sightings, setting, rough, std_ps, tips, shared, rests or {}, slanted
+    )
     path = climbed(told)
     for view, (side, fourth_std) in (areas or {}).items():
         if side > 0.0:
@@ -138,6 +143,7 @@ def _climbed(
     tips: Tips,
     shared: Floats | None,
     rests: Mapping[int, tuple[RestAlong, ...]],
+    slanted: bool,
     active_px: Mapping[int, float],
 ) -> LightPath:
     """The path at the top of the likelihood, with active areas as told; of no other camera."""
@@ -153,6 +159,7 @@ def _climbed(
             np.zeros((*whole.blind.shape, state.n_legs), bool),
             active_px.get(whole.view, 0.0),
             rests=rests.get(whole.view, ()),
+            slanted=slanted,
         )
         for whole in wholes
     ]

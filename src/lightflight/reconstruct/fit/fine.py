@@ -25,6 +25,11 @@ from lightflight.reconstruct.fit.membership import (
 )
 from lightflight.reconstruct.fit.pictures import pictures_of
 from lightflight.reconstruct.fit.robust import check_enough, solve_robustly
+from lightflight.reconstruct.fit.slanted_spots import (
+    asks_for_slanted_spots,
+    leaning_ps,
+    with_slanted_spots,
+)
 from lightflight.reconstruct.fit.uneven import RestAlong, Uneven, uneven_light
 from lightflight.reconstruct.model.geometry import footprints
 from lightflight.reconstruct.model.picture import footprint_corrections
@@ -57,9 +62,12 @@ def with_fine_light(fit: JointFit, setting: Setting) -> JointFit:
             # The last step led a leg to the edge of what its pixels tell: as it was found, then.
             return settled
         areas = areas_of_path(settled, setting)
-        if areas is None:
+        if areas is not None:
+            fit = replace(settled, active_px=areas)
+        elif asks_for_slanted_spots(settled, setting):
+            fit = replace(settled, slanted=True)
+        else:
             return settled
-        fit = replace(settled, active_px=areas)
 
 
 def _clear_of_ends(fit: JointFit, setting: Setting) -> JointFit:
@@ -132,7 +140,7 @@ def finely_lit(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Jo
         footprint_ps=feet + uneven.late_ps,
         modes_ps=np.hstack((fit.times.modes_ps[:, : _n_of_clock(fit)], uneven.columns_ps)),
     )
-    return with_area_errors(replace(shown, times=times), setting)
+    return with_area_errors(with_slanted_spots(replace(shown, times=times), setting), setting)
 
 
 def rests_of_light(fit: JointFit, setting: Setting) -> dict[int, tuple[RestAlong, ...]]:
@@ -173,6 +181,7 @@ def _feet_and_rest(
     feet, n_of_clock = _feet(fit, seen), _n_of_clock(fit)
     # What was known of uneven light before stands behind the errors of the clock.
     of_light = fit.times.modes_ps[:, n_of_clock:] @ fit.solution.modes[n_of_clock:]
+    of_light -= leaning_ps(fit)
     left = fit.solution.residual_ps + fit.times.footprint_ps + of_light - feet
     return feet, uneven_light(fit, sightings, setting, left)
 

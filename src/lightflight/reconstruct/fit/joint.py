@@ -94,6 +94,10 @@ class JointFit:
         Of diffuse light, by camera and clock; empty: the pulses are as they were found.
     active_px : mapping of int to float
         Side of the active area of cameras whose counts or path show one.
+    slanted : bool
+        Whether spots may be no circles: how much times lean to the sides of legs is fitted.
+    n_leaning : int
+        How many of the shared errors of `times` that is.
     n_shown : int or None
         Legs that the recording shows by itself, where the user told of more; None: as many.
     """
@@ -111,6 +115,8 @@ class JointFit:
     sightings: tuple[Sighting, ...]
     strengths: tuple[Strengths, ...] = ()
     active_px: Mapping[int, float] = field(default_factory=dict)
+    slanted: bool = False
+    n_leaning: int = 0
     n_shown: int | None = None
 
 

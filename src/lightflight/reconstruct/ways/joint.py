@@ -330,6 +330,7 @@ def path_of_pulses(fit: JointFit, request: Request) -> LightPath:
         better = photon_path(
             sightings, setting, path, std_ps=pulse_std_ps(sightings), tips=fit.tips,
             shared=fit.solution.shared, areas=areas_found(fit), rests=rests_of_light(fit, setting),
+            slanted=fit.slanted,
         )  # fmt: skip
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return path

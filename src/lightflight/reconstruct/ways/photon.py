@@ -90,6 +90,7 @@ def path_of_all_counts(fit: JointFit, rough: LightPath, request: Request) -> Lig
         shared=fit.solution.shared,
         areas=areas_found(fit),
         rests=rests_of_light(fit, request.setting),
+        slanted=fit.slanted,
     )
 
 
