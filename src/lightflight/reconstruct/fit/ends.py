@@ -51,6 +51,9 @@ _STOPS_PX = 4.0
 """Light whose last pixel is farther than this from where its leg meets the edge ends there, px."""
 _LIT_SHARE = 0.6
 """Where a leg's light falls below this share of what it was, the leg has ended."""
+_BESIDE_PX = 2.5
+"""Pixels nearer than this are side by side, px: the wing of a spot of less than two pixels falls by
+more than `_LIT_SHARE` from one to the next."""
 _WING_PX = 3.0
 """The spot's wing beyond a tip is no longer than this, px."""
 _OUTER_PX = 1.6
@@ -570,8 +573,11 @@ def _last_lit(places: Floats, outwards: Floats, strength: Floats) -> int:
         inner = (away > away[this] + 1.0) & (away < away[this] + 5.0)
         if away[this] > _WING_PX or np.count_nonzero(inner) < 3:
             break
+        beside = (away > away[this] + 0.5) & (away < away[this] + _BESIDE_PX)
+        # A wing falls from pixel to pixel; light that was brighter farther back has not ended.
+        least = min(np.median(strength[some]) for some in (inner, beside) if some.any())
         # The brightest of a position lies on the line; those beside it are dimmer for being aside.
-        if strength[near].max() > _LIT_SHARE * np.median(strength[inner]):
+        if strength[near].max() > _LIT_SHARE * least:
             return int(this)
     return int(order[0])
 
