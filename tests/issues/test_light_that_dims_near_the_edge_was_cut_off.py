@@ -1,6 +1,6 @@
 """Where a leg dims by half within three pixels of the edge its light was taken to stop there.
 
-Light that is uneven by a factor of two (20 % on 10 mm, drawn 3.6 deviations high), along one row, in
+Light that is uneven by a factor of two (20 % on 10 mm, 3.6 deviations high), along one row, in
 a sharp spot: the last three pixels hold half of what those behind hold, each as much as the other.
 They were taken for the wing of a spot beyond the leg's end, and a tenth to a sixth of all photons
 for no light of the path: the right path was contradicted ("unexplained_light", 32 sigma).
