@@ -27,6 +27,8 @@ Floats = NDArray[np.float64]
 _SLANT_STD = 0.3
 """Standard deviation of C_ac / C_cc: an ellipse at 45 degrees to a leg has 0.22 where its axes are
 as 4 to 5, 0.6 where they are as 1 to 2. Pulses on both sides of a line know it ten times better."""
+_ASKEW_STD_PS = 30.0
+"""Of delays at the edge of the pixels: more than a clock would be off by."""
 _REACH_STDS = 3.0
 """Spots from the line beyond which no pulse is believed to lean more."""
 
@@ -44,18 +46,38 @@ def asks_for_slanted_spots(fit: JointFit, setting: Setting) -> bool:
     Returns
     -------
     bool
-        By twice what Schwarz asks for as many numbers: spots stay round where they may be.
+        By twice what Schwarz asks for as many numbers: spots stay round where they may be. Not
+        where delays that grow across the picture explain as much: these move the path, and the
+        verdict is to see them.
     """
     if fit.slanted:
         return False
-    solution, leans = fit.solution, _leans(fit, setting)
-    columns = np.zeros((len(solution.rows), leans.shape[1]))
-    columns[: len(leans)] = leans * np.sqrt(fit.times.weights(fit.floor_ps**2))[:, np.newaxis]
+    leans, askew = _leans(fit, setting), _delays_askew(fit)
+    n, k = leans.shape
+    gained = _gained(fit, leans)
+    as_delays = _gained(fit, askew) - 2.0 * price(askew.shape[1], n)
+    return gained > 4.0 * price(k, n) and gained - 2.0 * price(k, n) > as_delays
+
+
+def _gained(fit: JointFit, by_time: Floats) -> float:
+    """By how much chi-square would fall with one-sigma columns (n, k) of the times free."""
+    solution = fit.solution
+    columns = np.zeros((len(solution.rows), by_time.shape[1]))
+    columns[: len(by_time)] = by_time * np.sqrt(fit.times.weights(fit.floor_ps**2))[:, np.newaxis]
     shared = solution.columns.T @ columns
     information = columns.T @ columns - shared.T @ solution.covariance @ shared
     score = columns.T @ solution.rows
-    gained = float(score @ np.linalg.solve(information + np.eye(len(score)), score))
-    return gained > 4.0 * price(len(score), len(leans))
+    return float(score @ np.linalg.solve(information + np.eye(len(score)), score))
+
+
+def _delays_askew(fit: JointFit) -> Floats:
+    """(n, 2 v), one-sigma columns of delays that grow down and across each camera's pixels, ps."""
+    columns = []
+    for view, camera in enumerate(fit.solution.cameras):
+        own = np.ones(len(fit.times.leg)) if fit.times.view is None else fit.times.view == view
+        for place, size in zip((fit.times.row, fit.times.col), camera.shape, strict=True):
+            columns.append(own * _ASKEW_STD_PS * (2.0 * place / (size - 1.0) - 1.0))
+    return np.column_stack(columns)
 
 
 def with_slanted_spots(fit: JointFit, setting: Setting) -> JointFit:
