@@ -87,15 +87,16 @@ def _as_fitted(plain: Verdict, fit: JointFit) -> tuple[Finding, ...]:
     """
     twice = _what_comes_twice(plain, fit)
     most = max(fit.strengths, key=lambda one: float(one.of_kinds.sum()))
-    named = tuple(one for one in plain.findings if one.name in _DIFFUSE)
-    if not named and not twice:
-        sigma = max((one.sigma for one in plain.findings), default=0.0)
-        cause = max(
-            (one for one in causes(np.empty(0)) if one.name in _DIFFUSE[1:]),
-            key=lambda one: _share_and_words(one.name, most)[0],
-        )
-        named = (Finding(cause.name, "", sigma, cause.remedy, Severity.CHECK),)
-    return (*twice, *(_with_strength(one, most) for one in named))
+    named = tuple(_with_strength(one, most) for one in plain.findings if one.name in _DIFFUSE)
+    if named or twice:
+        return (*twice, *named)
+    sigma = max((one.sigma for one in plain.findings), default=0.0)
+    cause = max(
+        (one for one in causes(np.empty(0)) if one.name in _DIFFUSE[1:]),
+        key=lambda one: _share_and_words(one.name, most)[0],
+    )
+    words = _share_and_words(cause.name, most)[1]
+    return (Finding(cause.name, words, sigma, cause.remedy, Severity.CHECK),)
 
 
 def _with_strength(finding: Finding, most: light.Strengths) -> Finding:
@@ -104,8 +105,7 @@ def _with_strength(finding: Finding, most: light.Strengths) -> Finding:
     As it was where the fit calls most of that light by another name.
     """
     share, words = _share_and_words(finding.name, most)
-    fitted = share > light.LEAST_SHARE or not finding.sentence
-    return replace(finding, sentence=words) if fitted else finding
+    return replace(finding, sentence=words) if share > light.LEAST_SHARE else finding
 
 
 def _share_and_words(name: FindingName, most: light.Strengths) -> tuple[float, str]:
