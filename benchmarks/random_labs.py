@@ -2,14 +2,19 @@
 
     python benchmarks/random_labs.py                       # 60 laboratories
     python benchmarks/random_labs.py --first 500 --methods joint photon --all
+    python benchmarks/random_labs.py --spot-ratio 0.8      # spots narrower along the columns
+    python benchmarks/random_labs.py --pixel-ratio 1.35    # pixels that are not square
+    python benchmarks/random_labs.py --calibration none    # or flat; no period of the laser told
+    python benchmarks/random_labs.py --crossing            # the last code falls amid the light
 
-Nothing is wrong with these recordings. Camera (32 x 32 to 64 x 64 pixels, 16 to 50 degrees, 0.3 to
-2 m away, turned and rolled at will), spot, active area, pulse (half of them with a tail), clock and
-its calibration, brightness (even, or uneven by up to a factor of three within a few pixels),
-photons (200 to 100,000 in the brightest pixel), background, and one to three legs that begin, turn
-and end in the picture or outside. The forward model is one of its own: light in steps of an eighth
-of a pixel, each spread over pixels by its spot and over codes by its pulse. Source and emission
-time are told exactly, or the source alone, or the source to 1 mm; the number of legs is not told.
+Nothing is wrong with these recordings, but for what an option says. Camera (32 x 32 to 64 x 64
+pixels, 16 to 50 degrees, 0.3 to 2 m away, turned and rolled at will), spot, active area, pulse
+(half of them with a tail), clock and its calibration, brightness (even, or uneven by up to a factor of
+three within a few pixels), photons (200 to 100,000 in the brightest pixel), background, and one to
+three legs that begin, turn and end in the picture or outside. The forward model is one of its own:
+light in steps of an eighth of a pixel, each spread over pixels by its spot and over codes by its
+pulse. Source and emission time are told exactly, or the source alone, or the source to 1 mm; the
+number of legs is not told.
 
 Printed: laboratories that did not come out right and trusted (`--all`: every one); at the end how
 many have the right number of legs, how many are trusted, trusted and wrong (in number, or a point
@@ -25,7 +30,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -67,19 +72,33 @@ class Optics:
     eye: Floats
     half_active_px: float
     spot_px: float
+    spot_ratio: float = 1.0
+    """Of the spot across the columns to that across the rows."""
+    pixel_ratio: float = 1.0
+    """Of the focal length in columns to that in rows."""
+
+    @property
+    def focals_px(self) -> Floats:
+        """Of rows and columns."""
+        return self.focal_px * np.array([1.0, self.pixel_ratio])
+
+    @property
+    def spots_px(self) -> Floats:
+        """Across rows and columns."""
+        return self.spot_px * np.array([1.0, self.spot_ratio])
 
     def image(self, points: Floats) -> tuple[Floats, Floats]:
         """(n, 2), (row, col) of points in mm, and their depth."""
         seen = (points - self.eye) @ self.axes
         middle = (np.array(self.shape) - 1) / 2
-        pixels: Floats = middle + self.focal_px * seen[:, 1::-1] / seen[:, 2:]
+        pixels: Floats = middle + self.focals_px * seen[:, 1::-1] / seen[:, 2:]
         return pixels, seen[:, 2]
 
     def point(self, row: float, col: float, depth: float) -> Floats:
         """Mm, what a pixel sees at a depth."""
         middle = (np.array(self.shape) - 1) / 2
-        slope = [(col - middle[1]) / self.focal_px, (row - middle[0]) / self.focal_px, 1.0]
-        point: Floats = self.eye + depth * (self.axes @ np.array(slope))
+        down, right = (np.array([row, col]) - middle) / self.focals_px
+        point: Floats = self.eye + depth * (self.axes @ np.array([right, down, 1.0]))
         return point
 
     def shows(self, pixels: Floats, margin_px: float = 0.0) -> NDArray[np.bool_]:
@@ -111,6 +130,10 @@ class Lab:
     delays_ps: Floats
     widths: Floats
     """Of codes, of their mean."""
+    calibrated: str = "all"
+    """Or flat, without even light, or none."""
+    n_rolled: int = 0
+    """Codes that the recording begins later than the laser."""
 
     @property
     def edges_ps(self) -> Floats:
@@ -143,7 +166,7 @@ class Lab:
 # ---- the generator ---------------------------------------------------------------------------
 
 
-def drawn_lab(seed: int) -> Lab:
+def drawn_lab(seed: int, *, spot_ratio: float = 1.0, pixel_ratio: float = 1.0) -> Lab:
     """The laboratory of a seed."""
     rng = np.random.default_rng([77, seed])
     shape = SHAPES[rng.integers(6)]
@@ -157,7 +180,7 @@ def drawn_lab(seed: int) -> Lab:
     eye = rng.normal(size=3) * 100 - away * forward
     focal = max(shape) / 2 / np.tan(field / 2)
     half, spot = float(rng.choice([0.06, 0.25, 0.5])), float(rng.uniform(0.3, 0.75))
-    optics = Optics(shape, focal, axes, eye, half, spot)
+    optics = Optics(shape, focal, axes, eye, half, spot, spot_ratio, pixel_ratio)
     code, pulse = float(rng.uniform(35, 80)), float(rng.uniform(40, 110))
     tail = share = 0.0
     if rng.random() < 0.5:
@@ -291,7 +314,7 @@ def efficiency_of(lab: Lab) -> Floats:
 def shed(lab: Lab, counts: Floats, places: Floats, light: Floats, arrival_ps: Floats) -> None:
     """Add light that falls at places (row, col) at instants, as spot and pulse spread it."""
     optics, edges = lab.optics, lab.edges_ps
-    reach = int(np.ceil(4.5 * optics.spot_px + optics.half_active_px + 1))
+    reach = int(np.ceil(4.5 * optics.spots_px.max() + optics.half_active_px + 1))
     for place, bright, when in zip(places, light, arrival_ps, strict=True):
         near = [
             np.arange(max(0, round(at) - reach), min(most, round(at) + reach + 1))
@@ -299,7 +322,8 @@ def shed(lab: Lab, counts: Floats, places: Floats, light: Floats, arrival_ps: Fl
         ]
         if not all(map(len, near)):
             continue
-        seen = bright * np.outer(*(_caught(optics, *at) for at in zip(near, place, strict=True)))
+        axes = zip(near, place, optics.spots_px, strict=True)
+        seen = bright * np.outer(*(_caught(optics.half_active_px, *axis) for axis in axes))
         early = when - 400 - 5 * lab.pulse_ps
         late = when + 410 + 5 * lab.pulse_ps + 10 * lab.tail_ps
         low = max(int(np.searchsorted(edges, early)) - 1, 0)
@@ -309,25 +333,24 @@ def shed(lab: Lab, counts: Floats, places: Floats, light: Floats, arrival_ps: Fl
         counts[np.ix_(*near, np.arange(low, high))] += seen[..., np.newaxis] * of_codes
 
 
-def _caught(optics: Optics, pixels: NDArray[np.int64], place: float) -> Floats:
+def _caught(half: float, pixels: NDArray[np.int64], place: float, spot_px: float) -> Floats:
     """Share of a spot along one axis that each active area sees, of its side."""
-    half = optics.half_active_px
-    up, low = (ndtr((pixels + side * half - place) / optics.spot_px) for side in (1, -1))
+    up, low = (ndtr((pixels + side * half - place) / spot_px) for side in (1, -1))
     share: Floats = (up - low) / (2 * half)
     return share
 
 
 def histograms(lab: Lab, counts: NDArray[np.integer]) -> lf.Histograms:
     """As the user describes them."""
-    return lf.Histograms(
-        counts.astype(np.uint32),
-        bin_width_ps=lab.code_ps,
-        laser_period_ps=lab.code_ps * lab.n_codes,
-    )
+    period = lab.code_ps * lab.n_codes if lab.calibrated != "none" else None
+    rolled = np.roll(counts, -lab.n_rolled, axis=2).astype(np.uint32)
+    return lf.Histograms(rolled, bin_width_ps=lab.code_ps, laser_period_ps=period)
 
 
-def calibration(lab: Lab) -> lf.TimingCalibration:
-    """Clock from even light (300,000 counts a pixel) and a flat of 200,000."""
+def calibration(lab: Lab) -> lf.TimingCalibration | None:
+    """Clock from even light (300,000 counts a pixel) and a flat of 200,000, as far as there are."""
+    if lab.calibrated == "none":
+        return None
     rng, edges = np.random.default_rng([6, lab.seed]), lab.edges_ps
     even = 3e5 * lab.widths / lab.widths.sum()
     density = rng.poisson(even, (*lab.optics.shape, lab.n_codes))
@@ -338,14 +361,14 @@ def calibration(lab: Lab) -> lf.TimingCalibration:
     flat = np.zeros(density.shape)
     delay = edges[low : high + 1] - at - lab.delays_ps[..., np.newaxis]
     flat[:, :, low:high] = np.diff(lab.come(delay), axis=2)
+    in_flat = histograms(lab, rng.poisson(2e5 * flat + 0.01))
     with warnings.catch_warnings():
         # No code ends with the period: gains are nominal, as they are here.
         warnings.simplefilter("ignore", UncalibratedWarning)
+        if lab.calibrated == "flat":
+            return lf.calibrate_timing(flat=in_flat, flat_arrival_ps=at)
         return lf.calibrate_timing(
-            histograms(lab, density),
-            flat=histograms(lab, rng.poisson(2e5 * flat + 0.01)),
-            flat_arrival_ps=at,
-            dead_codes="absorbed",
+            histograms(lab, density), flat=in_flat, flat_arrival_ps=at, dead_codes="absorbed"
         )
 
 
@@ -353,7 +376,7 @@ def camera_of(lab: Lab) -> lf.Camera:
     optics = lab.optics
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = optics.axes, optics.eye
-    matrix = np.diag([optics.focal_px, optics.focal_px, 1.0])
+    matrix = np.diag([*optics.focals_px[::-1], 1.0])
     matrix[:2, 2] = (np.array(optics.shape)[::-1] - 1) / 2
     return lf.Camera(matrix, np.empty(0), pose, optics.shape)
 
@@ -418,6 +441,17 @@ def pull_of(off_mm: Floats, covariance: Floats) -> tuple[float, float]:
     return float(np.mean(z**2)), float(np.abs(z).max())
 
 
+def _lab_of(seed: int, args: argparse.Namespace) -> Lab:
+    lab = drawn_lab(seed, spot_ratio=args.spot_ratio, pixel_ratio=args.pixel_ratio)
+    if args.calibration != "all":
+        # What is not calibrated is as its maker says: no other clock could be told.
+        own = np.zeros_like(lab.delays_ps) if args.calibration == "none" else lab.delays_ps
+        lab = replace(
+            lab, calibrated=args.calibration, widths=np.ones_like(lab.widths), delays_ps=own
+        )
+    return replace(lab, n_rolled=2 * lab.n_codes // 5 if args.crossing else 0)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -426,12 +460,16 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--methods", nargs="+", default=["joint"])
     parser.add_argument("--all", action="store_true", help="print every laboratory")
+    parser.add_argument("--spot-ratio", type=float, default=1.0, help="columns' to rows'")
+    parser.add_argument("--pixel-ratio", type=float, default=1.0, help="focal lengths, the same")
+    parser.add_argument("--calibration", choices=("all", "flat", "none"), default="all")
+    parser.add_argument("--crossing", action="store_true", help="the last code amid the light")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
     for method in args.methods:
         levels, right, wrong, squares = Counter[str](), 0, 0, []
         for seed in range(args.first, args.first + args.scenes):
-            lab, began = drawn_lab(seed), time.process_time()
+            lab, began = _lab_of(seed, args), time.process_time()
             try:
                 path = path_of(lab, method)
             except (CalibrationError, GeometryError, NothingFoundError) as problem:
