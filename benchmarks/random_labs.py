@@ -9,12 +9,12 @@
 
 Nothing is wrong with these recordings, but for what an option says. Camera (32 x 32 to 64 x 64
 pixels, 16 to 50 degrees, 0.3 to 2 m away, turned and rolled at will), spot, active area, pulse
-(half of them with a tail), clock and its calibration, brightness (even, or uneven by up to a factor of
-three within a few pixels), photons (200 to 100,000 in the brightest pixel), background, and one to
-three legs that begin, turn and end in the picture or outside. The forward model is one of its own:
-light in steps of an eighth of a pixel, each spread over pixels by its spot and over codes by its
-pulse. Source and emission time are told exactly, or the source alone, or the source to 1 mm; the
-number of legs is not told.
+(half of them with a tail), clock and its calibration, brightness (even, or uneven by up to a factor
+of three within a few pixels), photons (200 to 100,000 in the brightest pixel), background, and one
+to three legs that begin, turn and end in the picture or outside. The forward model is one of its
+own: light in steps of an eighth of a pixel, each spread over pixels by its spot and over codes by
+its pulse. Source and emission time are told exactly, or the source alone, or the source to 1 mm;
+the number of legs is not told.
 
 Printed: laboratories that did not come out right and trusted (`--all`: every one); at the end how
 many have the right number of legs, how many are trusted, trusted and wrong (in number, or a point
