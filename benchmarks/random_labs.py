@@ -19,12 +19,14 @@ the number of legs is not told.
 Printed: laboratories that did not come out right and trusted (`--all`: every one); at the end how
 many have the right number of legs, how many are trusted, trusted and wrong (in number, or a point
 within a leg more than five stated errors off), and the rms pull of points within legs with its 95 %
-interval (bootstrap). Along a leg points err by nothing but the clock: no part of the pull.
+interval (bootstrap). Along a leg points err by nothing but the clock: no part of the pull. Where
+spots are no circles, the same of how far times lean to the sides of legs.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import time
 import warnings
@@ -433,6 +435,23 @@ def pulls_of(lab: Lab, path: lf.LightPath) -> Floats:
     return np.array(pulls).reshape(-1, 2)
 
 
+def slants_of(lab: Lab, path: lf.LightPath) -> Floats:
+    """(k, 3), how far ahead of its foot a pixel to a leg's right sees: true, found, its std."""
+    ends, found = lab.optics.image(lab.vertices)[0], []
+    # What a square sees of a spot is wider by its own variance, the same in rows and columns.
+    variance = lab.optics.spots_px**2 + lab.optics.half_active_px**2 / 3
+    for sentence in path.statements:
+        told = re.search(r"leg (\d+) pixels see light from (\S+) ± (\S+) px ahead", sentence)
+        if told:
+            leg, at, std = (float(word) for word in told.groups())
+            down, right = np.diff(ends[int(leg) - 1 : int(leg) + 1], axis=0)[0]
+            # - C_ac / C_cc: what falls to the right and ahead comes from behind.
+            askew = down * right * (variance[1] - variance[0])
+            true = askew / (variance[0] * right**2 + variance[1] * down**2)
+            found.append((true, at, std))
+    return np.array(found).reshape(-1, 3)
+
+
 def pull_of(off_mm: Floats, covariance: Floats) -> tuple[float, float]:
     """Mean square and largest of what a place errs by in its stated errors, not along its leg."""
     values, vectors = np.linalg.eigh(covariance)
@@ -467,7 +486,7 @@ def main() -> None:
     args = parser.parse_args()
     warnings.simplefilter("ignore")
     for method in args.methods:
-        levels, right, wrong, squares = Counter[str](), 0, 0, []
+        levels, right, wrong, squares, slants = Counter[str](), 0, 0, [], []
         for seed in range(args.first, args.first + args.scenes):
             lab, began = _lab_of(seed, args), time.process_time()
             try:
@@ -482,6 +501,8 @@ def main() -> None:
             far = bool((pulls[:, 1] > FAR_STDS).any())
             right += as_many
             wrong += level == "trust" and (far or not as_many)
+            if as_many:
+                slants.append(slants_of(lab, path))
             if len(pulls):
                 squares.append(pulls[:, 0].mean())
             if args.all or far or not as_many or level != "trust":
@@ -497,6 +518,10 @@ def main() -> None:
             f"{method}: {right} of {args.scenes} right, t/c/c/none {found}, trusted and wrong "
             f"{wrong}, pull {interval(np.array(squares), 1.0)}"
         )
+        slant = np.vstack(slants or [np.zeros((0, 3))])
+        if len(slant):
+            pull = (slant[:, 1] - slant[:, 0]) / slant[:, 2]
+            print(f"  slants of {len(slant)} legs: pull {interval(pull**2, 1.0)}")
 
 
 if __name__ == "__main__":

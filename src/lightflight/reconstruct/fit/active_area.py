@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.reconstruct.fit.joint import score_of_unfitted
 from lightflight.reconstruct.fit.uneven import pulses_by_leg
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.unequal import price
@@ -62,7 +63,7 @@ def areas_of_path(fit: JointFit, setting: Setting) -> Mapping[int, float] | None
         return None
     by_time, by_line = _columns(fit, setting, open_)
     for k, view in enumerate(open_):
-        score, own = _score(fit, by_time[:, k], by_line[:, k])
+        (score,), ((own,),) = score_of_unfitted(fit, by_time[:, [k]], by_line[:, [k]])
         by_path = score > 0.0 and score**2 / own > 2.0 * price(1, len(fit.times.leg))
         if sides[view] > 0.0 or by_path:
             shown, std = sides[view] ** 4, _std_of_fourth(fit, view)
@@ -148,17 +149,6 @@ def _columns(fit: JointFit, setting: Setting, views: Iterable[int]) -> tuple[Flo
                 moves = std[sighting.view] * light.area.offset_by_fourth
                 by_line[own, place[sighting.view]] = moves
     return by_time, by_line
-
-
-def _score(fit: JointFit, by_time: Floats, by_line: Floats) -> tuple[float, float]:
-    """Score of an error that a fit has not, in its own stds, and its information with its prior."""
-    solution, n = fit.solution, len(fit.times.leg)
-    column = np.zeros(len(solution.rows))
-    column[:n] = by_time * np.sqrt(fit.times.weights(fit.floor_ps**2))
-    column[n : n + len(by_line)] = fit.lines.whitening @ by_line
-    shared = solution.columns.T @ column
-    own = float(column @ column - shared @ solution.covariance @ shared) + 1.0
-    return float(column @ solution.rows), own
 
 
 def _side_of_view(fit: JointFit, view: int) -> float:

@@ -96,8 +96,8 @@ class JointFit:
         Side of the active area of cameras whose counts or path show one.
     slanted : bool
         Whether spots may be no circles: how much times lean to the sides of legs is fitted.
-    n_leaning : int
-        How many of the shared errors of `times` that is.
+    leaning : tuple of (int, int)
+        Camera and leg of which the last shared errors of `times` but the areas' are that.
     n_shown : int or None
         Legs that the recording shows by itself, where the user told of more; None: as many.
     """
@@ -116,8 +116,39 @@ class JointFit:
     strengths: tuple[Strengths, ...] = ()
     active_px: Mapping[int, float] = field(default_factory=dict)
     slanted: bool = False
-    n_leaning: int = 0
+    leaning: tuple[tuple[int, int], ...] = ()
     n_shown: int | None = None
+
+
+def score_of_unfitted(
+    fit: JointFit, by_time: Floats, by_line: Floats | None = None
+) -> tuple[Floats, Floats]:
+    """Score of errors that a fit has not, and its information: what it could move answers first.
+
+    Parameters
+    ----------
+    fit : JointFit
+        As solved.
+    by_time : array of float, shape (n, k)
+        One-sigma columns of its times, ps.
+    by_line : array of float, shape (a, k), optional
+        The same of its lines, px; None: these do not move.
+
+    Returns
+    -------
+    score : array of float, shape (k,)
+        Of each error, in its own standard deviations.
+    information : array of float, shape (k, k)
+        With their priors of one.
+    """
+    solution, n = fit.solution, len(by_time)
+    columns = np.zeros((len(solution.rows), by_time.shape[1]))
+    columns[:n] = by_time * np.sqrt(fit.times.weights(fit.floor_ps**2))[:, np.newaxis]
+    if by_line is not None:
+        columns[n : n + len(by_line)] = fit.lines.whitening @ by_line
+    shared = solution.columns.T @ columns
+    own = columns.T @ columns - shared.T @ solution.covariance @ shared
+    return columns.T @ solution.rows, own + np.eye(len(own))
 
 
 def pulses_of_legs(fit: JointFit) -> NDArray[np.intp]:

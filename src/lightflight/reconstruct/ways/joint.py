@@ -30,6 +30,7 @@ from lightflight.reconstruct.fit.pictures import lit_untold, state_in_view
 from lightflight.reconstruct.fit.prices import prices_of_fit
 from lightflight.reconstruct.fit.result import path_from_fit
 from lightflight.reconstruct.fit.short_pieces import without_short_pieces
+from lightflight.reconstruct.fit.slanted_spots import statements_of_slanted_spots
 from lightflight.reconstruct.fit.statements import statements_from_covariance
 from lightflight.reconstruct.legs.direction import (
     MUCH_SCATTER,
@@ -294,6 +295,7 @@ def path_of_fit(fit: JointFit, request: Request) -> LightPath:
             *_statements_of_path(fit, request.timing),
             *statements_of_curves(fit.solution.state, request.setting.curves),
             *statements_of_lengths(request.setting.lengths),
+            *statements_of_slanted_spots(fit),
         ),
         truth=request.sightings[0].histograms.truth,
     )
