@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from lightflight.errors import NothingFoundError
 from lightflight.flight import Medium
 from lightflight.reconstruct.model.footing import corner_distances
 from lightflight.reconstruct.model.forward import LightModes, Pixels
@@ -73,6 +74,11 @@ def with_rest_of_light(
     -------
     Pixels
         With the modes of it.
+
+    Raises
+    ------
+    NothingFoundError
+        Where the spot of a leg runs off.
     """
     told = [
         _Leg.of(leg, [one for one in rests if one.leg == leg], pixels, light, state, camera, medium)
@@ -141,6 +147,11 @@ class _Leg:
         spot = np.full(len(here), np.exp(light.log_spot_px))
         if light.spots:
             spot *= np.exp(light.spots[leg].log_at(light.lines[leg].along_across(points)[0]))
+        if spot.max(initial=0.0) > max(camera.shape):
+            raise NothingFoundError(
+                f"too little light: the spot of leg {leg + 1} grows beyond the picture; record "
+                "longer, or give a starting path (start=)"
+            )
         along, _ = rests[0].line.along_across(points)
         lit = corners.before, corners.after
         return cls(leg, rests, here, along, spot, prints.slope_ps_per_px, lit)
