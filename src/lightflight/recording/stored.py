@@ -13,6 +13,8 @@ _FEWEST_VALUES = 64
 """Counts that are multiples of one number by chance: one time in 2^64."""
 _FEWEST_DIFFERENT = 8
 """Different counts among them: fewer are no recording, but numbers that somebody made up."""
+_AT_ONCE = 256
+"""Pixels that are looked at before it is asked whether they tell already."""
 _CUT_SHARE = 0.5
 """Of the pixels with the largest count, those where three codes in a row have it: a pulse that is
 cut is so over its width, while one that was scaled to the largest reaches it once."""
@@ -31,10 +33,12 @@ def common_factor(hist: Histograms) -> int:
     int
     """
     factor, told = 0, 0
-    for row in hist.counts if hist.poisson else ():
-        values = row[row > 0]
+    pixels = hist.counts.reshape(-1, hist.n_codes) if hist.poisson else np.empty((0, 1), int)
+    for first in range(0, len(pixels), _AT_ONCE):
+        some = pixels[first : first + _AT_ONCE]
+        values = some[some > 0]
         told += len(values)
-        # Of most recordings the first row holds a single photon.
+        # Of most recordings the first pixels hold a single photon.
         factor = int(np.gcd.reduce(values, initial=factor)) if len(values) else factor
         if factor == 1:
             return 1

@@ -75,16 +75,32 @@ def common_shape(hist: Histograms, timing: CodeClock | None, gaussians: Pulses) 
         The shape, in widths of its Gaussian; its place is where pulses seem to stand that flight
         has widened (`Response.anchored`).
     """
+    if _are_single(gaussians, SAMPLE):
+        return None
     sample = _Asked.of(hist, timing, gaussians, SAMPLE)
     beyond, dof = sample.beyond(Response.gaussian())
     excess = _of_all(beyond)
-    if not excess > SHOWN * np.sqrt(2.0 * dof.sum() * len(dof)):
+    if not _shows_a_shape(beyond, dof):
         return None
     begin = best_of_first(lambda one: sample.excess(with_tail(one)))
     kind = sample.best_from(begin, NEARLY_THERE)
     if sample.excess(with_tail(kind)) >= MOST_LEFT * excess:
         return None
     return with_tail(_Asked.of(hist, timing, gaussians, _MANY).best_from(kind, _THERE)).anchored()
+
+
+def _shows_a_shape(beyond: Floats, dof: Floats) -> bool:
+    """Whether chi-square beyond its degrees of freedom, (n,) both, is more than chance."""
+    return bool(_of_all(beyond) > SHOWN * np.sqrt(2.0 * dof.sum() * len(dof)))
+
+
+def _are_single(gaussians: Pulses, number: int) -> bool:
+    """Whether each of the brightest pixels has one pulse, and these show no other shape."""
+    asked = ~all_but_brightest(gaussians, number)
+    own = asked[gaussians.row, gaussians.col]
+    dof = gaussians.dof[own].astype(np.float64)
+    one_each = np.count_nonzero(own) == np.count_nonzero(asked)
+    return one_each and not _shows_a_shape(gaussians.chi2[own] - dof, dof)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +227,8 @@ def all_but_brightest(pulses: Pulses, number: int) -> NDArray[np.bool_]:
     photons = np.full(pulses.shape, -1.0)
     own = pulses.usable
     np.maximum.at(photons, (pulses.row[own], pulses.col[own]), pulses.photons[own])
-    least = np.sort(photons, axis=None)[-min(number, photons.size)]
+    rank = photons.size - min(number, photons.size)
+    least = np.partition(photons, rank, axis=None)[rank]
     others: NDArray[np.bool_] = photons < max(least, 1.0)
     return others
 

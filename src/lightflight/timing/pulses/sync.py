@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lightflight.errors import CalibrationError
 from lightflight.recording.histograms import Histograms
@@ -14,6 +15,10 @@ widths of real clocks alternate by less (PF32: 0.84)."""
 
 _FEWEST_CODES = 6
 _FEWEST_COUNTS = 200
+_SOME_PIXELS = 1000
+"""Of very many pixels: where these have light between the teeth nobody need look at the others."""
+_TELL = 10 * _FEWEST_COUNTS
+"""Counts of these that tell."""
 
 
 def coarse_step(hist: Histograms, *, everywhere: bool = False) -> int | None:
@@ -34,13 +39,23 @@ def coarse_step(hist: Histograms, *, everywhere: bool = False) -> int | None:
     int or None
         2 to 64.
     """
-    counts = hist.counts.sum(axis=(0, 1), dtype=np.float64) * hist.photon_codes
-    total = float(counts.sum())
+    pixels = hist.counts.reshape(-1, hist.n_codes)
+    for step in (max(1, len(pixels) // _SOME_PIXELS), 1):
+        counts = pixels[::step].sum(axis=0, dtype=np.float64) * hist.photon_codes
+        found = _step_of(counts, everywhere=everywhere)
+        if found is None and counts.sum() > _TELL:
+            break
+    return found
+
+
+def _step_of(counts: NDArray[np.float64], *, everywhere: bool) -> int | None:
+    """The same of counts (codes,) of all pixels together."""
+    total, n_codes = float(counts.sum()), len(counts)
     if total < _FEWEST_COUNTS or counts.max() > 0.5 * total:
         return None
     # The largest step first: codes on every 8th are on every 4th and 2nd as well.
-    for step in range(min(_LARGEST_STEP, hist.n_codes // _FEWEST_CODES), 1, -1):
-        on_grid = np.bincount(np.arange(hist.n_codes) % step, counts, minlength=step)
+    for step in range(min(_LARGEST_STEP, n_codes // _FEWEST_CODES), 1, -1):
+        on_grid = np.bincount(np.arange(n_codes) % step, counts, minlength=step)
         best = int(np.argmax(on_grid))
         if np.delete(on_grid, best).max() >= _OFF_GRID * on_grid[best]:
             continue
