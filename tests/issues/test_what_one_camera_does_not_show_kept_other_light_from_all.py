@@ -1,9 +1,9 @@
 """Of two cameras one showed a single leg of two: more than half of the path's pixels there were of
 no use, so haze, halos and the shapes of drawn-out pulses were asked about in neither picture.
 
-Light that took 100 ps through a pixel, behind a tail, then came 6 ps early, the other camera's 1 ps:
-right paths were contradicted, "clock of camera 2 off by 3.9 ps", and 7 to 9 stated errors off
-(`benchmarks/piece_labs.py --only cameras --first 4000`, all of four recordings).
+Light that took 100 ps through a pixel, behind a tail, then came 6 ps early, that of the other
+camera 1 ps: right paths were contradicted, "clock of camera 2 off by 3.9 ps", and 7 to 9 stated
+errors off (`benchmarks/piece_labs.py --only cameras --first 4000`, all of four recordings).
 """
 
 from benchmarks.piece_labs import drawn_scene, path_of, pulls_of

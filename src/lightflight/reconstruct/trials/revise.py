@@ -344,13 +344,17 @@ def _merged_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> 
 
 def _gains(shorter: JointFit, longer: JointFit) -> bool:
     """Whether a path with a corner more explains the light far better than one without."""
+    return _worth(shorter, longer) > _GAIN_CHI2 or longer.floor_ps < 0.6 * shorter.floor_ps
+
+
+def _worth(shorter: JointFit, longer: JointFit) -> float:
+    """Chi-square that a path with more corners wins; pulses that one alone takes, one each."""
     before, after = (
         one.solution.chi2 + sum(f.bend_chi2 for p in one.pictures for f in p.fits)
         for one in (shorter, longer)
     )
-    # Pulses that only one of the two takes count against the other, one each.
     more = np.count_nonzero(longer.times.weight > 0) - np.count_nonzero(shorter.times.weight > 0)
-    return bool(before - after + more > _GAIN_CHI2 or longer.floor_ps < 0.6 * shorter.floor_ps)
+    return float(before - after + more)
 
 
 def _thinned_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> JointFit | None:
@@ -373,7 +377,11 @@ def _thinned_once(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
             if len(set(vertices)) < len(some):
                 continue
             trial = refitted(sightings, state.without(vertices), setting)
-            if not isinstance(trial, NoFit) and _fits_as_well(trial, fit):
+            if isinstance(trial, NoFit):
+                continue
+            # Pulses about a source in view are nobody's where the light begins there.
+            idle = not used[list(some)].any() and _worth(trial, fit) < _CHANCE_CHI2
+            if idle or _fits_as_well(trial, fit):
                 return trial
     return None
 

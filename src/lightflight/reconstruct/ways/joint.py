@@ -232,6 +232,10 @@ def _fit_as_told(request: Request, n_legs: int) -> tuple[JointFit, tuple[ImageLe
     try:
         fit = fit_from_legs(sightings, legs, setting, drop=False)
     except (GeometryError, NothingFoundError) as problem:
+        # Without dim legs there may be just as many.
+        bright = fit_or_reason(partial(_fit_as_found, request, brightest=True))
+        if not isinstance(bright, NoFit) and bright[0].solution.state.n_told == n_legs:
+            return bright
         _ask_of_the_clock(legs, request, problem)
         raise
     return with_n_legs(sightings, fit, setting, n_legs), legs
