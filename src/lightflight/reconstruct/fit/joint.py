@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import NothingFoundError
-from lightflight.path.light_path import FARTHEST_MM
 from lightflight.reconstruct.fit.clocks import (
     clocks_as_shown,
     shared_as_stated,
@@ -54,6 +53,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+_FARTHEST_MM = 1e7
+"""Ten kilometres: a flight so long is none that a picture shows, but a leg that runs off."""
 _PASSES = 4
 """Most rounds of picture and path; the second often agrees with the last to a tenth of an error."""
 _STILL = 0.03
@@ -287,7 +288,7 @@ def refuse_run_away(state: PathState) -> None:
     NothingFoundError
         Where the counts held it by nothing.
     """
-    if not np.abs(state.vertices_mm).max() <= FARTHEST_MM:
+    if not np.ptp(state.vertices_mm, axis=0).max() <= _FARTHEST_MM:
         raise NothingFoundError(
             "the fit runs out of all bounds, so these pulses are no light of one straight flight: "
             "look at the picture (lightflight check) or give a starting path (start=)"
