@@ -2,7 +2,7 @@
 to 5e14 mm: only an hour of light was too far, and the path was contradicted.
 
 Laboratory 1283 of `benchmarks/random_labs.py`: one leg, of which 14 px are seen. Which noises went
-wrong hung on the last digits: two of five, one of four after a change of the light's splines.
+wrong hung on the last digits: two of five.
 """
 
 import pytest

@@ -37,10 +37,6 @@ goes with the brightness that was found, and both are found anew."""
 _MOST_MORE_LN = 3.0
 """A trial that makes more of a halo than this is refused for its counts in any case."""
 _LOG_ROOT_2_PI = 0.5 * float(np.log(2.0 * np.pi))
-_BEND_PRIOR_LN = 3.0
-"""Of the second difference of a strength's coefficients, ln: light of a factor of twenty in a knot.
-It bridges where no pixel is of one leg alone; where one is, a few photons say more: of 2.1, 3 and
-3.9 paths are the same."""
 _STRENGTH_PRIOR_LN = 13.0
 """How far the light on a line may be from its brightest pixels nearby, ln: pixels on one side of a
 line cannot tell a near line from a far one that is brighter without end. Pixels that are five stds
@@ -394,7 +390,7 @@ def _leg_precision(n_spline: int, n_offsets: int, of_spot: Floats) -> Floats:
 
     A dark stretch leaves its strength undefined: it is held weakly to its neighbours.
     """
-    bend = np.diff(np.eye(n_spline), 2, axis=0) / _BEND_PRIOR_LN
+    bend = 0.05 * np.diff(np.eye(n_spline), 2, axis=0)
     level = np.eye(n_spline) / _STRENGTH_PRIOR_LN**2
     offsets = np.eye(n_offsets) / _OFFSET_PRIOR_PX**2
     parts = [bend.T @ bend + level, offsets, *([of_spot] if of_spot.size else [])]
