@@ -10,18 +10,14 @@ pulses ask for it.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.reconstruct.fit.joint import score_of_unfitted
+from lightflight.reconstruct.fit.joint import JointFit, score_of_unfitted
 from lightflight.reconstruct.fit.uneven import pulses_by_leg
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.unequal import price
-
-if TYPE_CHECKING:
-    from lightflight.reconstruct.fit.joint import JointFit
 
 Floats = NDArray[np.float64]
 

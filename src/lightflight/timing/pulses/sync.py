@@ -40,8 +40,9 @@ def coarse_step(hist: Histograms, *, everywhere: bool = False) -> int | None:
         2 to 64.
     """
     pixels = hist.counts.reshape(-1, hist.n_codes)
-    for step in (max(1, len(pixels) // _SOME_PIXELS), 1):
-        counts = pixels[::step].sum(axis=0, dtype=np.float64) * hist.photon_codes
+    # Of few pixels all are looked at, once.
+    for every in sorted({max(1, len(pixels) // _SOME_PIXELS), 1}, reverse=True):
+        counts = pixels[::every].sum(axis=0, dtype=np.float64) * hist.photon_codes
         found = _step_of(counts, everywhere=everywhere)
         if found is None and counts.sum() > _TELL:
             break
