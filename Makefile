@@ -12,6 +12,8 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check
 # takes over tests that another has still to do.
 PYTEST_FLAGS ?= -n 3 --dist worksteal
 export MPLBACKEND := Agg
+# What the shell has on its path is not in another's clone: with it mypy sees other types.
+unexport PYTHONPATH
 # Tests start hundreds of processes: without byte code each compiles the package and its tests again.
 test quick long lowest cold fuzz attack mutants: export PYTHONDONTWRITEBYTECODE :=
 # One thread each, so that workers do not fight over the cores: those of OpenBLAS turn while they

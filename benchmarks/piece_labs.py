@@ -531,11 +531,15 @@ def path_of(scene: Scene, method: str = "joint", noise: int = 0) -> lf.LightPath
     told: dict[str, Any] = {"source": source_of(scene.lab, noise)}
     if scene.pane is None:
         told["medium"] = lf.Medium(blocks=(scene.block,) if scene.block else ())
-    clocks = [calibration(lab) for lab in labs]
     if len(labs) == 1:
         return lf.reconstruct(
-            recordings[0], camera=told_cameras[0], timing=clocks[0], method=method, **told
+            recordings[0],
+            camera=told_cameras[0],
+            timing=calibration(labs[0]),
+            method=method,
+            **told,
         )
+    clocks = [clock for lab in labs if (clock := calibration(lab)) is not None]
     return lf.reconstruct(recordings, camera=told_cameras, timing=clocks, method=method, **told)
 
 
