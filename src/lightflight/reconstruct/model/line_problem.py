@@ -42,6 +42,11 @@ _STRENGTH_PRIOR_LN = 13.0
 line cannot tell a near line from a far one that is brighter without end. Pixels that are five stds
 off have e^-13 of the light. A line that twelve pixels see from one side is right and its error true
 from 5 to 13, a leg of six pixels is lost at 7, 10 and 17 and found at 13, 15 and 20."""
+_STIFF_UNSEEN = 1.0 / 3.0
+"""Second differences of a leg's strength where hardly a pixel shows it, 1 / ln: bends of 3 ln from
+knot to knot. Held so everywhere, grains in a beam are not followed."""
+_ON_PX = 0.7
+"""Pixels whose centre is as near lie on the line, px: half of a pixel's diagonal."""
 
 OF_SPOT = 3
 """Parameters of a leg's own spot, in a fine fit."""
@@ -267,7 +272,8 @@ def problem_of(data: list[LineData], spacing_px: list[float], *, fine: bool) -> 
         spot = SpotAlong(anchor[[0, -1]], np.zeros(3))
         levers.append(_levers(d.along_px, anchor))
         spots.append(spot.shares(d.along_px)[:, :n_spot])
-        stiff.append(_leg_precision(n_spline, d.n_offsets, spot.precision[:n_spot, :n_spot]))
+        shown: Floats = np.asarray(splines[np.abs(d.across_px) < _ON_PX].sum(axis=0)).ravel()
+        stiff.append(_leg_precision(shown, d.n_offsets, spot.precision[:n_spot, :n_spot]))
         knots.append(knot)
         anchors.append(anchor)
         first = pixels[-1].stop if pixels else 0
@@ -385,12 +391,18 @@ def _levers(along_px: Floats, anchors: Floats) -> Floats:
     return shares
 
 
-def _leg_precision(n_spline: int, n_offsets: int, of_spot: Floats) -> Floats:
+def _leg_precision(shown: Floats, n_offsets: int, of_spot: Floats) -> Floats:
     """Precision (n + a + s, n + a + s) of the priors on one leg's strength, offsets and spot.
 
-    A dark stretch leaves its strength undefined: it is held weakly to its neighbours.
+    A dark stretch leaves its strength undefined: it is held weakly to its neighbours. Where the
+    pixels on the line are another leg's as well, hardly one shows a spline (`shown`, (n,), of how
+    many pixels each is in sum) and its strength is drawn from one side to the other: held weakly
+    it swings, and light a hundred times too dim or too bright is then what the model expects.
     """
-    bend = 0.05 * np.diff(np.eye(n_spline), 2, axis=0)
+    n_spline = len(shown)
+    hidden = np.clip(1.0 - shown[1:-1], 0.0, 1.0)
+    stiffness = 0.05 + (_STIFF_UNSEEN - 0.05) * hidden
+    bend = stiffness[:, np.newaxis] * np.diff(np.eye(n_spline), 2, axis=0)
     level = np.eye(n_spline) / _STRENGTH_PRIOR_LN**2
     offsets = np.eye(n_offsets) / _OFFSET_PRIOR_PX**2
     parts = [bend.T @ bend + level, offsets, *([of_spot] if of_spot.size else [])]
