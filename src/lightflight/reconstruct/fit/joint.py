@@ -271,17 +271,19 @@ def fit_joint(
         if passed > 0 and not more and _settled(before, solution, freedom):
             break
     assert result is not None
-    refuse_run_away(result.solution.state)
+    refuse_run_away(result.solution.state, result.solution.rows)
     return result
 
 
-def refuse_run_away(state: PathState) -> None:
-    """Refuse a path that no bench holds.
+def refuse_run_away(state: PathState, rows: Floats | None = None) -> None:
+    """Refuse a path that no bench holds, or of which a camera sees nothing where it should.
 
     Parameters
     ----------
     state : PathState
         As a fit ended.
+    rows : array of float, optional
+        Its residuals: NaN where a place that shows light has no picture, behind the camera.
 
     Raises
     ------
@@ -292,6 +294,11 @@ def refuse_run_away(state: PathState) -> None:
         raise NothingFoundError(
             "the fit runs out of all bounds, so these pulses are no light of one straight flight: "
             "look at the picture (lightflight check) or give a starting path (start=)"
+        )
+    if rows is not None and not np.isfinite(rows).all():
+        raise NothingFoundError(
+            "the fit runs behind the camera, where none of this light can be: look at the picture "
+            "(lightflight check) or give a starting path (start=)"
         )
 
 

@@ -161,7 +161,7 @@ def path_from_fit(
         Covariance in three classes, residuals, goodness and prior.
     """
     solution = fit.solution
-    refuse_run_away(solution.state)
+    refuse_run_away(solution.state, solution.rows)
     parts = covariance_parts(fit)
     used = fit.times.weight > 0
     residual = solution.residual_ps[used]

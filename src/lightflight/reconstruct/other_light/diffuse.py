@@ -28,6 +28,7 @@ from lightflight.reconstruct.fit.joint import (
     moved_stds,
     pulse_std_in_view,
     pulses_of_legs,
+    refuse_run_away,
 )
 from lightflight.reconstruct.fit.membership import CLAIM_STDS
 from lightflight.reconstruct.model import light
@@ -51,7 +52,6 @@ from lightflight.reconstruct.other_light.strengths import (
     of_repeat,
 )
 from lightflight.reconstruct.other_light.twice import Asked, scattered, with_second
-from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -155,7 +155,7 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
             if far:
                 again = fit_joint(clear, better.solution.state, setting, legs=None)
                 better = with_fine_light(again, setting)
-            _refuse_endless(better)
+            refuse_run_away(better.solution.state, better.solution.rows)
             fit = replace(better, strengths=strengths, n_shown=fit.n_shown)
             # Images and halos follow the path and its brightness, which in turn follow them.
             if moved < (_STILL_STDS if seconds or much else _FAR_STDS):
@@ -163,13 +163,6 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return fit
     return fit
-
-
-def _refuse_endless(fit: JointFit) -> None:
-    """Raises GeometryError where a leg has run away."""
-    reach_mm = np.ptp(fit.solution.state.vertices_mm, axis=0).max()
-    if reach_mm > _LONGEST_PS * SPEED_OF_LIGHT_MM_PER_PS:
-        raise GeometryError("a leg runs away from the others")
 
 
 def without_diffuse(
