@@ -351,6 +351,53 @@ def _clear_of_corners(
     return clear
 
 
+def off_joint_light_ps(
+    sighting: Sighting, state: PathState, setting: Setting, spot_px: float, rows: Indices
+) -> Floats:
+    """How far pulses are from the time of the legs that light their pixels together, ps.
+
+    Where two legs meet or cross a pixel's one time is neither's and takes no part in a fit, but it
+    lies between them. So near to a corner half of a spot may be missing, too: the time of what is
+    left is off by no more than the leg's over one spot.
+
+    Parameters
+    ----------
+    sighting : Sighting
+        The recording, on the clock as found.
+    state : PathState
+        The path.
+    setting : Setting
+        The camera that sees it, and the medium.
+    spot_px : float
+        Standard deviation of the spot, px.
+    rows : array of int, shape (n,)
+        Rows of its arrivals.
+
+    Returns
+    -------
+    array of float, shape (n,)
+        0 between them; NaN where no second leg's light is in the pixel and no corner near.
+    """
+    first, last = np.full(len(rows), np.inf), np.full(len(rows), -np.inf)
+    n_lit, at_corner = np.zeros(len(rows), dtype=np.intp), np.zeros(len(rows), dtype=bool)
+    for k in state.seen:
+        print_ = prints_of_leg(sighting, state, setting, rows, k)
+        clear_px = clear_of_corners_px(
+            state, k, setting.camera, spot_px, share=share_beyond_lens(spot_px)
+        )
+        lit = np.abs(print_.lateral_px) < max(CLAIM_REACH_PX, 3.0 * spot_px)
+        lit &= on_leg(print_, k, state, margin_px=clear_px)
+        away = (-clear_px[0], -clear_px[1])
+        n_lit += lit
+        at_corner |= lit & ~on_leg(print_, k, state, margin_px=away)
+        slack = np.abs(print_.slope_ps_per_px) * spot_px
+        first[lit] = np.minimum(first, print_.arrival_ps - slack)[lit]
+        last[lit] = np.maximum(last, print_.arrival_ps + slack)[lit]
+    arrival = sighting.arrival_ps[rows]
+    off: Floats = np.maximum(np.maximum(first - arrival, arrival - last), 0.0)
+    return np.where((n_lit > 1) | at_corner, off, np.nan)
+
+
 def clear_of_tips(
     print_: Footprint, leg: int, state: PathState, tips: Tips, setting: Setting
 ) -> NDArray[np.bool_]:

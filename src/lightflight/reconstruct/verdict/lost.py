@@ -16,9 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import NothingFoundError
+from lightflight.flight import Source
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.joint import JointFit, pulses_of_legs
 from lightflight.reconstruct.fit.least_squares import OUTLIER
+from lightflight.reconstruct.fit.membership import mode_columns, off_joint_light_ps
+from lightflight.reconstruct.fit.pictures import as_shown
 from lightflight.reconstruct.fit.result import explained_by_fit
 from lightflight.reconstruct.legs.direction import legs_in_all_pictures
 from lightflight.reconstruct.model.setting import Setting
@@ -122,18 +125,36 @@ def _with_mode(sighting: Sighting, column_ps: Floats | float) -> Sighting:
 def cost_of_pulses(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> float:
     """Chi-square of all pulses by their stated errors, of lines, of what is shared and was told.
 
-    A pulse that takes no part costs what it may at most. `scatter` is the chi-square per pulse that
-    there is in any case: by so much stated errors are too small.
+    A pulse that takes no part costs what it may at most, but where legs meet or cross and its time
+    lies between theirs. `scatter` is the chi-square per pulse that there is in any case: by so much
+    stated errors are too small.
     """
     times, solution = fit.times, fit.solution
     used = times.weight > 0
     squared = solution.residual_ps[used] ** 2 / (times.photon_var + times.pixel_var)[used]
-    left = sum(len(o.usable_pulses) for o in sightings) - np.count_nonzero(used)
     shared = np.concatenate((solution.modes, solution.shared))
     first = len(times.leg) + len(fit.lines.leg)
     told = solution.rows[[first + one.row for one in fit.freedom.told]]
     taken = squared.sum() + solution.line_chi2 + shared @ shared + told @ told
-    return float(taken / scatter + OUTLIER**2 * left)
+    return float(taken / scatter + _cost_of_left(fit, sightings, scatter))
+
+
+def _cost_of_left(fit: JointFit, sightings: list[Sighting], scatter: float) -> float:
+    """What the pulses cost that take no part."""
+    cost, solution, columns = 0.0, fit.solution, mode_columns(sightings)
+    for number, sighting in enumerate(sightings):
+        own = fit.times.index[(fit.sighting_of == number) & (fit.times.weight > 0)]
+        left = np.setdiff1d(sighting.usable_pulses, own)
+        by_clock = sighting.arrivals.shared_modes_ps @ solution.modes[columns[sighting.view]]
+        seen = replace(sighting, arrival_ps=sighting.arrival_ps - by_clock)
+        picture, camera = fit.pictures[number], solution.cameras[sighting.view]
+        there = Setting(camera, Source(), solution.medium)
+        state = as_shown(solution.state, picture)
+        off = off_joint_light_ps(seen, state, there, picture.spot_std_px, left)
+        stds = np.nan_to_num(off / sighting.arrivals.independent_std_ps[left], nan=OUTLIER)
+        # What is between two times is worth as much as any pulse that is right.
+        cost += float(np.minimum(1.0 / scatter + stds**2 / scatter, OUTLIER**2).sum())
+    return cost
 
 
 def explains_all(fit: JointFit, sightings: list[Sighting], cost: float) -> bool:
