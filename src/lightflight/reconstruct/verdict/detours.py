@@ -25,7 +25,7 @@ from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
-from lightflight.reconstruct.trials.revise import fit_from_legs, refitted
+from lightflight.reconstruct.trials.revise import fit_from_legs, refitted, revised
 from lightflight.reconstruct.trials.unseen import fits_with_gaps
 from lightflight.reconstruct.verdict.lost import cost_of_pulses, explains_all, price_of
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
@@ -137,6 +137,9 @@ def detour_instead(
         cost = _cost_without(fit, legs, sightings, setting) if cost is None else cost
         if not _is_cheaper(best, n_gaps, cost, sightings):
             continue
+        if n_legs is None:
+            # Pieces about a corner that a search takes for legs stand in a chain of legs, too.
+            best = revised(sightings, best, setting)
         if explains_all(best, sightings, cost):
             return Detoured(best, holds_all=True)
         if better is None or _is_cheaper(best, 1, cost_of_pulses(better, sightings), sightings):
