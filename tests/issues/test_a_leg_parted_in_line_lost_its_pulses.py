@@ -37,7 +37,7 @@ def test_a_leg_parted_in_line_lost_its_pulses():
 def test_it_is_one_again(monkeypatch):
     """Of whatever search: parted by being told, it is found whole where nothing was told."""
     lab = three_legs()
-    hist = lab.recording(4, 20_000.0)
+    hist = lab.recording(10, 20_000.0)
     told = {"camera": lab.camera, "source": lab.known, "timing": lab.timing}
     with pytest.warns(SuspectDataWarning):
         parted = lf.reconstruct(hist, n_legs=4, **told)
