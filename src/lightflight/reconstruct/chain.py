@@ -413,7 +413,8 @@ def _unseen_as_such(
     found: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
 ) -> LightPath | None:
     """The path whose legs without light are ways that nobody saw, where all else is well."""
-    if fit is None or not _stands(found) or estimator.of_fit is None:
+    well = _stands(found) or found.verdict.findings[0].name is FindingName.UNSEEN_LEG
+    if fit is None or not well or estimator.of_fit is None:
         return None
     if request.start is not None or request.setting.told_vertices:
         return None

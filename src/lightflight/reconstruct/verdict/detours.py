@@ -20,7 +20,8 @@ from lightflight.reconstruct.fit.joint import JointFit, pulses_of_legs
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.legs.find import ImageLeg
-from lightflight.reconstruct.model.detour import detours_of
+from lightflight.reconstruct.model.detour import detours_of, mirrors
+from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
@@ -110,6 +111,22 @@ def detour_instead(
         legs = search_legs(sightings[0].arrivals, sightings[0], setting, None)
     except NothingFoundError:
         return None
+    found = _of_legs(legs, fit, sightings, setting, n_legs)
+    if found is None and fit is None and n_legs is None and len(legs) > 2:
+        # A piece about where light begins, with as many pixels as a leg: no chain has it.
+        weakest = min(range(len(legs)), key=lambda k: legs[k].n_pixels)
+        found = _of_legs(legs[:weakest] + legs[weakest + 1 :], None, sightings, setting, None)
+    return found
+
+
+def _of_legs(
+    legs: tuple[ImageLeg, ...],
+    fit: JointFit | None,
+    sightings: list[Sighting],
+    setting: Setting,
+    n_legs: int | None,
+) -> Detoured | None:
+    """A path with detours between these legs in the picture; else as `detour_instead`."""
     places = _open_places(legs, setting)
     if not places:
         return None
@@ -184,15 +201,35 @@ def without_light_unseen(
     empty = tuple(state.seen[k] for k in range(1, len(pulses) - 1) if pulses[k] <= FEW_PULSES)
     if not empty:
         return None
+    if n_legs is None:
+        state, empty = _in_one(state, empty)
     unseen = tuple(sorted((*state.unseen, *empty)))
     if any(after - before == 1 for before, after in pairwise(unseen)):
         return None
     trial = refitted(sightings, replace(state, unseen=unseen), setting)
     if isinstance(trial, NoFit) or not _are_detours(trial, sightings, setting):
         return None
-    lit, cost = refitted(sightings, state, setting), cost_of_pulses(trial, sightings)
+    lit = refitted(sightings, fit.solution.state, setting)
+    cost = cost_of_pulses(trial, sightings)
     worth = not isinstance(lit, NoFit) and _is_cheaper(lit, len(empty), cost, sightings)
     return None if worth else trial
+
+
+def _in_one(state: PathState, empty: tuple[int, ...]) -> tuple[PathState, tuple[int, ...]]:
+    """The path with one leg, as long, for several empty ones in a row; and which are empty then."""
+    for k in reversed(empty):
+        if k - 1 not in empty:
+            continue
+        # Two of a row are one leg; from the last to the first all of it.
+        steps, vertices = state.steps_mm, state.vertices_mm.copy()
+        long = np.linalg.norm(steps, axis=1)
+        before, after = (steps[leg] / long[leg] for leg in (k - 2, k + 1))
+        vertices[k - 1], vertices[k + 1] = mirrors(
+            vertices[k - 1], before, vertices[k + 1], after, float(long[k - 1] + long[k])
+        )
+        state = replace(state, vertices_mm=vertices).without((k,))
+        empty = tuple(leg - (leg >= k) for leg in empty if leg != k)
+    return state, empty
 
 
 def _is_cheaper(best: JointFit, n_gaps: int, cost: float, sightings: list[Sighting]) -> bool:
