@@ -40,6 +40,8 @@ In the picture, not in space: how deep a path lies may still move a lot when its
 CLAIM_REACH_PX = 2.2
 """Pulses this near to a leg's line may be claimed by it, px: five stds of a usual
 spot; a wider spot widens the gate."""
+_WING_STDS = 4.5
+"""So many spots beside it the brightest of lines still gives a pulse: two photons of 50,000."""
 CLAIM_STDS = 6.0
 """A pulse may be claimed by a leg whose time lies within this many of its errors."""
 MOST_SHIFT = 0.1
@@ -351,14 +353,13 @@ def _clear_of_corners(
     return clear
 
 
-def off_joint_light_ps(
+def off_light_ps(
     sighting: Sighting, state: PathState, setting: Setting, spot_px: float, rows: Indices
 ) -> Floats:
-    """How far pulses are from the time of the legs that light their pixels together, ps.
+    """How far pulses that take no part in a fit are from the time of the legs' light, ps.
 
-    Where two legs meet or cross a pixel's one time is neither's and takes no part in a fit, but it
-    lies between them. So near to a corner half of a spot may be missing, too: the time of what is
-    left is off by no more than the leg's over one spot.
+    Where two legs meet or cross a pixel's one time is neither's, but it lies between them; and the
+    wing of a bright leg's spot runs farther than what it claims.
 
     Parameters
     ----------
@@ -376,26 +377,21 @@ def off_joint_light_ps(
     Returns
     -------
     array of float, shape (n,)
-        0 between them; NaN where no second leg's light is in the pixel and no corner near.
+        0 between them; infinite where no leg's light is in the pixel.
     """
+    arrival = sighting.arrival_ps[rows]
     first, last = np.full(len(rows), np.inf), np.full(len(rows), -np.inf)
-    n_lit, at_corner = np.zeros(len(rows), dtype=np.intp), np.zeros(len(rows), dtype=bool)
     for k in state.seen:
         print_ = prints_of_leg(sighting, state, setting, rows, k)
-        clear_px = clear_of_corners_px(
+        beyond_px = clear_of_corners_px(
             state, k, setting.camera, spot_px, share=share_beyond_lens(spot_px)
         )
-        lit = np.abs(print_.lateral_px) < max(CLAIM_REACH_PX, 3.0 * spot_px)
-        lit &= on_leg(print_, k, state, margin_px=clear_px)
-        away = (-clear_px[0], -clear_px[1])
-        n_lit += lit
-        at_corner |= lit & ~on_leg(print_, k, state, margin_px=away)
-        slack = np.abs(print_.slope_ps_per_px) * spot_px
-        first[lit] = np.minimum(first, print_.arrival_ps - slack)[lit]
-        last[lit] = np.maximum(last, print_.arrival_ps + slack)[lit]
-    arrival = sighting.arrival_ps[rows]
+        lit = np.abs(print_.lateral_px) < max(CLAIM_REACH_PX, _WING_STDS * spot_px)
+        lit &= on_leg(print_, k, state, margin_px=beyond_px)
+        first[lit] = np.minimum(first, print_.arrival_ps)[lit]
+        last[lit] = np.maximum(last, print_.arrival_ps)[lit]
     off: Floats = np.maximum(np.maximum(first - arrival, arrival - last), 0.0)
-    return np.where((n_lit > 1) | at_corner, off, np.nan)
+    return off
 
 
 def clear_of_tips(

@@ -20,7 +20,7 @@ from lightflight.flight import Source
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct.fit.joint import JointFit, pulses_of_legs
 from lightflight.reconstruct.fit.least_squares import OUTLIER
-from lightflight.reconstruct.fit.membership import mode_columns, off_joint_light_ps
+from lightflight.reconstruct.fit.membership import mode_columns, off_light_ps
 from lightflight.reconstruct.fit.pictures import as_shown
 from lightflight.reconstruct.fit.result import explained_by_fit
 from lightflight.reconstruct.legs.direction import legs_in_all_pictures
@@ -125,9 +125,9 @@ def _with_mode(sighting: Sighting, column_ps: Floats | float) -> Sighting:
 def cost_of_pulses(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> float:
     """Chi-square of all pulses by their stated errors, of lines, of what is shared and was told.
 
-    A pulse that takes no part costs what it may at most, but where legs meet or cross and its time
-    lies between theirs. `scatter` is the chi-square per pulse that there is in any case: by so much
-    stated errors are too small.
+    One that takes no part costs what it may at most, but where its time is that of the light in its
+    pixel: between those of legs that meet or cross, or in a wing. `scatter` is the chi-square per
+    pulse that there is in any case: by so much stated errors are too small.
     """
     times, solution = fit.times, fit.solution
     used = times.weight > 0
@@ -150,9 +150,9 @@ def _cost_of_left(fit: JointFit, sightings: list[Sighting], scatter: float) -> f
         picture, camera = fit.pictures[number], solution.cameras[sighting.view]
         there = Setting(camera, Source(), solution.medium)
         state = as_shown(solution.state, picture)
-        off = off_joint_light_ps(seen, state, there, picture.spot_std_px, left)
-        stds = np.nan_to_num(off / sighting.arrivals.independent_std_ps[left], nan=OUTLIER)
-        # What is between two times is worth as much as any pulse that is right.
+        off = off_light_ps(seen, state, there, picture.spot_std_px, left)
+        stds = off / sighting.arrivals.independent_std_ps[left]
+        # What is on time is worth as much as any pulse that is right.
         cost += float(np.minimum(1.0 / scatter + stds**2 / scatter, OUTLIER**2).sum())
     return cost
 
