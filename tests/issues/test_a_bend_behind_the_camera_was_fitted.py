@@ -1,5 +1,6 @@
 """A leg tried as bent ran behind the camera, where pictures of its places are no numbers: the fit
-stayed there, and the price of what is known beside it ended in an error of the linear algebra.
+stayed there, and the price of what is known beside it ended in an error of the linear algebra. So
+did the test of a focal length, where another lens sees a place of such a leg behind itself (4014).
 
 Laboratory 4016 of `benchmarks/piece_labs.py`, unseen legs. Where a fit may not end is asked in one
 place: `refuse_run_away`.
@@ -15,7 +16,14 @@ import pytest
 
 from benchmarks.piece_labs import drawn_scene, path_of
 from lightflight.errors import NothingFoundError
-from lightflight.reconstruct.fit.joint import refuse_run_away
+from lightflight.flight import Medium
+from lightflight.reconstruct.fit.joint import fit_joint, refuse_run_away
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.offsets import line_offsets
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.sightings import sighting_from_histograms
+from lightflight.reconstruct.verdict import candidates, geometry_tests
+from tests.labs import START_PS, one_leg
 
 
 @pytest.mark.long
@@ -43,3 +51,24 @@ def test_where_a_fit_may_not_end(away_mm, rows, why):
         return
     with pytest.raises(NothingFoundError, match=why):
         refuse_run_away(state, np.array(rows))
+
+
+def test_places_that_another_lens_does_not_see_say_nothing_of_it(monkeypatch):
+    lab = one_leg()
+    setting = Setting(lab.camera, lab.known, Medium())
+    sighting = sighting_from_histograms(
+        lab.recording(1), setting, timing=lab.timing, background=None, exclude_mask=None,
+        least_squares=False,
+    )  # fmt: skip
+    fit = fit_joint([sighting], PathState(lab.vertices_mm, START_PS), setting, legs=None)
+
+    def behind(*given, camera, **told):
+        offset, jacobian = line_offsets(*given, camera=camera, **told)
+        # The cameras of the fit see all there is.
+        lost = camera not in fit.solution.cameras
+        return np.where(np.arange(len(offset)) < lost, np.nan, offset), jacobian
+
+    monkeypatch.setattr(candidates, "line_offsets", behind)
+    found = geometry_tests.evidence_from_geometry(fit, [sighting], setting)
+    assert {one.name for one in found} >= {"focal_length", "distortion", "pose", "index"}
+    assert np.isfinite([one.chi2 for one in found]).all()

@@ -146,13 +146,14 @@ class Rows:
             by_time[here] += np.nan_to_num(late)
         anchors, places = self.lines.anchors[drawn], _pixels_of(camera, self.lines.anchors[drawn])
         there = undistorted_px(other, *places)
-        for sign, eye, points_px in ((-1.0, camera, anchors), (1.0, other, there)):
-            by_line[drawn] += (
-                sign
-                * line_offsets(
-                    state, camera=eye, legs=legs, anchors=points_px, focal_px=mean_focal_px(eye)
-                )[0]
-            )
+        off, as_it_is = (
+            line_offsets(
+                state, camera=eye, legs=legs, anchors=points_px, focal_px=mean_focal_px(eye)
+            )[0]
+            for eye, points_px in ((other, there), (camera, anchors))
+        )
+        # So may the place of a bent leg that the other camera sees at the same point.
+        by_line[drawn] = np.nan_to_num(off - as_it_is)
         return by_time, by_line
 
     def moved(self, moves_mm: Floats) -> tuple[Floats, Floats]:
