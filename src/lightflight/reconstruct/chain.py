@@ -359,8 +359,11 @@ def _reconsidered(
     alone = _without_images(found, request, estimator)
     if alone is not None:
         return _with_arms_not_images(alone, fit, request, estimator)
-    other = _unseen_as_such(found, fit, request, estimator)
+    stands = _stands(found)
+    other = _unseen_as_such(fit, request, estimator) if stands else None
     other = other or _detour_or_bend(found, fit, request, estimator)
+    if not (stands or other) and found.verdict.findings[0].name is FindingName.UNSEEN_LEG:
+        other = _unseen_as_such(fit, request, estimator)
     if fit is None:
         return other or found
     if leaves_light(found.verdict):
@@ -410,11 +413,10 @@ def _stands(path: LightPath) -> bool:
 
 
 def _unseen_as_such(
-    found: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
+    fit: JointFit | None, request: Request, estimator: Estimator
 ) -> LightPath | None:
-    """The path whose legs without light are ways that nobody saw, where all else is well."""
-    well = _stands(found) or found.verdict.findings[0].name is FindingName.UNSEEN_LEG
-    if fit is None or not well or estimator.of_fit is None:
+    """The path whose legs without light are ways that nobody saw, where that stands."""
+    if fit is None or estimator.of_fit is None:
         return None
     if request.start is not None or request.setting.told_vertices:
         return None

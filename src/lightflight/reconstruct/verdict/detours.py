@@ -207,6 +207,8 @@ def without_light_unseen(
     if any(after - before == 1 for before, after in pairwise(unseen)):
         return None
     trial = refitted(sightings, replace(state, unseen=unseen), setting)
+    if not isinstance(trial, NoFit) and n_legs is None:
+        trial = revised(sightings, trial, setting)
     if isinstance(trial, NoFit) or not _are_detours(trial, sightings, setting):
         return None
     lit = refitted(sightings, fit.solution.state, setting)
