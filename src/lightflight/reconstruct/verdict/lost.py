@@ -141,11 +141,13 @@ def cost_of_pulses(fit: JointFit, sightings: list[Sighting], scatter: float = 1.
 
 def _cost_of_left(fit: JointFit, sightings: list[Sighting], scatter: float) -> float:
     """What the pulses cost that take no part."""
-    cost, solution, columns = 0.0, fit.solution, mode_columns(sightings)
+    cost, solution, columns = 0.0, fit.solution, mode_columns(list(fit.sightings))
     for number, sighting in enumerate(sightings):
         own = fit.times.index[(fit.sighting_of == number) & (fit.times.weight > 0)]
         left = np.setdiff1d(sighting.usable_pulses, own)
-        by_clock = sighting.arrivals.shared_modes_ps @ solution.modes[columns[sighting.view]]
+        # The fit may have been of pulses with errors more, which those as found have not.
+        modes = sighting.arrivals.shared_modes_ps
+        by_clock = modes @ solution.modes[columns[sighting.view]][: modes.shape[1]]
         seen = replace(sighting, arrival_ps=sighting.arrival_ps - by_clock)
         picture, camera = fit.pictures[number], solution.cameras[sighting.view]
         there = Setting(camera, Source(), solution.medium)
