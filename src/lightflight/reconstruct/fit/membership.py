@@ -42,6 +42,8 @@ CLAIM_REACH_PX = 2.2
 spot; a wider spot widens the gate."""
 _WING_STDS = 4.5
 """So many spots beside it the brightest of lines still gives a pulse: two photons of 50,000."""
+_APART_STDS = 4.5
+"""Two pulses nearer than this, in their standard deviations, may have been fitted as one."""
 CLAIM_STDS = 6.0
 """A pulse may be claimed by a leg whose time lies within this many of its errors."""
 MOST_SHIFT = 0.1
@@ -354,12 +356,18 @@ def _clear_of_corners(
 
 
 def off_light_ps(
-    sighting: Sighting, state: PathState, setting: Setting, spot_px: float, rows: Indices
+    sighting: Sighting,
+    state: PathState,
+    setting: Setting,
+    spot_px: float,
+    std: float,
+    rows: Indices,
 ) -> Floats:
     """How far pulses that take no part in a fit are from the time of the legs' light, ps.
 
-    Where two legs meet or cross a pixel's one time is neither's, but it lies between them; and the
-    wing of a bright leg's spot runs farther than what it claims.
+    Where two legs meet or cross a pixel's one time is neither's, but it lies between them, if they
+    are too near to each other to be seen apart; and the wing of a bright leg's spot runs farther
+    than what it claims.
 
     Parameters
     ----------
@@ -371,27 +379,28 @@ def off_light_ps(
         The camera that sees it, and the medium.
     spot_px : float
         Standard deviation of the spot, px.
+    std : float
+        Typical standard deviation of a pulse, ps.
     rows : array of int, shape (n,)
         Rows of its arrivals.
 
     Returns
     -------
     array of float, shape (n,)
-        0 between them; infinite where no leg's light is in the pixel.
+        0 between two such; infinite where no leg's light is in the pixel.
     """
     arrival = sighting.arrival_ps[rows]
-    first, last = np.full(len(rows), np.inf), np.full(len(rows), -np.inf)
+    before, after = np.full(len(rows), -np.inf), np.full(len(rows), np.inf)
     for k in state.seen:
         print_ = prints_of_leg(sighting, state, setting, rows, k)
-        beyond_px = clear_of_corners_px(
-            state, k, setting.camera, spot_px, share=share_beyond_lens(spot_px)
-        )
         lit = np.abs(print_.lateral_px) < max(CLAIM_REACH_PX, _WING_STDS * spot_px)
-        lit &= on_leg(print_, k, state, margin_px=beyond_px)
-        first[lit] = np.minimum(first, print_.arrival_ps)[lit]
-        last[lit] = np.maximum(last, print_.arrival_ps)[lit]
-    off: Floats = np.maximum(np.maximum(first - arrival, arrival - last), 0.0)
-    return off
+        # Beyond a corner a leg sheds no light but what the spot spreads.
+        lit &= on_leg(print_, k, state, margin_px=spot_px)
+        time = print_.arrival_ps
+        before = np.where(lit & (time <= arrival), np.maximum(before, time), before)
+        after = np.where(lit & (time >= arrival), np.minimum(after, time), after)
+    nearest = np.minimum(arrival - before, after - arrival)
+    return np.where(after - before < _APART_STDS * std, 0.0, nearest)
 
 
 def clear_of_tips(
@@ -527,7 +536,7 @@ def _shift_by_others_ps(
     own = np.maximum(expected[rows, best], 1e-12)
     for k in range(n_legs):
         separation = np.nan_to_num(np.abs(modelled[:, k] - modelled[rows, best]), nan=np.inf)
-        close = (separation < np.where(single, 4.5, 1.5) * std) & (best != k)
+        close = (separation < np.where(single, _APART_STDS, 1.5) * std) & (best != k)
         shift += np.where(close, expected[:, k] / own * np.where(close, separation, 0.0), 0.0)
     return shift
 

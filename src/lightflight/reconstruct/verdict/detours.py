@@ -28,7 +28,12 @@ from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
 from lightflight.reconstruct.trials.revise import fit_from_legs, refitted, revised
 from lightflight.reconstruct.trials.unseen import fits_with_gaps
-from lightflight.reconstruct.verdict.lost import cost_of_pulses, explains_all, price_of
+from lightflight.reconstruct.verdict.lost import (
+    cost_of_light,
+    cost_of_pulses,
+    explains_all,
+    price_of,
+)
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 _AT_EDGE_PX = 4.0
@@ -146,7 +151,7 @@ def _of_legs(
             for trial in fits_with_gaps(sightings, legs, gaps, setting)
             if _are_detours(trial, sightings, setting)
         ]
-        best = min(trials, key=lambda one: cost_of_pulses(one, sightings), default=None)
+        best = min(trials, key=lambda one: cost_of_light(one, sightings), default=None)
         # What is no better than the path as it is is none than the best without a detour, for which
         # more must be fitted.
         if best is None or not _is_cheaper(best, n_gaps, as_it_is, sightings):

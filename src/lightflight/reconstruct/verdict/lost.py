@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lightflight.errors import NothingFoundError
 from lightflight.flight import Source
 from lightflight.path.verdict import FindingName
-from lightflight.reconstruct.fit.joint import JointFit, pulses_of_legs
+from lightflight.reconstruct.fit.joint import JointFit, pulse_std_in_view, pulses_of_legs
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.fit.membership import mode_columns, off_light_ps
 from lightflight.reconstruct.fit.pictures import as_shown
@@ -125,21 +125,35 @@ def _with_mode(sighting: Sighting, column_ps: Floats | float) -> Sighting:
 def cost_of_pulses(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> float:
     """Chi-square of all pulses by their stated errors, of lines, of what is shared and was told.
 
-    One that takes no part costs what it may at most, but where its time is that of the light in its
-    pixel: between those of legs that meet or cross, or in a wing. `scatter` is the chi-square per
-    pulse that there is in any case: by so much stated errors are too small.
+    A pulse that takes no part costs what it may at most. `scatter` is the chi-square per pulse that
+    there is in any case: by so much stated errors are too small.
     """
+    left = sum(len(o.usable_pulses) for o in sightings) - np.count_nonzero(fit.times.weight)
+    return float(_cost_of_taken(fit) / scatter + OUTLIER**2 * left)
+
+
+def cost_of_light(fit: JointFit, sightings: list[Sighting]) -> float:
+    """The same, but a pulse that takes no part costs by its time, as far as that is the light's.
+
+    So paths of which one turns in view are weighed fairly against each other: where two legs meet a
+    pulse takes no part and is right. Against a path that is wrong it says less, since what a corner
+    too many parts lies between its legs, too.
+    """
+    return float(_cost_of_taken(fit) + _cost_of_left(fit, sightings))
+
+
+def _cost_of_taken(fit: JointFit) -> float:
+    """Chi-square of the pulses that take part, of lines, of what is shared and was told."""
     times, solution = fit.times, fit.solution
     used = times.weight > 0
     squared = solution.residual_ps[used] ** 2 / (times.photon_var + times.pixel_var)[used]
     shared = np.concatenate((solution.modes, solution.shared))
     first = len(times.leg) + len(fit.lines.leg)
     told = solution.rows[[first + one.row for one in fit.freedom.told]]
-    taken = squared.sum() + solution.line_chi2 + shared @ shared + told @ told
-    return float(taken / scatter + _cost_of_left(fit, sightings, scatter))
+    return float(squared.sum() + solution.line_chi2 + shared @ shared + told @ told)
 
 
-def _cost_of_left(fit: JointFit, sightings: list[Sighting], scatter: float) -> float:
+def _cost_of_left(fit: JointFit, sightings: list[Sighting]) -> float:
     """What the pulses cost that take no part."""
     cost, solution, columns = 0.0, fit.solution, mode_columns(list(fit.sightings))
     for number, sighting in enumerate(sightings):
@@ -152,10 +166,11 @@ def _cost_of_left(fit: JointFit, sightings: list[Sighting], scatter: float) -> f
         picture, camera = fit.pictures[number], solution.cameras[sighting.view]
         there = Setting(camera, Source(), solution.medium)
         state = as_shown(solution.state, picture)
-        off = off_light_ps(seen, state, there, picture.spot_std_px, left)
+        std = pulse_std_in_view(sightings, sighting.view)
+        off = off_light_ps(seen, state, there, picture.spot_std_px, std, left)
         stds = off / sighting.arrivals.independent_std_ps[left]
         # What is on time is worth as much as any pulse that is right.
-        cost += float(np.minimum(1.0 / scatter + stds**2 / scatter, OUTLIER**2).sum())
+        cost += float(np.minimum(1.0 + stds**2, OUTLIER**2).sum())
     return cost
 
 
