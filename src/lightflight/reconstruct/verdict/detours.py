@@ -20,8 +20,7 @@ from lightflight.reconstruct.fit.joint import JointFit, pulses_of_legs
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.legs.find import ImageLeg
-from lightflight.reconstruct.model.detour import detours_of, mirrors
-from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.detour import detours_of
 from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
@@ -206,8 +205,6 @@ def without_light_unseen(
     empty = tuple(state.seen[k] for k in range(1, len(pulses) - 1) if pulses[k] <= FEW_PULSES)
     if not empty:
         return None
-    if n_legs is None:
-        state, empty = _in_one(state, empty)
     unseen = tuple(sorted((*state.unseen, *empty)))
     if any(after - before == 1 for before, after in pairwise(unseen)):
         return None
@@ -220,23 +217,6 @@ def without_light_unseen(
     cost = cost_of_pulses(trial, sightings)
     worth = not isinstance(lit, NoFit) and _is_cheaper(lit, len(empty), cost, sightings)
     return None if worth else trial
-
-
-def _in_one(state: PathState, empty: tuple[int, ...]) -> tuple[PathState, tuple[int, ...]]:
-    """The path with one leg, as long, for several empty ones in a row; and which are empty then."""
-    for k in reversed(empty):
-        if k - 1 not in empty:
-            continue
-        # Two of a row are one leg; from the last to the first all of it.
-        steps, vertices = state.steps_mm, state.vertices_mm.copy()
-        long = np.linalg.norm(steps, axis=1)
-        before, after = (steps[leg] / long[leg] for leg in (k - 2, k + 1))
-        vertices[k - 1], vertices[k + 1] = mirrors(
-            vertices[k - 1], before, vertices[k + 1], after, float(long[k - 1] + long[k])
-        )
-        state = replace(state, vertices_mm=vertices).without((k,))
-        empty = tuple(leg - (leg >= k) for leg in empty if leg != k)
-    return state, empty
 
 
 def _is_cheaper(best: JointFit, n_gaps: int, cost: float, sightings: list[Sighting]) -> bool:
