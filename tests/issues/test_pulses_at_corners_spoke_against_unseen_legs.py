@@ -51,11 +51,11 @@ def test_light_of_two_legs_costs_as_much_as_any_that_is_right():
     n = len(sighting.usable_pulses)
     left = np.setdiff1d(sighting.usable_pulses, fit.times.index[fit.times.weight > 0])
     assert len(left) > 4
-    right = cost_of_light(fit, [sighting])
+    right = cost_of_light(fit, [sighting], setting)
     assert right == pytest.approx(n, abs=4.0 * np.sqrt(2.0 * n))
     late = sighting.arrival_ps.copy()
     late[left] += 300.0
-    wrong = cost_of_light(fit, [replace(sighting, arrival_ps=late)])
+    wrong = cost_of_light(fit, [replace(sighting, arrival_ps=late)], setting)
     assert wrong - right == pytest.approx(24.0 * len(left), abs=10.0)
 
 
@@ -73,4 +73,4 @@ def test_a_wing_costs_about_as_much_as_any_light_that_is_right():
     fit = fit_joint([sighting], PathState(lab.vertices_mm, START_PS), setting, legs=None)
     n, n_used = len(sighting.usable_pulses), np.count_nonzero(fit.times.weight)
     assert n - n_used > 100
-    assert cost_of_light(fit, [sighting]) < n + 2.0 * (n - n_used)
+    assert cost_of_light(fit, [sighting], setting) < n + 2.0 * (n - n_used)

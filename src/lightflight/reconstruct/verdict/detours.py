@@ -150,7 +150,7 @@ def _of_legs(
             for trial in fits_with_gaps(sightings, legs, gaps, setting)
             if _are_detours(trial, sightings, setting)
         ]
-        best = min(trials, key=lambda one: cost_of_light(one, sightings), default=None)
+        best = min(trials, key=lambda one: cost_of_light(one, sightings, setting), default=None)
         # What is no better than the path as it is is none than the best without a detour, for which
         # more must be fitted.
         if best is None or not _is_cheaper(best, n_gaps, as_it_is, sightings):
@@ -213,8 +213,7 @@ def without_light_unseen(
         trial = revised(sightings, trial, setting)
     if isinstance(trial, NoFit) or not _are_detours(trial, sightings, setting):
         return None
-    lit = refitted(sightings, fit.solution.state, setting)
-    cost = cost_of_pulses(trial, sightings)
+    lit, cost = refitted(sightings, state, setting), cost_of_pulses(trial, sightings)
     worth = not isinstance(lit, NoFit) and _is_cheaper(lit, len(empty), cost, sightings)
     return None if worth else trial
 

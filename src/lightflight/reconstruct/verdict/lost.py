@@ -16,11 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import NothingFoundError
-from lightflight.flight import Source
 from lightflight.path.verdict import FindingName
-from lightflight.reconstruct.fit.joint import JointFit, pulse_std_in_view, pulses_of_legs
+from lightflight.reconstruct.fit.joint import (
+    JointFit,
+    as_found,
+    pulse_std_in_view,
+    pulses_of_legs,
+)
 from lightflight.reconstruct.fit.least_squares import OUTLIER
-from lightflight.reconstruct.fit.membership import mode_columns, off_light_ps
+from lightflight.reconstruct.fit.membership import off_light_ps
 from lightflight.reconstruct.fit.pictures import as_shown
 from lightflight.reconstruct.fit.result import explained_by_fit
 from lightflight.reconstruct.legs.direction import legs_in_all_pictures
@@ -132,14 +136,16 @@ def cost_of_pulses(fit: JointFit, sightings: list[Sighting], scatter: float = 1.
     return float(_cost_of_taken(fit) / scatter + OUTLIER**2 * left)
 
 
-def cost_of_light(fit: JointFit, sightings: list[Sighting]) -> float:
+def cost_of_light(fit: JointFit, sightings: list[Sighting], setting: Setting) -> float:
     """The same, but a pulse that takes no part costs by its time, as far as that is the light's.
+
+    Of the very recordings and the setting that the fit was made with.
 
     So paths of which one turns in view are weighed fairly against each other: where two legs meet a
     pulse takes no part and is right. Against a path that is wrong it says less, since what a corner
     too many parts lies between its legs, too.
     """
-    return float(_cost_of_taken(fit) + _cost_of_left(fit, sightings))
+    return float(_cost_of_taken(fit) + _cost_of_left(fit, sightings, setting))
 
 
 def _cost_of_taken(fit: JointFit) -> float:
@@ -153,21 +159,16 @@ def _cost_of_taken(fit: JointFit) -> float:
     return float(squared.sum() + solution.line_chi2 + shared @ shared + told @ told)
 
 
-def _cost_of_left(fit: JointFit, sightings: list[Sighting]) -> float:
+def _cost_of_left(fit: JointFit, sightings: list[Sighting], setting: Setting) -> float:
     """What the pulses cost that take no part."""
-    cost, solution, columns = 0.0, fit.solution, mode_columns(list(fit.sightings))
-    for number, sighting in enumerate(sightings):
+    cost = 0.0
+    seen, clock = as_found(fit.solution, setting, sightings)
+    for number, (sighting, picture) in enumerate(zip(clock, fit.pictures, strict=True)):
         own = fit.times.index[(fit.sighting_of == number) & (fit.times.weight > 0)]
         left = np.setdiff1d(sighting.usable_pulses, own)
-        # The fit may have been of pulses with errors more, which those as found have not.
-        modes = sighting.arrivals.shared_modes_ps
-        by_clock = modes @ solution.modes[columns[sighting.view]][: modes.shape[1]]
-        seen = replace(sighting, arrival_ps=sighting.arrival_ps - by_clock)
-        picture, camera = fit.pictures[number], solution.cameras[sighting.view]
-        there = Setting(camera, Source(), solution.medium)
-        state = as_shown(solution.state, picture)
         std = pulse_std_in_view(sightings, sighting.view)
-        off = off_light_ps(seen, state, there, picture.spot_std_px, std, left)
+        state, there = as_shown(fit.solution.state, picture), seen.at(sighting.view)
+        off = off_light_ps(sighting, state, there, picture.spot_std_px, std, left)
         stds = off / sighting.arrivals.independent_std_ps[left]
         # What is on time is worth as much as any pulse that is right.
         cost += float(np.minimum(1.0 + stds**2, OUTLIER**2).sum())
