@@ -15,9 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lightflight.camera.model import Camera
-from lightflight.flight import Source
+from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
 from lightflight.reconstruct.chain import reconstruct
+from lightflight.reconstruct.fit.joint import JointFit, fit_joint
+from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.model.setting import Setting
+from lightflight.reconstruct.model.sighting import Sighting
+from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.recording.histograms import Histograms
 from lightflight.timing.clock.calibration import TimingCalibration
 from tests.oracles.brute_force import BruteClock, BruteScene, camera_over_plane, expected_counts
@@ -137,6 +142,16 @@ def known_path(lab: Lab, method: str) -> LightPath:
     return reconstruct(
         lab.recording(1), camera=lab.camera, source=lab.known, timing=lab.timing, method=method
     )
+
+
+def fit_from_truth(lab: Lab, hist: Histograms) -> tuple[JointFit, Sighting, Setting]:
+    """Joint fit of a recording that begins with the true path, source known; and what it is of."""
+    setting = Setting(lab.camera, lab.known, Medium())
+    sighting = sighting_from_histograms(
+        hist, setting, timing=lab.timing, background=None, exclude_mask=None, least_squares=False
+    )
+    start = PathState(lab.vertices_mm, START_PS)
+    return fit_joint([sighting], start, setting, legs=None), sighting, setting
 
 
 @cache

@@ -16,14 +16,10 @@ import pytest
 
 from benchmarks.piece_labs import drawn_scene, path_of
 from lightflight.errors import NothingFoundError
-from lightflight.flight import Medium
-from lightflight.reconstruct.fit.joint import fit_joint, refuse_run_away
-from lightflight.reconstruct.model.geometry import PathState
+from lightflight.reconstruct.fit.joint import refuse_run_away
 from lightflight.reconstruct.model.offsets import line_offsets
-from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.reconstruct.verdict import candidates, geometry_tests
-from tests.labs import START_PS, one_leg
+from tests.labs import fit_from_truth, one_leg
 
 
 @pytest.mark.long
@@ -55,12 +51,7 @@ def test_where_a_fit_may_not_end(away_mm, rows, why):
 
 def test_places_that_another_lens_does_not_see_say_nothing_of_it(monkeypatch):
     lab = one_leg()
-    setting = Setting(lab.camera, lab.known, Medium())
-    sighting = sighting_from_histograms(
-        lab.recording(1), setting, timing=lab.timing, background=None, exclude_mask=None,
-        least_squares=False,
-    )  # fmt: skip
-    fit = fit_joint([sighting], PathState(lab.vertices_mm, START_PS), setting, legs=None)
+    fit, sighting, setting = fit_from_truth(lab, lab.recording(1))
 
     def behind(*given, camera, **told):
         offset, jacobian = line_offsets(*given, camera=camera, **told)

@@ -15,13 +15,8 @@ import numpy as np
 import pytest
 
 from benchmarks.piece_labs import drawn_scene, path_of, pulls_of, right_legs
-from lightflight.flight import Medium
-from lightflight.reconstruct.fit.joint import fit_joint
-from lightflight.reconstruct.model.geometry import PathState
-from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.sightings import sighting_from_histograms
 from lightflight.reconstruct.verdict.lost import cost_of_light
-from tests.labs import START_PS, blurred_leg, corner_in_view
+from tests.labs import blurred_leg, corner_in_view, fit_from_truth
 
 pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
 
@@ -42,12 +37,7 @@ def test_light_of_two_legs_costs_as_much_as_any_that_is_right():
     Late by 300 ps these seven are as much in the way as before, 25 each.
     """
     lab = corner_in_view()
-    setting = Setting(lab.camera, lab.known, Medium())
-    sighting = sighting_from_histograms(
-        lab.recording(1, 20_000.0), setting, timing=lab.timing, background=None,
-        exclude_mask=None, least_squares=False,
-    )  # fmt: skip
-    fit = fit_joint([sighting], PathState(lab.vertices_mm, START_PS), setting, legs=None)
+    fit, sighting, setting = fit_from_truth(lab, lab.recording(1, 20_000.0))
     n = len(sighting.usable_pulses)
     left = np.setdiff1d(sighting.usable_pulses, fit.times.index[fit.times.weight > 0])
     assert len(left) > 4
@@ -65,12 +55,7 @@ def test_a_wing_costs_about_as_much_as_any_light_that_is_right():
     Not one, since a fit of a few photons is not Gaussian; as light of no leg it is 25 each.
     """
     lab = blurred_leg()
-    setting = Setting(lab.camera, lab.known, Medium())
-    sighting = sighting_from_histograms(
-        lab.recording(1), setting, timing=lab.timing, background=None, exclude_mask=None,
-        least_squares=False,
-    )  # fmt: skip
-    fit = fit_joint([sighting], PathState(lab.vertices_mm, START_PS), setting, legs=None)
+    fit, sighting, setting = fit_from_truth(lab, lab.recording(1))
     n, n_used = len(sighting.usable_pulses), np.count_nonzero(fit.times.weight)
     assert n - n_used > 100
     assert cost_of_light(fit, [sighting], setting) < n + 2.0 * (n - n_used)
