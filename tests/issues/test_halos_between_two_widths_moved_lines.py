@@ -72,7 +72,13 @@ def test_a_halo_of_any_width_is_a_sum_of_those_in_the_fit(width_px):
 
 
 @pytest.mark.parametrize(
-    ("seed", "method"), [(95000, "joint"), (95002, "joint"), (95021, "photon"), (96106, "photon")]
+    ("seed", "method"),
+    [
+        (95000, "joint"),
+        pytest.param(95002, "joint", marks=pytest.mark.long),
+        (95021, "photon"),
+        pytest.param(96106, "photon", marks=pytest.mark.long),
+    ],
 )
 def test_a_single_leg_in_a_halo_of_4_px_is_where_it_says(seed, method):
     """Pulls were 5.4, 8.9, 11.9 and 5.1 (strengths did not settle: dim pixels held pulses); chance
@@ -80,7 +86,7 @@ def test_a_single_leg_in_a_halo_of_4_px_is_where_it_says(seed, method):
     assert pull_of(path_of(seed, method), seed) < 3.0
 
 
-@pytest.mark.parametrize("seed", [96001, 96011])
+@pytest.mark.parametrize("seed", [96001, pytest.param(96011, marks=pytest.mark.long)])
 def test_a_halo_that_is_less_than_none_within_and_more_without_is_a_halo(seed):
     """Over 3 px: begun with a wide spot its parts summed to nothing, and lines were measured as if
     there were none: pulls of 8.6 and 14.5, "check", with 0.1 mm stated to 0.016."""

@@ -11,7 +11,7 @@ import lightflight as lf
 from benchmarks.piece_labs import drawn_scene, path_of, pulls_of
 
 
-@pytest.mark.parametrize("n_legs", [None, 2])
+@pytest.mark.parametrize("n_legs", [None, pytest.param(2, marks=pytest.mark.long)])
 def test_legs_are_two(monkeypatch, n_legs):
     """Farthest of four places below 4.5 stated errors (false alarm 1e-4 for both)."""
     reconstruct = lf.reconstruct
