@@ -6,6 +6,7 @@
     python benchmarks/random_labs.py --pixel-ratio 1.35    # pixels that are not square
     python benchmarks/random_labs.py --calibration none    # or flat; no period of the laser told
     python benchmarks/random_labs.py --crossing            # the last code falls amid the light
+    python benchmarks/random_labs.py --dim                 # hardly any light
 
 Nothing is wrong with these recordings, but for what an option says. Camera (32 x 32 to 64 x 64
 pixels, 16 to 50 degrees, 0.3 to 2 m away, turned and rolled at will), spot, active area, pulse
@@ -468,7 +469,14 @@ def _lab_of(seed: int, args: argparse.Namespace) -> Lab:
         lab = replace(
             lab, calibrated=args.calibration, widths=np.ones_like(lab.widths), delays_ps=own
         )
+    lab = dimmed(lab) if args.dim else lab
     return replace(lab, n_rolled=2 * lab.n_codes // 5 if args.crossing else 0)
+
+
+def dimmed(lab: Lab) -> Lab:
+    """The same with 20 to 200 photons in the brightest pixel, and a tenth of the background."""
+    photons = float(10 ** np.random.default_rng([31, lab.seed]).uniform(1.3, 2.3))
+    return replace(lab, photons=photons, background=0.1 * lab.background)
 
 
 def main() -> None:
@@ -483,6 +491,7 @@ def main() -> None:
     parser.add_argument("--pixel-ratio", type=float, default=1.0, help="focal lengths, the same")
     parser.add_argument("--calibration", choices=("all", "flat", "none"), default="all")
     parser.add_argument("--crossing", action="store_true", help="the last code amid the light")
+    parser.add_argument("--dim", action="store_true", help="20 to 200 photons at most in a pixel")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
     for method in args.methods:

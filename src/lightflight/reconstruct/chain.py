@@ -50,6 +50,7 @@ from lightflight.reconstruct.verdict.detours import (
     without_light_unseen,
 )
 from lightflight.reconstruct.verdict.examine import examined
+from lightflight.reconstruct.verdict.going_on import path_going_on
 from lightflight.reconstruct.verdict.judge import leaves_misfit, names_symptom
 from lightflight.reconstruct.ways.joint import fit_of_request, fits_begun_by_one_camera
 from lightflight.reconstruct.ways.request import Request
@@ -359,6 +360,9 @@ def _reconsidered(
     alone = _without_images(found, request, estimator)
     if alone is not None:
         return _with_arms_not_images(alone, fit, request, estimator)
+    longer = _going_on(found, fit, request, estimator)
+    if longer is not None:
+        return longer
     stands = _stands(found)
     other = _unseen_as_such(fit, request, estimator) if stands else None
     other = other or _detour_or_bend(found, fit, request, estimator)
@@ -424,6 +428,20 @@ def _unseen_as_such(
     begun = None if open_ended is None else _told(open_ended, request, estimator)
     path = None if begun is None else _judged(*begun, request, estimator)
     return path if path is not None and _stands(path) else None
+
+
+def _going_on(
+    found: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
+) -> LightPath | None:
+    """The path with a leg behind its end that only all counts show, where that stands."""
+    told = request.n_legs is not None or request.start is not None
+    if told or fit is None or estimator.of_fit is None:
+        return None
+    if FindingName.LEG_COUNT not in {one.name for one in found.verdict.findings}:
+        return None
+    longer = path_going_on(found, fit, request.setting, nominal=request.timing is None)
+    judged = None if longer is None else _judged(longer, None, request, estimator)
+    return judged if judged is not None and _stands(judged) else None
 
 
 def _is_repeated(found: LightPath) -> bool:

@@ -157,7 +157,7 @@ def _held(
     dark, dispersion = _dark(whole, seen, near, far, std_ps, nominal)
     tails = () if whole.diffuse is None else whole.diffuse.strengths.tails
     second = None if whole.diffuse is None else whole.diffuse.second
-    other, beyond = _spread(whole, about, points, reference)
+    other, beyond = other_light_expected(whole, about, points, reference)
     for _ in range(_MOST_WIDTHS):
         lit = lit_pixels(
             about,
@@ -201,7 +201,9 @@ def _dark(
     dark = dark_group(whole, seen, near, far, std_ps, nominal)
     if dark is None:
         return None, 1.0
-    other, beyond = _spread(whole, dark.pixels.cells, dark.points_px, dark.reference_ps)
+    other, beyond = other_light_expected(
+        whole, dark.pixels.cells, dark.points_px, dark.reference_ps
+    )
     pixels, cells = dark.pixels, dark.pixels.cells
     if whole.diffuse is not None:
         pixels = dark_pixels(cells, other=other, beyond=beyond)
@@ -211,10 +213,29 @@ def _dark(
     return replace(dark, pixels=pixels), dispersion
 
 
-def _spread(
+def other_light_expected(
     whole: Sighting, cells: Cells, points_px: Indices, reference_ps: Floats
 ) -> tuple[Floats | float, Floats | None]:
-    """(n, m), counts of halo, glare and a second path as found, and what of these is guessed."""
+    """Counts of halo, glare and a second path as they were found.
+
+    Parameters
+    ----------
+    whole : Sighting
+        The recording, with the diffuse light that a fit found; None is expected to have none.
+    cells : Cells
+        Of n pixels, m each.
+    points_px : array of int, shape (n, 2)
+        (row, column).
+    reference_ps : array of float, shape (n,)
+        Arrival time at which their lags are zero, ps on the clock.
+
+    Returns
+    -------
+    counts : array of float, shape (n, m), or float
+        0.0: none was found.
+    beyond : array of float, shape (n, m), or None
+        What of these is guessed: images of light that the picture does not show.
+    """
     diffuse = whole.diffuse
     if diffuse is None:
         return 0.0, None

@@ -43,6 +43,7 @@ from lightflight.reconstruct.verdict.doubtful import (
 )
 from lightflight.reconstruct.verdict.evidence import Evidence
 from lightflight.reconstruct.verdict.geometry_tests import evidence_from_geometry
+from lightflight.reconstruct.verdict.going_on import verdict_with_light_going_on
 from lightflight.reconstruct.verdict.hidden import (
     evidence_without_hidden,
     findings_of_hidden,
@@ -95,6 +96,7 @@ def examined(
             verdict = verdict_with_doubtful_corners(verdict, fit, sightings, setting)
             verdict = verdict_with_doubtful_legs(verdict, path)
         verdict = verdict_with_unclaimed_light(verdict, fit, sightings, setting)
+        verdict = verdict_with_light_going_on(verdict, path, fit, nominal=nominal_clock)
         if name_arms:
             verdict = verdict_with_arm(verdict, fit, sightings, setting)
     if verdict.level is Level.CONTRADICTED:
