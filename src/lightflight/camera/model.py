@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lightflight.arguments import POSITIVE, finite_number, finite_numbers, pixels_of_shape
+from lightflight.arguments import finite_number, finite_numbers, pixels_of_shape
 from lightflight.camera.lens import checked_distortion
 from lightflight.camera.projection import Projection
 from lightflight.camera.refraction import (
@@ -43,6 +43,9 @@ from lightflight.camera.stored import (
 from lightflight.display import Card, Shown, number, size_facts
 from lightflight.errors import GeometryError
 from lightflight.materials import AIR, Material
+
+_NEAREST_MM, _FARTHEST_MM = 1e-9, 1e9
+"""Lengths beyond these are no camera's, and overflow where they are squared."""
 
 
 def _checked_matrix(matrix: ArrayLike) -> NDArray[np.float64]:
@@ -226,11 +229,11 @@ class Camera(Projection, Shown):
         """
         rows, cols = pixels_of_shape(shape)
         try:
-            must = "be positive and finite"
-            finite_number("distance_mm", distance_mm, must, low=POSITIVE)
-            name, must = "field_of_view_mm", "be positive and finite, width and height"
+            must = "be positive and at most 1e9"
+            finite_number("distance_mm", distance_mm, must, low=_NEAREST_MM, high=_FARTHEST_MM)
+            name, must = "field_of_view_mm", "be positive and at most 1e9, width and height"
             width, height = finite_numbers(
-                name, field_of_view_mm, must, shapes=[(2,)], low=POSITIVE
+                name, field_of_view_mm, must, shapes=[(2,)], low=_NEAREST_MM, high=_FARTHEST_MM
             ).tolist()
         except ValueError as error:
             raise GeometryError(str(error)) from None

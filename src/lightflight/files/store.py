@@ -581,7 +581,9 @@ def _check_header(
         )
     found = text_attribute(file, "kind")
     if found != kind:
-        raise FileFormatError(f"holds {found!r}, but {kind!r} is needed here", path=path)
+        made_by = {"calibration": "calibrate", "path": "reconstruct"}.get(kind)
+        hint = "" if made_by is None else f": make one with lightflight {made_by}"
+        raise FileFormatError(f"holds {found!r}, but {kind!r} is needed here{hint}", path=path)
     return version
 
 

@@ -69,7 +69,10 @@ def only_array(
     """Name of the one array of three axes, or of the one there is; else FileFormatError."""
     cubes = [name for name, shape in shapes.items() if len(shape) == 3] or list(shapes)
     if not cubes:
-        raise FileFormatError("holds no array", path=path)
+        raise FileFormatError(
+            "holds no array of numbers: save a plain array (Python objects are never loaded)",
+            path=path,
+        )
     if len(cubes) > 1:
         raise several_arrays(shapes, option=option, path=path)
     return cubes[0]

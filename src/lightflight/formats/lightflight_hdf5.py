@@ -77,7 +77,7 @@ def read(
     if kind is None:
         raise FileFormatError("is not an HDF5 file of lightflight: check the name", path=path)
     if kind != "recording":
-        raise FileFormatError(f"holds a {kind}, no recording: load it as such", path=path)
+        raise FileFormatError(f"holds a {kind}, no recording: name the recording", path=path)
     if poisson is not None:
         raise ConfigError("hint poisson is for histograms: this is a recording of photons")
     return _read_recording(path, clock)

@@ -142,7 +142,8 @@ def _npy_header(
         raise FileFormatError(f"has no readable .npy header: {error}", path=path) from error
     if dtype.hasobject or dtype.kind not in kinds:
         raise FileFormatError(
-            f"holds {dtype}, not numbers: save a plain array (Python objects are never loaded)",
+            f"holds {dtype}, not real numbers: save a plain array (Python objects are never "
+            "loaded)",
             path=path,
         )
     if any(length < 0 for length in found):

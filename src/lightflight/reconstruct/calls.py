@@ -14,6 +14,7 @@ from lightflight.camera.refraction import refuse_other_medium, refuse_way_throug
 from lightflight.errors import CalibrationError, GeometryError
 from lightflight.flight import Source
 from lightflight.reconstruct.estimators import ESTIMATORS, estimator_named
+from lightflight.reconstruct.legs.plausible import refuse_other_field
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -101,7 +102,8 @@ def checked_call(
     CalibrationError
         Where the time per bin is unknown.
     GeometryError
-        Where the camera is missing, has other pixels, or sits on the source.
+        Where the camera is missing, has other pixels, is told in other units, or sits on the
+        source.
     """
     estimator = estimator_named(method)
     if n_legs is not None and not (is_whole(n_legs) and n_legs >= 1):
@@ -134,6 +136,7 @@ def checked_call(
             f"method={method!r} needs photon counts, and this recording holds scaled intensities "
             "(poisson=False): use method='joint'"
         )
+    refuse_other_field(camera)
     if exclude_mask is not None:
         mask_of_pixels("exclude_mask", exclude_mask, camera.shape)
     if source.position_mm is not None:

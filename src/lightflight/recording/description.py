@@ -325,7 +325,7 @@ def _drift_codes(halves: list[Histograms], pulses: NDArray[np.bool_]) -> tuple[f
 def _missing(hist: Histograms, has_pulse: bool) -> tuple[str, ...]:
     """What is still needed to reconstruct a path, a sentence each."""
     found = []
-    if not has_pulse:
+    if not has_pulse and hist.counts.any():
         found.append(
             "No pixel shows a pulse: this recording can calibrate codes (code density), it cannot "
             "be reconstructed."

@@ -60,9 +60,9 @@ def command(
     \b
     Asked, with what to do where the answer is no:
       units         lengths in mm, times in ps: 0.535 mm, or 535? 2 ps, or 2 ns?
-      aspect        do pixels come out square, or are width and height swapped?
-      orientation   does the first leg lead back to the source, or would it in a
-                    picture that was mirrored, turned or transposed?
+      orientation   do pixels come out square, or are width and height swapped? Does
+                    the first leg lead back to the source, or would it in a picture
+                    that was mirrored, turned or transposed?
       source        is the emission time the one that the recording asks for?
       calibration   is the clock that of the camera that recorded?
 

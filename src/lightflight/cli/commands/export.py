@@ -23,7 +23,7 @@ from lightflight.view.suffixes import EXPORT_SUFFIXES
 )
 @click.option(
     "--samples",
-    type=click.IntRange(min=2),
+    type=click.IntRange(min=2, max=10_000_000),
     default=1000,
     show_default=True,
     help="Points along the path, at equal event times.",

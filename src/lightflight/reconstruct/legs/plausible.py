@@ -39,6 +39,10 @@ _NEARLY = 2.0
 _TINY_MM = 2.0
 """A place told as nearer than this to the origin, and not at it, may be in metres, mm."""
 
+_NARROWEST, _WIDEST = 3e-3, 20.0
+"""Width of the field over its distance: 0.2 degrees, and 168, which no pinhole's lens sees. Of the
+usual 0.1 to 1 metres for mm make a thousandth or a thousand times as much."""
+
 _TURNS = (
     ("mirrored left to right", ((-1, 0), (0, 1))),
     ("mirrored top to bottom", ((1, 0), (0, -1))),
@@ -75,6 +79,19 @@ def slowness(
 
 class OtherUnitsError(GeometryError):
     """Lengths in other units than mm: no path is worth a trial."""
+
+
+def refuse_other_field(camera: Camera) -> None:
+    """Refuse a field of view that no lens sees.
+
+    Raises
+    ------
+    OtherUnitsError
+        Where it is far too wide, or too narrow, for its distance.
+    """
+    found = units_of_camera(camera)
+    if found is not None:
+        raise OtherUnitsError(f"{found.sentence}: {found.remedy}")
 
 
 def refuse_other_units(
@@ -121,6 +138,7 @@ def implausible(
         Empty for a sound set-up.
     """
     asked = (
+        units_of_camera(camera),
         units_of_lengths(camera, source, medium, legs) if legs else None,
         units_of_source(camera, source),
         unit_of_emission(source, code_ps),
@@ -132,6 +150,18 @@ def implausible(
 
 def _finding(name: FindingName, sentence: str, remedy: str) -> Finding:
     return Finding(name, sentence, 0.0, remedy, Severity.CHECK)
+
+
+def units_of_camera(camera: Camera) -> Finding | None:
+    """Whether the field of view can be as wide as it is told to be, so far away."""
+    width = camera.shape[1] / abs(float(camera.matrix[0, 0]))
+    if _NARROWEST < width < _WIDEST:
+        return None
+    return _finding(
+        FindingName.UNITS,
+        f"the camera is told to see a field {width:.3g} times as wide as it is far away",
+        "give distance and field of view both in mm (0.535, or 535?)",
+    )
 
 
 def units_of_lengths(

@@ -39,6 +39,7 @@ from lightflight.reconstruct.other_light.around import (
 )
 from lightflight.reconstruct.verdict.beside import Brightest, brightest_beside
 from lightflight.reconstruct.verdict.count_tests import (
+    ASK_THE_PIXELS,
     Cause,
     Columns,
     Sums,
@@ -349,7 +350,7 @@ def causes(lags: Floats) -> list[Cause]:
             PLAUSIBLE["glare"].size,
             "{size:.2g} of the light lies over the whole picture{each}",
             "shade the lens and cover bright walls, or mask the pixels off the path",
-            labels=("", ", late by ns"),
+            labels=("", ", some nanoseconds late"),
         )
     )
     at += 2
@@ -360,7 +361,7 @@ def causes(lags: Floats) -> list[Cause]:
             tuple(range(at, at + n_table)),
             1e3,
             "counts by class of pixel and time are not those of the path",
-            "look at the counts of single pixels (lightflight view --what pixel)",
+            ASK_THE_PIXELS,
             symptom=True,
         )
     )

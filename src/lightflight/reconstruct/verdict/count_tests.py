@@ -27,7 +27,7 @@ from lightflight.reconstruct.verdict.evidence import LIGHT, SELDOM, Evidence
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_ASK_THE_PIXELS = "look at the counts of single pixels (lightflight view --what pixel)"
+ASK_THE_PIXELS = "look at the counts of single pixels (lightflight plot --what pixel)"
 _LEAST_SIGNAL = 1.0
 """A direction in which plausible sizes make no more than this, sigma, is not asked for."""
 _CLEAR_STDS = 6.0
@@ -263,7 +263,7 @@ def _evidence(
         dof,
         gain,
         f"counts are too low where {_words(cause)} would add to them" if missing else sentence,
-        _ASK_THE_PIXELS if missing else cause.remedy,
+        ASK_THE_PIXELS if missing else cause.remedy,
         directions,
         z,
         symptom=missing or cause.symptom,

@@ -355,7 +355,8 @@ def verdict_with_light_going_on(
     Parameters
     ----------
     verdict : Verdict
-        On the path.
+        On the path; only one of "trust" can change: other light that tests have found, a flash
+        or an image in a curved mirror, may lie along a flight as well.
     path : LightPath
     fit : JointFit
         Of its pulses.
@@ -366,6 +367,8 @@ def verdict_with_light_going_on(
     -------
     Verdict
     """
+    if verdict.level is not Level.TRUST:
+        return verdict
     light = light_going_on(path, fit, nominal=nominal)
     if light is None:
         return verdict
