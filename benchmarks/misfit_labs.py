@@ -12,10 +12,10 @@ photons only. Light of forms that
 no model here has: wings of a lens that fall as a power (of 3 px), light that wanders (the later
 the wider), a screen that glows on for 1.5 ns, an image in a curved mirror, neighbours that count
 along a code later, background that grows across the picture, a flash where the light ends that
-lights the room, a spot with a comet's tail, a beam of two lobes, a laser whose pulses are wider
-or narrower than those of the flat. And what is told: the source's place (a share of its distance),
-its emission time, the clock's codes, focal length, pose, a distortion that is not there, the index,
-and a mirrored picture.
+lights the room, a spot with a comet's tail, a beam of two lobes, a last leg that fans out (behind
+a mirror that shakes), a laser whose pulses are wider or narrower than those of the flat. And what
+is told: the source's place (a share of its distance), its emission time, the clock's codes, focal
+length, pose, a distortion that is not there, the index, and a mirrored picture.
 
 Printed: every laboratory with its verdict; at the end for each defect and strength how many were
 trusted, checked, contradicted and refused, how many are wrong (number of legs, or a point within a
@@ -65,6 +65,8 @@ from benchmarks.random_labs import (
 FAR_STDS = 4.0
 BLIND_TO = {"scale": "clock_scale", "focal": "focal_length", "emission": "clock_offset"}
 """What the verdict calls a defect, where the names differ."""
+_N_SHAKEN = 8
+"""Directions of a beam that shakes."""
 
 Told = dict[str, Any]
 Defect = Callable[[Lab, float, np.random.Generator], tuple[Floats, Told]]
@@ -292,6 +294,21 @@ def two_lobes(lab: Lab, apart_px: float, rng: np.random.Generator) -> tuple[Floa
     return counts_of(lab, _taken(lab, both)), {}
 
 
+def fan(lab: Lab, px: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    """The last mirror, or the source, shakes: the last leg fans out to so many px rms."""
+    way, end = lab.vertices[-1] - lab.vertices[-2], lab.vertices[-1]
+    depth = float(((end - lab.optics.eye) @ lab.optics.axes)[2])
+    # On a circle of sqrt(2) times the rms of each of the two directions across the flight.
+    far = np.sqrt(2.0) * px * depth / lab.optics.focal_px
+    across = far * np.linalg.svd(way[np.newaxis])[2][1:]
+    light = np.zeros((*lab.optics.shape, lab.n_codes))
+    for turn in (np.arange(_N_SHAKEN) + 0.5) * 2.0 * np.pi / _N_SHAKEN:
+        vertices = lab.vertices.copy()
+        vertices[-1] = end + np.cos(turn) * across[0] + np.sin(turn) * across[1]
+        light += light_of(replace(lab, vertices=vertices)) / _N_SHAKEN
+    return counts_of(lab, light), {}
+
+
 def wider(lab: Lab, by: float, rng: np.random.Generator) -> tuple[Floats, Told]:
     return counts_of(lab, light_of(replace(lab, pulse_ps=lab.pulse_ps * (1.0 + by)))), {}
 
@@ -370,6 +387,7 @@ DEFECTS: dict[str, tuple[Defect, tuple[float, ...]]] = {
     "flash": (flash, (0.1, 1.0)),
     "comet": (comet, (0.1, 0.3)),
     "two_lobes": (two_lobes, (0.7, 1.5)),
+    "fan": (fan, (0.5, 1.0)),
     "wider": (wider, (0.1, 0.3)),
     "narrower": (narrower, (0.15,)),
     "source": (source, (0.002, 0.01)),

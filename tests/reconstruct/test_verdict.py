@@ -172,7 +172,7 @@ def test_a_nominal_clock_is_warned_of_once_and_checked():
 
 @pytest.mark.parametrize(("told", "names"), [(2, ["leg_count"]), (3, []), (None, [])])
 def test_legs_that_were_told_and_not_found_are_noticed(told, names):
-    found = noticed(make_path(), (), nominal_clock=False, n_legs=told)
+    found = noticed(make_path(), nominal_clock=False, n_legs=told)
     assert [finding.name for finding in found] == names
 
 

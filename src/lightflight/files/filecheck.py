@@ -216,8 +216,6 @@ def damage_as_format_error(path: str | os.PathLike[str]) -> Iterator[None]:
 
 _LOCKED = ("unable to lock file", "resource temporarily unavailable")
 _OF_DAMAGE = (ValueError, OSError, EOFError, KeyError, RuntimeError, OverflowError)
-_OF_DAMAGE_BY_NAME = ("error", "BadZipFile")  # of struct, zlib and zipfile
-_OF_PROGRAMS = (NotImplementedError, RecursionError)
 
 
 def blame(error: Exception) -> str:

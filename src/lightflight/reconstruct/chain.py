@@ -204,7 +204,7 @@ def _unless_contradicted(attempt: Callable[[], LightPath]) -> LightPath | None:
             path = attempt()
         except (GeometryError, NothingFoundError):
             return None
-    return None if path.verdict.level is Level.CONTRADICTED else path
+    return path if _stands(path) else None
 
 
 def _shares(request: Request, wanted: Sequence[str]) -> dict[str, float]:
@@ -300,7 +300,7 @@ def _with_a_leg_less(found: LightPath, request: Request, estimator: Estimator) -
     """
     told = request.n_legs is not None or request.start is not None or request.may_bend
     chain = not (found.forks or found.unseen_legs or found.bends)
-    if told or not chain or found.verdict.level is not Level.CONTRADICTED:
+    if told or not chain or _stands(found):
         return found
     state = state_of_path(found)
     if all(state.turn_deg(corner) >= _IN_LINE_DEG for corner in state.corners_seen):
@@ -434,10 +434,10 @@ def _going_on(
     found: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
 ) -> LightPath | None:
     """The path with a leg behind its end that only all counts show, where that stands."""
-    told = request.n_legs is not None or request.start is not None
-    if told or fit is None or estimator.of_fit is None:
+    named = FindingName.LEG_COUNT in {one.name for one in found.verdict.findings}
+    if not named or fit is None or estimator.of_fit is None:
         return None
-    if FindingName.LEG_COUNT not in {one.name for one in found.verdict.findings}:
+    if request.n_legs is not None or request.start is not None:
         return None
     longer = path_going_on(found, fit, request.setting, nominal=request.timing is None)
     judged = None if longer is None else _judged(longer, None, request, estimator)
@@ -479,8 +479,7 @@ def _without_images(found: LightPath, request: Request, estimator: Estimator) ->
 def _passes(path: LightPath) -> bool:
     """Whether tests of the counts let a path stand."""
     named = {one.name for one in path.verdict.findings}
-    stands = path.verdict.level is not Level.CONTRADICTED
-    return stands and FindingName.NOT_EXAMINED not in named
+    return _stands(path) and FindingName.NOT_EXAMINED not in named
 
 
 def _warned(path: LightPath) -> LightPath:
@@ -532,8 +531,7 @@ def _forked(fit: JointFit | None, request: Request, estimator: Estimator) -> Lig
         return None
     # What the tests let stand is right; what they do not may have arms and something else wrong.
     path = _judged(*told, request, estimator)
-    stands = path.verdict.level is not Level.CONTRADICTED
-    return path if stands or take_up_most(told[1], fit, request.sightings) else None
+    return path if _stands(path) or take_up_most(told[1], fit, request.sightings) else None
 
 
 def _may_fork(request: Request, estimator: Estimator) -> bool:
@@ -597,7 +595,7 @@ def _judged(
     others = () if fit is None else _others(path, fit, request, estimator)
     if others and others[0].is_far_likelier:
         likelier = _examined(others[0].answer.path, others[0].fit, request, estimator)
-        if likelier.verdict.level is not Level.CONTRADICTED:
+        if _stands(likelier):
             # Two that each call the other far likelier are both told.
             others = _others(likelier, others[0].fit, request, estimator)
             return with_others(likelier, others)

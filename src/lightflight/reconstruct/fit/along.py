@@ -18,9 +18,10 @@ from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.flight import Source
 from lightflight.path.bends import MOST_ORDERS, Bend, shapes_at
 from lightflight.reconstruct.fit.bent import axes_across
+from lightflight.reconstruct.fit.membership import prints_of_leg
 from lightflight.reconstruct.model.drawn import course_on, told_of_curve
 from lightflight.reconstruct.model.freedom import sagitta_std_mm, state_vector
-from lightflight.reconstruct.model.geometry import PathState, footprints
+from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import MEDIUM, SharedErrors, shared_errors
 from lightflight.reconstruct.model.sighting import Sighting
@@ -144,13 +145,7 @@ def _timed(
     errors = shared_errors(setting)
     first = sightings[0]
     rows = first.usable_pulses
-    prints = [
-        footprints(
-            state, camera=setting.camera, medium=setting.medium, legs=leg,
-            rows=first.arrivals.row[rows], cols=first.arrivals.col[rows],
-        )
-        for leg in state.seen
-    ]  # fmt: skip
+    prints = [prints_of_leg(first, state, setting, rows, leg) for leg in state.seen]
     nearest = np.argmin([np.abs(print_.lateral_px) for print_ in prints], axis=0)
     late, back, out = [], [], []
     for leg, print_ in zip(state.seen, prints, strict=True):

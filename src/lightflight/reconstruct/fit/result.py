@@ -81,7 +81,7 @@ def covariance_parts(fit: JointFit) -> dict[str, Floats]:
     return {"photon": photon, "pixel": per_pixel @ per_pixel.T + floor, "shared": shared}
 
 
-def residual_table(fit: JointFit, sightings: list[Sighting], setting: Setting) -> NDArray[np.void]:
+def residual_table(fit: JointFit, sightings: list[Sighting]) -> NDArray[np.void]:
     """One row per pulse on the path that the first camera saw; dtype `path.RESIDUAL_DTYPE`.
 
     Parameters
@@ -90,13 +90,11 @@ def residual_table(fit: JointFit, sightings: list[Sighting], setting: Setting) -
         The joint fit.
     sightings : list of Sighting
         Recordings of one flight, on the clock and with their pulses found.
-    setting : Setting
-        Camera, source, medium and waypoints.
 
     Returns
     -------
-    object
-        (n,), dtype `path.RESIDUAL_DTYPE`; outliers are flagged.
+    structured array, shape (n,)
+        Of dtype `path.RESIDUAL_DTYPE`; outliers are flagged.
     """
     times, solution = fit.times, fit.solution
     state = solution.state
@@ -134,7 +132,6 @@ def path_from_fit(
     sightings: list[Sighting],
     setting: Setting,
     *,
-    method: str,
     statements: tuple[str, ...] = (),
     truth: Any = None,
 ) -> LightPath:
@@ -148,8 +145,6 @@ def path_from_fit(
         Recordings of one flight, on the clock and with their pulses found.
     setting : Setting
         Camera, source, medium and waypoints.
-    method : str
-        What the path calls its estimator.
     statements : tuple of str, optional
         What it rests on and leaves open, one sentence each.
     truth : object, optional
@@ -189,10 +184,10 @@ def path_from_fit(
         camera=solution.camera,
         source=setting.source,
         medium=solution.medium,
-        method=method,
+        method="joint",
         goodness=goodness,
         covariance_parts={name: part[:n, :n] for name, part in parts.items()},
-        residuals=residual_table(fit, sightings, setting),
+        residuals=residual_table(fit, sightings),
         prior=prior_in_words(setting.source),
         statements=statements,
         truth=truth,

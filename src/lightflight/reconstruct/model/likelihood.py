@@ -35,8 +35,6 @@ class Likelihood:
         Their own step at fixed parameters.
     nuisance_std : array of float, shape (n, 2 + L)
         Their standard errors at fixed parameters.
-    fisher : array of float, shape (n, 3 L + 1, 3 L + 1)
-        Information of each pixel in its local variables.
     """
 
     value: float
@@ -45,7 +43,6 @@ class Likelihood:
     nuisance_gain: Floats
     nuisance_step: Floats
     nuisance_std: Floats
-    fisher: Floats
 
 
 def likelihood(
@@ -122,7 +119,6 @@ def likelihood(
         nuisance_gain=-follow @ outer,
         nuisance_step=own.step,
         nuisance_std=np.sqrt(np.maximum(np.diagonal(own.inverse, axis1=1, axis2=2), 0.0)),
-        fisher=information,
     )
 
 

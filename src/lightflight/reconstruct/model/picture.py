@@ -216,13 +216,13 @@ def _counted(
     """Photons of each leg in the pixels near it, and whose light is mixed with another's."""
     pixels = _pixels_near(legs, camera, sighting.blind)
     arrival, width = _times_of_legs(state, pixels, camera, medium, std_ps)
-    photons, empty, _ = photons_at_times(sighting, pixels.rows, pixels.cols, arrival, width)
+    photons, empty = photons_at_times(sighting, pixels.rows, pixels.cols, arrival, width)
     halo, unknown, diffuse = np.zeros(photons.shape), np.zeros((len(photons), 0)), None
     if fine and sighting.diffuse is not None and sighting.diffuse.has_halo:
         # A halo is as bright as the line that it is of: what it adds says how bright that is.
         diffuse = sighting.diffuse
         bare = replace(sighting, diffuse=diffuse.without_halo())
-        bright, empty, _ = photons_at_times(bare, pixels.rows, pixels.cols, arrival, width)
+        bright, empty = photons_at_times(bare, pixels.rows, pixels.cols, arrival, width)
         halo = np.maximum(bright - photons, 0.0)
         unknown = diffuse.halo_unknown(pixels.rows, pixels.cols, camera.shape)
     return _Counted(pixels, photons, empty, halo, unknown, _blended(arrival, width), diffuse)

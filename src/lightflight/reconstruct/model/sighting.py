@@ -217,7 +217,7 @@ def pixel_counts(sighting: Sighting, rows: Indices, cols: Indices) -> PixelCount
 
 def photons_at_times(
     sighting: Sighting, rows: Indices, cols: Indices, arrival_ps: Floats, std_ps: Floats
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[Floats, Floats]:
     """Photons of pulses at known arrival times in each pixel.
 
     Parameters
@@ -234,7 +234,6 @@ def photons_at_times(
     empty_variance : array of float, shape (n, L)
         Variance of `photons` without light; images of what no picture shows may be twice as bright
         as they are told, or none.
-    background_per_ps : array of float, shape (n,)
     """
     pixels = pixel_counts(sighting, rows, cols)
     response = sighting.timing.response
@@ -256,7 +255,7 @@ def photons_at_times(
             arrival_ps + pixels.skew_ps[:, np.newaxis], std_ps, light, table=table,
         )  # fmt: skip
 
-    photons, variance, background = without(other)
+    photons, variance, _ = without(other)
     if other is not None and guessed is not None:
         variance = variance + (photons - without(other + guessed)[0]) ** 2
-    return photons, variance, background
+    return photons, variance

@@ -62,7 +62,7 @@ def evidence_of_own_errors(
 
     Of angles and corners that which is farthest off, in its own stated error and the other's.
     """
-    other = path_from_fit(fit, sightings, setting, method="joint")
+    other = path_from_fit(fit, sightings, setting)
 
     def numbers(one: LightPath) -> Floats:
         angles = [(leg.angle_deg, leg.angle_std_deg) for leg in one.legs]
@@ -86,7 +86,6 @@ def evidence_of_own_errors(
 
 def noticed(
     path: LightPath,
-    sightings: Sequence[Sighting],
     *,
     nominal_clock: bool,
     n_legs: int | None,

@@ -75,7 +75,7 @@ def examined(
     own = fit is not None
     fit = _fit_about(path, sightings, setting) if fit is None else fit
     n_shown = None if fit is None else fit.n_shown
-    said = noticed(path, sightings, nominal_clock=nominal_clock, n_legs=n_legs, n_shown=n_shown)
+    said = noticed(path, nominal_clock=nominal_clock, n_legs=n_legs, n_shown=n_shown)
     verdict = Verdict(Level.CHECK, (*said, *NOT_EXAMINED.findings))
     if fit is not None:
         beyond = beyond_the_tests(fit, sightings)

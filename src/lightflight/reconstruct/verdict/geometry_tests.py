@@ -9,6 +9,7 @@ tests.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -95,12 +96,12 @@ def evidence_from_geometry(
         np.sqrt(times.weights(0.0)),
         len(solution.rows),
     )
-    counted = _counted_ps(fit, sightings) - solution.residual_ps
+    counted = _of_pulses(fit, sightings, counted_ps) - solution.residual_ps
     candidates = geometry_candidates(
         rows,
         counted_ps=counted,
         repeat=_repeats(fit, sightings),
-        photons=_of_pulses(fit, sightings, "photons"),
+        photons=_of_pulses(fit, sightings, lambda one: one.arrivals.photons),
     )
     found = [(candidate, _score_test(candidate, examined)) for candidate in candidates]
     tested = [(candidate, one) for candidate, one in found if one is not None]
@@ -361,21 +362,14 @@ def _against_neighbours(pulses: Indices, times: TimeData, solution: Solution) ->
     return sigmas
 
 
-def _of_pulses(fit: JointFit, sightings: list[Sighting], name: str) -> Floats:
-    """(n,) what the tables of arrivals say of each pulse."""
+def _of_pulses(
+    fit: JointFit, sightings: list[Sighting], told_by: Callable[[Sighting], Floats]
+) -> Floats:
+    """(n,) what recordings tell of each of their arrivals, for the pulses of the fit."""
     out = np.zeros(len(fit.times.leg))
     for number, sighting in enumerate(sightings):
         here = fit.sighting_of == number
-        out[here] = getattr(sighting.arrivals, name)[fit.times.index[here]]
-    return out
-
-
-def _counted_ps(fit: JointFit, sightings: list[Sighting]) -> Floats:
-    """(n,) `counted_ps` of each pulse of the fit."""
-    out = np.zeros(len(fit.times.leg))
-    for number, sighting in enumerate(sightings):
-        here = fit.sighting_of == number
-        out[here] = counted_ps(sighting)[fit.times.index[here]]
+        out[here] = told_by(sighting)[fit.times.index[here]]
     return out
 
 

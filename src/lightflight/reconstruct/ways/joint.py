@@ -294,7 +294,6 @@ def path_of_fit(fit: JointFit, request: Request) -> LightPath:
         fit,
         list(fit.sightings),
         request.setting,
-        method="joint",
         statements=(
             *_statements_of_path(fit, request.timing),
             *statements_of_curves(fit.solution.state, request.setting.curves),
