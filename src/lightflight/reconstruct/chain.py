@@ -18,7 +18,14 @@ from lightflight.flight import Medium, Source
 from lightflight.path.glass import refuse_other_crossings
 from lightflight.path.light_path import LightPath
 from lightflight.path.tables import Explained
-from lightflight.path.verdict import NOT_EXAMINED, FindingName, Level, Verdict, warning_of
+from lightflight.path.verdict import (
+    NOT_EXAMINED,
+    FindingName,
+    Level,
+    Severity,
+    Verdict,
+    warning_of,
+)
 from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, checked_media
 from lightflight.reconstruct.estimators import Estimator, estimator_named
 from lightflight.reconstruct.fit.joint import JointFit
@@ -434,7 +441,9 @@ def _going_on(
     found: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
 ) -> LightPath | None:
     """The path with a leg behind its end that only all counts show, where that stands."""
-    named = FindingName.LEG_COUNT in {one.name for one in found.verdict.findings}
+    # Legs in doubt are counted by that name, too, and contradict nothing.
+    goes_on = (FindingName.LEG_COUNT, Severity.CONTRADICTED)
+    named = goes_on in {(one.name, one.severity) for one in found.verdict.findings}
     if not named or fit is None or estimator.of_fit is None:
         return None
     if request.n_legs is not None or request.start is not None:

@@ -75,10 +75,10 @@ def _joint_of_fit(fit: JointFit, request: Request) -> LightPath:
 
 
 def _photon_of_fit(fit: JointFit, request: Request) -> LightPath:
+    from lightflight.reconstruct.all_counts.photon import path_of_all_counts
     from lightflight.reconstruct.ways.joint import path_of_fit
-    from lightflight.reconstruct.ways.photon import path_of_all_counts
 
-    return path_of_all_counts(fit, path_of_fit(fit, request), request)
+    return path_of_all_counts(fit, path_of_fit(fit, request), request.setting)
 
 
 ESTIMATORS = (

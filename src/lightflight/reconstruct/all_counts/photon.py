@@ -28,8 +28,10 @@ from lightflight.reconstruct.all_counts.counts import (
     view_of_counts,
     with_uneven,
 )
+from lightflight.reconstruct.fit.active_area import areas_found
 from lightflight.reconstruct.fit.ends import Ends, freedom_at, known_tips, with_ends
-from lightflight.reconstruct.fit.joint import refuse_run_away
+from lightflight.reconstruct.fit.fine import rests_of_light
+from lightflight.reconstruct.fit.joint import JointFit, pulse_std_ps, refuse_run_away
 from lightflight.reconstruct.fit.membership import (
     Tips,
     fraction_at,
@@ -120,6 +122,46 @@ def photon_path(
             without = climbed({**told, view: 0.0})
             path = _with_error_of_area(path, larger, without, fourth_std / wide**4)
     return path
+
+
+def path_of_all_counts(
+    fit: JointFit, rough: LightPath, setting: Setting, *, tips: Tips | None = None
+) -> LightPath:
+    """The path by all counts, from a fit of single pulses.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The fit.
+    rough : LightPath
+        Its path.
+    setting : Setting
+        Camera, source, medium and waypoints.
+    tips : Tips, optional
+        Where light begins and stops in view; None: as the fit has it.
+
+    Returns
+    -------
+    LightPath
+        On some lap of the clock.
+
+    Raises
+    ------
+    NothingFoundError
+        Where the counts lead it out of all bounds.
+    """
+    sightings = list(fit.sightings)
+    return photon_path(
+        sightings,
+        setting,
+        rough,
+        std_ps=pulse_std_ps(sightings),
+        tips=fit.tips if tips is None else tips,
+        shared=fit.solution.shared,
+        areas=areas_found(fit),
+        rests=rests_of_light(fit, setting),
+        slanted=fit.slanted,
+    )
 
 
 def _with_error_of_area(

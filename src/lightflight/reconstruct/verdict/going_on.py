@@ -20,9 +20,7 @@ from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.flight import Medium
 from lightflight.path.light_path import LightPath
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
-from lightflight.reconstruct.fit.active_area import areas_found
-from lightflight.reconstruct.fit.fine import rests_of_light
-from lightflight.reconstruct.fit.joint import JointFit, pulse_std_in_view, pulse_std_ps
+from lightflight.reconstruct.fit.joint import JointFit, pulse_std_in_view
 from lightflight.reconstruct.fit.membership import mode_columns
 from lightflight.reconstruct.model.cells import cells_about
 from lightflight.reconstruct.model.counted import dark_pixels
@@ -316,7 +314,7 @@ def path_going_on(
     if light is None:
         return None
     # A third of a kernel's compilation, and few paths end in view.
-    from lightflight.reconstruct.all_counts.photon import photon_path
+    from lightflight.reconstruct.all_counts.photon import path_of_all_counts
 
     way = float(np.linalg.norm(light.end_mm - path.vertices_mm[-1]))
     flown = way * fit.solution.medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
@@ -329,13 +327,8 @@ def path_going_on(
         covariance_parts={},
         bend_covariance=np.zeros((n + b, b)),
     )
-    sightings = list(fit.sightings)
     try:
-        longer = photon_path(
-            sightings, setting, rough, std_ps=pulse_std_ps(sightings), tips=(fit.tips[0], None),
-            shared=fit.solution.shared, areas=areas_found(fit), rests=rests_of_light(fit, setting),
-            slanted=fit.slanted,
-        )  # fmt: skip
+        longer = path_of_all_counts(fit, rough, setting, tips=(fit.tips[0], None))
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return None
     if not longer.goodness.converged:

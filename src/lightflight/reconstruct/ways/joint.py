@@ -22,9 +22,7 @@ from lightflight.errors import (
     NothingFoundError,
 )
 from lightflight.path.light_path import LightPath
-from lightflight.reconstruct.fit.active_area import areas_found
 from lightflight.reconstruct.fit.along import begun_along, statements_of_curves, with_curves
-from lightflight.reconstruct.fit.fine import rests_of_light
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulse_std_ps
 from lightflight.reconstruct.fit.pictures import lit_untold, state_in_view
 from lightflight.reconstruct.fit.prices import prices_of_fit
@@ -325,18 +323,13 @@ def path_of_pulses(fit: JointFit, request: Request) -> LightPath:
         Told as `joint`.
     """
     path = path_of_fit(fit, request)
-    sightings, setting = list(fit.sightings), request.setting
-    why = _why_all_counts(fit, setting)
-    if not why or not all(o.histograms.poisson for o in sightings):
+    why = _why_all_counts(fit, request.setting)
+    if not why or not all(o.histograms.poisson for o in fit.sightings):
         return path
-    from lightflight.reconstruct.all_counts.photon import photon_path
+    from lightflight.reconstruct.all_counts.photon import path_of_all_counts
 
     try:
-        better = photon_path(
-            sightings, setting, path, std_ps=pulse_std_ps(sightings), tips=fit.tips,
-            shared=fit.solution.shared, areas=areas_found(fit), rests=rests_of_light(fit, setting),
-            slanted=fit.slanted,
-        )  # fmt: skip
+        better = path_of_all_counts(fit, path, request.setting)
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError):
         return path
     # The likelihood may have climbed another hill, or know too little of uneven light; then the

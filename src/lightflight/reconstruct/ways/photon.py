@@ -10,10 +10,8 @@ from lightflight.errors import CalibrationError, GeometryError, NothingFoundErro
 from lightflight.path.light_path import LightPath
 from lightflight.path.tables import RESIDUAL_DTYPE
 from lightflight.reconstruct.all_counts.counts import merged
-from lightflight.reconstruct.all_counts.photon import photon_path
+from lightflight.reconstruct.all_counts.photon import path_of_all_counts, photon_path
 from lightflight.reconstruct.all_counts.pooled import pooled_camera, pooled_sighting
-from lightflight.reconstruct.fit.active_area import areas_found
-from lightflight.reconstruct.fit.fine import rests_of_light
 from lightflight.reconstruct.fit.joint import JointFit, pulse_std_ps
 from lightflight.reconstruct.sightings import unwrapped_sighting
 from lightflight.reconstruct.ways.joint import fit_of_request, path_of_fit
@@ -55,43 +53,7 @@ def path_by_photon(request: Request) -> tuple[LightPath, JointFit | None]:
             raise
         rough, std_ps = _pooled_path(request)
         return photon_path(request.sightings, request.setting, rough, std_ps=std_ps), None
-    return path_of_all_counts(fit, rough, request), fit
-
-
-def path_of_all_counts(fit: JointFit, rough: LightPath, request: Request) -> LightPath:
-    """The path by all counts, from a fit of single pulses.
-
-    Parameters
-    ----------
-    fit : JointFit
-        The fit.
-    rough : LightPath
-        Its path.
-    request : Request
-        What it answers.
-
-    Returns
-    -------
-    LightPath
-        On some lap of the clock.
-
-    Raises
-    ------
-    NothingFoundError
-        Where the counts lead it out of all bounds.
-    """
-    sightings = list(fit.sightings)
-    return photon_path(
-        sightings,
-        request.setting,
-        rough,
-        std_ps=pulse_std_ps(sightings),
-        tips=fit.tips,
-        shared=fit.solution.shared,
-        areas=areas_found(fit),
-        rests=rests_of_light(fit, request.setting),
-        slanted=fit.slanted,
-    )
+    return path_of_all_counts(fit, rough, request.setting), fit
 
 
 def _pooled_path(request: Request) -> tuple[LightPath, float]:
