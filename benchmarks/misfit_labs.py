@@ -13,9 +13,10 @@ no model here has: wings of a lens that fall as a power (of 3 px), light that wa
 the wider), a screen that glows on for 1.5 ns, an image in a curved mirror, neighbours that count
 along a code later, background that grows across the picture, a flash where the light ends that
 lights the room, a spot with a comet's tail, a beam of two lobes, a last leg that fans out (behind
-a mirror that shakes), a laser whose pulses are wider or narrower than those of the flat. And what
-is told: the source's place (a share of its distance), its emission time, the clock's codes, focal
-length, pose, a distortion that is not there, the index, and a mirrored picture.
+a mirror that shakes, about two axes or one), a laser whose pulses are wider or narrower than those
+of the flat. And what is told: the source's place (a share of its distance), its emission time, the
+clock's codes, focal length, pose, a distortion that is not there, the index, and a mirrored
+picture.
 
 Printed: every laboratory with its verdict; at the end for each defect and strength how many were
 trusted, checked, contradicted and refused, how many are wrong (number of legs, or a point within a
@@ -42,6 +43,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, shift
 from scipy.signal import fftconvolve, lfilter
 from scipy.spatial.transform import Rotation
+from scipy.special import ndtri
 
 import lightflight as lf
 from lightflight.errors import CalibrationError, GeometryError, NothingFoundError
@@ -309,6 +311,23 @@ def fan(lab: Lab, px: float, rng: np.random.Generator) -> tuple[Floats, Told]:
     return counts_of(lab, light), {}
 
 
+def sheet(lab: Lab, px: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    """The last mirror, or the source, shakes about one axis: the leg fans out across its image."""
+    way, end = lab.vertices[-1] - lab.vertices[-2], lab.vertices[-1]
+    sight = end - lab.optics.eye
+    right = np.cross(way, sight)
+    far = px * float((sight @ lab.optics.axes)[2]) / lab.optics.focal_px
+    across = far * right / np.linalg.norm(right)
+    # A Gaussian's means of equal parts, as wide as told.
+    steps = ndtri((np.arange(_N_SHAKEN) + 0.5) / _N_SHAKEN)
+    light = np.zeros((*lab.optics.shape, lab.n_codes))
+    for step in steps / np.std(steps):
+        vertices = lab.vertices.copy()
+        vertices[-1] = end + step * across
+        light += light_of(replace(lab, vertices=vertices)) / _N_SHAKEN
+    return counts_of(lab, light), {}
+
+
 def wider(lab: Lab, by: float, rng: np.random.Generator) -> tuple[Floats, Told]:
     return counts_of(lab, light_of(replace(lab, pulse_ps=lab.pulse_ps * (1.0 + by)))), {}
 
@@ -388,6 +407,7 @@ DEFECTS: dict[str, tuple[Defect, tuple[float, ...]]] = {
     "comet": (comet, (0.1, 0.3)),
     "two_lobes": (two_lobes, (0.7, 1.5)),
     "fan": (fan, (0.5, 1.0)),
+    "sheet": (sheet, (0.7,)),
     "wider": (wider, (0.1, 0.3)),
     "narrower": (narrower, (0.15,)),
     "source": (source, (0.002, 0.01)),

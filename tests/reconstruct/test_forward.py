@@ -54,8 +54,9 @@ def scene_of(
     scatter: float = 0.0,
     n_modes: int = 0,
     n_uneven: int = 0,
+    camera: Camera = CAMERA,
 ) -> tuple[Light, Pixels]:
-    lines = tuple(leg_in_picture(state, k, CAMERA) for k in range(state.n_legs))
+    lines = tuple(leg_in_picture(state, k, camera) for k in range(state.n_legs))
     splines = [straight(lambda s: np.log(photons) + slope * s, line) for line in lines]
     light = Light(
         lines,
@@ -65,8 +66,8 @@ def scene_of(
         float(np.log(std)),
         (scatter,) * state.n_legs,
     )
-    rows, cols = (index.ravel() for index in np.indices(CAMERA.shape))
-    points = undistorted_px(CAMERA, rows, cols)
+    rows, cols = (index.ravel() for index in np.indices(camera.shape))
+    points = undistorted_px(camera, rows, cols)
     near = np.zeros((len(rows), len(lines)), dtype=bool)
     for k, line in enumerate(lines):
         along, across = line.along_across(points)
@@ -160,22 +161,26 @@ class TestShared:
     """Derivatives by the path, the light and the clock, through the pixels' own nuisances."""
 
     @pytest.mark.parametrize(
-        ("state", "slope", "growing", "active", "beam", "n_uneven"),
+        ("state", "slope", "growing", "active", "beam", "own", "n_uneven"),
         [
-            (CORNER, 0.03, 0.0, 0.0, None, 0),
-            (CORNER, 0.2, 0.0, 0.0, None, 0),
-            (STEEP, 0.03, 0.0, 0.0, None, 0),
-            (ASIDE, 0.2, 0.0, 0.0, None, 0),
-            (CORNER, 0.1, 0.3, 0.0, None, 0),
-            (CORNER, 0.1, 0.0, 1.0, None, 0),
-            (ASIDE, 0.1, 0.3, 0.9, None, 0),
-            (CORNER, 0.1, 0.0, 0.0, 0.5, 0),
-            (ASIDE, 0.1, 0.3, 0.9, 0.0, 0),
-            (CORNER, 0.1, 0.0, 0.0, None, 3),
-            (ASIDE, 0.1, 0.3, 0.9, 0.0, 3),
+            (CORNER, 0.03, 0.0, 0.0, None, (), 0),
+            (CORNER, 0.2, 0.0, 0.0, None, (), 0),
+            (STEEP, 0.03, 0.0, 0.0, None, (), 0),
+            (ASIDE, 0.2, 0.0, 0.0, None, (), 0),
+            (CORNER, 0.1, 0.3, 0.0, None, (), 0),
+            (CORNER, 0.1, 0.0, 1.0, None, (), 0),
+            (ASIDE, 0.1, 0.3, 0.9, None, (), 0),
+            (CORNER, 0.1, 0.0, 0.0, 0.5, (), 0),
+            (ASIDE, 0.1, 0.3, 0.9, 0.0, (), 0),
+            (CORNER, 0.1, 0.3, 0.0, 0.3, ((0.5, 0.9), (0.8, 0.2)), 0),
+            (ASIDE, 0.1, 0.3, 0.9, None, ((0.5, 0.1), (0.3, 1.2)), 0),
+            (CORNER, 0.1, 0.0, 0.0, None, (), 3),
+            (ASIDE, 0.1, 0.3, 0.9, 0.0, (), 3),
         ],
     )
-    def test_score_is_the_slope_of_the_value(self, state, slope, growing, active, beam, n_uneven):
+    def test_score_is_the_slope_of_the_value(
+        self, state, slope, growing, active, beam, own, n_uneven
+    ):
         """Pixels' nuisances follow a step as `nuisance_gain` says; the slope along that way is the
         efficient score. In standard errors of each parameter alone; corners in view included."""
         light, pixels = scene_of(
@@ -186,6 +191,7 @@ class TestShared:
             spots = tuple(SpotAlong(np.array([-6.0, 6.0]), varies) for _ in light.lines)
             light = replace(light, spots=spots)
         light = replace(light, active_px=active, beam_share=beam)
+        light = replace(light, own_shares=own, lens_var_px2=0.3**2)
         model = Model(state, light, pixels, seed=1)
         found = model.at()
         error = 1.0 / np.sqrt(np.diag(found.information) + 1e-12)

@@ -25,7 +25,7 @@ from lightflight.reconstruct.model.shared import (
     shared_errors,
 )
 from lightflight.reconstruct.model.strength import SPOT_PRIOR
-from lightflight.reconstruct.model.thick_beam import BEAM_SHARE_STD
+from lightflight.reconstruct.model.thick_beam import BEAM_SHARE_STD, OWN_SHARE, OWN_SHARE_STD
 from lightflight.reconstruct.model.unknowns import Layout, Light, layout_of, moved_light
 from lightflight.units import std_from_mad
 
@@ -354,6 +354,8 @@ class _Hill:
             own[-2] = at.light.log_spot_px - SPOT_PRIOR[0]
             if layout.beam is not None:
                 own[layout.beam] = at.light.beam_share
+            for start, shares in zip(layout.own_shares, at.light.own_shares, strict=True):
+                own[start : start + 2] = np.array(shares) - OWN_SHARE
             held[places] += own
             score[places[layout.unit_priors][: layout.n_modes]] = -at.modes
             squared += float(at.modes @ at.modes)
@@ -380,6 +382,9 @@ def _priors(freedom: Freedom, order: Order, views: Sequence[View]) -> tuple[Floa
         hold[places[-2], places[-2]] = 1.0 / SPOT_PRIOR[1] ** 2
         if layout.beam is not None:
             hold[places[layout.beam], places[layout.beam]] = 1.0 / BEAM_SHARE_STD**2
+        for first in layout.own_shares:
+            own = places[first : first + 2]
+            hold[own, own] = 1.0 / OWN_SHARE_STD**2
     return prior, hold
 
 

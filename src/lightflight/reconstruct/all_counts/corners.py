@@ -103,13 +103,21 @@ def statements_of_corners(
     for at, layout, places in zip(
         ended.points, ended.order.layouts, ended.order.places, strict=True
     ):
+        stds = np.sqrt(np.diag(covariance)[places])
         share = at.light.beam_share
-        if share is None or layout.beam is None:
-            continue
-        std = float(np.sqrt(covariance[places[layout.beam], places[layout.beam]]))
-        if share > _SEEN_STDS * std:
-            said.append(
-                f"The beam's own thickness makes {share:.0%} ± {std:.0%} of the spot's variance: "
-                "its mirrors and ends cut it aslant."
-            )
+        if share is not None and layout.beam is not None:
+            std = stds[layout.beam]
+            if share > _SEEN_STDS * std:
+                said.append(
+                    f"The beam's own thickness makes {share:.0%} ± {std:.0%} of the spot's "
+                    "variance: its mirrors and ends cut it aslant."
+                )
+        for leg, (start, own) in enumerate(
+            zip(layout.own_shares, at.light.own_shares, strict=True), 1
+        ):
+            if own[0] > _SEEN_STDS * stds[start]:
+                said.append(
+                    f"Leg {leg} is wider than others, or fans out: the beam, not the lens, makes "
+                    f"{own[0]:.0%} ± {stds[start]:.0%} of what its spot is wider."
+                )
     return tuple(said)

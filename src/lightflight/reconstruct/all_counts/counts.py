@@ -49,7 +49,7 @@ from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting, clock_errors, pixel_counts
 from lightflight.reconstruct.model.strength import span_of_knots, strength_spline
-from lightflight.reconstruct.model.thick_beam import BEAM_SHARE_STD, clear_of_corners_px
+from lightflight.reconstruct.model.thick_beam import BEAM_SHARE_STD, OWN_SHARE, clear_of_corners_px
 from lightflight.reconstruct.model.unknowns import Light
 from lightflight.timing.pulses.pile_up import open_share_of
 
@@ -61,6 +61,9 @@ Floats = NDArray[np.float64]
 
 LIKELIHOOD_REACH_PX = 2.5
 """A pixel this near to a leg's line takes part in the likelihood, px, and its pulse must agree."""
+_ALIKE = 0.98
+"""Variances of spots whose ratio is more than this are alike: what is the beam's of the rest moves
+times by 0.02 ps."""
 _DISTURBING = 12.0
 """A strange pulse this many standard deviations from a leg's reaches into its light."""
 _AT_TIP_PX = 2.5
@@ -524,9 +527,13 @@ def view_of_counts(
             "too little light: the counts lose the path from the picture; record longer, or "
             "give a starting path (start=)"
         ) from lost
+    lens_px2, widest_px2 = picture.spot_variances_px2
+    n_varying = in_view.n_legs if lens_px2 < _ALIKE * widest_px2 else 0
     light = replace(
         light_from_picture(picture, counts.intrinsic_ps), cut_ends=cut_ends,
         beam_share=0.0 if _shows_cuts(in_view, cut_ends, own.camera) else None,
+        own_shares=((OWN_SHARE, OWN_SHARE),) * n_varying,
+        lens_var_px2=lens_px2,
     )  # fmt: skip
     # Light of a leg that the picture says too little of is not expected: its pixels are left out.
     hidden = lit_untold(in_view, own.camera, picture)

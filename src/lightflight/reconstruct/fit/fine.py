@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.active_area import areas_of_path, with_area_errors
+from lightflight.reconstruct.fit.broad_beams import late_by_beams_ps, with_broad_beams
 from lightflight.reconstruct.fit.joint import JointFit, as_found, pulse_std_ps, told_lines
 from lightflight.reconstruct.fit.membership import (
     MOST_SHIFT,
@@ -140,7 +141,8 @@ def finely_lit(fit: JointFit, sightings: list[Sighting], setting: Setting) -> Jo
         footprint_ps=feet + uneven.late_ps,
         modes_ps=np.hstack((fit.times.modes_ps[:, : _n_of_clock(fit)], uneven.columns_ps)),
     )
-    return with_area_errors(with_slanted_spots(replace(shown, times=times), setting), setting)
+    shown = with_broad_beams(replace(shown, times=times), setting)
+    return with_area_errors(with_slanted_spots(shown, setting), setting)
 
 
 def rests_of_light(fit: JointFit, setting: Setting) -> dict[int, tuple[RestAlong, ...]]:
@@ -181,7 +183,7 @@ def _feet_and_rest(
     feet, n_of_clock = _feet(fit, seen), _n_of_clock(fit)
     # What was known of uneven light before stands behind the errors of the clock.
     of_light = fit.times.modes_ps[:, n_of_clock:] @ fit.solution.modes[n_of_clock:]
-    of_light -= leaning_ps(fit)
+    of_light -= leaning_ps(fit) + late_by_beams_ps(fit)
     left = fit.solution.residual_ps + fit.times.footprint_ps + of_light - feet
     return feet, uneven_light(fit, sightings, setting, left)
 

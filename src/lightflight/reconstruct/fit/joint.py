@@ -95,6 +95,9 @@ class JointFit:
         Of diffuse light, by camera and clock; empty: the pulses are as they were found.
     active_px : mapping of int to float
         Side of the active area of cameras whose counts or path show one.
+    broad : tuple of (int, int)
+        Camera and leg of which the last shared errors of `times` but those that lean and the
+        areas' say what of their spot is the beam's.
     slanted : bool
         Whether spots may be no circles: how much times lean to the sides of legs is fitted.
     leaning : tuple of (int, int)
@@ -116,6 +119,7 @@ class JointFit:
     sightings: tuple[Sighting, ...]
     strengths: tuple[Strengths, ...] = ()
     active_px: Mapping[int, float] = field(default_factory=dict)
+    broad: tuple[tuple[int, int], ...] = ()
     slanted: bool = False
     leaning: tuple[tuple[int, int], ...] = ()
     n_shown: int | None = None

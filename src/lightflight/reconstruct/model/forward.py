@@ -50,7 +50,9 @@ from lightflight.reconstruct.model.strength import (
     span_of_knots,
 )
 from lightflight.reconstruct.model.thick_beam import (
+    BeamShares,
     ThickFooting,
+    beam_shares,
     slant_of_leg,
     thick_footing,
 )
@@ -277,6 +279,8 @@ class _SeenLeg:
         Moments of the footprint.
     thick : ThickFooting or None
         The same with what a thick beam adds; None: nothing is asked of it.
+    shares : BeamShares or None
+        What of the spot is that beam's.
     """
 
     leg: int
@@ -290,6 +294,7 @@ class _SeenLeg:
     corners: Corners
     feet: Footing
     thick: ThickFooting | None
+    shares: BeamShares | None
 
 
 def _seen_leg(
@@ -325,19 +330,32 @@ def _seen_leg(
         slope = slope + light.spots[k].growth_at(along) * (2.0 + (across / spot) ** 2)
     curvature = arrival_curvature(print_, state=state, camera=camera, medium=medium)
     of_leg = slope, print_.slope_ps_per_px, curvature, corners
-    thick = None
-    if light.beam_share is None:
+    thick = shares = None
+    if light.beam_share is None and not light.own_shares:
         feet = footing(*of_leg, spot_px=spot)
     else:
+        own = light.own_shares[k] if light.own_shares else (0.0, 0.0)
+        shares = beam_shares(light.beam_share or 0.0, own, spot, light.lens_var_px2)
         thick = thick_footing(
             *of_leg, slant_of_leg(state, k, camera),
-            spot_px=spot, across_px=across, share=light.beam_share,
+            spot_px=spot, across_px=across, share=shares.across, deep=shares.deep,
         )  # fmt: skip
         feet = thick.feet
     heading = light.lines[k].heading_rad(along)
     seen = seen_line(across, spot, heading, active_px=light.active_px)
     return _SeenLeg(
-        k, print_, by_state, across, across_by_state, along, spot, seen, corners, feet, thick
+        k,
+        print_,
+        by_state,
+        across,
+        across_by_state,
+        along,
+        spot,
+        seen,
+        corners,
+        feet,
+        thick,
+        shares,
     )
 
 
@@ -428,16 +446,20 @@ def _fill_leg(
     local.third_ps3[here, k] = feet.third_ps3
     ahead_px, per_px = seen.across.ahead_px, seen.print_.slope_ps_per_px
     mean_ps = seen.print_.arrival_ps + feet.offset_ps.value + per_px * ahead_px
+    growth = light.spots[k].growth_at(seen.along_px) if light.spots else np.zeros(len(here))
+    if seen.shares is not None and seen.thick is not None:
+        fanned, fanned_by = seen.shares.fanned_px2(seen.thick.towards)
+        mean_ps -= 2.0 * per_px * growth * fanned
     local.arrival_ps[here, k] = mean_ps + modes_ps @ modes
     jacobian, at, splines = local.jacobian, 3 * k, layout.spline_starts[k]
     to_spline = slice(splines, splines + design.shape[1])
     to_slope = slopes_of_splines(light.knots[k], seen.along_px)
     # d ln(std) = d(variance) / (2 variance).
     to_log_std = 0.5 / std**2
-    growth = light.spots[k].growth_at(seen.along_px) if light.spots else np.zeros(len(here))
     by_path = np.zeros((3, len(here), slopes.arrival.shape[1]))
     by_spot = np.zeros((3, len(here)))
     by_growth = np.zeros((3, len(here)))
+    by_shares = np.zeros((3, 3, len(here)))
     for row, (moment, scale) in enumerate(
         ((feet.log_share, 1.0), (feet.offset_ps, 1.0), (feet.variance_ps2, to_log_std))
     ):
@@ -449,9 +471,20 @@ def _fill_leg(
         by_growth[row] = by_slope * (2.0 + (across / spot) ** 2)
         by_spot[row] = scale * moment.by_log_spot - 2.0 * by_slope * growth * (across / spot) ** 2
         by_path[row] += (2.0 * by_slope * growth * across / spot**2)[:, np.newaxis] * slopes.across
-        if seen.thick is not None:
+        if seen.shares is not None and seen.thick is not None:
             by_path[row] += (scale * seen.thick.by_across[row])[:, np.newaxis] * slopes.across
-            jacobian[here, at + row, layout.beam] = scale * seen.thick.by_share[row]
+            by_share, by_deep = scale * seen.thick.by_share[row], scale * seen.thick.by_deep[row]
+            by_spot[row] += by_share * seen.shares.across_by_log_spot
+            by_spot[row] += by_deep * seen.shares.deep_by_log_spot
+            by_shares[row] = by_share * seen.shares.across_by + by_deep * seen.shares.deep_by
+    if seen.shares is not None and seen.thick is not None:
+        by_growth[1] -= 2.0 * per_px * fanned
+        by_shares[1] -= 2.0 * per_px * growth * fanned_by
+        if layout.beam is not None:
+            jacobian[here, at : at + 3, layout.beam] = by_shares[:, 0].T
+        if light.own_shares:
+            first = layout.own_shares[k]
+            jacobian[here, at : at + 3, first : first + 2] = np.moveaxis(by_shares[:, 1:], 2, 0)
     by_spot[0] += seen.across.by_log_spot
     by_spot[1] += per_px * seen.across.ahead_by_log_spot
     by_path[0] += (seen.across.by_across + inwards)[:, np.newaxis] * slopes.across

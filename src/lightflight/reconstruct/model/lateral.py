@@ -172,16 +172,39 @@ class LineFit:
         spot = self.spot_std_at(along_px)
         return seen_line(across_px, spot, heading_rad, active_px=self.area.side_px)
 
-    def light_slope(self, along_px: Floats, across_px: Floats) -> Floats:
-        """D ln(strength) / d(along) as the mean time over a footprint asks for it, per px.
+    def looks_ahead(
+        self, along_px: Floats, across_px: Floats, *, lens_var_px2: float, own_share: float
+    ) -> tuple[Floats, Floats]:
+        r"""How far ahead of their foot pixels look along the leg in the mean, and the variance.
 
-        Where the log of the spot grows by g per pixel, light from ahead reaches farther back than
-        light from behind: that is worth g (2 + y^2 / v), y across the line and v the variance.
+        Parameters
+        ----------
+        along_px, across_px : array of float, shape (n,)
+            Of the pixels, along the leg's line and from it.
+        lens_var_px2 : float
+            Variance of the spot where it is narrowest: the lens makes it.
+        own_share : float
+            Of what the spot is wider, the beam's share: that spreads no light along the leg.
+
+        Returns
+        -------
+        ahead_px : array of float, shape (n,)
+        variance_px2 : array of float, shape (n,)
+
+        Notes
+        -----
+        Of variance v the lens makes :math:`v_l = (1 - \theta) v + \theta v_0`. Strength whose log
+        has the slope L on the line is then seen :math:`v_l (L + g y^2 / v) + v_l'` ahead, y across
+        the line and g the slope of the log of the spot: where it grows, light from ahead reaches
+        farther.
         """
         along = np.clip(along_px, *span_of_knots(self.spline.t))
-        wide = 2.0 + (across_px / self.spot_std_at(along_px)) ** 2
-        slope: Floats = self.log_slope(along_px) + self.spot.growth_at(along) * wide
-        return slope
+        variance = self.spot_std_at(along) ** 2
+        growth = self.spot.growth_at(along)
+        lens = variance - own_share * np.maximum(variance - lens_var_px2, 0.0)
+        uneven = self.log_slope(along_px) + growth * across_px**2 / variance
+        grows = 2.0 * growth * variance * np.where(variance > lens_var_px2, 1.0 - own_share, 1.0)
+        return lens * uneven + grows, lens
 
     def log_slope(self, along_px: Floats) -> Floats:
         """D ln(strength) / d(along), per px; zero outside the fitted range."""

@@ -23,7 +23,9 @@ from lightflight.reconstruct.model.light import Diffuse
 from lightflight.reconstruct.model.line_problem import Halo, LineData
 from lightflight.reconstruct.model.sighting import Sighting, photons_at_times
 from lightflight.reconstruct.model.spread import WIDE_PX
+from lightflight.reconstruct.model.strength import span_of_knots
 from lightflight.reconstruct.model.thick_beam import (
+    OWN_SHARE,
     USUAL_SPOT_PX,
     clear_of_corners_px,
     share_beyond_lens,
@@ -41,6 +43,8 @@ usual spot, so that dark pixels beside the line tell how wide it is."""
 
 _LEAST_PIXELS = 4
 """Fewer pixels than this do not say where a leg's line runs; on it within half a spot, places."""
+_SPOTS_LOOKED_AT = 17
+"""Along a leg, on which the spot is a parabola."""
 _ON_LINE_PX = 0.75
 """A pixel this near to a leg's line shows a place of it, px: one at each of a slanting line's."""
 
@@ -89,6 +93,17 @@ class Picture:
     legs: tuple[LegInPicture, ...]
     fits: tuple[LineFit, ...]
     spot_std_px: float
+
+    @property
+    def spot_variances_px2(self) -> tuple[float, float]:
+        """Least and largest variance of a spot along the legs; the lens makes the least at most."""
+        stds = [
+            line.spot_std_at(np.linspace(*span_of_knots(line.spline.t), _SPOTS_LOOKED_AT))
+            for leg, line in zip(self.legs, self.fits, strict=True)
+            if not leg.dark
+        ]
+        all_stds = np.concatenate(stds) if stds else np.array([self.spot_std_px])
+        return float(all_stds.min()) ** 2, float(all_stds.max()) ** 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,9 +416,9 @@ def footprint_corrections(
     """Mean arrival time over each pixel's weighted footprint, minus that at its foot; (n,), ps.
 
     With strength a(s) on the line and a spot of variance v, the mean over the footprint is
-    t_a + v (t_a' a'/a + t_a''/2): 1.5 ps where brightness changes by 30 % per pixel. Where the log
-    of the spot grows by g per pixel, a'/a is larger by g (2 + y^2 / v), y across the line. A large
-    active area looks ahead of the foot or behind it: t_a' times that is added (`seen_line`).
+    t_a + v (t_a' a'/a + t_a''/2): 1.5 ps where brightness changes by 30 % per pixel. What of a
+    spot is the beam's spreads no light along the leg (`LineFit.looks_ahead`). A large active area
+    looks ahead of the foot or behind it: t_a' times that is added (`seen_line`).
 
     Parameters
     ----------
@@ -428,16 +443,17 @@ def footprint_corrections(
         ps.
     """
     points = undistorted_px(camera, rows, cols)
-    slope, variance, ahead = np.zeros((3, len(rows)))
+    lens, _ = picture.spot_variances_px2
+    variance, ahead = np.zeros((2, len(rows)))
     for k, (leg, fit) in enumerate(zip(picture.legs, picture.fits, strict=True)):
         here = print_.leg == k
         along, across = leg.along_across(points[here])
-        slope[here] = fit.light_slope(along, across)
-        variance[here] = fit.spot_std_at(along) ** 2
-        ahead[here] = fit.seen(along, across, leg.heading_rad(along)).ahead_px
+        ahead[here], variance[here] = fit.looks_ahead(
+            along, across, lens_var_px2=lens, own_share=OWN_SHARE
+        )
+        ahead[here] += fit.seen(along, across, leg.heading_rad(along)).ahead_px
     curvature = arrival_curvature(print_, state=state, camera=camera, medium=medium)
-    uneven = variance * (print_.slope_ps_per_px * slope + 0.5 * curvature)
-    correction: Floats = uneven + print_.slope_ps_per_px * ahead
+    correction: Floats = print_.slope_ps_per_px * ahead + 0.5 * variance * curvature
     return correction
 
 

@@ -38,13 +38,25 @@ _CLEAR_STDS = 3.0
 """The same in standard deviations of the place where a mirror cuts a thick beam: there 0.4 % of one
 are left of the shift of the mean time."""
 
+OWN_SHARE, OWN_SHARE_STD = 0.5, 0.5
+"""Of what a leg's spot is wider than that of the narrowest, what of it is the beam's, and how well
+that is known: none where the lens is out of focus, all where the beam fans out. And how much the
+beam is wider in depth, over that width: as much where it is round, none behind a mirror that shakes
+about one axis."""
+OWN_SHARES = (-0.5, 1.5)
+"""Of either, what a fit may try: of none half of all recordings ask for less."""
+_LEAST_IN_TIME = 0.1
+"""Of the spot's variance, at least, what spreads light over time."""
+_MOST_SHARE = 0.95
+"""Of the spot's variance, the beam's at most."""
+
 _GRAZING = 0.25
 """Sine of the least angle between beam and mirror: labs turn light by 30 degrees and more, and what
 turns by less is taken for a curve, or no corner, and for cut square to the flight."""
 _LEAST_CUT = 0.1
 """Of the spot's variance, that of a cut at least: one that is sharper cannot be told."""
-_STEP = 1e-4
-"""Of the derivative by the beam's share."""
+_STEP = 1e-6
+"""Of the derivatives by the beam's shares."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,17 +162,116 @@ def clear_of_corners_px(
     long_px = float(np.nan_to_num(np.linalg.norm(ends[:, 1] - ends[:, 0])))
     # A short leg is left half of its light.
     most = max(CLEAR_OF_CORNER_PX, 0.25 * long_px)
-    stds = np.sqrt(_cut_variance(np.array(slant.leans), np.array(slant.deepens), share))
+    stds = np.sqrt(_cut_variance(np.array(slant.leans), np.array(slant.deepens), share, share))
     # No farther than ever where no mirror cuts the beam longer than a lens blurs it.
     reach = np.where(stds > 1.0, _CLEAR_STDS * spot_px * stds, CLEAR_OF_CORNER_PX)
     first, last = np.clip(reach, CLEAR_OF_CORNER_PX, most)
     return float(first), float(last)
 
 
-def _cut_variance(lean: Floats, deep: Floats, share: float) -> Floats:
+def _cut_variance(
+    lean: Floats, deep: Floats, share: Floats | float, deep_share: Floats | float
+) -> Floats:
     """Of the place along the leg at which light is cut, over the spot's variance."""
-    variance: Floats = 1.0 - share + share * (lean**2 * (1.0 - share) + deep**2)
+    variance: Floats = 1.0 - share + share * (1.0 - share) * lean**2 + deep_share * deep**2
     return variance
+
+
+@dataclass(frozen=True, eq=False)
+class BeamShares:
+    """What of the spot's variance is the beam's in n pixels of a leg, and how it follows.
+
+    Attributes
+    ----------
+    common : float
+        Share that is the beam's in all legs.
+    own : (float, float)
+        Share that is this leg's beam's of what its spot is wider than the narrowest, and how wide
+        that beam is in depth, over the same.
+    across : array of float, shape (n,)
+        The beam's share of the variance.
+    deep : array of float, shape (n,)
+        Its variance in depth, over that of the spot.
+    across_by, deep_by : array of float, shape (3, n)
+        Their derivatives by common and own shares.
+    across_by_log_spot, deep_by_log_spot : array of float, shape (n,)
+    lens_px2 : array of float, shape (n,)
+        Variance of the narrowest spot; 0 where this one is no wider.
+    """
+
+    common: float
+    own: tuple[float, float]
+    across: Floats
+    deep: Floats
+    across_by: Floats
+    deep_by: Floats
+    across_by_log_spot: Floats
+    deep_by_log_spot: Floats
+    lens_px2: Floats
+
+    def fanned_px2(self, towards: Floats) -> tuple[Floats, Floats]:
+        """How much less than a lens' the light's variance grows that comes late, and derivatives.
+
+        Parameters
+        ----------
+        towards : array of float, shape (n,)
+            Cosine of the angle between the flight and the way to the camera.
+
+        Returns
+        -------
+        fanned : array of float, shape (n,)
+            Over twice the growth of the log of the spot; so much times that nearer is the light.
+        by : array of float, shape (3, n)
+            By common and own shares.
+        """
+        (own, deep), common = self.own, self.common
+        fanned = (1.0 - common) * own + towards * (deep - common * own)
+        by = (-own - towards * own, 1.0 - common - towards * common, towards)
+        return self.lens_px2 * fanned, self.lens_px2 * np.array(by)
+
+
+def beam_shares(
+    common: float, own: tuple[float, float], spot_px: Floats, lens_var_px2: float
+) -> BeamShares:
+    r"""What of the spot's variance is the beam's along a leg.
+
+    Parameters
+    ----------
+    common : float
+        Share of the spot's variance that is the beam's in all legs.
+    own : (float, float)
+        Share that is this leg's beam's of what its spot is wider than the narrowest, and how wide
+        that beam is in depth, over the same.
+    spot_px : array of float, shape (n,)
+        Standard deviation of the spot, px.
+    lens_var_px2 : float
+        Variance of the narrowest spot.
+
+    Returns
+    -------
+    BeamShares
+
+    Notes
+    -----
+    Of the variance v the lens makes :math:`v_l = (1 - \beta) ((1 - \theta) v + \theta v_0)`,
+    :math:`\beta` and :math:`\theta` the two shares and :math:`v_0` that of the narrowest spot. In
+    depth the beam has :math:`\beta ((1 - \theta) v + \theta v_0) + \theta_d (v - v_0)`.
+    """
+    theta, deep = own
+    wider = np.maximum(1.0 - lens_var_px2 / spot_px**2, 0.0)
+    # What of it grows with the log of the spot.
+    grows = 2.0 * np.where(wider > 0.0, 1.0 - wider, 0.0)
+    left, none = 1.0 - theta * wider, np.zeros_like(spot_px)
+    return BeamShares(
+        common, own,
+        across=np.minimum(1.0 - (1.0 - common) * left, _MOST_SHARE),
+        deep=common * left + deep * wider,
+        across_by=np.array((left, (1.0 - common) * wider, none)),
+        deep_by=np.array((left, -common * wider, wider)),
+        across_by_log_spot=(1.0 - common) * theta * grows,
+        deep_by_log_spot=(deep - common * theta) * grows,
+        lens_px2=np.where(wider > 0.0, lens_var_px2, 0.0),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,11 +286,17 @@ class ThickFooting:
         Of log share, time and variance, by the distance of a pixel from the leg, per px.
     by_share : tuple of array of float
         Of the same three, by the beam's share of the spot's variance.
+    by_deep : tuple of array of float
+        And by its variance in depth.
+    towards : array of float, shape (n,)
+        Cosine of the angle between the flight and the way to the camera.
     """
 
     feet: Footing
     by_across: tuple[Floats, ...]
     by_share: tuple[Floats, ...]
+    by_deep: tuple[Floats, ...]
+    towards: Floats
 
 
 def thick_footing(
@@ -191,7 +308,8 @@ def thick_footing(
     *,
     spot_px: Floats,
     across_px: Floats,
-    share: float,
+    share: Floats | float,
+    deep: Floats | float | None = None,
 ) -> ThickFooting:
     r"""`footing` under a spot of which the beam's own thickness makes a share of the variance.
 
@@ -205,8 +323,10 @@ def thick_footing(
         Standard deviation of the spot, px.
     across_px : array of float, shape (n,)
         Distance of the pixels from the leg, to its right, px.
-    share : float
+    share : array of float, shape (n,) or float
         Of the spot's variance.
+    deep : array of float, shape (n,) or float, optional
+        Variance of the beam in depth, over the spot's; None: that share, since the beam is round.
 
     Returns
     -------
@@ -217,33 +337,39 @@ def thick_footing(
     Of spot variance v the share :math:`\beta` is the beam's. The light of a pixel y right of the
     leg comes from :math:`\xi` ahead of its foot by the lens, of variance :math:`(1 - \beta) v`,
     from a to the right, about :math:`\beta y` by :math:`\beta (1 - \beta) v`, and from c towards
-    the camera by :math:`\beta v`. It is late by :math:`t'(\xi - c)`, and is there where
+    the camera by :math:`\beta_d v`. It is late by :math:`t'(\xi - c)`, and is there where
     :math:`q = \xi - A a - K c` is short of the corner. What hangs on q is a footprint of its spread
     cut at the corner; the rest is not cut.
     """
     nearest = _at_nearest(corners, slant)
     told = log_slope, time_slope, time_curvature, corners, nearest, spot_px, across_px
+    deep = share if deep is None else deep
     # There is no beam of less than no thickness: below, all goes on as at none, in straight lines.
-    real = max(share, 0.0)
-    feet, more = _moments(*told, real), _moments(*told, real + _STEP)
-
-    def moments(feet: Footing) -> tuple[Moment, Moment, Moment]:
-        return feet.log_share, feet.offset_ps, feet.variance_ps2
-
-    by_share = [
-        (there.value - here.value) / _STEP
-        for here, there in zip(moments(feet), moments(more), strict=True)
-    ]
-    if share < 0.0:
-        values = [one.value + share * by for one, by in zip(moments(feet), by_share, strict=True)]
+    real, there = np.maximum(share, 0.0), np.maximum(deep, 0.0)
+    feet = _moments(*told, real, there)
+    by_share = _risen(feet, _moments(*told, real + _STEP, there))
+    by_deep = _risen(feet, _moments(*told, real, there + _STEP))
+    less = np.minimum(share, 0.0), np.minimum(deep, 0.0)
+    if np.any(less):
         log_share, offset, width = (
-            replace(one, value=value) for one, value in zip(moments(feet), values, strict=True)
+            replace(one, value=one.value + less[0] * across + less[1] * by)
+            for one, across, by in zip(_three(feet), by_share, by_deep, strict=True)
         )
         feet = Footing(log_share, offset, width, feet.third_ps3)
     # To the right the corner lies farther.
     lean = nearest[0]
-    by_across = [share * lean * (each.by_before + each.by_after) for each in moments(feet)]
-    return ThickFooting(feet, tuple(by_across), tuple(by_share))
+    by_across = [share * lean * (each.by_before + each.by_after) for each in _three(feet)]
+    return ThickFooting(feet, tuple(by_across), by_share, by_deep, nearest[2])
+
+
+def _three(feet: Footing) -> tuple[Moment, Moment, Moment]:
+    return feet.log_share, feet.offset_ps, feet.variance_ps2
+
+
+def _risen(here: Footing, there: Footing) -> tuple[Floats, ...]:
+    """Derivatives of the three moments over a step."""
+    pairs = zip(_three(here), _three(there), strict=True)
+    return tuple((after.value - before.value) / _STEP for before, after in pairs)
 
 
 def _at_nearest(corners: Corners, slant: Slant) -> tuple[Floats, Floats, Floats]:
@@ -263,14 +389,16 @@ def _moments(
     nearest: tuple[Floats, Floats, Floats],
     spot_px: Floats,
     across_px: Floats,
-    share: float,
+    share: Floats,
+    deep_share: Floats,
 ) -> Footing:
-    """The moments for one share; their derivatives at a fixed one."""
+    """The moments for one share across and one in depth; their derivatives at fixed ones."""
     lean, deep, cos = nearest
     # Variances and covariances of cut q, time in px and place along the leg, over the spot's.
-    cut = np.maximum(_cut_variance(lean, deep, share), _LEAST_CUT)
-    time_cut, time_place = 1.0 - share + share * deep, 1.0 - share - share * cos
-    place_cut = 1.0 - share - share * deep * cos
+    cut = np.maximum(_cut_variance(lean, deep, share, deep_share), _LEAST_CUT)
+    in_time = np.maximum(1.0 - share + deep_share, _LEAST_IN_TIME)
+    time_cut, time_place = 1.0 - share + deep_share * deep, 1.0 - share - deep_share * cos
+    place_cut = 1.0 - share - deep_share * deep * cos
     moved = share * lean * across_px
     shifted = Corners(
         corners.before + moved, corners.after + moved,
@@ -284,7 +412,7 @@ def _moments(
     # What of time and place does not hang on the cut.
     uneven = variance * time_slope * (time_place - time_cut * place_cut / cut)
     bowed = 0.5 * time_curvature * variance * (1.0 - cut)
-    spread = variance * time_slope**2 * np.maximum(1.0 - time_cut**2 / cut, 0.0)
+    spread = variance * time_slope**2 * np.maximum(in_time - time_cut**2 / cut, 0.0)
     by_slope = place_cut / cut
     share_, offset, width = feet.log_share, feet.offset_ps, feet.variance_ps2
     none = np.zeros_like(spot_px)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lightflight.reconstruct.model.geometry import Indices
 from lightflight.reconstruct.model.leg_in_picture import LegInPicture
 from lightflight.reconstruct.model.strength import LOG_SPOT_RANGE, SpotAlong
-from lightflight.reconstruct.model.thick_beam import BEAM_SHARES
+from lightflight.reconstruct.model.thick_beam import BEAM_SHARES, OWN_SHARES
 
 Floats = NDArray[np.float64]
 
@@ -46,6 +46,11 @@ class Light:
     beam_share : float or None
         Share of the spot's variance that is the beam's own thickness, which corners cut otherwise;
         None: no corner is seen that would tell.
+    own_shares : tuple of (float, float)
+        Of each leg, share of what its spot is wider than the narrowest that is the beam's, and how
+        wide that beam is in depth, over the same; (): all spots are alike.
+    lens_var_px2 : float
+        Variance of that narrowest spot, px^2.
     """
 
     lines: tuple[LegInPicture, ...]
@@ -58,6 +63,8 @@ class Light:
     spots: tuple[SpotAlong, ...] = ()
     active_px: float = 0.0
     beam_share: float | None = None
+    own_shares: tuple[tuple[float, float], ...] = ()
+    lens_var_px2: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +87,8 @@ class Layout:
         First number of each leg's own spot; (): all legs have one.
     beam : int or None
         Place of the beam's share of the spot; None: it is not asked for.
+    own_shares : tuple of int
+        First place of each leg's own two; (): they are not asked for.
     """
 
     n_free: int
@@ -89,6 +98,7 @@ class Layout:
     n_shared: int = 0
     spot_starts: tuple[int, ...] = ()
     beam: int | None = None
+    own_shares: tuple[int, ...] = ()
 
     @property
     def unit_priors(self) -> slice:
@@ -105,8 +115,8 @@ class Layout:
 
 def layout_of(n_free: int, n_modes: int, light: Light, n_shared: int = 0) -> Layout:
     """Order of the parameters: path, modes, shared errors, splines and then spots leg by leg, the
-    beam's share of the spot where it is asked for, and last the log of the spot of all and of the
-    pulse's std.
+    beam's shares of the spots where they are asked for, and last the log of the spot of all and of
+    the pulse's std.
 
     Parameters
     ----------
@@ -131,8 +141,10 @@ def layout_of(n_free: int, n_modes: int, light: Light, n_shared: int = 0) -> Lay
     spots = tuple(at + 3 * k for k in range(len(light.spots)))
     at += 3 * len(spots)
     beam = None if light.beam_share is None else at
-    size = at + (beam is not None) + 2
-    return Layout(n_free, n_modes, tuple(starts), size, n_shared, spots, beam)
+    at += beam is not None
+    own = tuple(at + 2 * k for k in range(len(light.own_shares)))
+    size = at + 2 * len(own) + 2
+    return Layout(n_free, n_modes, tuple(starts), size, n_shared, spots, beam, own)
 
 
 def moved_light(light: Light, step: Floats, layout: Layout) -> Light:
@@ -167,6 +179,13 @@ def moved_light(light: Light, step: Floats, layout: Layout) -> Light:
         coefficients=coefficients,
         spots=spots,
         beam_share=share,
+        own_shares=tuple(
+            (float(across), float(deep))
+            for across, deep in (
+                np.clip(own + step[start : start + 2], *OWN_SHARES)
+                for own, start in zip(np.array(light.own_shares), layout.own_shares, strict=True)
+            )
+        ),
         log_spot_px=float(np.clip(light.log_spot_px + step[-2], *LOG_SPOT_RANGE)),
         log_std_ps=float(light.log_std_ps + np.clip(step[-1], -0.5, 0.5)),
     )
