@@ -13,10 +13,10 @@ no model here has: wings of a lens that fall as a power (of 3 px), light that wa
 the wider), a screen that glows on for 1.5 ns, an image in a curved mirror, neighbours that count
 along a code later, background that grows across the picture, a flash where the light ends that
 lights the room, a spot with a comet's tail, a beam of two lobes, a last leg that fans out (behind
-a mirror that shakes, about two axes or one), a laser whose pulses are wider or narrower than those
-of the flat. And what is told: the source's place (a share of its distance), its emission time, the
-clock's codes, focal length, pose, a distortion that is not there, the index, and a mirrored
-picture.
+a mirror that shakes, about two axes or one), a flat beam, a laser whose pulses are wider or
+narrower than those of the flat. And what is told: the source's place (a share of its distance), its
+emission time, the clock's codes, focal length, pose, a distortion that is not there, the index, and
+a mirrored picture.
 
 Printed: every laboratory with its verdict; at the end for each defect and strength how many were
 trusted, checked, contradicted and refused, how many are wrong (number of legs, or a point within a
@@ -69,6 +69,9 @@ BLIND_TO = {"scale": "clock_scale", "focal": "focal_length", "emission": "clock_
 """What the verdict calls a defect, where the names differ."""
 _N_SHAKEN = 8
 """Directions of a beam that shakes."""
+_STEPS_ASIDE = ndtri((np.arange(_N_SHAKEN) + 0.5) / _N_SHAKEN)
+_STEPS_ASIDE /= np.std(_STEPS_ASIDE)
+"""A Gaussian in so many parts, in standard deviations."""
 
 Told = dict[str, Any]
 Defect = Callable[[Lab, float, np.random.Generator], tuple[Floats, Told]]
@@ -318,13 +321,17 @@ def sheet(lab: Lab, px: float, rng: np.random.Generator) -> tuple[Floats, Told]:
     right = np.cross(way, sight)
     far = px * float((sight @ lab.optics.axes)[2]) / lab.optics.focal_px
     across = far * right / np.linalg.norm(right)
-    # A Gaussian's means of equal parts, as wide as told.
-    steps = ndtri((np.arange(_N_SHAKEN) + 0.5) / _N_SHAKEN)
     light = np.zeros((*lab.optics.shape, lab.n_codes))
-    for step in steps / np.std(steps):
+    for step in _STEPS_ASIDE:
         vertices = lab.vertices.copy()
         vertices[-1] = end + step * across
         light += light_of(replace(lab, vertices=vertices)) / _N_SHAKEN
+    return counts_of(lab, light), {}
+
+
+def ribbon(lab: Lab, px: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    """A flat beam, on edge to the camera: each leg is wider across its image, and nowhere else."""
+    light = sum(light_of(lab, aside_px=px * step) for step in _STEPS_ASIDE) / _N_SHAKEN
     return counts_of(lab, light), {}
 
 
@@ -408,6 +415,7 @@ DEFECTS: dict[str, tuple[Defect, tuple[float, ...]]] = {
     "two_lobes": (two_lobes, (0.7, 1.5)),
     "fan": (fan, (0.5, 1.0)),
     "sheet": (sheet, (0.7,)),
+    "ribbon": (ribbon, (0.6,)),
     "wider": (wider, (0.1, 0.3)),
     "narrower": (narrower, (0.15,)),
     "source": (source, (0.002, 0.01)),

@@ -288,8 +288,8 @@ def counts_of(lab: Lab, light: Floats) -> Floats:
     return counts
 
 
-def light_of(lab: Lab) -> Floats:
-    """(rows, cols, codes), in units of its own."""
+def light_of(lab: Lab, *, aside_px: float = 0.0) -> Floats:
+    """(rows, cols, codes), in units of its own; each leg so far to the right of its image."""
     optics = lab.optics
     counts = np.zeros((*optics.shape, lab.n_codes))
     start = lab.emission_ps
@@ -303,7 +303,9 @@ def light_of(lab: Lab) -> Floats:
         arrival = start + INDEX * (share * length + away) / SPEED
         start += INDEX * length / SPEED
         light = lab.brightness(leg, share * length) / away**2 * length / n
-        shed(lab, counts, optics.image(points)[0], light, arrival)
+        along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+        places = optics.image(points)[0] + aside_px * np.array([-along[1], along[0]])
+        shed(lab, counts, places, light, arrival)
     return counts * efficiency_of(lab)
 
 

@@ -78,6 +78,8 @@ _MOST_DIM = 0.1
 """Of the brightest pixel's light: none is left out that holds more."""
 _LEAST_SHARE = 0.5
 """A pulse is a leg's where at least this share of the light about it is."""
+_LEAST_OWN = 0.3
+"""Of the variance of a pulse, its own at least: as where all counts are fitted."""
 _STRETCHED = 0.3
 """Of what flight adds to the width of a pulse, its time may be off where it was stretched for it: a
 tail that holds half of the light and lasts three times as long as the core makes 0.23."""
@@ -288,10 +290,12 @@ def _counted_beside(seen: Seen, photons: NDArray[np.unsignedinteger]) -> float:
 
 def _std_as_fitted_ps(known: Known, seen: Seen) -> float:
     """Typical standard deviation of pulses as fitted, without what flight adds to them, ps."""
-    squared = known.pixels.std_ps[:, 0] ** 2
+    fitted = known.pixels.std_ps[:, 0] ** 2
+    own = fitted
     if known.pixels.shape.is_gaussian:
-        squared = squared - seen.flight_ps[:, 0] ** 2
-    return float(np.sqrt(np.median(squared)))
+        # Where the beam is wide, and not the lens, flight adds less than is thought.
+        own = np.maximum(fitted - seen.flight_ps[:, 0] ** 2, _LEAST_OWN * fitted)
+    return float(np.sqrt(np.median(own)))
 
 
 def beam_of_path(
