@@ -408,11 +408,15 @@ def _detour_or_bend(
         if is_sure and _stands(first) and not request.may_bend:
             return first
     bent = _bent(fit, found.verdict, request, estimator)
-    judged = None if bent is None else _judged(*bent, request, estimator)
-    if bent is not None and judged is not None and (request.may_bend or _stands(judged)):
-        open_to_both = detour is not None and not (holds_all or request.may_bend)
-        rival = detour[1] if detour is not None and open_to_both else None
-        if rival is None or costs_less(bent[1], rival, request.sightings, request.setting):
+    open_to_both = detour is not None and not (holds_all or request.may_bend)
+    rival = detour[1] if detour is not None and open_to_both else None
+    # The pulses as found decide, and are asked first: the rest of the light takes longest.
+    if bent is not None and (
+        rival is None or costs_less(bent, rival, request.sightings, request.setting)
+    ):
+        told = _told(bent, request, estimator)
+        judged = None if told is None else _judged(*told, request, estimator)
+        if judged is not None and (request.may_bend or _stands(judged)):
             return judged
     if detour is None or (request.may_bend and not holds_all):
         return None
@@ -567,18 +571,17 @@ def _told(
 
 def _bent(
     fit: JointFit | None, verdict: Verdict, request: Request, estimator: Estimator
-) -> tuple[LightPath, JointFit] | None:
-    """A path with bent legs, where that is right; a start says what legs are."""
+) -> JointFit | None:
+    """A fit with bent legs, where that is right; a start says what legs are."""
     if fit is None or estimator.of_fit is None or request.start is not None:
         return None
     if not request.may_bend and not asks_for_bends(verdict, fit.solution.state):
         return None
-    found = bent_instead(
+    return bent_instead(
         fit, request.sightings, request.setting, request.n_legs,
         cut=_as_cut(fit, request), may_bend=request.may_bend,
         stands=verdict.level is not Level.CONTRADICTED,
     )  # fmt: skip
-    return None if found is None else _told(found, request, estimator)
 
 
 def _as_cut(fit: JointFit, request: Request) -> JointFit:
