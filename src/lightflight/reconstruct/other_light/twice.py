@@ -169,15 +169,18 @@ def with_second(
     camera : Camera
         Who sees it.
     stands : bool
-        Whether the path is where it was then, nearly. About another one light that comes twice
-        is asked for anew: it may have been for what was wrong with that path.
+        Whether the path is where it was then, nearly: what was found stays, also that there is
+        none. About another one light that comes twice is asked for anew: it may have been for what
+        was wrong with that path.
 
     Returns
     -------
     Known
     """
-    if stands and so_far is not None and so_far.second is not None:
+    if stands and so_far is not None:
         second = so_far.second
+        if second is None:
+            return asked.strengths()
         if isinstance(second, Echo):
             kept = _with_pulse_as_before(asked, second)
         else:
