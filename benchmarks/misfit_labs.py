@@ -331,8 +331,8 @@ def sheet(lab: Lab, px: float, rng: np.random.Generator) -> tuple[Floats, Told]:
 
 def ribbon(lab: Lab, px: float, rng: np.random.Generator) -> tuple[Floats, Told]:
     """A flat beam, on edge to the camera: each leg is wider across its image, and nowhere else."""
-    light = sum(light_of(lab, aside_px=px * step) for step in _STEPS_ASIDE) / _N_SHAKEN
-    return counts_of(lab, light), {}
+    each = [light_of(lab, aside_px=px * step) for step in _STEPS_ASIDE]
+    return counts_of(lab, np.mean(each, axis=0)), {}
 
 
 def wider(lab: Lab, by: float, rng: np.random.Generator) -> tuple[Floats, Told]:

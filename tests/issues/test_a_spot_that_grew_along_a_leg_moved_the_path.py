@@ -17,6 +17,8 @@ import lightflight as lf
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.random_worlds import random_world
 
+pytestmark = pytest.mark.usefixtures("unexamined")
+
 
 def tilted(world):
     """27 % wider at the right edge than in the middle, as much narrower at the left."""

@@ -29,7 +29,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightW
     [
         pytest.param(2, marks=pytest.mark.long),  # an unseen way, and no second pulse
         pytest.param(7, marks=pytest.mark.long),  # was refused
-        16,  # two pulses of other legs: was trusted
+        pytest.param(16, marks=pytest.mark.long),  # two pulses of other legs: was trusted
     ],
 )
 def test_the_way_nobody_saw_is_stated_as_such(seed):

@@ -76,7 +76,7 @@ def test_a_halo_of_any_width_is_a_sum_of_those_in_the_fit(width_px):
     [
         (95000, "joint"),
         pytest.param(95002, "joint", marks=pytest.mark.long),
-        (95021, "photon"),
+        pytest.param(95021, "photon", marks=pytest.mark.long),
         pytest.param(96106, "photon", marks=pytest.mark.long),
     ],
 )
@@ -120,6 +120,7 @@ def test_light_that_is_spread_comes_as_the_pulses_do_that_it_is_of(monkeypatch):
     assert seen[-1].beam.std_ps == pytest.approx(world_of(BETWEEN_ROWS).std_ps, rel=0.01)
 
 
+@pytest.mark.long
 def test_all_counts_answer_for_what_is_unknown_of_a_halo(monkeypatch):
     """Each of its errors put into the halo as told: the leg goes as far aside as is stated."""
     calls: list[tuple[tuple[Any, ...], dict[str, Any]]] = []

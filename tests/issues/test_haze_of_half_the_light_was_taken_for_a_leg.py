@@ -24,6 +24,7 @@ from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
+@pytest.mark.usefixtures("unexamined")
 def test_three_legs_are_right_within_their_errors():
     """40,000 photons, source and emission known; false alarm 1e-4. Before: 51 mm off."""
     world = random_world(288, 3).but(haze=0.5, haze_ps=500.0)

@@ -53,6 +53,7 @@ def test_it_is_found_by_all_counts(method):
     assert pulls_of(lab, path)[:, 1].max() < 4.5
 
 
+@pytest.mark.long
 def test_told_that_there_is_one_leg_the_recording_says_no():
     path = path_of(dim_lab(1.0), n_legs=1)
     assert path.n_legs == 1

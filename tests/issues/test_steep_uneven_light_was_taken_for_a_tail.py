@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import warnings
 
+import pytest
+
 from benchmarks.random_labs import drawn_lab, path_of, pulls_of
 from lightflight.errors import LightflightWarning
 
 
+@pytest.mark.usefixtures("unexamined")
 def test_the_path_is_where_it_is():
     """Within 5 stated errors; was 25 to 31. The chance of a pull above 5 is 1e-6 a number."""
     lab = drawn_lab(557)

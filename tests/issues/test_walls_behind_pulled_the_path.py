@@ -42,6 +42,7 @@ def found(world, seed, method):
     return error_and_covariance(path, world.vertices)
 
 
+@pytest.mark.usefixtures("unexamined")
 @pytest.mark.parametrize(
     ("behind_mm", "method"),
     [
@@ -57,6 +58,7 @@ def test_one_leg_before_a_wall_is_right_within_its_errors(behind_mm, method):
     assert np.abs(error).max() < 0.3
 
 
+@pytest.mark.usefixtures("unexamined")
 @pytest.mark.parametrize(
     ("seed", "method", "was"),
     [
@@ -120,6 +122,7 @@ def test_a_wall_that_all_counts_bear_out_is_no_contradiction():
     assert float(told[2]) == pytest.approx(0.1, abs=0.01)
 
 
+@pytest.mark.usefixtures("unexamined")
 def test_lines_are_measured_with_the_width_of_the_flight_alone(monkeypatch):
     """The image, a pulse and a half later, had drawn single pulses out by an eighth: lines of three
     legs lay four errors off."""

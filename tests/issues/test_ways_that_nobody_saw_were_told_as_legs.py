@@ -15,7 +15,9 @@ from benchmarks.piece_labs import drawn_scene, path_of, pulls_of, right_legs
 
 
 @pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
-@pytest.mark.parametrize("seed", [4028, 4029, pytest.param(4033, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "seed", [4028, *(pytest.param(seed, marks=pytest.mark.long) for seed in (4029, 4033))]
+)
 def test_it_is_one_way_that_nobody_saw(seed):
     """Farthest of two places on each leg below 4.5 stated errors (false alarm 1e-4 for all)."""
     scene = drawn_scene("unseen", seed)
