@@ -7,6 +7,7 @@ pixels together hold 84 photons where 15 are expected. Laboratory 5027 of
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -16,10 +17,11 @@ import pytest
 
 import lightflight as lf
 from benchmarks.random_labs import Lab, drawn_lab, expected_counts, histograms, pulls_of, told_of
-from lightflight.path.verdict import FindingName
+from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.verdict import going_on
 from lightflight.reconstruct.verdict.judge import CONTRADICTED_AT
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
+from tests.path_fakes import make_path
 
 pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
 
@@ -66,6 +68,19 @@ def test_light_that_ends_in_view_has_ended():
     path = path_of(dim_lab(0.0))
     assert path.n_legs == 1
     assert path.verdict.level == "trust"
+
+
+@pytest.mark.parametrize("severity", list(Severity))
+def test_only_light_that_contradicts_the_end_is_followed(severity, monkeypatch):
+    """Legs in doubt have the same name, on paths that not all tests let stand."""
+    chain = importlib.import_module("lightflight.reconstruct.chain")
+    asked = []
+    monkeypatch.setattr(chain, "path_going_on", lambda *told, **_: asked.append(told))
+    finding = Finding(FindingName.LEG_COUNT, "", 4.0, "", severity)
+    path = make_path(verdict=Verdict(Level.CHECK, (finding,)))
+    request = SimpleNamespace(n_legs=None, start=None, setting=None, timing=None)
+    assert chain._going_on(path, object(), request, SimpleNamespace(of_fit=True)) is None
+    assert bool(asked) == (severity is Severity.CONTRADICTED)
 
 
 def dark_picture(rng: np.random.Generator, heading: np.ndarray, photons: float) -> Any:

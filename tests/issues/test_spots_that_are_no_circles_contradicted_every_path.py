@@ -32,7 +32,7 @@ def test_leaning_times_have_a_place(seed, method):
 
 def test_times_lean_as_the_covariance_of_the_spot_says():
     """The mean place along a line of what a pixel beside it sees, summed for an ellipse askew."""
-    from lightflight.reconstruct.fit.slanted_spots import _SLANT_STD, one_sigma_ps
+    from lightflight.reconstruct.fit.slanted_spots import _SLANT_STD, _one_sigma_ps
 
     turn, axes = np.radians(35.0), np.array([0.4, 0.5])
     turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -43,5 +43,5 @@ def test_times_lean_as_the_covariance_of_the_spot_says():
     seen = np.exp(-0.5 * np.sum(places @ np.linalg.inv(covariance) * places, axis=1))
     ahead = float(np.sum(along * seen) / np.sum(seen))
     slant = -covariance[0, 1] / covariance[1, 1]
-    of_one = one_sigma_ps(np.array([15.0]), np.array([aside]), np.array([0.5]))
+    of_one = _one_sigma_ps(np.array([15.0]), np.array([aside]), np.array([0.5]))
     assert 15.0 * ahead == pytest.approx(float(of_one[0]) * slant / _SLANT_STD, rel=1e-6)

@@ -31,7 +31,7 @@ from lightflight.reconstruct.fit.membership import (
     tips_in_view,
 )
 from lightflight.reconstruct.fit.pictures import as_shown, lit_untold, state_in_view
-from lightflight.reconstruct.fit.slanted_spots import one_sigma_ps
+from lightflight.reconstruct.fit.slanted_spots import with_leaning_times
 from lightflight.reconstruct.model.forward import CodeCounts, Pixels
 from lightflight.reconstruct.model.geometry import (
     PathState,
@@ -554,27 +554,12 @@ def view_of_counts(
             "another start"
         )
     if counts.slanted:
-        pixels = _with_slanted_spots(pixels, light, state, own)
+        pixels = with_leaning_times(pixels, light, state, own)
     if counts.rests:
         pixels = with_rest_of_light(pixels, counts.rests, light, state, own.camera, own.medium)
     codes = codes_of_pixels(pixels, whole, state, own, std_ps)
     uneven = counts.uneven[pixels.rows, pixels.cols]
     return View(whole.view, light, pixels, codes, uneven, state.dark)
-
-
-def _with_slanted_spots(pixels: Pixels, light: Light, state: PathState, setting: Setting) -> Pixels:
-    """The pixels with leaning times as errors that those of a leg share."""
-    leans = np.zeros((*pixels.near.shape, pixels.near.shape[1]))
-    for leg in state.seen:
-        here = np.flatnonzero(pixels.near[:, leg])
-        prints = footprints(
-            state, camera=setting.camera, medium=setting.medium, legs=leg,
-            rows=pixels.rows[here], cols=pixels.cols[here],
-        )  # fmt: skip
-        _, across = light.lines[leg].along_across(pixels.points_px[here])
-        spot = np.full(len(here), np.exp(light.log_spot_px))
-        leans[here, leg, leg] = np.nan_to_num(one_sigma_ps(prints.slope_ps_per_px, across, spot))
-    return replace(pixels, modes_ps=np.concatenate((pixels.modes_ps, leans), axis=2))
 
 
 def _shows_cuts(state: PathState, cut_ends: tuple[bool, ...], camera: Camera) -> bool:

@@ -16,8 +16,11 @@ from numpy.typing import NDArray
 
 from lightflight.reconstruct.fit.joint import JointFit, score_of_unfitted
 from lightflight.reconstruct.fit.uneven import pulses_by_leg
+from lightflight.reconstruct.model.forward import Pixels
+from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.unequal import price
+from lightflight.reconstruct.model.unknowns import Light
 
 Floats = NDArray[np.float64]
 
@@ -168,27 +171,44 @@ def _leans(fit: JointFit, setting: Setting) -> dict[tuple[int, int], Floats]:
         spot = some.light.spot_std_at(along)
         own = fit.sightings[some.number].view, some.leg
         column = leans.setdefault(own, np.zeros(len(fit.times.leg)))
-        column[some.rows] = one_sigma_ps(some.prints.slope_ps_per_px, across, spot)
+        column[some.rows] = _one_sigma_ps(some.prints.slope_ps_per_px, across, spot)
     return leans
 
 
-def one_sigma_ps(slope_ps_per_px: Floats, across_px: Floats, spot_px: Floats) -> Floats:
-    """(n,), by how much times lean at places beside a leg where its spots are slanted, ps.
+def with_leaning_times(pixels: Pixels, light: Light, state: PathState, setting: Setting) -> Pixels:
+    """The pixels of all counts with leaning times as errors that those of a leg share.
 
     Parameters
     ----------
-    slope_ps_per_px : array of float, shape (n,)
-        Of the times along the leg.
-    across_px : array of float, shape (n,)
-        Places, from the line.
-    spot_px : array of float, shape (n,)
-        Standard deviation of the spot there.
+    pixels : Pixels
+        Of one camera.
+    light : Light
+        Where its legs run.
+    state : PathState
+        The path as it is now.
+    setting : Setting
+        With that camera as it was found.
 
     Returns
     -------
-    array of float, shape (n,)
-        Of one standard deviation of the slant.
+    Pixels
+        With a column a leg more.
     """
+    leans = np.zeros((*pixels.near.shape, pixels.near.shape[1]))
+    for leg in state.seen:
+        here = np.flatnonzero(pixels.near[:, leg])
+        prints = footprints(
+            state, camera=setting.camera, medium=setting.medium, legs=leg,
+            rows=pixels.rows[here], cols=pixels.cols[here],
+        )  # fmt: skip
+        _, across = light.lines[leg].along_across(pixels.points_px[here])
+        spot = np.full(len(here), np.exp(light.log_spot_px))
+        leans[here, leg, leg] = np.nan_to_num(_one_sigma_ps(prints.slope_ps_per_px, across, spot))
+    return replace(pixels, modes_ps=np.concatenate((pixels.modes_ps, leans), axis=2))
+
+
+def _one_sigma_ps(slope_ps_per_px: Floats, across_px: Floats, spot_px: Floats) -> Floats:
+    """(n,), by how much times lean beside a leg for one standard deviation of its slant, ps."""
     reach = _REACH_STDS * spot_px
     late: Floats = _SLANT_STD * slope_ps_per_px * np.clip(across_px, -reach, reach)
     return late
