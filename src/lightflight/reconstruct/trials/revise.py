@@ -377,11 +377,7 @@ def _thinned_once(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
             if len(set(vertices)) < len(some):
                 continue
             trial = refitted(sightings, state.without(vertices), setting)
-            if isinstance(trial, NoFit):
-                continue
-            # Pulses about a source in view are nobody's where the light begins there.
-            idle = not used[list(some)].any() and _worth(trial, fit) < _CHANCE_CHI2
-            if idle or _fits_as_well(trial, fit):
+            if not isinstance(trial, NoFit) and _fits_as_well(trial, fit):
                 return trial
     return None
 
