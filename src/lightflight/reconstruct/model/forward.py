@@ -271,16 +271,16 @@ class _SeenLeg:
         take their own spacing for knowledge of the lens.
     spot_px : array of float, shape (n,)
         Standard deviation of the spot there, px.
+    growth : array of float, shape (n,)
+        Of its log along the leg, per px.
     across : SeenLine
         What the pixels see of the leg, by their distance from it.
     corners : Corners
         Where the footprint is cut.
     feet : Footing
         Moments of the footprint.
-    thick : ThickFooting or None
-        The same with what a thick beam adds; None: nothing is asked of it.
-    shares : BeamShares or None
-        What of the spot is that beam's.
+    beam : _SeenBeam or None
+        What a thick beam adds; None: nothing is asked of it.
     """
 
     leg: int
@@ -290,11 +290,58 @@ class _SeenLeg:
     across_by_state: Floats
     along_px: Floats
     spot_px: Floats
+    growth: Floats
     across: SeenLine
     corners: Corners
     feet: Footing
-    thick: ThickFooting | None
-    shares: BeamShares | None
+    beam: _SeenBeam | None
+
+
+@dataclass(frozen=True, eq=False)
+class _SeenBeam:
+    """A thick beam as the n pixels near a leg see it.
+
+    Attributes
+    ----------
+    thick : ThickFooting
+        Moments of the footprint, and what they follow.
+    shares : BeamShares
+        What of the spot is the beam's.
+    growth : array of float, shape (n,)
+        Of the log of the spot, per px.
+    slope_ps_per_px : array of float, shape (n,)
+        Of the times along the leg.
+    """
+
+    thick: ThickFooting
+    shares: BeamShares
+    growth: Floats
+    slope_ps_per_px: Floats
+
+    @property
+    def early_ps(self) -> Floats:
+        """(n,), by how much light comes earlier than where a lens makes the spot grow."""
+        fanned, _ = self.shares.fanned_px2(self.thick.towards)
+        early: Floats = 2.0 * self.slope_ps_per_px * self.growth * fanned
+        return early
+
+    def follows(self, scales: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """How three moments, scaled by (3, n), follow distance, log spot, its growth and shares.
+
+        Each (3, n) but the last, (3, 3, n).
+        """
+        thick, shares = self.thick, self.shares
+        across, by_share, by_deep = (
+            scales * np.array(by) for by in (thick.by_across, thick.by_share, thick.by_deep)
+        )
+        by_spot = by_share * shares.across_by_log_spot + by_deep * shares.deep_by_log_spot
+        by_shares = by_share[:, np.newaxis] * shares.across_by
+        by_shares += by_deep[:, np.newaxis] * shares.deep_by
+        fanned, fanned_by = shares.fanned_px2(thick.towards)
+        by_growth = np.zeros_like(across)
+        by_growth[1] = -2.0 * self.slope_ps_per_px * fanned
+        by_shares[1] -= 2.0 * self.slope_ps_per_px * self.growth * fanned_by
+        return across, by_spot, by_growth, by_shares
 
 
 def _seen_leg(
@@ -324,13 +371,13 @@ def _seen_leg(
     along = np.clip(drawn, *span_of_knots(light.knots[k]))
     corners = corner_distances(state, print_, k, camera=camera, cut_ends=light.cut_ends)
     slope = BSpline(light.knots[k], light.coefficients[k], 3).derivative()(along)
-    spot = np.full(len(here), np.exp(light.log_spot_px))
+    spot, growth = np.full(len(here), np.exp(light.log_spot_px)), np.zeros(len(here))
     if light.spots:
-        spot = spot * np.exp(light.spots[k].log_at(along))
-        slope = slope + light.spots[k].growth_at(along) * (2.0 + (across / spot) ** 2)
+        spot, growth = spot * np.exp(light.spots[k].log_at(along)), light.spots[k].growth_at(along)
+        slope = slope + growth * (2.0 + (across / spot) ** 2)
     curvature = arrival_curvature(print_, state=state, camera=camera, medium=medium)
     of_leg = slope, print_.slope_ps_per_px, curvature, corners
-    thick = shares = None
+    beam = None
     if light.beam_share is None and not light.own_shares:
         feet = footing(*of_leg, spot_px=spot)
     else:
@@ -341,21 +388,11 @@ def _seen_leg(
             spot_px=spot, across_px=across, share=shares.across, deep=shares.deep,
         )  # fmt: skip
         feet = thick.feet
+        beam = _SeenBeam(thick, shares, growth, print_.slope_ps_per_px)
     heading = light.lines[k].heading_rad(along)
     seen = seen_line(across, spot, heading, active_px=light.active_px)
     return _SeenLeg(
-        k,
-        print_,
-        by_state,
-        across,
-        across_by_state,
-        along,
-        spot,
-        seen,
-        corners,
-        feet,
-        thick,
-        shares,
+        k, print_, by_state, across, across_by_state, along, spot, growth, seen, corners, feet, beam
     )
 
 
@@ -446,40 +483,33 @@ def _fill_leg(
     local.third_ps3[here, k] = feet.third_ps3
     ahead_px, per_px = seen.across.ahead_px, seen.print_.slope_ps_per_px
     mean_ps = seen.print_.arrival_ps + feet.offset_ps.value + per_px * ahead_px
-    growth = light.spots[k].growth_at(seen.along_px) if light.spots else np.zeros(len(here))
-    if seen.shares is not None and seen.thick is not None:
-        fanned, fanned_by = seen.shares.fanned_px2(seen.thick.towards)
-        mean_ps -= 2.0 * per_px * growth * fanned
+    if seen.beam is not None:
+        mean_ps -= seen.beam.early_ps
     local.arrival_ps[here, k] = mean_ps + modes_ps @ modes
     jacobian, at, splines = local.jacobian, 3 * k, layout.spline_starts[k]
     to_spline = slice(splines, splines + design.shape[1])
     to_slope = slopes_of_splines(light.knots[k], seen.along_px)
     # d ln(std) = d(variance) / (2 variance).
     to_log_std = 0.5 / std**2
+    scales = np.array((np.ones_like(std), np.ones_like(std), to_log_std))
     by_path = np.zeros((3, len(here), slopes.arrival.shape[1]))
     by_spot = np.zeros((3, len(here)))
     by_growth = np.zeros((3, len(here)))
-    by_shares = np.zeros((3, 3, len(here)))
-    for row, (moment, scale) in enumerate(
-        ((feet.log_share, 1.0), (feet.offset_ps, 1.0), (feet.variance_ps2, to_log_std))
-    ):
+    for row, moment in enumerate((feet.log_share, feet.offset_ps, feet.variance_ps2)):
         cut = moment.by_before[:, np.newaxis] * slopes.before
         by_path[row] = cut + moment.by_after[:, np.newaxis] * slopes.after
-        by_path[row] *= np.reshape(scale, (-1, 1))
-        by_slope = scale * moment.by_slope
+        by_path[row] *= scales[row][:, np.newaxis]
+        by_slope = scales[row] * moment.by_slope
         jacobian[here, at + row, to_spline] = by_slope[:, np.newaxis] * to_slope
         by_growth[row] = by_slope * (2.0 + (across / spot) ** 2)
-        by_spot[row] = scale * moment.by_log_spot - 2.0 * by_slope * growth * (across / spot) ** 2
-        by_path[row] += (2.0 * by_slope * growth * across / spot**2)[:, np.newaxis] * slopes.across
-        if seen.shares is not None and seen.thick is not None:
-            by_path[row] += (scale * seen.thick.by_across[row])[:, np.newaxis] * slopes.across
-            by_share, by_deep = scale * seen.thick.by_share[row], scale * seen.thick.by_deep[row]
-            by_spot[row] += by_share * seen.shares.across_by_log_spot
-            by_spot[row] += by_deep * seen.shares.deep_by_log_spot
-            by_shares[row] = by_share * seen.shares.across_by + by_deep * seen.shares.deep_by
-    if seen.shares is not None and seen.thick is not None:
-        by_growth[1] -= 2.0 * per_px * fanned
-        by_shares[1] -= 2.0 * per_px * growth * fanned_by
+        twice = 2.0 * by_slope * seen.growth
+        by_spot[row] = scales[row] * moment.by_log_spot - twice * (across / spot) ** 2
+        by_path[row] += (twice * across / spot**2)[:, np.newaxis] * slopes.across
+    if seen.beam is not None:
+        by_across, spots_of_beam, growths_of_beam, by_shares = seen.beam.follows(scales)
+        by_path += by_across[:, :, np.newaxis] * slopes.across
+        by_spot += spots_of_beam
+        by_growth += growths_of_beam
         if layout.beam is not None:
             jacobian[here, at : at + 3, layout.beam] = by_shares[:, 0].T
         if light.own_shares:
