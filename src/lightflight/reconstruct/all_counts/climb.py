@@ -26,7 +26,13 @@ from lightflight.reconstruct.model.shared import (
 )
 from lightflight.reconstruct.model.strength import SPOT_PRIOR
 from lightflight.reconstruct.model.thick_beam import BEAM_SHARE_STD, OWN_SHARE, OWN_SHARE_STD
-from lightflight.reconstruct.model.unknowns import Layout, Light, layout_of, moved_light
+from lightflight.reconstruct.model.unknowns import (
+    Layout,
+    Light,
+    layout_of,
+    moved_light,
+    pushed_over_edges,
+)
 from lightflight.units import std_from_mad
 
 Floats = NDArray[np.float64]
@@ -317,6 +323,12 @@ class _Hill:
             score[places] += one.result.score
             information[np.ix_(places, places)] += one.result.information
         whole = information + self.prior + self.hold
+        for at, layout, places in zip(
+            point.views, self.order.layouts, self.order.places, strict=True
+        ):
+            for held in places[pushed_over_edges(at.light, layout, score[places])]:
+                # At an edge it stays, and all else is asked for its top there.
+                score[held], whole[held], whole[:, held], whole[held, held] = 0.0, 0.0, 0.0, 1.0
         return _Slope(tuple(told), information, value, score, whole)
 
     def _told(self, view: View, at: ViewPoint, layout: Layout, point: _Point) -> Told:

@@ -26,10 +26,10 @@ Floats = NDArray[np.float64]
 BEAM_SHARE_STD = 0.5
 """Of the spot's variance, what of it is the beam's; about none: a usual beam is a millimetre thick,
 a usual pixel sees several, but nobody is surprised by a beam that makes all of the spot."""
-BEAM_SHARES = (-1.0, 0.95)
+BEAM_SHARES = (-0.3, 0.95)
 """Shares of the spot's variance that a fit may try. Where there is no such beam half of all
-recordings ask for less than none, and ellipses that lie along their leg for as much less as they
-are longer; some of the spot is always the lens'."""
+recordings ask for less than none; some of the spot is always the lens'. At -1 a curve that ends in
+the picture was sent far off: what goes on in straight lines is no beam there."""
 
 USUAL_SPOT_PX = 0.4
 """Standard deviation of the spot of a usual lens, px."""

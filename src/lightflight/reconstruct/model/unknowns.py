@@ -189,3 +189,30 @@ def moved_light(light: Light, step: Floats, layout: Layout) -> Light:
         log_spot_px=float(np.clip(light.log_spot_px + step[-2], *LOG_SPOT_RANGE)),
         log_std_ps=float(light.log_std_ps + np.clip(step[-1], -0.5, 0.5)),
     )
+
+
+def pushed_over_edges(light: Light, layout: Layout, score: Floats) -> list[int]:
+    """Places of shares that stand at an edge of what a fit may try, and would go on over it.
+
+    Parameters
+    ----------
+    light : Light
+        Brightness, spot and pulse width.
+    layout : Layout
+        Where each kind of parameter sits.
+    score : array of float, shape (P,)
+        Slope of the likelihood.
+
+    Returns
+    -------
+    list of int
+        The other parameters are then where they should be without these.
+    """
+    shares = [] if layout.beam is None else [(layout.beam, light.beam_share, BEAM_SHARES)]
+    for first, own in zip(layout.own_shares, light.own_shares, strict=True):
+        shares += [(first + k, share, OWN_SHARES) for k, share in enumerate(own)]
+    return [
+        place
+        for place, share, (least, most) in shares
+        if (share == least and score[place] < 0.0) or (share == most and score[place] > 0.0)
+    ]
