@@ -87,6 +87,7 @@ def test_curves_of_the_two_clocks(one_angle):
     assert curve.theory_event_ps[-1] == pytest.approx(799.0, abs=5.0)
 
 
+@pytest.mark.long
 def test_three_legs_by_every_estimator(legs):
     figure = fig6.record_from_results([legs])
     position = dict(zip(figure.ways, figure.position_rms_mm, strict=True))
