@@ -303,8 +303,10 @@ def light_of(lab: Lab, *, aside_px: float = 0.0) -> Floats:
         arrival = start + INDEX * (share * length + away) / SPEED
         start += INDEX * length / SPEED
         light = lab.brightness(leg, share * length) / away**2 * length / n
-        along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-        places = optics.image(points)[0] + aside_px * np.array([-along[1], along[0]])
+        places = optics.image(points)[0]
+        if aside_px:
+            down, right = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+            places = places + aside_px * np.array([-right, down])
         shed(lab, counts, places, light, arrival)
     return counts * efficiency_of(lab)
 
