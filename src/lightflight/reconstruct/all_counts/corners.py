@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.thick_beam import BEAM_SHARE_STD, clear_of_corners_px
+from lightflight.reconstruct.model.unknowns import Layout, Light
 
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
@@ -84,7 +85,7 @@ def pixels_of_uneven_corners(
 def statements_of_corners(
     ended: Climb, counts: Sequence[Counts], covariance: Floats
 ) -> tuple[str, ...]:
-    """What corners in view showed of the light, one sentence each.
+    """What corners in view and the widths of spots showed of the light, one sentence each.
 
     Parameters
     ----------
@@ -103,21 +104,25 @@ def statements_of_corners(
     for at, layout, places in zip(
         ended.points, ended.order.layouts, ended.order.places, strict=True
     ):
-        stds = np.sqrt(np.diag(covariance)[places])
-        share = at.light.beam_share
-        if share is not None and layout.beam is not None:
-            std = stds[layout.beam]
-            if share > _SEEN_STDS * std:
-                said.append(
-                    f"The beam's own thickness makes {share:.0%} ± {std:.0%} of the spot's "
-                    "variance: its mirrors and ends cut it aslant."
-                )
-        for leg, (start, own) in enumerate(
-            zip(layout.own_shares, at.light.own_shares, strict=True), 1
-        ):
-            if own[0] > _SEEN_STDS * stds[start]:
-                said.append(
-                    f"Leg {leg} is wider than others, or fans out: the beam, not the lens, makes "
-                    f"{own[0]:.0%} ± {stds[start]:.0%} of what its spot is wider."
-                )
+        said.extend(_said_of_beam(at.light, layout, np.sqrt(np.diag(covariance)[places])))
     return tuple(said)
+
+
+def _said_of_beam(light: Light, layout: Layout, stds: Floats) -> list[str]:
+    """What of the spots is the beam's, where it is known: of all legs, and of each alone."""
+    said = []
+    if light.beam_share is not None and layout.beam is not None:
+        share, std = light.beam_share, stds[layout.beam]
+        if share > _SEEN_STDS * std:
+            said.append(
+                f"The beam's own thickness makes {share:.0%} ± {std:.0%} of the spot's variance: "
+                "its mirrors and ends cut it aslant."
+            )
+    for leg, (first, own) in enumerate(zip(layout.own_shares, light.own_shares, strict=True), 1):
+        share, std = own[0], stds[first]
+        if share > _SEEN_STDS * std:
+            said.append(
+                f"Leg {leg} is wider than others, or fans out: the beam, not the lens, makes "
+                f"{share:.0%} ± {std:.0%} of what its spot is wider."
+            )
+    return said
