@@ -12,7 +12,7 @@ from scipy.special import roots_hermitenorm
 
 from lightflight.camera.model import Camera
 from lightflight.flight import Medium
-from lightflight.reconstruct.fit.broad_beams import late_by_beams_ps, with_broad_beams
+from lightflight.reconstruct.fit.broad_beams import with_broad_beams
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.least_squares import TimeData
 from lightflight.reconstruct.model.forward import local_variables
@@ -93,7 +93,7 @@ def test_what_is_the_beams_is_one_error_of_a_legs_pulses():
     fit = with_broad_beams(fit, SimpleNamespace(medium=AIR))
     column = fit.times.modes_ps[:, 2]
     assert fit.broad == ((0, 0),)
-    np.testing.assert_allclose(late_by_beams_ps(fit), -0.5 * column)
+    np.testing.assert_allclose(fit.late_ps(fit.broad_modes), -0.5 * column)
     # By the times of the pixels' feet on the line, and light summed along it.
     along, across = leg.along_across(undistorted_px(CAMERA, rows, cols))
     s = np.linspace(-9.0, 9.0, 20001)

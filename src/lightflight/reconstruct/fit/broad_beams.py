@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.uneven import pulses_by_leg
+from lightflight.reconstruct.fit.uneven import pulses_by_leg, stacked_by_leg
 from lightflight.reconstruct.model.picture import arrival_curvature
 from lightflight.reconstruct.model.setting import Setting
 
@@ -61,24 +61,5 @@ def with_broad_beams(fit: JointFit, setting: Setting) -> JointFit:
         late = some.prints.slope_ps_per_px * (by_beam - by_lens) + 0.5 * curvature * (none - lens)
         column = columns.setdefault((sighting.view, some.leg), np.zeros(len(fit.times.leg)))
         column[some.rows] = _SHARE_STD * late
-    own = np.reshape(list(columns.values()), (len(columns), len(fit.times.leg))).T
-    modes = np.hstack((fit.times.modes_ps, own))
+    modes = np.hstack((fit.times.modes_ps, stacked_by_leg(columns, fit)))
     return replace(fit, times=replace(fit.times, modes_ps=modes), broad=tuple(columns))
-
-
-def late_by_beams_ps(fit: JointFit) -> Floats:
-    """(n,), by how much each pulse of a fit is late because the beam makes its spot, ps.
-
-    Parameters
-    ----------
-    fit : JointFit
-        As solved.
-
-    Returns
-    -------
-    array of float, shape (n,)
-    """
-    last = fit.times.modes_ps.shape[1] - len(fit.active_px) - len(fit.leaning)
-    own = slice(last - len(fit.broad), last)
-    found: Floats = fit.times.modes_ps[:, own] @ fit.solution.modes[own]
-    return found

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.reconstruct.fit.active_area import areas_of_path, with_area_errors
-from lightflight.reconstruct.fit.broad_beams import late_by_beams_ps, with_broad_beams
+from lightflight.reconstruct.fit.broad_beams import with_broad_beams
 from lightflight.reconstruct.fit.joint import JointFit, as_found, pulse_std_ps, told_lines
 from lightflight.reconstruct.fit.membership import (
     MOST_SHIFT,
@@ -28,7 +28,6 @@ from lightflight.reconstruct.fit.pictures import pictures_of
 from lightflight.reconstruct.fit.robust import check_enough, solve_robustly
 from lightflight.reconstruct.fit.slanted_spots import (
     asks_for_slanted_spots,
-    leaning_ps,
     with_slanted_spots,
 )
 from lightflight.reconstruct.fit.uneven import RestAlong, Uneven, uneven_light
@@ -183,7 +182,7 @@ def _feet_and_rest(
     feet, n_of_clock = _feet(fit, seen), _n_of_clock(fit)
     # What was known of uneven light before stands behind the errors of the clock.
     of_light = fit.times.modes_ps[:, n_of_clock:] @ fit.solution.modes[n_of_clock:]
-    of_light -= leaning_ps(fit) + late_by_beams_ps(fit)
+    of_light -= fit.late_ps(fit.broad_modes) + fit.late_ps(fit.leaning_modes)
     left = fit.solution.residual_ps + fit.times.footprint_ps + of_light - feet
     return feet, uneven_light(fit, sightings, setting, left)
 

@@ -124,6 +124,23 @@ class JointFit:
     leaning: tuple[tuple[int, int], ...] = ()
     n_shown: int | None = None
 
+    @property
+    def leaning_modes(self) -> slice:
+        """Which of the shared errors of the times are leaning times: those before the areas'."""
+        last = self.times.modes_ps.shape[1] - len(self.active_px)
+        return slice(last - len(self.leaning), last)
+
+    @property
+    def broad_modes(self) -> slice:
+        """Which of them say what of the spots is the beams': those before the leaning times."""
+        last = self.leaning_modes.start
+        return slice(last - len(self.broad), last)
+
+    def late_ps(self, modes: slice) -> Floats:
+        """(n,), by how much some of the shared errors make each pulse late, as solved, ps."""
+        late: Floats = self.times.modes_ps[:, modes] @ self.solution.modes[modes]
+        return late
+
 
 def score_of_unfitted(
     fit: JointFit, by_time: Floats, by_line: Floats | None = None

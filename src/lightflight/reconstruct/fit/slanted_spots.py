@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.reconstruct.fit.joint import JointFit, score_of_unfitted
-from lightflight.reconstruct.fit.uneven import pulses_by_leg
+from lightflight.reconstruct.fit.uneven import pulses_by_leg, stacked_by_leg
 from lightflight.reconstruct.model.forward import Pixels
 from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.setting import Setting
@@ -53,7 +53,7 @@ def asks_for_slanted_spots(fit: JointFit, setting: Setting) -> bool:
     """
     if fit.slanted:
         return False
-    leans, askew = _stacked(_leans(fit, setting), fit), _delays_askew(fit)
+    leans, askew = stacked_by_leg(_leans(fit, setting), fit), _delays_askew(fit)
     n, k = leans.shape
     gained = _gained(fit, leans)
     as_delays = _gained(fit, askew) - 2.0 * price(askew.shape[1], n)
@@ -94,25 +94,8 @@ def with_slanted_spots(fit: JointFit, setting: Setting) -> JointFit:
     if not fit.slanted:
         return replace(fit, leaning=())
     leans = _leans(fit, setting)
-    modes = np.hstack((fit.times.modes_ps, _stacked(leans, fit)))
+    modes = np.hstack((fit.times.modes_ps, stacked_by_leg(leans, fit)))
     return replace(fit, times=replace(fit.times, modes_ps=modes), leaning=tuple(leans))
-
-
-def leaning_ps(fit: JointFit) -> Floats:
-    """(n,), by how much each pulse of a fit leans, as it was solved, ps.
-
-    Parameters
-    ----------
-    fit : JointFit
-        Whose active areas, if any are fitted, are its last shared errors.
-
-    Returns
-    -------
-    array of float, shape (n,)
-    """
-    own = _own(fit)
-    found: Floats = fit.times.modes_ps[:, own] @ fit.solution.modes[own]
-    return found
 
 
 def slants_found(fit: JointFit) -> dict[tuple[int, int], tuple[float, float]]:
@@ -128,7 +111,7 @@ def slants_found(fit: JointFit) -> dict[tuple[int, int], tuple[float, float]]:
     dict of (int, int) to (float, float)
         By camera and leg; empty where spots are round.
     """
-    own = _own(fit)
+    own = fit.leaning_modes
     variance = np.diag(fit.solution.covariance)[fit.freedom_basis.shape[1] :][own]
     slants = _SLANT_STD * fit.solution.modes[own]
     stds = _SLANT_STD * np.sqrt(variance)
@@ -150,17 +133,6 @@ def statements_of_slanted_spots(fit: JointFit) -> tuple[str, ...]:
         "right."
         for (view, leg), (at, std) in slants_found(fit).items()
     )
-
-
-def _own(fit: JointFit) -> slice:
-    """Which of the shared errors of the times are leaning times."""
-    last = fit.times.modes_ps.shape[1] - len(fit.active_px)
-    return slice(last - len(fit.leaning), last)
-
-
-def _stacked(leans: dict[tuple[int, int], Floats], fit: JointFit) -> Floats:
-    """(n, k), columns side by side."""
-    return np.reshape(list(leans.values()), (len(leans), len(fit.times.leg))).T
 
 
 def _leans(fit: JointFit, setting: Setting) -> dict[tuple[int, int], Floats]:

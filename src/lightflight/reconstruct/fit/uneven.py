@@ -145,6 +145,11 @@ def pulses_by_leg(fit: JointFit, setting: Setting) -> Iterator[PulsesOfLeg]:
             yield PulsesOfLeg(number, leg, here, points, prints, line, light)
 
 
+def stacked_by_leg(columns: dict[tuple[int, int], Floats], fit: JointFit) -> Floats:
+    """(n, k), columns of the times of a fit, by camera and leg, side by side."""
+    return np.reshape(list(columns.values()), (len(columns), len(fit.times.leg))).T
+
+
 @dataclass(frozen=True, eq=False)
 class _Pulses:
     """What the pulses of one leg in one recording show; (n,) each.
