@@ -152,11 +152,15 @@ class Pixels:
         Score (k,) and information (k, k), and what the unknowns take up of the columns (n, q, k).
         """
         k = columns.shape[2]
-        weighted, shared, taken = self._eliminated(columns)
+        # By the root of their weight, a matrix times itself is half the work of two matrices.
+        root = np.sqrt(self.weight)[:, :, np.newaxis]
+        rooted = root * columns
+        shared: Floats = np.swapaxes(root * self.slopes, 1, 2) @ rooted
+        taken: Floats = self.inverse @ shared
         rest, pull = self._rest_and_pull()
         score = rest.ravel() @ columns.reshape(-1, k) - pull.ravel() @ taken.reshape(-1, k)
-        information = weighted.reshape(-1, k).T @ columns.reshape(-1, k)
-        information -= shared.reshape(-1, k).T @ taken.reshape(-1, k)
+        rooted = rooted.reshape(-1, k)
+        information = rooted.T @ rooted - shared.reshape(-1, k).T @ taken.reshape(-1, k)
         return score, 0.5 * (information + information.T), taken
 
     def said_of_each(self, columns: Floats) -> tuple[Floats, Floats]:

@@ -137,7 +137,9 @@ class Spread:
         columns = np.zeros((*self.wide.shape[:2], len(wide) + len(outside)))
         columns[:, :, : len(wide)] = self.wide
         columns[:, :, :n_halos] += np.einsum("nmsj,s->nmj", self.outside, outside[self.sides])
-        columns[:, :, len(wide) + self.sides] = self.outside @ wide[:n_halos]
+        # One product of a matrix and a vector: of many small ones each has its own price.
+        of_sides = self.outside.reshape(-1, n_halos) @ wide[:n_halos]
+        columns[:, :, len(wide) + self.sides] = of_sides.reshape(self.outside.shape[:3])
         return columns
 
     def times(self, factor: float) -> Spread:

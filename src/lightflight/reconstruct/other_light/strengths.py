@@ -228,6 +228,10 @@ class Known:
         """Deviance of the counts: twice what the log-likelihood lacks, up to a constant."""
         return _misfit(self.pixels, self.dark)
 
+    def is_hopeless(self, most_misfit: float) -> bool:
+        """Whether no round to come can bring the deviance below this."""
+        return self.misfit() - _HOPES * self.ahead > most_misfit
+
 
 def _misfit(pixels: Pixels, dark: Group | None) -> float:
     return sum(

@@ -218,9 +218,15 @@ def _with_pulse_as_before(asked: Asked, second: Echo) -> Known | None:
     return repeated if _explains(repeated, asked) else None
 
 
-def _explains(known: Known, asked: Asked) -> bool:
-    """Whether counts ask for what comes twice: without it they are worse, however well fitted."""
+def _explains(known: Known, asked: Asked, plain: Known | None = None) -> bool:
+    """Whether counts ask for what comes twice: without it they are worse, however well fitted.
+
+    `plain` is what was fitted without it: where that ran off and is hopeless, it is not run again.
+    """
     enough = known.misfit() + LEAST_GAIN
+    ran_off = plain is not None and not plain.settled and plain.lags_ps is known.lags_ps
+    if plain is not None and ran_off and plain.is_hopeless(enough):
+        return True
     without = asked.strengths(lags_ps=known.lags_ps, most_misfit=enough, to_the_end=True)
     return without.misfit() > enough
 
@@ -257,7 +263,7 @@ def _with_mirror(
             more = asked.strengths(more.second, lags_ps=lags_ps, most_misfit=enough)
         explains = more.misfit() < enough
         if explains and more.settled and _possible(more):
-            return more if _explains(more, asked) else None
+            return more if _explains(more, asked, known) else None
         # The best one explains too little: so do the others.
         if not explains:
             return None
@@ -288,4 +294,4 @@ def _with_second_pulse(asked: Asked, known: Known) -> Known | None:
     enough = known.misfit() - LEAST_GAIN
     more = asked.strengths(found[0], lags_ps=lags, most_misfit=enough)
     found_one = more.settled and _is_share(more) and more.misfit() < enough
-    return more if found_one and _explains(more, asked) else None
+    return more if found_one and _explains(more, asked, known) else None

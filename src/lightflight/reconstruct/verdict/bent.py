@@ -67,8 +67,12 @@ def asks_for_bends(verdict: Verdict, state: PathState) -> bool:
     -------
     bool
     """
-    if any(one.name == FindingName.CURVED_LEG for one in verdict.findings):
+    names = [one.name for one in verdict.findings]
+    if FindingName.CURVED_LEG in names:
         return True
+    if names[:1] == [FindingName.CALIBRATION]:
+        # Pixels that err each by themselves leave misfit that no curve takes up.
+        return False
     contradicted = verdict.level is Level.CONTRADICTED
     return leaves_misfit(verdict) or (contradicted and bool(runs_of_corners(state)))
 
