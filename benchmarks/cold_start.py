@@ -1,7 +1,8 @@
 """What a newcomer waits for: commands with an empty Numba cache against the same, warm.
 
     python benchmarks/cold_start.py            # the tutorial's commands, medians of three
-    python benchmarks/cold_start.py --quick    # one run each, and only the counts can fail
+    python benchmarks/cold_start.py --quick    # one run each, and only the counts can fail; warm
+                                               # is what compiles something, but for the demo
 
 The commands of docs/tutorial/first-path.md (and the demo) run in processes of their own, byte code
 present. Seconds are CPU time of the process, user and system. Functions are those that Numba
@@ -17,6 +18,7 @@ import platform
 import subprocess
 import sys
 import tempfile
+from math import isnan, nan
 from pathlib import Path
 from statistics import median
 
@@ -95,14 +97,17 @@ def cpu_seconds(arguments: list[str], folder: Path, cache: Path) -> float:
     return sum(after[2:4]) - sum(before[2:4])
 
 
-def counted(command: str, folder: Path) -> tuple[int, float, float]:
-    """Functions that Numba compiles with an empty cache; CPU seconds of that run, of the next."""
+def counted(command: str, folder: Path, *, again: bool) -> tuple[int, float, float]:
+    """Functions that Numba compiles with an empty cache; CPU seconds of that run, of the next.
+
+    The next is not made where nothing was compiled, or nobody asks for it: NaN.
+    """
     with tempfile.TemporaryDirectory() as cache_name:
         cache = Path(cache_name)
         arguments = ["-c", COUNTING, *command.split(), str(cache / "count")]
         cold = cpu_seconds(arguments, folder, cache)
         n = int((cache / "count").read_text())
-        return n, cold, cpu_seconds(arguments, folder, cache)
+        return n, cold, cpu_seconds(arguments, folder, cache) if n and again else nan
 
 
 def cold_and_warm(command: str, folder: Path, rounds: int) -> tuple[float, float]:
@@ -114,6 +119,10 @@ def cold_and_warm(command: str, folder: Path, rounds: int) -> tuple[float, float
                 arguments = ["-m", "lightflight", *command.split()]
                 seconds.append(cpu_seconds(arguments, folder, Path(cache)))
     return median(cold), median(warm)
+
+
+def _shown(number: float) -> str:
+    return "-" if isnan(number) else f"{number:.1f}"
 
 
 def main() -> None:
@@ -135,11 +144,12 @@ def main() -> None:
         for name, command in COMMANDS.items():
             if options.quick and name in NOT_QUICKLY:
                 continue
-            n, cold, warm = counted(command, folder)
+            again = options.quick and name != "demo"
+            n, cold, warm = counted(command, folder, again=again)
             if not options.quick:
                 cold, warm = cold_and_warm(command, folder, options.rounds)
-            print(f"| {name} | {n} | {MOST[name]} | {cold:.1f} | {warm:.1f} | {cold / warm:.1f} |",
-                  flush=True)  # fmt: skip
+            seconds = " | ".join(map(_shown, (cold, warm, cold / warm)))
+            print(f"| {name} | {n} | {MOST[name]} | {seconds} |", flush=True)
             if n > MOST[name]:
                 misses.append(f"{name} compiles {n} functions, not {MOST[name]}")
             if not options.quick and cold > MOST_RATIO * warm:

@@ -54,6 +54,14 @@ def unexamined(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def nothing_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No mirror and no second pulse is looked for: where all else errs by nothing but the model."""
+    from lightflight.reconstruct.other_light import diffuse
+
+    monkeypatch.setattr(diffuse, "with_second", lambda asked, *_, **__: asked.strengths())
+
+
+@pytest.fixture
 def as_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """No detours, bends and arms instead of a path that the counts contradict, proved elsewhere.
 

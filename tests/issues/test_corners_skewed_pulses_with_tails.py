@@ -12,7 +12,7 @@ from benchmarks.random_labs import drawn_lab, expected_counts, histograms, pulls
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning"),
-    pytest.mark.usefixtures("unexamined"),
+    pytest.mark.usefixtures("unexamined", "nothing_twice"),
 ]
 
 
