@@ -13,10 +13,10 @@ no model here has: wings of a lens that fall as a power (of 3 px), light that wa
 the wider), a screen that glows on for 1.5 ns, an image in a curved mirror, neighbours that count
 along a code later, background that grows across the picture, a flash where the light ends that
 lights the room, a spot with a comet's tail, a beam of two lobes, a last leg that fans out (behind
-a mirror that shakes, about two axes or one), a flat beam, a laser whose pulses are wider or
-narrower than those of the flat. And what is told: the source's place (a share of its distance), its
-emission time, the clock's codes, focal length, pose, a distortion that is not there, the index, and
-a mirrored picture.
+a mirror that shakes, about two axes or one) or leaves the focus, a flat beam, a laser whose pulses
+are wider or narrower than those of the flat. And what is told: the source's place (a share of its
+distance), its emission time, the clock's codes, focal length, pose, a distortion that is not there,
+the index, and a mirrored picture.
 
 Printed: every laboratory with its verdict; at the end for each defect and strength how many were
 trusted, checked, contradicted and refused, how many are wrong (number of legs, or a point within a
@@ -335,6 +335,11 @@ def ribbon(lab: Lab, px: float, rng: np.random.Generator) -> tuple[Floats, Told]
     return counts_of(lab, np.mean(each, axis=0)), {}
 
 
+def soft(lab: Lab, by: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    """The last leg leaves the depth that is in focus: its spot grows by a factor of exp(`by`)."""
+    return counts_of(lab, light_of(lab, softer=by)), {}
+
+
 def wider(lab: Lab, by: float, rng: np.random.Generator) -> tuple[Floats, Told]:
     return counts_of(lab, light_of(replace(lab, pulse_ps=lab.pulse_ps * (1.0 + by)))), {}
 
@@ -416,6 +421,7 @@ DEFECTS: dict[str, tuple[Defect, tuple[float, ...]]] = {
     "fan": (fan, (0.5, 1.0)),
     "sheet": (sheet, (0.7,)),
     "ribbon": (ribbon, (0.6,)),
+    "soft": (soft, (0.7,)),
     "wider": (wider, (0.1, 0.3)),
     "narrower": (narrower, (0.15,)),
     "source": (source, (0.002, 0.01)),

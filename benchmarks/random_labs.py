@@ -288,8 +288,12 @@ def counts_of(lab: Lab, light: Floats) -> Floats:
     return counts
 
 
-def light_of(lab: Lab, *, aside_px: float = 0.0) -> Floats:
-    """(rows, cols, codes), in units of its own; each leg so far to the right of its image."""
+def light_of(lab: Lab, *, aside_px: float = 0.0, softer: float = 0.0) -> Floats:
+    """(rows, cols, codes), in units of its own.
+
+    Each leg lies so far to the right of its image; to the end of the last one the lens' spot grows
+    by a factor of exp(`softer`).
+    """
     optics = lab.optics
     counts = np.zeros((*optics.shape, lab.n_codes))
     start = lab.emission_ps
@@ -307,7 +311,13 @@ def light_of(lab: Lab, *, aside_px: float = 0.0) -> Floats:
         if aside_px:
             down, right = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
             places = places + aside_px * np.array([-right, down])
-        shed(lab, counts, places, light, arrival)
+        if softer and leg == len(lab.vertices) - 2:
+            for k in range(n):
+                soft = replace(optics, spot_px=optics.spot_px * np.exp(softer * share[k]))
+                one = slice(k, k + 1)
+                shed(replace(lab, optics=soft), counts, places[one], light[one], arrival[one])
+        else:
+            shed(lab, counts, places, light, arrival)
     return counts * efficiency_of(lab)
 
 

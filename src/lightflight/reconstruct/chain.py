@@ -371,9 +371,12 @@ def _reconsidered(
     if longer is not None:
         return longer
     stands = _stands(found)
-    other = _unseen_as_such(fit, request, estimator) if stands else None
+    # Bends may stand in for a way that nobody saw, cut into legs: they are asked about first.
+    is_straight = stands and not found.bends
+    other = _unseen_as_such(fit, request, estimator) if is_straight else None
     other = other or _detour_or_bend(found, fit, request, estimator)
-    if not (stands or other) and found.verdict.findings[0].name is FindingName.UNSEEN_LEG:
+    is_named = not stands and found.verdict.findings[0].name is FindingName.UNSEEN_LEG
+    if other is None and (is_named or (stands and found.bends)):
         other = _unseen_as_such(fit, request, estimator)
     if fit is None:
         return other or found
@@ -395,7 +398,8 @@ def _detour_or_bend(
 
     Detours come before bends: they are asked about only at the picture's edge, and most
     recordings have none there. A curve is cut into legs as well, between which light seems lost:
-    where the pulses leave that open, the one is taken that they ask for.
+    where the pulses leave that open, the one is taken that they ask for. So it is where bends by
+    themselves would explain the counts: a way that nobody saw may be cut into legs and bent.
     """
     detour, holds_all = None, False
     is_open = leaves_misfit(found.verdict) or (
@@ -408,6 +412,8 @@ def _detour_or_bend(
         if is_sure and _stands(first) and not request.may_bend:
             return first
     bent = _bent(fit, found.verdict, request, estimator)
+    if bent is not None and not (is_open or request.may_bend):
+        detour = _detour(fit, request, estimator)[0]
     open_to_both = detour is not None and not (holds_all or request.may_bend)
     rival = detour[1] if detour is not None and open_to_both else None
     # The pulses as found decide, and are asked first: the rest of the light takes longest.
