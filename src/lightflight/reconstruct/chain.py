@@ -412,7 +412,7 @@ def _detour_or_bend(
         if is_sure and _stands(first) and not request.may_bend:
             return first
     bent = _bent(fit, found.verdict, request, estimator)
-    if bent is not None and not (is_open or request.may_bend):
+    if (bent is not None or _is_curved(found)) and not (is_open or request.may_bend):
         detour = _detour(fit, request, estimator)[0]
     open_to_both = detour is not None and not (holds_all or request.may_bend)
     rival = detour[1] if detour is not None and open_to_both else None
@@ -427,6 +427,12 @@ def _detour_or_bend(
     if detour is None or (request.may_bend and not holds_all):
         return None
     return detour[0]
+
+
+def _is_curved(path: LightPath) -> bool:
+    """Whether a leg that is no straight one contradicts a path."""
+    curved = (FindingName.CURVED_LEG, Severity.CONTRADICTED)
+    return curved in {(one.name, one.severity) for one in path.verdict.findings}
 
 
 def _stands(path: LightPath) -> bool:

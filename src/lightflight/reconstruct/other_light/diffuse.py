@@ -27,6 +27,7 @@ from lightflight.reconstruct.fit.joint import (
     fit_joint,
     moved_stds,
     pulse_std_in_view,
+    pulse_std_ps,
     pulses_of_legs,
     refuse_run_away,
 )
@@ -58,6 +59,9 @@ Indices = NDArray[np.int64]
 
 _MOST_PATHS = 8
 """Most times that strengths are measured about a path that they have moved far."""
+_MOST_SCATTER = 0.5
+"""Of a pulse's width, what times may scatter by about a path of which other light is asked. Beside
+other light they do by 0.15 at most, about a path of too few legs by 1.2."""
 _FAR_STDS = 1.0
 """Pulses are told apart anew where the path moves by more than this many of its errors."""
 _STILL_STDS = 0.2
@@ -139,8 +143,10 @@ def with_diffuse(fit: JointFit, setting: Setting, *, nominal: bool) -> JointFit:
     """
     fit = with_fine_light(fit, setting)
     plain = list(fit.sightings)
-    # About a leg that no pulse speaks for, the light of a path told wrong would be called diffuse.
-    if not pulses_of_legs(fit).all():
+    # About a leg that no pulse speaks for, or where light comes when none is expected, the light of
+    # a path told wrong would be called diffuse.
+    scatters = fit.floor_ps > _MOST_SCATTER * pulse_std_ps(plain)
+    if scatters or not pulses_of_legs(fit).all():
         return fit
     try:
         far = False
