@@ -21,11 +21,13 @@ import sys
 import warnings
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 import lightflight as lf
 from lightflight.errors import GeometryError, NothingFoundError
+from lightflight.reconstruct.all_counts.corners import statements_of_corners
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.misfit_labs import recording_of
@@ -43,19 +45,20 @@ def shares_of(kind: str, seed: int) -> tuple[Floats, Floats] | None:
     chain = importlib.import_module("lightflight.reconstruct.chain")
     lab, hist, told = recording_of(kind, KINDS[kind][0], seed)
     ends: list[Any] = []
-    stated, examined = photon.statements_of_corners, chain.examined
+    stated = statements_of_corners
 
     def kept(ended: Any, counts: Any, covariance: Floats) -> Any:
         ends.append((ended, covariance))
         return stated(ended, counts, covariance)
 
-    photon.statements_of_corners, chain.examined = kept, lambda path, *_, **__: path
-    try:
-        path = lf.reconstruct(hist, method="photon", **told)
-    except (GeometryError, NothingFoundError):
-        return None
-    finally:
-        photon.statements_of_corners, chain.examined = stated, examined
+    with (
+        patch.object(photon, "statements_of_corners", kept),
+        patch.object(chain, "examined", lambda path, *_, **__: path),
+    ):
+        try:
+            path = lf.reconstruct(hist, method="photon", **told)
+        except (GeometryError, NothingFoundError):
+            return None
     if path.n_legs != len(lab.vertices) - 1 or not ends:
         return None
     ended, covariance = ends[-1]

@@ -22,9 +22,12 @@ def test_light_that_scatters_by_its_width_is_not_asked(share, asked, monkeypatch
     fit, sighting, setting = fit_from_truth(lab, lab.recording(1, 20_000.0))
     times = []
     told = diffuse.without_diffuse
-    monkeypatch.setattr(
-        diffuse, "without_diffuse", lambda *a, **k: times.append(1) or told(*a, **k)
-    )
+
+    def counted(*arguments, **options):
+        times.append(1)
+        return told(*arguments, **options)
+
+    monkeypatch.setattr(diffuse, "without_diffuse", counted)
     floor_ps = share * pulse_std_ps([sighting])
     monkeypatch.setattr(diffuse, "with_fine_light", lambda one, _: replace(one, floor_ps=floor_ps))
     found = diffuse.with_diffuse(fit, setting, nominal=False)

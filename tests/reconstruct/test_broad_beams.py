@@ -194,6 +194,8 @@ def test_shares_come_out_within_their_errors(seed):
 
     The two of 40 laboratories of `benchmarks/own_shares.py` whose stated errors are least.
     """
-    share, stated = shares_of("sheet", seed)
+    found = shares_of("sheet", seed)
+    assert found is not None
+    share, stated = found
     assert (stated < 0.15).all()
     assert (np.abs(share - [1.0, 0.0]) < 4.5 * stated).all()

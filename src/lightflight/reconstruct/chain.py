@@ -414,6 +414,7 @@ def _detour_or_bend(
     bent = _bent(fit, found.verdict, request, estimator)
     if (bent is not None or _is_curved(found)) and not (is_open or request.may_bend):
         detour = _detour(fit, request, estimator)[0]
+        detour = detour if detour is not None and _stands(detour[0]) else None
     open_to_both = detour is not None and not (holds_all or request.may_bend)
     rival = detour[1] if detour is not None and open_to_both else None
     # The pulses as found decide, and are asked first: the rest of the light takes longest.
