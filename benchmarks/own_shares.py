@@ -42,7 +42,7 @@ FAR_STDS = 4.0
 def shares_of(kind: str, seed: int) -> tuple[Floats, Floats] | None:
     """Shares (2,) of the last leg and their stated errors; None: another path, or never asked."""
     photon = importlib.import_module("lightflight.reconstruct.all_counts.photon")
-    chain = importlib.import_module("lightflight.reconstruct.chain")
+    answer = importlib.import_module("lightflight.reconstruct.answer")
     lab, hist, told = recording_of(kind, KINDS[kind][0], seed)
     ends: list[Any] = []
     stated = statements_of_corners
@@ -53,7 +53,7 @@ def shares_of(kind: str, seed: int) -> tuple[Floats, Floats] | None:
 
     with (
         patch.object(photon, "statements_of_corners", kept),
-        patch.object(chain, "examined", lambda path, *_, **__: path),
+        patch.object(answer, "examined", lambda path, *_, **__: path),
     ):
         try:
             path = lf.reconstruct(hist, method="photon", **told)

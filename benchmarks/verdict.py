@@ -160,7 +160,7 @@ class Timed:
             self.cpu_s += time.process_time() - start
 
 
-CHAIN: Any = importlib.import_module("lightflight.reconstruct.chain")
+CHAIN: Any = importlib.import_module("lightflight.reconstruct.answer")
 CHAIN.examined = VERDICTS = Timed(CHAIN.examined)
 
 

@@ -67,8 +67,8 @@ def as_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
     Most of the time of such a recording goes to them.
     """
-    chain = importlib.import_module("lightflight.reconstruct.chain")
-    monkeypatch.setattr(chain, "_reconsidered", lambda path, *_: path)
+    answer = importlib.import_module("lightflight.reconstruct.answer")
+    monkeypatch.setattr(answer, "_reconsidered", lambda path, *_: path)
 
 
 _MANY_TESTS = 1000

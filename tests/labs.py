@@ -132,8 +132,8 @@ def lab_of(
 
 def without_verdict(patch: pytest.MonkeyPatch) -> None:
     """What the fixture `unexamined` does, for fixtures of a module."""
-    chain = importlib.import_module("lightflight.reconstruct.chain")
-    patch.setattr(chain, "examined", lambda path, *_, **__: path)
+    answer = importlib.import_module("lightflight.reconstruct.answer")
+    patch.setattr(answer, "examined", lambda path, *_, **__: path)
 
 
 @cache

@@ -42,9 +42,9 @@ def test_it_is_one_again(monkeypatch):
     with pytest.warns(SuspectDataWarning):
         parted = lf.reconstruct(hist, n_legs=4, **told)
     contradicted = replace(parted.verdict, level=Level.CONTRADICTED)
-    chain = importlib.import_module("lightflight.reconstruct.chain")
+    answer = importlib.import_module("lightflight.reconstruct.answer")
     found = replace(parted, verdict=contradicted)
-    monkeypatch.setattr(chain, "_reconsidered", lambda *_: found)
+    monkeypatch.setattr(answer, "_reconsidered", lambda *_: found)
     path = lf.reconstruct(hist, **told)
     assert path.n_legs == 3
     assert path.verdict.level is Level.TRUST

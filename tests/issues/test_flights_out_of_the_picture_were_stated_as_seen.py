@@ -45,18 +45,18 @@ def test_the_way_nobody_saw_is_stated_as_such(seed):
 @pytest.mark.parametrize("holds_all", [False, True])
 def test_the_counts_decide_where_pulses_leave_light(holds_all, monkeypatch):
     """A detour that its counts contradict is taken only where it holds all but all of the light."""
-    chain = importlib.import_module("lightflight.reconstruct.chain")
+    answer = importlib.import_module("lightflight.reconstruct.answer")
     finding = Finding(FindingName.UNEXPLAINED_LIGHT, "", 9.0, "", Severity.CONTRADICTED)
     path = make_path(verdict=Verdict(Level.CONTRADICTED, (finding,)))
     detoured = SimpleNamespace(fit=None, holds_all=holds_all)
-    monkeypatch.setattr(chain, "detour_instead", lambda *_: detoured)
-    monkeypatch.setattr(chain, "_told", lambda *_: (path, None))
-    monkeypatch.setattr(chain, "_judged", lambda *_: path)
+    monkeypatch.setattr(answer, "detour_instead", lambda *_: detoured)
+    monkeypatch.setattr(answer, "_told", lambda *_: (path, None))
+    monkeypatch.setattr(answer, "_judged", lambda *_: path)
     request = SimpleNamespace(
         start=None, setting=SimpleNamespace(lengths=()), sightings=[], n_legs=None
     )
-    answer, _ = chain._detour(None, request, SimpleNamespace(of_fit=True))
-    assert (answer == (path, None)) == holds_all
+    found, _ = answer._detour(None, request, SimpleNamespace(of_fit=True))
+    assert (found == (path, None)) == holds_all
 
 
 @pytest.mark.parametrize(("curve", "gap", "is_curve"), [(100.0, 95.0, True), (130.0, 95.0, False)])

@@ -66,14 +66,14 @@ def test_spot_and_brightness_trade_along_a_leg_between_two_columns():
 @pytest.mark.usefixtures("unexamined")
 def test_each_place_spreads_what_its_own_spot_holds(monkeypatch):
     """A spot twice as wide of the same brightness holds twice the light, where the leg's own is."""
-    chain, fits = importlib.import_module("lightflight.reconstruct.chain"), []
-    judged = chain._judged
+    answer, fits = importlib.import_module("lightflight.reconstruct.answer"), []
+    judged = answer._judged
 
     def kept(path, fit, *given):
         fits.append(fit)
         return judged(path, fit, *given)
 
-    monkeypatch.setattr(chain, "_judged", kept)
+    monkeypatch.setattr(answer, "_judged", kept)
     reconstructed(random_world(1253, 1).but(spot_tilt_ln=0.24), 1253)
     (fit,) = fits
     (picture,) = fit.pictures

@@ -12,7 +12,7 @@ import pytest
 
 import lightflight as lf
 from lightflight.path.verdict import NOT_EXAMINED, Level, Verdict
-from lightflight.reconstruct import chain
+from lightflight.reconstruct import answer, chain
 from lightflight.reconstruct.legs.direction import legs_in_all_pictures
 from lightflight.reconstruct.trials.revise import fit_without_dim_legs
 from tests.oracles.worlds.border import record, what_the_user_tells
@@ -67,12 +67,12 @@ def test_bright_legs_alone_are_asked_for_where_all_do_not_pass(monkeypatch, verd
     def judged(*_):
         return SimpleNamespace(verdict=Verdict(Level.CHECK, ()))
 
-    monkeypatch.setattr(chain, "legs_in_all_pictures", lambda *_: ())
-    monkeypatch.setattr(chain, "fit_without_dim_legs", tries)
-    monkeypatch.setattr(chain, "_told", lambda *_: (None, None))
-    monkeypatch.setattr(chain, "_judged", judged)
+    monkeypatch.setattr(answer, "legs_in_all_pictures", lambda *_: ())
+    monkeypatch.setattr(answer, "fit_without_dim_legs", tries)
+    monkeypatch.setattr(answer, "_told", lambda *_: (None, None))
+    monkeypatch.setattr(answer, "_judged", judged)
     request = SimpleNamespace(n_legs=None, start=None, sightings=(), setting=None)
     found = SimpleNamespace(verdict=verdict)
-    alone = chain._without_images(found, request, SimpleNamespace(of_fit=True))
+    alone = answer._without_images(found, request, SimpleNamespace(of_fit=True))
     assert bool(tried) == asked
     assert (alone is not None) == asked

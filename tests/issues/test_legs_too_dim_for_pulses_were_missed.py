@@ -73,13 +73,13 @@ def test_light_that_ends_in_view_has_ended():
 @pytest.mark.parametrize("severity", list(Severity))
 def test_only_light_that_contradicts_the_end_is_followed(severity, monkeypatch):
     """Legs in doubt have the same name, on paths that not all tests let stand."""
-    chain = importlib.import_module("lightflight.reconstruct.chain")
+    answer = importlib.import_module("lightflight.reconstruct.answer")
     asked = []
-    monkeypatch.setattr(chain, "path_going_on", lambda *told, **_: asked.append(told))
+    monkeypatch.setattr(answer, "path_going_on", lambda *told, **_: asked.append(told))
     finding = Finding(FindingName.LEG_COUNT, "", 4.0, "", severity)
     path = make_path(verdict=Verdict(Level.CHECK, (finding,)))
     request = SimpleNamespace(n_legs=None, start=None, setting=None, timing=None)
-    assert chain._going_on(path, object(), request, SimpleNamespace(of_fit=True)) is None
+    assert answer._going_on(path, object(), request, SimpleNamespace(of_fit=True)) is None
     assert bool(asked) == (severity is Severity.CONTRADICTED)
 
 

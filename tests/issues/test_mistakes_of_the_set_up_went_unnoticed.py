@@ -35,7 +35,7 @@ def test_a_sound_set_up_has_no_finding():
 
 def test_metres_are_refused_in_one_sentence_before_other_paths_are_tried(monkeypatch):
     """They were for half a minute: ways that nobody saw explain what no light can do."""
-    monkeypatch.setattr(import_module("lightflight.reconstruct.chain"), "detour_instead", None)
+    monkeypatch.setattr(import_module("lightflight.reconstruct.answer"), "detour_instead", None)
     lab = three_legs()
     hist, _ = recorded(lab)
     for n_legs in (None, 3):

@@ -31,7 +31,7 @@ def test_a_second_pulse_is_no_detour():
 @pytest.mark.parametrize("name", [FindingName.OTHER_PULSE, FindingName.UNSEEN_LEG])
 def test_no_detour_is_tried_beside_a_second_pulse(name, monkeypatch):
     """Whatever else the verdict leaves open; where it names none, one is tried."""
-    chain = importlib.import_module("lightflight.reconstruct.chain")
+    answer = importlib.import_module("lightflight.reconstruct.answer")
     asked: list[tuple[object, ...]] = []
 
     def no_detour(*given):
@@ -40,9 +40,9 @@ def test_no_detour_is_tried_beside_a_second_pulse(name, monkeypatch):
 
     finding = Finding(name, "", 9.0, "", Severity.CONTRADICTED)
     path = make_path(verdict=Verdict(Level.CONTRADICTED, (finding,)))
-    monkeypatch.setattr(chain, "_without_images", lambda *_: None)
-    monkeypatch.setattr(chain, "leaves_misfit", lambda _: True)
-    monkeypatch.setattr(chain, "_detour", no_detour)
-    monkeypatch.setattr(chain, "_bent", lambda *_: None)
-    assert chain._reconsidered(path, None, SimpleNamespace(may_bend=False), None) is path
+    monkeypatch.setattr(answer, "_without_images", lambda *_: None)
+    monkeypatch.setattr(answer, "leaves_misfit", lambda _: True)
+    monkeypatch.setattr(answer, "_detour", no_detour)
+    monkeypatch.setattr(answer, "_bent", lambda *_: None)
+    assert answer._reconsidered(path, None, SimpleNamespace(may_bend=False), None) is path
     assert len(asked) == (name is FindingName.UNSEEN_LEG)

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightW
 FINDING = Finding(FindingName.UNEXPLAINED_LIGHT, "", 9.0, "", Severity.CONTRADICTED)
 CONTRADICTED = make_path(verdict=Verdict(Level.CONTRADICTED, (FINDING,)))
 TRUSTED = make_path(verdict=Verdict(Level.TRUST, ()))
-chain = importlib.import_module("lightflight.reconstruct.chain")
+answer = importlib.import_module("lightflight.reconstruct.answer")
 
 
 def answered(
@@ -35,12 +35,12 @@ def answered(
             begun.append(camera)
             yield camera
 
-    monkeypatch.setattr(chain, "fits_begun_by_one_camera", fits)
-    monkeypatch.setattr(chain, "_told", lambda fit, *_: (fit, fit))
-    monkeypatch.setattr(chain, "_judged", lambda fit, *_: (CONTRADICTED, TRUSTED)[fit])
+    monkeypatch.setattr(answer, "fits_begun_by_one_camera", fits)
+    monkeypatch.setattr(answer, "_told", lambda fit, *_: (fit, fit))
+    monkeypatch.setattr(answer, "_judged", lambda fit, *_: (CONTRADICTED, TRUSTED)[fit])
     request = SimpleNamespace(setting=SimpleNamespace(others=others), start=start)
     estimator = SimpleNamespace(of_fit=of_fit)
-    return chain._begun_by_one_camera(found, request, estimator), len(begun)
+    return answer._begun_by_one_camera(found, request, estimator), len(begun)
 
 
 def test_what_one_camera_shows_begins_where_both_led_nowhere(monkeypatch):

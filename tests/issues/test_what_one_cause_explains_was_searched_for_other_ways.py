@@ -16,7 +16,7 @@ from tests.path_fakes import make_path
 from tests.reconstruct.test_verdict import reconstructed
 
 # By its module: the package's name of it is the function.
-chain = importlib.import_module("lightflight.reconstruct.chain")
+answer = importlib.import_module("lightflight.reconstruct.answer")
 
 
 def said(level, *names):
@@ -42,7 +42,7 @@ def test_misfit_is_left_where_a_symptom_is_named(names, left):
 def test_what_one_cause_explains_is_not_searched_for_other_ways(monkeypatch):
     asked = []
     for name in ("detour_instead", "bent_instead", "with_arms"):
-        monkeypatch.setattr(chain, name, lambda *a, name=name, **k: asked.append(name))
+        monkeypatch.setattr(answer, name, lambda *a, name=name, **k: asked.append(name))
     path = reconstructed(44, "camera_aside")
     assert path.verdict.level == "contradicted"
     assert {"source", "pose"} <= {one.name for one in path.verdict.findings}

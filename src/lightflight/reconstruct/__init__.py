@@ -1,8 +1,9 @@
 """Reconstruction: from arrival times and counts to the path (x, y, z, t).
 
-- `chain`: the way of a recording to a `LightPath` (`reconstruct`); `from_arrivals`: from pulses
-  that were found elsewhere; `laser`: the pulse's own length; `calls`: what is checked before;
-  `sightings`: recordings on the clock
+- `chain`: the way of a recording to a `LightPath` (`reconstruct`); `answer`: the path that is told,
+  an estimator's or another where tests contradict it; `from_arrivals`: from pulses that were found
+  elsewhere; `laser`: the pulse's own length; `calls`: what is checked before; `sightings`:
+  recordings on the clock
 - `estimators`: what `method=` names, each with its file in `ways`
 - rooms, each above the one before: `model` (what every pixel should have counted), `legs` (in the
   picture), `fit` (one path), `all_counts` (the likelihood of every count), `other_light` (haze,

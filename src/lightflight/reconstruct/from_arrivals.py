@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from lightflight.camera.refraction import scene_medium
 from lightflight.curves import DrawnCurve, checked_curves
 from lightflight.flight import Medium, Source
+from lightflight.reconstruct.answer import path_from_sightings
 from lightflight.reconstruct.calls import checked_call, checked_media
-from lightflight.reconstruct.chain import path_from_sightings
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.told import Waypoint, checked_lengths, checked_waypoints
