@@ -21,7 +21,8 @@ from tests.labs import blurred_leg, corner_in_view, fit_from_truth
 pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
 
 
-@pytest.mark.parametrize("seed", [pytest.param(4016, marks=pytest.mark.long), 4019])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [4016, 4019])
 def test_light_that_was_out_of_the_picture(seed):
     """Farthest of two places on each leg below five stated errors (false alarm 1e-5 for all)."""
     scene = drawn_scene("unseen", seed)

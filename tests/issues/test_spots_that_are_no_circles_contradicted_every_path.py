@@ -13,7 +13,7 @@ import pytest
 from benchmarks.random_labs import drawn_lab, path_of, pulls_of, slants_of
 
 
-@pytest.mark.parametrize("method", ["joint", "photon"])
+@pytest.mark.parametrize("method", ["joint", pytest.param("photon", marks=pytest.mark.long)])
 @pytest.mark.parametrize("seed", [pytest.param(1165, marks=pytest.mark.long), 1168])
 def test_leaning_times_have_a_place(seed, method):
     """Three legs, 9,000 and 54,000 photons in the brightest pixel; farthest of six places below 4.5

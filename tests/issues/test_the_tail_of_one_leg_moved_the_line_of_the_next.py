@@ -48,6 +48,7 @@ def test_a_dark_pulse_behind_a_bright_one_is_dark(apart_ps):
         assert photons(None)[1] > 500.0
 
 
+@pytest.mark.long
 def test_the_laboratory():
     """No part of the path is 4.5 stated errors off: by chance one in 30,000 is."""
     lab = drawn_lab(654)

@@ -74,7 +74,9 @@ def test_one_leg_before_a_wall_is_right_within_its_errors(behind_mm, method):
             "2.9: half as much light again came from outside of the picture",
             marks=pytest.mark.long,
         ),
-        (2295, "photon", "11: the same, and its pixels were believed"),
+        pytest.param(
+            2295, "photon", "11: the same, and its pixels were believed", marks=pytest.mark.long
+        ),
     ],
 )
 def test_images_of_what_nobody_saw_move_no_path(seed, method, was):

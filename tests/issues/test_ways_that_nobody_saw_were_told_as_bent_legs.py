@@ -6,19 +6,60 @@ bent path, all of them on the one with a detour. Scenes 26126, 26242 and 26256 o
 `benchmarks/unseen_legs.py`.
 """
 
+from __future__ import annotations
+
+import importlib
+from types import SimpleNamespace
+
 import pytest
 
 from benchmarks.unseen_legs import result_of
+from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
+from tests.path_fakes import make_path
 
-pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
+answer = importlib.import_module("lightflight.reconstruct.answer")
 
 
-@pytest.mark.parametrize(
-    "seed", [26256, *(pytest.param(n, marks=pytest.mark.long) for n in (26126, 26242))]
-)
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
+@pytest.mark.parametrize("seed", [26126, 26242, 26256])
 def test_they_are_ways_that_nobody_saw(seed):
     """The delay within four stated errors (false alarm 6e-5 a scene)."""
     found = result_of(4_000.0, "joint", seed)
     assert found["found"]
     assert found["level"] == "check"
     assert abs(found["pull"]) < 4.0
+
+
+def said(level, severity):
+    finding = Finding(FindingName.CURVED_LEG, "", 9.0, "", severity)
+    return make_path(verdict=Verdict(level, (finding,)))
+
+
+CURVED = said(Level.CONTRADICTED, Severity.CONTRADICTED)
+BENT, GAP = (said(Level.CHECK, Severity.CHECK) for _ in range(2))
+
+
+@pytest.mark.parametrize(
+    ("first", "has_bend", "gap", "is_cheaper", "told"),
+    [
+        (BENT, True, GAP, True, BENT),
+        (BENT, True, GAP, False, GAP),
+        (BENT, True, CURVED, False, BENT),
+        (CURVED, False, GAP, True, GAP),
+        (CURVED, True, GAP, False, GAP),
+        (CURVED, True, None, False, BENT),
+    ],
+    ids=["cheaper", "dearer", "gap contradicted", "no bend", "contradicted", "no gap"],
+)
+def test_of_a_curve_and_a_way_that_nobody_saw_pulses_choose(
+    first, has_bend, gap, is_cheaper, told, monkeypatch
+):
+    """Also where the curve explains the counts by itself, or contradicts and is none."""
+    monkeypatch.setattr(answer, "_bent", lambda *_: "curve" if has_bend else None)
+    monkeypatch.setattr(answer, "_detour", lambda *_: (gap and (gap, "gap"), True))
+    monkeypatch.setattr(answer, "costs_less", lambda *_: is_cheaper)
+    monkeypatch.setattr(answer, "_told", lambda *_: (BENT, "curve"))
+    monkeypatch.setattr(answer, "_judged", lambda path, *_: path)
+    request = SimpleNamespace(may_bend=False, sightings=[], setting=None)
+    assert answer._detour_or_bend(first, None, request, None) is told

@@ -123,7 +123,8 @@ SCENES = {
         # It takes longest.
         pytest.param("in the picture", 1, marks=pytest.mark.long),
         pytest.param("in the picture", 2, marks=pytest.mark.long),
-        ("in depth", 2),
+        ("in depth", 1),
+        pytest.param("in depth", 2, marks=pytest.mark.long),
     ],
 )
 def test_index_and_place_err_as_stated(name, n):
