@@ -21,9 +21,9 @@ import sys
 import warnings
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
+import pytest
 
 import lightflight as lf
 from lightflight.errors import GeometryError, NothingFoundError
@@ -33,6 +33,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.misfit_labs import recording_of
 from benchmarks.random_labs import Floats
 from benchmarks.refraction import interval
+from tests.labs import without_verdict
 
 KINDS = {"fan": (0.7, (1.0, 1.0)), "sheet": (0.7, (1.0, 0.0)), "soft": (0.7, (0.0, 0.0))}
 """Strength of the defect, and the shares across and in depth."""
@@ -42,19 +43,16 @@ FAR_STDS = 4.0
 def shares_of(kind: str, seed: int) -> tuple[Floats, Floats] | None:
     """Shares (2,) of the last leg and their stated errors; None: another path, or never asked."""
     photon = importlib.import_module("lightflight.reconstruct.all_counts.photon")
-    answer = importlib.import_module("lightflight.reconstruct.answer")
     lab, hist, told = recording_of(kind, KINDS[kind][0], seed)
     ends: list[Any] = []
-    stated = statements_of_corners
 
     def kept(ended: Any, counts: Any, covariance: Floats) -> Any:
         ends.append((ended, covariance))
-        return stated(ended, counts, covariance)
+        return statements_of_corners(ended, counts, covariance)
 
-    with (
-        patch.object(photon, "statements_of_corners", kept),
-        patch.object(answer, "examined", lambda path, *_, **__: path),
-    ):
+    with pytest.MonkeyPatch.context() as patch:
+        without_verdict(patch)
+        patch.setattr(photon, "statements_of_corners", kept)
         try:
             path = lf.reconstruct(hist, method="photon", **told)
         except (GeometryError, NothingFoundError):

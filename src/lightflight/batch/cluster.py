@@ -49,7 +49,6 @@ _PRELOADED = (
     "lightflight.batch.pieces",
     "lightflight.batch.tiles",
     "lightflight.formats.lightflight_hdf5",
-    "lightflight.reconstruct.answer",
     "lightflight.reconstruct.chain",
     "lightflight.reconstruct.from_arrivals",
     "lightflight.timing.pulses.arrivals",

@@ -247,7 +247,8 @@ def _detour_or_bend(
         if is_sure and does_stand(first) and not request.may_bend:
             return first
     bent = _bent(fit, found.verdict, request, estimator)
-    if (bent is not None or _is_curved(found)) and not (is_open or request.may_bend):
+    is_curved = bent is not None or _contradicted_by(FindingName.CURVED_LEG, found)
+    if is_curved and not (is_open or request.may_bend):
         detour = _detour(fit, request, estimator)[0]
         detour = detour if detour is not None and does_stand(detour[0]) else None
     open_to_both = detour is not None and not (holds_all or request.may_bend)
@@ -265,10 +266,10 @@ def _detour_or_bend(
     return detour[0]
 
 
-def _is_curved(path: LightPath) -> bool:
-    """Whether a leg that is no straight one contradicts a path."""
-    curved = (FindingName.CURVED_LEG, Severity.CONTRADICTED)
-    return curved in {(one.name, one.severity) for one in path.verdict.findings}
+def _contradicted_by(name: FindingName, path: LightPath) -> bool:
+    """Whether that contradicts a path; in doubt it may be named, too."""
+    named = {(one.name, one.severity) for one in path.verdict.findings}
+    return (name, Severity.CONTRADICTED) in named
 
 
 def does_stand(path: LightPath) -> bool:
@@ -294,9 +295,7 @@ def _going_on(
     found: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
 ) -> LightPath | None:
     """The path with a leg behind its end that only all counts show, where that stands."""
-    # Legs in doubt are counted by that name, too, and contradict nothing.
-    goes_on = (FindingName.LEG_COUNT, Severity.CONTRADICTED)
-    named = goes_on in {(one.name, one.severity) for one in found.verdict.findings}
+    named = _contradicted_by(FindingName.LEG_COUNT, found)
     if not named or fit is None or estimator.of_fit is None:
         return None
     if request.n_legs is not None or request.start is not None:

@@ -224,8 +224,12 @@ def _explains(known: Known, asked: Asked, plain: Known | None = None) -> bool:
     `plain` is what was fitted without it: where that ran off and is hopeless, it is not run again.
     """
     enough = known.misfit() + LEAST_GAIN
-    ran_off = plain is not None and not plain.settled and plain.lags_ps is known.lags_ps
-    if plain is not None and ran_off and plain.is_hopeless(enough):
+    if (
+        plain is not None
+        and not plain.settled
+        and plain.lags_ps is known.lags_ps
+        and plain.is_hopeless(enough)
+    ):
         return True
     without = asked.strengths(lags_ps=known.lags_ps, most_misfit=enough, to_the_end=True)
     return without.misfit() > enough
