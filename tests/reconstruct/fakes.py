@@ -76,19 +76,31 @@ def arrivals_of(
         arrival = arrival + medium.return_group_index / C * np.linalg.norm(
             point - camera.center_mm, axis=1
         )
-        for r in range(camera.shape[0]):
-            for c in range(camera.shape[1]):
-                away = np.hypot(row - r, col - c)
-                nearest = int(np.argmin(away))
-                light = photons * np.exp(-0.5 * (away[nearest] / spot_px) ** 2)
-                if light > fewest:
-                    columns.append((r, c, float(arrival[nearest]), float(light)))
+        reach = int(np.ceil(spot_px * np.sqrt(2.0 * max(np.log(photons / fewest), 0.0)))) + 1
+        for r, c in _near_places(row, col, reach, camera.shape):
+            away = np.hypot(row - r, col - c)
+            nearest = int(np.argmin(away))
+            light = photons * np.exp(-0.5 * (away[nearest] / spot_px) ** 2)
+            if light > fewest:
+                columns.append((r, c, float(arrival[nearest]), float(light)))
     table = np.array(columns).reshape(-1, 4)
     error = PULSE_STD_PS / np.sqrt(table[:, 3])
     noise = 0.0 if rng is None else error * rng.normal(size=len(error))
     return arrivals_from_columns(
         table[:, 0], table[:, 1], table[:, 2] + noise, error, table[:, 3], camera.shape, period_ps
     )
+
+
+def _near_places(
+    row: np.ndarray, col: np.ndarray, reach: int, shape: tuple[int, int]
+) -> list[tuple[int, int]]:
+    """Pixels that places of the picture come nearer than so many pixels, in order."""
+    aside = np.arange(-reach, reach + 1)
+    places = np.unique(np.rint(np.stack((row, col), axis=1)).astype(int), axis=0)
+    down, across = (places[:, k, None, None] + aside for k in (0, 1))
+    near = np.stack(np.broadcast_arrays(down.swapaxes(1, 2), across), axis=-1).reshape(-1, 2)
+    inside = np.all((near >= 0) & (near < shape), axis=1)
+    return [(int(r), int(c)) for r, c in np.unique(near[inside], axis=0)]
 
 
 def arrivals_from_columns(

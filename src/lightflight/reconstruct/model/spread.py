@@ -296,10 +296,16 @@ def _by_slot(
     """(j, n, b): light of each slot that a halo of each reach brings to pixels `points_px`."""
     row, col = points_px.T
     light = np.empty((len(reaches_px), len(row), len(slots)))
+    # In the order of their slots, which are views then.
+    order, ends = np.concatenate(slots), np.cumsum([len(own) for own in slots])
+    photons, places = beam.photons[order], beam.points_px[order].T
     for j, reach in enumerate(reaches_px):
-        down, across = (_blur(size, beam.points_px[:, k], reach) for k, size in enumerate(shape))
-        for b, own in enumerate(slots):
-            light[j, :, b] = ((down[:, own] * beam.photons[own]) @ across[:, own].T)[row, col]
+        down, across = (_blur(size, places[k], reach) for k, size in enumerate(shape))
+        down *= photons
+        by_column = np.ascontiguousarray(across.T)
+        for b, (end, own) in enumerate(zip(ends, slots, strict=True)):
+            here = slice(end - len(own), end)
+            light[j, :, b] = (down[:, here] @ by_column[here])[row, col]
     return light
 
 
