@@ -31,12 +31,16 @@ def test_they_are_ways_that_nobody_saw(seed):
     assert abs(found["pull"]) < 4.0
 
 
-def said(level, severity):
-    finding = Finding(FindingName.CURVED_LEG, "", 9.0, "", severity)
-    return make_path(verdict=Verdict(level, (finding,)))
+def said(level, severity, *names):
+    names = names or (FindingName.CURVED_LEG,)
+    findings = tuple(Finding(name, "", 9.0, "", severity) for name in names)
+    return make_path(verdict=Verdict(level, findings))
 
 
 CURVED = said(Level.CONTRADICTED, Severity.CONTRADICTED)
+SLIP = said(
+    Level.CONTRADICTED, Severity.CONTRADICTED, FindingName.FOCAL_LENGTH, FindingName.CURVED_LEG
+)
 BENT, GAP = (said(Level.CHECK, Severity.CHECK) for _ in range(2))
 
 
@@ -49,13 +53,15 @@ BENT, GAP = (said(Level.CHECK, Severity.CHECK) for _ in range(2))
         (CURVED, False, GAP, True, GAP),
         (CURVED, True, GAP, False, GAP),
         (CURVED, True, None, False, BENT),
+        (SLIP, False, GAP, True, None),
     ],
-    ids=["cheaper", "dearer", "gap contradicted", "no bend", "contradicted", "no gap"],
+    ids=["cheaper", "dearer", "gap contradicted", "no bend", "contradicted", "no gap", "a slip"],
 )
 def test_of_a_curve_and_a_way_that_nobody_saw_pulses_choose(
     first, has_bend, gap, is_cheaper, told, monkeypatch
 ):
-    """Also where the curve explains the counts by itself, or contradicts and is none."""
+    """Also where the curve explains the counts by itself, or contradicts and is none; not where
+    something else is likelier: a lens read off wrong took as long again."""
     monkeypatch.setattr(answer, "_bent", lambda *_: "curve" if has_bend else None)
     monkeypatch.setattr(answer, "_detour", lambda *_: (gap and (gap, "gap"), True))
     monkeypatch.setattr(answer, "costs_less", lambda *_: is_cheaper)

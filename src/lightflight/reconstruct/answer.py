@@ -210,8 +210,8 @@ def _reconsidered(
     is_straight = stands and not found.bends
     other = _unseen_as_such(fit, request, estimator) if is_straight else None
     other = other or _detour_or_bend(found, fit, request, estimator)
-    is_named = not stands and found.verdict.findings[0].name is FindingName.UNSEEN_LEG
-    if other is None and (is_named or (stands and found.bends)):
+    is_blamed = _is_blamed(FindingName.UNSEEN_LEG, found)
+    if other is None and (is_blamed or (stands and found.bends)):
         other = _unseen_as_such(fit, request, estimator)
     if fit is None:
         return other or found
@@ -247,7 +247,7 @@ def _detour_or_bend(
         if is_sure and does_stand(first) and not request.may_bend:
             return first
     bent = _bent(fit, found.verdict, request, estimator)
-    is_curved = bent is not None or _contradicted_by(FindingName.CURVED_LEG, found)
+    is_curved = bent is not None or _is_blamed(FindingName.CURVED_LEG, found)
     if is_curved and not (is_open or request.may_bend):
         detour = _detour(fit, request, estimator)[0]
         detour = detour if detour is not None and does_stand(detour[0]) else None
@@ -266,10 +266,9 @@ def _detour_or_bend(
     return detour[0]
 
 
-def _contradicted_by(name: FindingName, path: LightPath) -> bool:
-    """Whether that contradicts a path; in doubt it may be named, too."""
-    named = {(one.name, one.severity) for one in path.verdict.findings}
-    return (name, Severity.CONTRADICTED) in named
+def _is_blamed(name: FindingName, path: LightPath) -> bool:
+    """Whether that is the likeliest cause of what contradicts a path."""
+    return not does_stand(path) and path.verdict.findings[0].name is name
 
 
 def does_stand(path: LightPath) -> bool:
@@ -295,8 +294,10 @@ def _going_on(
     found: LightPath, fit: JointFit | None, request: Request, estimator: Estimator
 ) -> LightPath | None:
     """The path with a leg behind its end that only all counts show, where that stands."""
-    named = _contradicted_by(FindingName.LEG_COUNT, found)
-    if not named or fit is None or estimator.of_fit is None:
+    # In doubt that may be named, too.
+    named = {(one.name, one.severity) for one in found.verdict.findings}
+    is_named = (FindingName.LEG_COUNT, Severity.CONTRADICTED) in named
+    if not is_named or fit is None or estimator.of_fit is None:
         return None
     if request.n_legs is not None or request.start is not None:
         return None
