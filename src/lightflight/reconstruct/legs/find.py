@@ -21,7 +21,7 @@ from lightflight import flags
 from lightflight.arguments import check_kinds, finite_number, shown, whole_number, yes_or_no
 from lightflight.errors import NothingFoundError
 from lightflight.reconstruct.legs.cut import cut_at_kink, part_where_curved
-from lightflight.reconstruct.legs.ghosts import on_border, overshone
+from lightflight.reconstruct.legs.ghosts import on_border, on_surfaces, overshone
 from lightflight.reconstruct.legs.search import (
     SearchSettings,
     best_line,
@@ -246,12 +246,16 @@ def find_legs(
     points = undistorted_px(camera, arrivals.row[rows], arrivals.col[rows])
     weights = np.maximum(arrivals.photons[rows], 1e-12)
     # Ghosts go first: many of them on a line would make a leg.
-    flight = ~overshone(points, times, weights, float(np.median(arrivals.std_ps[rows])))
+    typical_ps = float(np.median(arrivals.std_ps[rows]))
+    flight = ~overshone(points, times, weights, typical_ps)
+    pixels = arrivals.row[rows], arrivals.col[rows]
+    flight &= ~on_surfaces(*pixels, arrivals.shape, times, weights, typical_ps)
     if computed_cube:
-        flight &= ~on_border(arrivals.row[rows], arrivals.col[rows], arrivals.shape)
+        flight &= ~on_border(*pixels, arrivals.shape)
+    n_pulses = len(rows)
     rows, points, times = rows[flight], points[flight], times[flight]
     errors, weights = errors[flight], weights[flight]
-    std_ps = float(np.median(arrivals.std_ps[rows]))
+    std_ps = float(np.median(arrivals.std_ps[rows])) if len(rows) else typical_ps
 
     def found(*, parted: bool) -> list[ImageLeg]:
         groups = _disjoint_groups(points, times, errors, weights, settings, parted=parted)
@@ -270,7 +274,7 @@ def find_legs(
         legs = _brightest(legs, n_legs, arrivals)
     if not legs:
         raise NothingFoundError(
-            f"{len(rows)} pixels hold a pulse but no {min_pixels} of them lie on a straight line "
+            f"{n_pulses} pixels hold a pulse but no {min_pixels} of them lie on a straight line "
             "with times that run smoothly along it: mask false pixels, or give a starting path"
         )
     return tuple(legs)

@@ -364,8 +364,10 @@ def _thinned_once(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
     corners = set(state.corners_seen)
     ends_of = [{int(start), k + 1} & corners for k, start in enumerate(state.leg_starts)]
     last = state.n_legs - 1
-    if not state.forks and last > 0 and _is_dim(sightings, fit, last):
-        # Light stops at the corner, and what lies behind it are pulses of no leg.
+    may_end = not state.forks and last > 0 and last - 1 not in state.unseen
+    if may_end and _is_dim(sightings, fit, last):
+        # Light stops at the corner, and what lies behind it are pulses of no leg. Behind a way that
+        # nobody saw there is no corner where it would.
         ends_of[last] = ends_of[last] | {state.n_legs}
     weak = [int(k) for k in np.argsort(used) if used[k] <= _THINNED_UP_TO_PULSES and ends_of[k]]
     trials: list[tuple[int, ...]] = [(k,) for k in weak]

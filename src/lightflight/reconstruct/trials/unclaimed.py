@@ -25,6 +25,7 @@ from lightflight.reconstruct.fit.membership import (
 )
 from lightflight.reconstruct.legs.direction import search_legs
 from lightflight.reconstruct.legs.find import ImageLeg, image_leg, is_flash, legs_in_turn
+from lightflight.reconstruct.legs.ghosts import on_surfaces
 from lightflight.reconstruct.model.geometry import Indices
 from lightflight.reconstruct.model.image_plane import along_across, undistorted_px
 from lightflight.reconstruct.model.setting import Setting
@@ -345,10 +346,16 @@ def _clusters(sighting: Sighting, left: Indices, setting: Setting) -> list[Image
     if len(left) < _LEAST_PULSES:
         return []
     arrivals = sighting.arrivals
+    std = float(np.median(arrivals.std_ps[left]))
+    left = left[
+        ~on_surfaces(
+            arrivals.row[left], arrivals.col[left], arrivals.shape,
+            sighting.arrival_ps[left], arrivals.photons[left], std,
+        )
+    ]  # fmt: skip
     times = sighting.arrival_ps[left]
     points = undistorted_px(setting.camera, arrivals.row[left], arrivals.col[left])
     apart = np.linalg.norm(points[:, np.newaxis] - points, axis=2)
-    std = float(np.median(arrivals.std_ps[left]))
     linked = (apart < _LINK_PX) & (np.abs(times[:, np.newaxis] - times) < _LINK_STDS * std)
     n, label = connected_components(linked, directed=False)
     legs = []
