@@ -58,9 +58,11 @@ def wall(size: int, begin: tuple[float, float], behind_px: float, start_ps: floa
     return places, start_ps + PX_PS * (way + behind_px)
 
 
-def seen_as(places: np.ndarray, times: np.ndarray, photons: np.ndarray) -> np.ndarray:
+def seen_as(
+    places: np.ndarray, times: np.ndarray, photons: np.ndarray, shape: tuple[int, int] = (32, 32)
+) -> np.ndarray:
     row, col = places.astype(np.int32).T
-    return on_surfaces(row, col, (32, 32), times, photons, STD_PS)
+    return on_surfaces(row, col, shape, times, photons, STD_PS)
 
 
 def test_what_lights_up_all_about_is_no_flight_and_what_flew_before_is():
@@ -94,3 +96,8 @@ def test_a_cavity_that_fills_the_picture_is_a_flight():
     passes = [leg((2.0, 2.0 + k), (29.0, 2.0 + k), 900.0 * k, 20.0) for k in range(28)]
     places, times = (np.concatenate(pair) for pair in zip(*passes, strict=True))
     assert not seen_as(places, times, np.full(len(times), 300.0)).any()
+
+
+def test_one_row_of_pixels_shows_no_wall():
+    places, times = leg((0.0, 0.0), (0.0, 63.0), 0.0, 1.0)
+    assert not seen_as(places, times, np.full(len(times), 300.0), (1, 64)).any()

@@ -99,6 +99,9 @@ def on_surfaces(
         Typical standard deviation of the pulses, ps (or codes).
     """
     surface = np.zeros(len(times), dtype=bool)
+    if min(shape) < 2.0 * _ABOUT_PX[0]:
+        # In a row of pixels, too, a leg fills those about it.
+        return surface
     filled = np.flatnonzero(_share_alike_about(row, col, shape, photons) > _FILLED)
     if len(filled) <= _AT_ONCE:
         return surface
