@@ -2,7 +2,8 @@
 
 No test of counts looks within two pixels of them, and pulses there take no part in the fit: where a
 first leg lay there as a whole (two pixels long, steep, from a source in view) a path was trusted
-37 mm and 80 stated errors off, with 7 % of the light at times when none of its legs is there.
+37 mm and 80 stated errors off, with 7 % of the light at times when none of its legs is there. Nor was it
+said in a room too large for these tests that half of the light is on no leg.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 import lightflight as lf
-from lightflight.path.verdict import FindingName, Level
+from lightflight.path.verdict import NOT_EXAMINED, FindingName, Level, Verdict
 from lightflight.reconstruct.verdict import examine
 from lightflight.reconstruct.verdict.unclaimed_light import verdict_with_unclaimed_light
 from tests.oracles.worlds.border import record, what_the_user_tells
@@ -52,3 +53,9 @@ def test_pulses_at_corners_that_no_leg_explains_were_silent(late_ps, monkeypatch
     assert told.level is (Level.CHECK if late_ps else Level.TRUST)
     names = [finding.name for finding in told.findings]
     assert names == ([FindingName.UNEXPLAINED_LIGHT] if late_ps else [])
+    # The same is said where counts were not examined; tests of counts that were have said it.
+    told = verdict_with_unclaimed_light(NOT_EXAMINED, fit, [late], setting)
+    assert len(told.findings) == 1 + bool(late_ps)
+    doubt = replace(NOT_EXAMINED.findings[0], name=FindingName.CURVED_LEG)
+    told = verdict_with_unclaimed_light(Verdict(Level.CHECK, (doubt,)), fit, [late], setting)
+    assert told.findings == (doubt,)

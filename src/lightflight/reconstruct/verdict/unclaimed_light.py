@@ -1,4 +1,4 @@
-"""Pulses on no leg of a path that all tests let stand.
+"""Pulses on no leg of a path that all tests let stand, or of which none of counts was made.
 
 Where footprints are cut, within two pixels of corners and ends in the picture, no test of counts
 looks; a short leg may lie there as a whole. Whether its pulses come when some leg's light does is
@@ -27,7 +27,7 @@ def verdict_with_unclaimed_light(
     Parameters
     ----------
     verdict : Verdict
-        On the path; only one of "trust" can change.
+        On the path; only one of "trust" can change, or of counts that were not examined.
     fit : JointFit
         The path.
     sightings : list of Sighting
@@ -39,8 +39,12 @@ def verdict_with_unclaimed_light(
     -------
     Verdict
     """
-    if verdict.level is not Level.TRUST:
+    names = {one.name for one in verdict.findings}
+    is_silent = verdict.level is Level.TRUST or FindingName.NOT_EXAMINED in names
+    if verdict.level is Level.CONTRADICTED or not is_silent:
         return verdict
+    # Elsewhere tests of counts look, where they are made.
+    near = "" if FindingName.NOT_EXAMINED in names else ", near its corners or ends"
     for one in first_of_each_view(sightings):
         if not one.histograms.poisson:
             continue
@@ -50,7 +54,7 @@ def verdict_with_unclaimed_light(
             finding = Finding(
                 FindingName.UNEXPLAINED_LIGHT,
                 f"{len(left)} pulses with {share:.2g} of the light come when no leg of the path is "
-                "there, near its corners or ends",
+                f"there{near}",
                 0.0,
                 "say how many legs there are (n_legs, --n-legs), or try method photon",
                 Severity.CHECK,
