@@ -2,8 +2,8 @@
 
 No test of counts looks within two pixels of them, and pulses there take no part in the fit: where a
 first leg lay there as a whole (two pixels long, steep, from a source in view) a path was trusted
-37 mm and 80 stated errors off, with 7 % of the light at times when none of its legs is there. Nor was it
-said in a room too large for these tests that half of the light is on no leg.
+37 mm and 80 stated errors off, with 7 % of the light at times when none of its legs is there. Nor
+was it said in a room too large for these tests that half of the light is on no leg.
 """
 
 from __future__ import annotations
