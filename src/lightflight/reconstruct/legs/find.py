@@ -235,10 +235,11 @@ def find_legs(
         arrivals.arrival_ps[rows], period_ps=arrivals.laser_period_ps, earliest_ps=earliest_ps
     )
     errors = arrivals.independent_std_ps[rows]
+    typical_ps = float(np.median(arrivals.std_ps[rows]))
     settings = SearchSettings(
         min_pixels=min_pixels,
         # A third of a pulse: footprints and corners shift times by more than counting says.
-        time_floor=0.35 * float(np.median(arrivals.std_ps[rows])),
+        time_floor=0.35 * typical_ps,
         convex=convex,
         winged=computed_cube,
         seed=seed,
@@ -246,7 +247,6 @@ def find_legs(
     points = undistorted_px(camera, arrivals.row[rows], arrivals.col[rows])
     weights = np.maximum(arrivals.photons[rows], 1e-12)
     # Ghosts go first: many of them on a line would make a leg.
-    typical_ps = float(np.median(arrivals.std_ps[rows]))
     flight = ~overshone(points, times, weights, typical_ps)
     pixels = arrivals.row[rows], arrivals.col[rows]
     flight &= ~on_surfaces(*pixels, arrivals.shape, times, weights, typical_ps)

@@ -8,11 +8,14 @@ once in many places, is that of a wall or a fog which the flight lights up.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 _ELSEWHERE_PX = 5.0
 """Two pixels farther apart than this do not share one spot, px."""
@@ -53,26 +56,36 @@ def overshone(points: Floats, times: Floats, photons: Floats, std_ps: float) -> 
     std_ps : float
         Typical standard deviation of the pulses, ps (or codes).
     """
-    n = len(times)
+    ghost = np.zeros(len(times), dtype=bool)
+    for own, others, elsewhere in _at_one_moment(points, times, std_ps):
+        rivals = np.where(elsewhere, photons[others], 0.0)
+        # Only a far brighter rival counts: of two alike neither is known to be the ghost.
+        ghost[own] = photons[own] < _DIM * rivals.max(axis=1, initial=0.0)
+    return ghost
+
+
+def _at_one_moment(
+    points: Floats, times: Floats, std_ps: float
+) -> Iterator[tuple[Indices, Indices, NDArray[np.bool_]]]:
+    """Pulses (n,) block by block, others (k,) of about their time, and which come from elsewhere.
+
+    The last is (n, k): True where the other comes at the moment of the one, far from it.
+    """
     # Sorted, rivals of one moment stand in one run, and blocks see only their own.
     order = np.argsort(times, kind="stable")
-    p, t, w = points[order], times[order], photons[order]
-    ghost = np.zeros(n, dtype=bool)
+    p, t = points[order], times[order]
     reach = _TOGETHER_STD * std_ps
     first = np.searchsorted(t, t - reach, side="left")
     last = np.searchsorted(t, t + reach, side="right")
-    for start in range(0, n, _BLOCK_PULSES):
-        stop = min(start + _BLOCK_PULSES, n)
+    for start in range(0, len(t), _BLOCK_PULSES):
+        stop = min(start + _BLOCK_PULSES, len(t))
         low, high = int(first[start]), int(last[stop - 1])
         gap = np.hypot(
             p[start:stop, np.newaxis, 0] - p[np.newaxis, low:high, 0],
             p[start:stop, np.newaxis, 1] - p[np.newaxis, low:high, 1],
         )
         together = np.abs(t[start:stop, np.newaxis] - t[np.newaxis, low:high]) < reach
-        rivals = np.where(together & (gap > _ELSEWHERE_PX), w[np.newaxis, low:high], 0.0)
-        # Only a far brighter rival counts: of two alike neither is known to be the ghost.
-        ghost[order[start:stop]] = w[start:stop] < _DIM * rivals.max(axis=1, initial=0.0)
-    return ghost
+        yield order[start:stop], order[low:high], together & (gap > _ELSEWHERE_PX)
 
 
 def on_surfaces(
@@ -139,19 +152,10 @@ def _alike_elsewhere(
     places: Floats, times: Floats, photons: Floats, std_ps: float
 ) -> NDArray[np.intp]:
     """(n,), how many pulses like each come at the same moment from elsewhere."""
-    order = np.argsort(times, kind="stable")
-    p, t, w = places[order], times[order], photons[order]
-    reach = _TOGETHER_STD * std_ps
-    first = np.searchsorted(t, t - reach, side="left")
-    last = np.searchsorted(t, t + reach, side="right")
-    number = np.zeros(len(t), dtype=np.intp)
-    for start in range(0, len(t), _BLOCK_PULSES):
-        own = slice(start, min(start + _BLOCK_PULSES, len(t)))
-        low, high = int(first[own][0]), int(last[own][-1])
-        gap = np.hypot(*(p[own, np.newaxis] - p[np.newaxis, low:high]).transpose(2, 0, 1))
-        alike = np.abs(t[own, np.newaxis] - t[low:high]) < reach
-        alike &= (gap > _ELSEWHERE_PX) & (w[low:high] >= _ALIKE * w[own, np.newaxis])
-        number[order[own]] = alike.sum(axis=1)
+    number = np.zeros(len(times), dtype=np.intp)
+    for own, others, elsewhere in _at_one_moment(places, times, std_ps):
+        alike = photons[others] >= _ALIKE * photons[own, np.newaxis]
+        number[own] = np.count_nonzero(alike & elsewhere, axis=1)
     return number
 
 
