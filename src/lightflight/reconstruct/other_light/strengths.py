@@ -228,14 +228,6 @@ class Known:
         """Deviance of the counts: twice what the log-likelihood lacks, up to a constant."""
         return _misfit(self.pixels, self.dark)
 
-    def is_hopeless(self, most_misfit: float) -> bool:
-        """Whether no round to come can bring the deviance below this."""
-        return _is_hopeless(self.misfit(), self.ahead, most_misfit)
-
-
-def _is_hopeless(misfit: float, ahead: float, most_misfit: float) -> bool:
-    return misfit - _HOPES * ahead > most_misfit
-
 
 def _misfit(pixels: Pixels, dark: Group | None) -> float:
     return sum(
@@ -326,7 +318,7 @@ def strengths_of(
         alike, changed = as_wide_as_seen(pulses, best.pixels)
         settled = bool((small and not changed) or still)
         misfit = _misfit(best.pixels, best.dark)
-        hopeless = number >= _PATIENCE and _is_hopeless(misfit, moved, most_misfit)
+        hopeless = number >= _PATIENCE and misfit - _HOPES * moved > most_misfit
         if settled or hopeless:
             break
         # Of pulses with tails the width of a Gaussian is not that of their core.

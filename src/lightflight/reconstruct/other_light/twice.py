@@ -221,16 +221,11 @@ def _with_pulse_as_before(asked: Asked, second: Echo) -> Known | None:
 def _explains(known: Known, asked: Asked, plain: Known | None = None) -> bool:
     """Whether counts ask for what comes twice: without it they are worse, however well fitted.
 
-    `plain` is what was fitted without it: where that ran off and is hopeless, it is not run again.
+    `plain` is what was fitted without it: where that never settled it was fitted to its end.
     """
     enough = known.misfit() + LEAST_GAIN
-    if (
-        plain is not None
-        and not plain.settled
-        and plain.lags_ps is known.lags_ps
-        and plain.is_hopeless(enough)
-    ):
-        return True
+    if plain is not None and not plain.settled and plain.lags_ps is known.lags_ps:
+        return plain.misfit() > enough
     without = asked.strengths(lags_ps=known.lags_ps, most_misfit=enough, to_the_end=True)
     return without.misfit() > enough
 
