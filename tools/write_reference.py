@@ -92,31 +92,48 @@ def commands_page() -> str:
         if isinstance(command, click.Group):
             commands |= {f"{name} {part}": inner for part, inner in command.commands.items()}
     for name, command in sorted(commands.items()):
-        text = inspect.cleandoc(command.help or "")
-        prose, _, examples = text.partition("\b\n")
-        lines += [f"## lightflight {name}\n", prose.strip(), ""]
-        if examples:
-            lines += ["```text", *examples.splitlines()[1:], "```\n"]
+        lines += [f"## lightflight {name}\n", *_told(inspect.cleandoc(command.help or ""))]
         if not command.params:
             continue
+        context = click.Context(command)
         lines += ["| option | meaning |", "|---|---|"]
-        lines += [f"| {_spelling(option)} | {_meaning(option)} |" for option in command.params]
+        lines += [
+            f"| {_spelling(option)} | {_meaning(option, context)} |" for option in command.params
+        ]
         lines.append("")
     lines += ["## Exit codes\n", "| code | meaning |", "|---:|---|"]
     lines += [f"| {code} | {meaning} |" for code, meaning in EXIT_CODES.items()]
     return "\n".join([*lines, ""])
 
 
+def _told(text: str) -> list[str]:
+    """The help of a command: its paragraphs, what stands in columns as a block."""
+    lines = []
+    for paragraph in text.split("\n\n"):
+        if not paragraph.startswith("\b\n"):
+            lines += [paragraph, ""]
+            continue
+        columns = paragraph.splitlines()[1:]
+        examples = columns[0] in ("Example:", "Examples:")
+        lines += ["```text", *columns[examples:], "```", ""]
+    return lines
+
+
 def _spelling(parameter: click.Parameter) -> str:
     if isinstance(parameter, click.Argument):
-        return f"`{(parameter.name or '').upper()}`"
+        return f"`{parameter.make_metavar(click.Context(click.Command(None)))}`"
     spelled = ", ".join(f"`{word}`" for word in parameter.opts)
     choices = getattr(parameter.type, "choices", ())
     return spelled + (f" {' &#124; '.join(choices)}" if choices else "")
 
 
-def _meaning(parameter: click.Parameter) -> str:
-    return " ".join((getattr(parameter, "help", None) or "").split()).replace("|", "&#124;")
+def _meaning(parameter: click.Parameter, context: click.Context) -> str:
+    said = " ".join((getattr(parameter, "help", None) or "").split())
+    if isinstance(parameter, click.Option):
+        extra = parameter.get_help_extra(context)
+        said += f" [default: {extra['default']}]" if "default" in extra else ""
+        said += " [required]" if "required" in extra else ""
+    return said.replace("|", "&#124;")
 
 
 def formats_page() -> str:
