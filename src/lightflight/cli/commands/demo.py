@@ -39,8 +39,7 @@ unknown."""
     "--photons",
     type=click.FloatRange(min=1),
     default=40_000.0,
-    show_default=True,
-    help="Expected signal counts in the brightest pixel.",
+    help="Expected signal counts in the brightest pixel.  [default: 40,000]",
 )
 @seed_option(default=1)
 @json_option

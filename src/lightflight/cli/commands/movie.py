@@ -39,7 +39,11 @@ def _size_from_text(
 
 @click.command("movie", short_help="Make a film of a flight, or of a recording.")
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--fps", type=click.FloatRange(1, 120), help="Frames per second.")
+@click.option(
+    "--fps",
+    type=click.FloatRange(1, 120),
+    help="Frames per second.  [default: 25; of a recording 12]",
+)
 @click.option(
     "--size",
     "size_px",

@@ -39,7 +39,11 @@ RECORDING_FIGURES = ("picture", "pixel", "cases")
 @click.option(
     "--pixel", nargs=2, type=click.IntRange(min=0), help="Row and column, for --what pixel."
 )
-@click.option("--dpi", type=click.FloatRange(min=10, max=2000), help="Dots per inch of pixels.")
+@click.option(
+    "--dpi",
+    type=click.FloatRange(min=10, max=2000),
+    help="Dots per inch of pixels.  [default: 200]",
+)
 @outputs_option("Figure to write (.png .pdf .svg); may be given more than once.", required=True)
 @with_lab
 @hint_option
