@@ -24,6 +24,7 @@ from lightflight.cli.progress import step
 if TYPE_CHECKING:
     from lightflight.camera.model import Camera
     from lightflight.lab import Lab
+    from lightflight.path.light_path import LightPath
 
 PAGE_SUFFIXES = (".html", ".htm")
 
@@ -128,6 +129,9 @@ def _write_one(
 
     path = LightPath.load(path_file, try_newer=True)
     print_headline(path.verdict)
+    for given in (recording_path, timing_path):
+        if given is not None:
+            _warn_of_another(path, given)
     timing = calibration_from_option(timing_path)
     recording = None if recording_path is None else read_histograms(recording_path, lab, hints)
     if viewpoint_mm is not None:
@@ -143,6 +147,27 @@ def _write_one(
             title=title,
             second_camera=second_camera,
         )
+
+
+def _warn_of_another(path: LightPath, given: Path) -> None:
+    """Say that a path was not made from a file, where it says what it was made from."""
+    import warnings
+
+    from lightflight.errors import SuspectDataWarning
+    from lightflight.provenance import input_record
+
+    made_from = [one for one in path.provenance.get("inputs", ()) if "sha256" in one]
+    if not made_from or not given.exists():
+        return
+    if input_record(given)["sha256"] in {one["sha256"] for one in made_from}:
+        return
+    names = ", ".join(one["name"] for one in made_from)
+    warnings.warn(
+        f"{given}: the path was not made from it, but from {names}: what the page shows of single "
+        "pixels may be of another flight",
+        SuspectDataWarning,
+        stacklevel=2,
+    )
 
 
 def _write_whole(paths: tuple[Path, ...], options: tuple[object, ...], output: Path) -> None:

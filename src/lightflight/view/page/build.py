@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from lightflight._version import __version__
-from lightflight.errors import NothingFoundError
+from lightflight.errors import GeometryError, NothingFoundError
 from lightflight.files.whole_file import write_text
 from lightflight.view.page import tables
 from lightflight.view.page.parts import Frame, asset, page_script, whole_frame
@@ -64,7 +64,7 @@ def page_html(
     Raises
     ------
     GeometryError
-        Where `second_camera` sees no part of the path.
+        Where `second_camera` sees no part of the path, or the recording is of another camera.
     """
     return framed_page(
         path,
@@ -94,6 +94,7 @@ def framed_page(
     Parameters as in `page_html`, and `frame`: `SHARED`, or a `whole_frame`.
     """
     hist = _histograms(recording)
+    _check_shape(path, hist)
     pulses, arrivals = _fits(hist, timing, pulses, arrivals)
     heading = title or tables.heading(path)
     payload = payload_from_records(
@@ -133,6 +134,17 @@ def _histograms(recording: Histograms | Recording | None) -> Histograms | None:
     from lightflight.recording.recording import Recording
 
     return histogram(recording) if isinstance(recording, Recording) else recording
+
+
+def _check_shape(path: LightPath, hist: Histograms | None) -> None:
+    """Refuse a recording whose pixels cannot be those of the path's camera."""
+    camera = getattr(path, "camera", None)
+    if hist is None or camera is None or tuple(hist.shape) == tuple(camera.shape):
+        return
+    raise GeometryError(
+        f"the recording has {hist.shape[0]} x {hist.shape[1]} pixels, the path's camera has "
+        f"{camera.shape[0]} x {camera.shape[1]}: give the recording that the path was made from"
+    )
 
 
 def _fits(
