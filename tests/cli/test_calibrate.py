@@ -214,7 +214,7 @@ def test_a_camera_from_pictures_of_a_board(run, tmp_path):
     ("name", "content", "told"),
     [
         ("none.csv", None, "no such file"),
-        ("empty.csv", b"", "it is empty"),
+        ("empty.csv", b"", "is empty"),
         ("short.csv", b"x_mm,y_mm,row\n1,2,3\n", "lacks the columns col"),
         ("words.csv", b"x_mm,y_mm,row,col\na,2,3,4\n", "could not convert"),
         ("junk.npz", b"no zip", "cannot be read"),

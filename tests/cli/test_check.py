@@ -66,4 +66,4 @@ def test_people_read_it_too(folder):
 def test_a_set_up_without_a_camera_is_refused(folder):
     (folder / "none.toml").write_text("[source]\nposition_mm = [0.0, 0.0, 0.0]\n")
     words = ["check", str(folder / "none.toml"), str(folder / "recording.h5")]
-    assert CliRunner().invoke(main, words).exit_code == 5
+    assert CliRunner().invoke(main, words).exit_code == 2

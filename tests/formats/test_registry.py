@@ -71,7 +71,7 @@ def test_hints_go_before_what_the_file_says(tmp_path, cube):
     back = read(tmp_path / "x.h5", bin_width_ps=51.5, reversed_codes=True, no_photon_code=2)
     assert (back.bin_width_ps, back.reversed_codes, back.no_photon_code) == (51.5, True, 2)
     assert back.laser_period_ps == 800.0
-    with pytest.raises(FileFormatError, match=r"x\.h5: bin_width_ps must be positive"):
+    with pytest.raises(ConfigError, match=r"hint bin_width_ps must be positive, got -1"):
         read(tmp_path / "x.h5", bin_width_ps=-1)
 
 

@@ -98,7 +98,7 @@ def _board_corners(picture: Floats, corners: tuple[int, int], index: int) -> Flo
     if not found:
         raise GeometryError(
             f"no chessboard with {corners[0]} x {corners[1]} inner corners in image {index}: "
-            "leave the picture out, or check `corners`",
+            "leave the picture out, or check corners=",
             offenders=index,
         )
     # Half the spacing of the corners, so that the window never reaches the next one.

@@ -32,6 +32,15 @@ EXIT_CODES = {
 """Every exit code of the command line and what it means; `lightflight --help` prints them."""
 
 
+_OURS = {
+    "is not a valid integer range": "is no whole number",
+    "is not a valid integer": "is no whole number",
+    "is not a valid float range": "is no number",
+    "is not a valid float": "is no number",
+}
+"""What click says of a word that is no number, and what we say."""
+
+
 class NotTrustedError(Exception):
     """Under --strict: all was done, and a verdict is "check" or "contradicted"."""
 
@@ -68,7 +77,10 @@ def sentence_and_code(error: BaseException) -> tuple[str, int]:
     match error:
         case click.UsageError():
             command = error.ctx.command_path if error.ctx else "lightflight"
-            return f"{one_line(error.format_message())} (see {command} --help)", 2
+            said = one_line(error.format_message())
+            for clicks, ours in _OURS.items():
+                said = said.replace(clicks, ours)
+            return f"{said} (see {command} --help)", 2
         case click.FileError():
             return one_line(error.format_message()), 3
         case click.ClickException():

@@ -15,9 +15,9 @@ _ARGUMENT = re.compile(
 """A name, an equals sign and perhaps a value, as Python writes an argument."""
 
 _HINTS = frozenset(
-    {"axes", "bin_width_ps", "first_edge_ps", "footer_bytes", "laser_period_ps", "n_codes",
-     "n_frames", "no_photon_code", "periods_per_frame", "poisson", "reversed_codes", "shape",
-     "variable"}
+    {"axes", "bin_width_ps", "first_edge_ps", "footer_bytes", "format", "laser_period_ps",
+     "n_codes", "n_frames", "no_photon_code", "periods_per_frame", "poisson", "reversed_codes",
+     "shape", "variable"}
 )  # fmt: skip
 """What `--hint` takes, of that which sentences speak of."""
 

@@ -375,9 +375,11 @@ def table_from_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
             raise ConfigError(f"{path}: is too large for a set-up file")
         return _table_of(Path(path).read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        raise ConfigError(f"{path}: there is no such set-up file") from None
+        raise ConfigError(f"{path}: there is no such set-up file: check the name") from None
     except UnicodeDecodeError:
-        raise ConfigError(f"{path}: is not a text file in UTF-8, as TOML is") from None
+        raise ConfigError(
+            f"{path}: is not a text file in UTF-8, as TOML is: name a set-up file, or save it so"
+        ) from None
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
     except (tomllib.TOMLDecodeError, _TooDeepError) as error:

@@ -23,6 +23,7 @@ CLOCK_HINTS: Mapping[str, str] = {
 """Hints about the clock and what they mean; names of the fields of our records."""
 
 _NUMBERS = ("bin_width_ps", "laser_period_ps", "first_edge_ps")
+_POSITIVE = ("bin_width_ps", "laser_period_ps", "n_frames", "periods_per_frame")
 _WHOLE = ("n_frames", "periods_per_frame", "no_photon_code")
 
 PF32_BIN_WIDTH_PS = 55.0
@@ -54,6 +55,8 @@ def checked_clock(hints: Mapping[str, Any]) -> dict[str, object]:
     for name, value in clock.items():
         if name in _NUMBERS and not (_is_number(value) or value is None):
             raise ConfigError(f"hint {name} must be a number of ps, got {value!r}")
+        if name in _POSITIVE and value is not None and not value > 0:
+            raise ConfigError(f"hint {name} must be positive, got {value!r}")
         if name in _WHOLE and value is not None and (not _is_number(value) or value % 1):
             raise ConfigError(f"hint {name} must be a whole number, got {value!r}")
         if name in _WHOLE and value is not None:

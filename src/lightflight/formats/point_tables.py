@@ -46,11 +46,9 @@ def points_from_file(
     Raises
     ------
     FileFormatError
-        For a file that is missing, too large, or holds none of these.
+        For a file that is missing, empty, too large, or holds none of these.
     """
-    if not path.is_file():
-        raise FileFormatError("no such file: give a table of points", path=path)
-    if path.stat().st_size > _MOST_BYTES:
+    if readable_file(path).stat().st_size > _MOST_BYTES:
         raise FileFormatError("too large for a table of points", path=path)
     suffix = path.suffix.lower()
     if suffix in (".csv", ".txt"):

@@ -181,7 +181,9 @@ def read(path: str | os.PathLike[str], **hints: Any) -> Recording | Histograms:
     for hint in hints:
         if hint not in file_format.hints:
             guess = unknown_name_sentence(hint, ("format", *file_format.hints))
-            raise ConfigError(f"unknown hint {hint!r} for a {file_format.name} file: {guess}")
+            raise ConfigError(
+                f"{path}: unknown hint {hint!r} for a {file_format.name} file: {guess}"
+            )
     clock = checked_clock({key: hints.pop(key) for key in CLOCK_HINTS if key in hints})
     with trusting(trust), damage_as_format_error(path):
         return file_format.read(Path(path), clock, **hints)

@@ -283,7 +283,7 @@ def _detector_from_table(table: Mapping[str, Any]) -> Detector:
     if name is None:
         if given and not given.keys() & _CLOCK_KEYS:
             warnings.warn(
-                f"[detector] {', '.join(given)} without a preset change an ideal camera, not the "
+                f"[detector] {', '.join(given)} without a preset: this is an ideal camera, not the "
                 'default PF32: write preset = "pf32" (or "ideal") beside them',
                 SuspectDataWarning,
                 stacklevel=2,

@@ -149,7 +149,10 @@ def _checked_range(name: str, wanted: tuple[int, int] | None, length: int) -> tu
     except (TypeError, ValueError):
         raise ValueError(f"{name} must {must}, got {shown(wanted)}") from None
     if not 0 <= start < end <= length:
-        raise ValueError(f"{name} = ({start}, {end}) must lie within 0 ... {length}")
+        raise ValueError(
+            f"{name} = ({start}, {end}) must ascend and lie within 0 ... {length}: the end is "
+            "the first that is left out"
+        )
     return start, end
 
 

@@ -137,7 +137,7 @@ def _check_slab(
         at[0] += first
         merged = {3: shape, 2: (shape[0] * shape[1], shape[2]), 1: (shape[2],)}[len(order)]
         flat = np.ravel_multi_index(tuple(at[list(order)]), merged)
-        where = tuple(int(i) for i in np.unravel_index(flat, shape))
+        where = ", ".join(str(i) for i in np.unravel_index(flat, shape))
         value = slab[tuple(inside)]
         return f"counts[{where}]" + (f" = {value}" if np.isfinite(value) else "")
 

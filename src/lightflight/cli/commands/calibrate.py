@@ -275,6 +275,10 @@ def _arrival_from_text(text: str) -> Any:
     try:
         return float(text)
     except ValueError:
+        if not Path(text).exists():
+            raise click.UsageError(
+                f"--flat-arrival-ps {text}: is neither a number of ps nor the name of a file"
+            ) from None
         return _array_from_file(Path(text))
 
 

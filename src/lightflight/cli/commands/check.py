@@ -83,9 +83,13 @@ def command(
         lab_from_options,
         read_histograms,
     )
+    from lightflight.errors import ConfigError
 
     check_outputs(outputs, suffixes=PLOT_SUFFIXES)
     lab = lab_from_options(lab_path, assignments)
+    if lab.camera is None:
+        lacks = " and ".join(lab.camera_needs)
+        raise ConfigError(f"{lab_path}: has no camera to check: [camera] lacks {lacks}")
     hist = read_histograms(recording, lab, hints)
     checked = _checked(lab, hist, calibration_from_option(timing_path))
     for output in outputs:

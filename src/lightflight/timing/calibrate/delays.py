@@ -102,8 +102,9 @@ def delays_from_flat(
     words = pulses.flags[row]
     usable = flags.is_usable(words) & np.isfinite(delay) & np.isfinite(std)
     if not usable.any():
+        counted = ", ".join(f"{n} {name}" for name, n in flags.count_flags(words).items())
         raise CalibrationError(
-            f"no pixel of the flat recording shows a usable pulse ({flags.count_flags(words)}): "
+            f"no pixel of the flat recording shows a usable pulse ({counted}): "
             "check that the laser reached the camera and that this is not the code-density file"
         )
     delay, std, photons = (np.where(usable, x, np.nan) for x in (delay, std, photons))

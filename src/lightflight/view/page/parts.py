@@ -15,6 +15,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from lightflight.errors import FileFormatError
+from lightflight.files.filecheck import readable_file
 from lightflight.files.whole_file import write_text
 from lightflight.view.types import FilePath
 
@@ -144,11 +145,11 @@ def whole_html(file: FilePath) -> str:
     Raises
     ------
     FileFormatError
-        If it is no such page, or the parts beside it are missing.
+        If it is missing or no such page, or the parts beside it are missing.
     """
     page = Path(file)
     try:
-        text = page.read_text(encoding="utf-8")
+        text = readable_file(page).read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise _no_page(page) from error
     if '<meta name="generator" content="lightflight ' not in text or 'id="payload"' not in text:
