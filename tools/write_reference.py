@@ -161,14 +161,7 @@ def formats_page() -> str:
     lines += ["\nHints of every format:\n", "| hint | meaning |", "|---|---|"]
     lines += [f"| `{name}` | {meaning} |" for name, meaning in CLOCK_HINTS.items()]
     schema = file_schema()
-    lines.append(f"\n## Our own files, schema version {schema['version']}\n")
-    lines.append(
-        'HDF5 with the root attributes `format` = "lightflight", `kind` and `schema_version`; '
-        "the dataset `attributes` is a JSON text, all other datasets are arrays. Paths with legs "
-        "that nobody saw (`unseen_legs`, their numbers) have schema version 2, those that fork "
-        "(`forks`, pairs of a leg and the vertex at which it begins; `truth_forks`) version 3, and "
-        "those through blocks of glass (`blocks`) version 4.\n"
-    )
+    lines += ["\n## Our own files\n", _OUR_FILES]
     for kind in ("histograms", "recording"):
         lines += [f"### {kind}\n", schema[kind]["summary"], "", "| array | shape | meaning |"]
         lines.append("|---|---|---|")
@@ -178,8 +171,44 @@ def formats_page() -> str:
         known = {**schema[kind]["attributes"], **schema["attributes"]}
         lines += [f"| `{name}` | {meaning} |" for name, meaning in known.items()]
         lines.append("")
-    return "\n".join(lines)
+    lines += ["### calibration\n", _CALIBRATIONS, "### path\n", _PATHS]
+    lines += ["| array | shape | meaning |", "|---|---|---|"]
+    lines += [f"| `{name}` | {shape} | {meaning} |" for name, shape, meaning in PATH_ARRAYS]
+    return "\n".join([*lines, ""])
 
+
+_OUR_FILES = """\
+HDF5 with the root attributes `format` = "lightflight", `kind` and `schema_version`, and `sealed`
+and `digest` (over all else). The dataset `attributes` is a JSON text, all other datasets are
+arrays, those of a simulation's truth in the group `truth`. `schema_version` is 1 but of some paths
+(below).
+"""
+_CALIBRATIONS = """\
+Each field of [TimingCalibration](generated/lightflight.TimingCalibration.rst) by its name, arrays
+as datasets, all else in `attributes`, with `calibration_schema`: 1, 2 where the pulse's place in
+its shape is told (`response_place_ps`), 3 where all pixels share an error of the code widths
+(`code_width_std`).
+"""
+_PATHS = """\
+`attributes` holds `method`, `prior`, `statements`, `goodness`, `source`, `medium`, `verdict`,
+`explained`, `prices`, `provenance`, and where there are any `unseen_legs` (their numbers), `forks`
+(pairs of a leg and the vertex at which it begins), `blocks`, `second_pulse` and `alternatives`.
+`schema_version` is 2 with unseen legs, 3 with forks or bends, 4 with blocks of glass or
+alternatives, else 1.
+"""
+PATH_ARRAYS = (
+    ("vertices_mm", "(vertices, 3)", "x, y, z, mm"),
+    ("vertex_times_ps", "(vertices)", "event times, ps"),
+    ("covariance", "(4 vertices, 4 vertices)", "of x, y, z, t of each vertex, mm and ps"),
+    ("covariance_*", "the same", "what `photon`, `pixel` and `shared` errors make of it"),
+    ("residuals_*", "(pulses)", "`row`, `col`, `leg`, `arrival_ps`, `model_ps`, `residual_ps`, "
+     "`std_ps`, `event_time_ps`, `photons`, `used`, `flags`"),
+    ("camera_*", "", "`shape`, `matrix`, `distortion`, `world_from_camera`, and its errors"),
+    ("truth_*", "", "`vertices_mm` and `vertex_times_ps` of a simulation"),
+    ("bends_*", "", "of bent legs: `leg`, `axes`, `orders`, `coefficients_mm`, `covariance`"),
+    ("alternative_0_*", "", "all of these of another answer, numbered on"),
+)  # fmt: skip
+"""Arrays of a path file; * stands for what the meaning lists."""
 
 PAGES = {
     "setup-file.md": setup_page,

@@ -4,11 +4,18 @@ import re
 import runpy
 import subprocess
 import sys
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
 
+from lightflight.files.store import load_record
 from lightflight.reconstruct.estimators import ESTIMATORS
+from tools.make_schema_files import (
+    known_path,
+    known_path_that_forks,
+    known_path_with_an_alternative,
+)
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -21,6 +28,20 @@ def test_reference_pages_are_up_to_date():
         check=False,
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_the_page_of_formats_knows_every_array_of_a_path(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(REPOSITORY / "tools")
+    arrays = runpy.run_path(str(REPOSITORY / "tools" / "write_reference.py"))["PATH_ARRAYS"]
+    listed = [name for name, _, _ in arrays]
+    told = {name: meaning for name, _, meaning in arrays}
+    for made in (known_path(), known_path_that_forks(), known_path_with_an_alternative()):
+        made.save(tmp_path / "path.h5")
+        for name in load_record(tmp_path / "path.h5", kind="path")[0]:
+            pattern = next((one for one in listed if fnmatch(name, one)), None)
+            assert pattern is not None, name
+            if pattern in ("residuals_*", "covariance_*"):
+                assert f"`{name.removeprefix(pattern[:-1])}`" in told[pattern], name
 
 
 def test_the_readme_keeps_its_measured_block():
