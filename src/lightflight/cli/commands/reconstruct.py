@@ -125,6 +125,8 @@ def command(
         return
     repeats = [read_histograms(path, lab, hints) for path in recordings]
     timing = calibration_from_option(timing_path)
+    if timing is not None:
+        _warn_of_other_timing(lab, timing)
     missing = _missing(lab, repeats)
     if missing:  # the picture is worth having, and says what to ask the lab for
         _stop_at_the_picture(repeats[0], timing, lab, missing, outputs, as_json=as_json)
@@ -153,6 +155,25 @@ def _lab_with_options(
     given = {"method": method, "n_legs": n_legs, "free": free or None}
     options = {**lab.reconstruct, **{k: v for k, v in given.items() if v is not None}}
     return replace(lab, reconstruct=options)
+
+
+def _warn_of_other_timing(lab: Lab, timing: TimingCalibration) -> None:
+    """Say what [timing] tells and the calibration was made without: only calibrations read it."""
+    import warnings
+
+    from lightflight.errors import SuspectDataWarning
+
+    if "settings" not in timing.provenance:
+        return
+    kept = timing.provenance["settings"].get("timing", {})
+    other = [name for name, value in lab.timing.items() if kept.get(name) != value]
+    if other:
+        warnings.warn(
+            f"[timing] {', '.join(other)}: not used here, and the calibration was made without: "
+            "make it with this set-up (lightflight calibrate --lab)",
+            SuspectDataWarning,
+            stacklevel=2,
+        )
 
 
 def _missing(lab: Lab, repeats: list[Histograms]) -> list[str]:
