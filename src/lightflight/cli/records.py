@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lightflight.cli.console import Fact, with_error
-from lightflight.cli.progress import step
+from lightflight.cli.progress import say, step
 
 if TYPE_CHECKING:
     from lightflight.lab import Lab
@@ -57,6 +57,18 @@ def print_lab(lab: Lab) -> None:
     click.echo(toml_from_lab(lab).rstrip())
     if lab.camera_needs:
         click.echo(f"# no camera yet: [camera] lacks {' and '.join(lab.camera_needs)}")
+
+
+def tell_of_papers_path(lab: Lab) -> None:
+    """Say that a set-up has no path of its own, so that the paper's three legs stand in.
+
+    Parameters
+    ----------
+    lab : Lab
+        Of a set-up file.
+    """
+    if not lab.scene.keys() & {"vertices_mm", "source_direction"}:
+        say("the set-up has no path ([scene] vertices_mm): the paper's three legs stand in")
 
 
 def read_hinted(path: Path, lab: Lab, hints: Mapping[str, object]) -> Recording | Histograms:

@@ -127,13 +127,15 @@ def command(
       lightflight plan lab.toml --position-mm 0.2 --rate-hz 200
       lightflight plan lab.toml --camera side=600,40,300 --camera near=190,40,350 -o plan.png
     """
-    from lightflight.cli.records import lab_from_options
+    from lightflight.cli.records import lab_from_options, tell_of_papers_path
     from lightflight.lab import scene_from_lab
     from lightflight.reconstruct.limits.planning import plan
 
     check_outputs(outputs, suffixes=PLOT_SUFFIXES)
     lab = lab_from_options(setup, assignments)
     scene = scene_from_lab(lab)
+    if setup is not None:
+        tell_of_papers_path(lab)
     if photons is None:
         photons = lab.scene.get("photons_per_pixel", 40_000.0)
     with step("working out what the photons allow"):

@@ -68,7 +68,12 @@ def command(
       lightflight simulate --kind flat --photons 400000 -o flat.h5
       lightflight simulate --set detector.preset=pf32 --set detector.seed=99 -o another_camera.h5
     """
-    from lightflight.cli.records import lab_from_options, print_lab, provenance_of_command
+    from lightflight.cli.records import (
+        lab_from_options,
+        print_lab,
+        provenance_of_command,
+        tell_of_papers_path,
+    )
     from lightflight.formats.registry import write
     from lightflight.lab import resolved_lab, scene_from_lab
     from lightflight.simulate import simulate
@@ -77,6 +82,8 @@ def command(
     check_outputs([output], suffixes=RECORD_SUFFIXES, kinds=("histograms", "recording"))
     lab = lab_from_options(lab_path, assignments)
     scene = scene_from_lab(lab)
+    if lab_path is not None and kind in ("histograms", "frames", "events"):
+        tell_of_papers_path(lab)
     if dry_run:
         print_lab(resolved_lab(lab, scene))
         return
