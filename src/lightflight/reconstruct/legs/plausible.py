@@ -27,6 +27,9 @@ Floats = NDArray[np.float64]
 _SLOWEST = 200.0
 """Light that flies away from the camera, 1 degree off the line of sight, seems to cross a pixel so
 many times slower than it can; metres for mm make a thousand."""
+_LEAST_CODES = 0.05
+"""A clock tells nothing of light that crosses the whole picture in a smaller part of a code: of
+metres for mm there is a hundredth. Swiftest legs do not tell where pixels have delays unknown."""
 _SQUARE = 0.05
 """Pixels whose sides differ by less are taken for square."""
 _SURELY_SQUARE = 0.02
@@ -73,8 +76,13 @@ def slowness(
 ) -> tuple[float, float]:
     """Time from pixel to pixel as recorded, of the leg that is swiftest, and of flight, ps."""
     recorded = float(np.min([1.0 / leg.apparent_speed_px_per_ps for leg in legs]))
+    return recorded, _pixel_flight_ps(camera, source, medium)
+
+
+def _pixel_flight_ps(camera: Camera, source: Source, medium: Medium) -> float:
+    """Time in which light crosses what one pixel sees, ps."""
     seen_mm = distance_mm(camera, source) / mean_focal_px(camera)
-    return recorded, seen_mm * medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
+    return seen_mm * medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
 
 
 class OtherUnitsError(GeometryError):
@@ -139,7 +147,8 @@ def implausible(
     """
     asked = (
         units_of_camera(camera),
-        units_of_lengths(camera, source, medium, legs) if legs else None,
+        (units_of_lengths(camera, source, medium, legs) if legs else None)
+        or units_of_field(camera, source, medium, code_ps),
         units_of_source(camera, source),
         unit_of_emission(source, code_ps),
         aspect(camera, source),
@@ -176,6 +185,22 @@ def units_of_lengths(
         FindingName.UNITS,
         f"light crosses what one pixel sees in {flight:.2g} ps by the set-up, and needs "
         f"{recorded:.2g} ps from pixel to pixel in the recording",
+        f"give all lengths in mm: is the source {far:.3g} mm from the camera, or {1e3 * far:.3g}?",
+    )
+
+
+def units_of_field(
+    camera: Camera, source: Source, medium: Medium, code_ps: float | None
+) -> Finding | None:
+    """Whether light crosses the picture in a time that the camera's clock can tell."""
+    flight = max(camera.shape) * _pixel_flight_ps(camera, source, medium)
+    if code_ps is None or flight > _LEAST_CODES * code_ps:
+        return None
+    far = distance_mm(camera, source)
+    return _finding(
+        FindingName.UNITS,
+        f"light crosses the whole picture in {flight:.2g} ps by the set-up, and a code is "
+        f"{code_ps:.3g} ps",
         f"give all lengths in mm: is the source {far:.3g} mm from the camera, or {1e3 * far:.3g}?",
     )
 
