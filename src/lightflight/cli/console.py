@@ -96,9 +96,14 @@ def _console() -> Any:
     """Rich's console on stdout."""
     from rich.console import Console
 
+    class OurConsole(Console):
+        def on_broken_pipe(self) -> None:
+            # Rich would end with exit code 1, which says that the fault is ours: see `errors`.
+            raise BrokenPipeError
+
     stream = sys.stdout
     # A pipe has no width of its own; 80 columns would cut tables that nobody asked to cut.
-    return Console(
+    return OurConsole(
         file=stream, highlight=False, markup=False, width=None if stream.isatty() else 132
     )
 
