@@ -42,6 +42,7 @@ CAMERA = ("calibrate", "camera", "--shape", "8", "16", "-o", "camera.toml")
         ("calibrate --flat mine.h5 --flat-arrival-ps soon -o a.h5", 2,
          "--flat-arrival-ps soon: is neither a number of ps nor the name of a file"),
         ("reconstruct mine.h5 --n-legs three", 2, "'three' is no whole number"),
+        ("view path.h5 --viewpoint 1 2", 2, "(see lightflight view --help)"),
         ("simulate --photons many -o a.h5", 2, "'many' is no number"),
     ],
 )  # fmt: skip

@@ -15,7 +15,7 @@ from typing import Any
 
 import click
 
-from lightflight.cli.language import in_options, options_of
+from lightflight.cli.language import in_options, name_of_command, options_of
 from lightflight.cli.progress import forget_written, interrupted, say
 from lightflight.files.names import harmless
 
@@ -58,13 +58,15 @@ def one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def sentence_and_code(error: BaseException) -> tuple[str, int]:
+def sentence_and_code(error: BaseException, *, command: str = "lightflight") -> tuple[str, int]:
     """What to print for an exception, and the exit code.
 
     Parameters
     ----------
     error : BaseException
         What ended the command.
+    command : str, optional
+        Whose help may say more, where the error does not know it.
 
     Returns
     -------
@@ -76,7 +78,7 @@ def sentence_and_code(error: BaseException) -> tuple[str, int]:
     code = getattr(error, "exit_code", None)
     match error:
         case click.UsageError():
-            command = error.ctx.command_path if error.ctx else "lightflight"
+            command = error.ctx.command_path if error.ctx else command
             said = one_line(error.format_message())
             for clicks, ours in _OURS.items():
                 said = said.replace(clicks, ours)
@@ -243,7 +245,7 @@ class SpeakingGroup(click.Group):
             except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  (the last door)
                 if debug and not isinstance(error, click.ClickException | click.Abort):
                     traceback.print_exception(error)
-                text, code = sentence_and_code(error)
+                text, code = sentence_and_code(error, command=name_of_command(self, words))
                 if not isinstance(error, click.ClickException):
                     text = in_options(text, options)
                 click.echo(f"lightflight: {harmless(text)}", err=True)

@@ -88,14 +88,40 @@ def options_of(group: click.Group, words: Sequence[str]) -> frozenset[str]:
     frozenset of str
         As Python would call them; empty without a command.
     """
-    command: click.Command = group
-    for word in words:
-        if not isinstance(command, click.Group) or word not in command.commands:
-            break
-        command = command.commands[word]
+    command, _ = _command_of(group, words)
     return frozenset(
         name.removeprefix("--").replace("-", "_")
         for parameter in command.params
         for name in parameter.opts
         if name.startswith("--")
     )
+
+
+def name_of_command(group: click.Group, words: Sequence[str]) -> str:
+    """What the command is called that some words ask for, as "lightflight calibrate camera".
+
+    Parameters
+    ----------
+    group : click.Group
+        All commands.
+    words : sequence of str
+        Of the command line.
+
+    Returns
+    -------
+    str
+        "lightflight" without a command.
+    """
+    return " ".join(("lightflight", *_command_of(group, words)[1]))
+
+
+def _command_of(group: click.Group, words: Sequence[str]) -> tuple[click.Command, list[str]]:
+    """The command that some words ask for, and those of them that name it."""
+    command: click.Command = group
+    names: list[str] = []
+    for word in words:
+        if not isinstance(command, click.Group) or word not in command.commands:
+            break
+        command = command.commands[word]
+        names.append(word)
+    return command, names
