@@ -241,12 +241,20 @@ def refuse_masks(name: str, values: object) -> None:
 
 
 _MARKS = {
-    "camera": "pixels_from_points", "source": "position_std_xyz_mm", "medium": "path_group_index",
-    "timing": "check_matches", "background": "counts", "hist": "counts", "path": "vertices_mm",
-    "truth": "vertices_mm", "arrivals": "photon_std_ps", "response": "table", "scene": "detector",
-    "detector": "bin_width_ps",
-}  # fmt: skip
-"""What each of them has that others have not."""
+    "camera": ("pixels_from_points", "a Camera, such as Camera.facing_plane(...)"),
+    "source": ("position_std_xyz_mm", "a Source, such as Source((0, 0, 0))"),
+    "medium": ("path_group_index", "a Medium"),
+    "timing": ("check_matches", "a TimingCalibration: calibrate_timing or TimingCalibration.load"),
+    "background": ("counts", "Histograms"),
+    "hist": ("counts", "Histograms: Histograms(cube, ...), or histogram(read(...)) of a file"),
+    "path": ("vertices_mm", "a LightPath"),
+    "truth": ("vertices_mm", "the truth of a simulated recording"),
+    "arrivals": ("photon_std_ps", "Arrivals, from find_arrivals"),
+    "response": ("table", "a Response"),
+    "scene": ("detector", "a Scene"),
+    "detector": ("bin_width_ps", "a Detector"),
+}
+"""What each of them has that others have not, and what it is to be, in words."""
 
 
 def check_kinds(*needed: str, lists: bool = False, **told: object) -> None:
@@ -262,8 +270,9 @@ def check_kinds(*needed: str, lists: bool = False, **told: object) -> None:
         Arguments by name; None: left out.
     """
     for name, value in told.items():
+        mark, words = _MARKS[name]
         if value is None and name in needed:
-            raise TypeError(f"{name} cannot be None: see help() of what you called")
+            raise TypeError(f"{name} must be {words}; got None")
         for one in value if lists and isinstance(value, list | tuple) else [value]:
-            if one is not None and (isinstance(one, type) or not hasattr(one, _MARKS[name])):
-                raise TypeError(f"{name} cannot be {shown(one)}: see help() of what you called")
+            if one is not None and (isinstance(one, type) or not hasattr(one, mark)):
+                raise TypeError(f"{name} must be {words}; got {shown(one)}")

@@ -39,7 +39,7 @@ class TestWrongCalls:
             call(hist=[])
 
     def test_not_a_recording(self):
-        with pytest.raises(TypeError, match=r"got ndarray: histogram a recording first"):
+        with pytest.raises(TypeError, match=r"got ndarray: make them of a cube"):
             call(hist=np.zeros((32, 32, 10)))
         with pytest.raises(TypeError, match="got str"):
             call(hist=[one_leg().recording(1), "recording.h5"])

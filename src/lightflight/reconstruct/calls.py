@@ -112,7 +112,8 @@ def checked_call(
         if not hasattr(one, "counts"):
             raise TypeError(
                 f"hist must be Histograms or a list of them, got {type(one).__name__}: "
-                "histogram a recording first (lightflight.recording.histograms)"
+                "make them of a cube (lightflight.Histograms) or a file's recording "
+                "(lightflight.histogram(lightflight.read(...)))"
             )
         # Without a scale of time there are legs in the picture, but no path in space.
         if one.bin_width_ps is None:

@@ -174,7 +174,7 @@ def _checked_flats(
         return [], []
     if isinstance(flat, Histograms):
         return [flat], [flat_arrival_ps]
-    if not isinstance(flat, Sequence):
+    if not isinstance(flat, list | tuple):
         raise TypeError(f"flat must be Histograms or a list of them, got {shown(flat)}")
     flats = list(flat)
     if not flats:
