@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lightflight.errors import NothingFoundError
+from lightflight.errors import NothingFoundError, SuspectDataWarning
 from lightflight.flight import Medium
 from lightflight.recording.histograms import Histograms
 from lightflight.timing.laser_width import apparent_fwhm_ps, laser_width_from_pulses
@@ -42,7 +42,8 @@ def test_the_laser_s_width_comes_back_within_its_error(rng, laser, transit):
 
 def test_a_pulse_narrower_than_the_response_has_no_width(rng):
     hist = pulse_cube(rng, 20, [(5000.0, 3000)], 0.5, std=50.0)
-    found = laser_width_from_pulses(fit_pulses(hist), response_fwhm_ps=150.0)
+    with pytest.warns(SuspectDataWarning, match=r"narrower than the camera's response of 150 ps"):
+        found = laser_width_from_pulses(fit_pulses(hist), response_fwhm_ps=150.0)
     assert found.fwhm_ps == 0.0
     assert np.isfinite(found.fwhm_std_ps)
     dark = fit_pulses(Histograms(rng.poisson(1.0, (1, 5, 64)), bin_width_ps=WIDTH))

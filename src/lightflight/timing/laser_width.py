@@ -7,6 +7,7 @@ one camera frame is another matter, and depends on the leg's direction: `apparen
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.arguments import finite_number
-from lightflight.errors import NothingFoundError
+from lightflight.errors import NothingFoundError, SuspectDataWarning
 from lightflight.flight import Medium, apparent_speed_from_direction
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS, fwhm_from_std, std_from_fwhm
 
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+_CLEARLY = 5.0
+"""Recorded pulses narrower than the response by this many errors: it was told too wide."""
 _WIDEST_PS = 1e12
 """A second: nobody calls longer light a pulse."""
 
@@ -106,6 +109,14 @@ def laser_width_from_pulses(
     # Noise can make the difference of squares negative: the width is then unresolved, not
     # imaginary.
     laser2 = max(mean - response**2, 0.0)
+    if response**2 - mean > _CLEARLY * np.sqrt(error2):
+        warnings.warn(
+            f"pulses were recorded {fwhm_from_std(np.sqrt(max(mean, 0.0))):.1f} ps wide, narrower "
+            f"than the camera's response of {response_fwhm_ps:g} ps: give the width of that "
+            "alone (FWHM); nothing is left for the laser's",
+            SuspectDataWarning,
+            stacklevel=2,
+        )
     # Near zero width the error of the square is what is known.
     std = np.sqrt(error2) / (2.0 * np.sqrt(laser2)) if laser2**2 > error2 else error2**0.25
     return LaserWidth(
