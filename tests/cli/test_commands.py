@@ -150,10 +150,11 @@ def test_reconstruct_for_programs(run, lab_folder):
     assert facts["position_rms_mm"] < 1.0
 
 
-def test_reconstruct_takes_repeats(run, lab_folder):
-    recording = lab_folder / "recording.h5"
+def test_reconstruct_takes_repeats(run, lab_folder, tmp_path):
+    again = tmp_path / "again.h5"
+    assert run("simulate", "--photons", 20_000, "--seed", 1, "-o", again).exit_code == 0
     done = run(
-        "reconstruct", recording, recording, "--lab", lab_folder / "lab.toml",
+        "reconstruct", lab_folder / "recording.h5", again, "--lab", lab_folder / "lab.toml",
         "--timing", lab_folder / "calibration.h5", "--json",
     )  # fmt: skip
     assert done.exit_code == 0, done.stderr

@@ -124,6 +124,7 @@ def command(
         print_lab(lab)
         return
     repeats = [read_histograms(path, lab, hints) for path in recordings]
+    _refuse_copies(recordings, repeats)
     timing = calibration_from_option(timing_path)
     if timing is not None:
         _warn_of_other_timing(lab, timing)
@@ -155,6 +156,24 @@ def _lab_with_options(
     given = {"method": method, "n_legs": n_legs, "free": free or None}
     options = {**lab.reconstruct, **{k: v for k, v in given.items() if v is not None}}
     return replace(lab, reconstruct=options)
+
+
+def _refuse_copies(recordings: tuple[Path, ...], repeats: list[Histograms]) -> None:
+    """Refuse a recording that is given twice: its photons would count twice."""
+    import hashlib
+
+    import numpy as np
+
+    from lightflight.errors import ConfigError
+
+    known: dict[str, Path] = {}
+    for path, hist in zip(recordings, repeats, strict=True) if len(repeats) > 1 else ():
+        digest = hashlib.sha256(np.ascontiguousarray(hist.counts).data).hexdigest()
+        if digest in known and hist.counts.any():
+            raise ConfigError(
+                f"{path}: holds the same counts as {known[digest]}: give each recording once"
+            )
+        known[digest] = path
 
 
 def _warn_of_other_timing(lab: Lab, timing: TimingCalibration) -> None:
