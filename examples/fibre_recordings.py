@@ -28,7 +28,7 @@ ASSUMED_DISTANCE_MM = 400.0
 ASSUMED_FIELD_MM = (60.0, 60.0)
 FIBRE = lf.Medium(path_group_index=1.47, return_group_index=1.00027)
 LAID_IN_AN_ARCH = ("CurveFiber",)
-"""Of all it is known that one fibre runs there, of these that it is one smooth curve."""
+"""Of these it is known that one fibre runs on one smooth curve."""
 
 
 @dataclass(frozen=True)
@@ -84,10 +84,8 @@ def path_on_assumptions(file: Path, name: str) -> lf.LightPath:
     camera = lf.Camera.facing_plane(
         shape=hist.shape, distance_mm=ASSUMED_DISTANCE_MM, field_of_view_mm=ASSUMED_FIELD_MM
     )
-    free = ("bend",) if name in LAID_IN_AN_ARCH else ()
-    return lf.reconstruct(
-        hist, camera=camera, source=lf.Source(), medium=FIBRE, n_legs=1, free=free
-    )
+    told = {"n_legs": 1, "free": ("bend",)} if name in LAID_IN_AN_ARCH else {}
+    return lf.reconstruct(hist, camera=camera, source=lf.Source(), medium=FIBRE, **told)
 
 
 def distance_to_path_px(track: Track, path: lf.LightPath) -> np.ndarray:

@@ -7,7 +7,7 @@ turns nothing). Both are decided by likelihood, with thresholds far beyond chanc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -348,13 +348,26 @@ def _gains(shorter: JointFit, longer: JointFit) -> bool:
 
 
 def _worth(shorter: JointFit, longer: JointFit) -> float:
-    """Chi-square that a path with more corners wins; pulses that one alone takes, one each."""
+    """Chi-square that a path with more corners wins; pulses that one alone takes, one each.
+
+    What pulses cost that fall out of the longer path is no gain: on a recording that scatters more
+    than its errors say a path with a corner anywhere would win by whatever it drops.
+    """
     before, after = (
         one.solution.chi2 + sum(f.bend_chi2 for p in one.pictures for f in p.fits)
         for one in (shorter, longer)
     )
-    more = np.count_nonzero(longer.times.weight > 0) - np.count_nonzero(shorter.times.weight > 0)
-    return float(before - after + more)
+    taken = set(_pulses(longer))
+    lost = np.array([pulse not in taken for pulse in _pulses(shorter)])
+    times = shorter.times
+    cost = times.weights(shorter.floor_ps**2) * shorter.solution.residual_ps**2
+    more = np.count_nonzero(longer.times.weight > 0) - np.count_nonzero(times.weight > 0)
+    return float(before - cost[lost].sum() - after + more)
+
+
+def _pulses(fit: JointFit) -> Iterator[tuple[int, int]]:
+    """Of which recording each pulse of a path is, and which of its pulses."""
+    return zip(fit.sighting_of.tolist(), fit.times.index.tolist(), strict=True)
 
 
 def _thinned_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> JointFit | None:
@@ -455,7 +468,6 @@ def _split_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> J
     state = fit.solution.state
     bends = [sharpest_bend(sightings, fit, k, setting) for k in range(state.n_legs)]
     order = np.argsort([-chi2 for chi2, _ in bends])
-    before = fit.solution.chi2 + sum(f.bend_chi2 for p in fit.pictures for f in p.fits)
     for k in order:
         chi2, fraction = bends[int(k)]
         if chi2 < _BEND_CHI2:
@@ -469,10 +481,7 @@ def _split_once(sightings: list[Sighting], fit: JointFit, setting: Setting) -> J
         # anywhere.
         if not pulses_of_legs(trial).all():
             continue
-        after = trial.solution.chi2 + sum(f.bend_chi2 for p in trial.pictures for f in p.fits)
-        # Pulses that fell out of the longer path count against it, one each.
-        lost = max(0, len(fit.times.leg) - len(trial.times.leg))
-        if before - after - lost > _GAIN_CHI2 and trial.floor_ps <= fit.floor_ps + 1e-9:
+        if _worth(fit, trial) > _GAIN_CHI2 and trial.floor_ps <= fit.floor_ps + 1e-9:
             return trial
         # Scatter that a corner explains was never the clock's.
         if trial.floor_ps < 0.6 * fit.floor_ps:
