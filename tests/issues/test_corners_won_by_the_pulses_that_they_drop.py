@@ -29,7 +29,7 @@ def fit_of(sighting_of, index, residual_ps, chi2):
 
 
 def test_what_is_dropped_is_no_gain():
-    """Two recordings of three pulses; the longer path drops one that cost 100, for no other gain."""
+    """Two recordings of three pulses; the longer path drops one, of cost 100, for no gain."""
     residual_ps = [1.0, 10.0, 1.0, 2.0, 1.0, 1.0]
     shorter = fit_of([0, 0, 0, 1, 1, 1], [0, 1, 2, 0, 1, 2], residual_ps, 108.0)
     longer = fit_of([0, 0, 1, 1, 1], [0, 2, 0, 1, 2], np.delete(residual_ps, 1), 8.0)
