@@ -48,13 +48,20 @@ def check_same_camera(arrivals: Arrivals, clock: CodeClock) -> None:
     Raises
     ------
     CalibrationError
-        Where it is not that of the camera that recorded.
+        Where it is not that of the camera that recorded, or what came is no light.
     """
     scatter = scatter_of_neighbours(arrivals, clock)
     if scatter is None:
         return
     calibrated_ps, equal_ps, error_ps = scatter
     if calibrated_ps > max(_WORSE * equal_ps, _BEYOND_NOISE * error_ps):
+        same, lit = _at_one_code(arrivals, clock)
+        if same > 0.5 * lit:
+            raise CalibrationError(
+                f"pulses of {same} of {lit} pixels come at the same code, whatever the delays of "
+                "their pixels: no light but a signal of the camera or its trigger; find where it "
+                "comes from, or keep the codes before it or after it (codes=)"
+            )
         raise CalibrationError(
             f"the times of neighbouring pixels scatter by {calibrated_ps:.0f} ps on this "
             f"calibration and by {equal_ps:.0f} ps without: it is of another camera, or of another "
@@ -87,14 +94,12 @@ def scatter_of_neighbours(
         return None
     time = arrivals.image("arrival_ps")[rows, cols]
     error = arrivals.image("independent_std_ps")[rows, cols]
-    delay = time + np.asarray(clock.skew_ps)[rows, cols]
-    equal = clock.bin_width_ps * _place_among_codes(
-        clock, rows.ravel(), cols.ravel(), delay.ravel()
-    )
+    place = _place_among_codes(clock, rows.ravel(), cols.ravel(), time.ravel())
+    equal = clock.bin_width_ps * place.reshape(time.shape)
     period = clock.laser_period_ps
     return (
         _scatter(time, period),
-        _scatter(equal.reshape(time.shape), period),
+        _scatter(equal, period),
         float(np.median(error)),
     )
 
@@ -113,8 +118,18 @@ def _triples(lit: NDArray[np.bool_]) -> tuple[Indices, Indices]:
     return some[..., 0], some[..., 1]
 
 
-def _place_among_codes(clock: CodeClock, rows: Indices, cols: Indices, delay_ps: Floats) -> Floats:
-    """(n,), where each delay lies, counted in codes of its pixel from the earliest on."""
+def _at_one_code(arrivals: Arrivals, clock: CodeClock) -> tuple[int, int]:
+    """How many pixels' pulses come at one code, within half a pulse, and how many there are."""
+    rows, cols = np.nonzero(np.asarray(arrivals.image("usable")))
+    time = arrivals.image("arrival_ps")[rows, cols]
+    place = _place_among_codes(clock, rows, cols, time)
+    within = max(0.5, 0.5 * float(np.median(arrivals.std_ps)) / clock.bin_width_ps)
+    return int(np.sum(np.abs(place - np.median(place)) < within)), len(place)
+
+
+def _place_among_codes(clock: CodeClock, rows: Indices, cols: Indices, time_ps: Floats) -> Floats:
+    """(n,), where each time lies, counted in codes of its pixel from the earliest on."""
+    delay_ps = time_ps + np.asarray(clock.skew_ps)[rows, cols]
     lower, upper = clock.code_intervals_ps(rows, cols)
     if lower[0, 0] > lower[0, -1]:
         lower, upper = lower[:, ::-1], upper[:, ::-1]
