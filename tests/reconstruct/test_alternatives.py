@@ -292,7 +292,7 @@ def log_evidence_by_sampling(both: Compared, state: PathState, joined: bool, n_l
     freedom = freedom_at(state, both.setting)
     fitted = fit_path(
         state, relegged(times, leg), relegged(lines, anchor_leg), freedom,
-        cameras=both.setting.cameras, medium=both.setting.medium, floor_var=both.fit.floor_ps**2,
+        both.setting, floor_var=both.fit.floor_ps**2,
     )  # fmt: skip
     n = freedom.basis.shape[1]
     root = np.linalg.cholesky(fitted.covariance[:n, :n])

@@ -89,15 +89,8 @@ def freedom_for(source: Source, state: PathState = TRUE, camera: Camera = PAPER)
 
 
 def solved(times, lines, freedom, *, start=TRUE, camera=PAPER, medium=AIR, floor=0.0) -> Solution:
-    return fit_path(
-        start,
-        times,
-        lines,
-        freedom,
-        cameras=(camera,),
-        medium=medium,
-        floor_var=floor,
-    )
+    setting = Setting(camera, Source(), medium)
+    return fit_path(start, times, lines, freedom, setting, floor_var=floor)
 
 
 class TestWithoutNoise:

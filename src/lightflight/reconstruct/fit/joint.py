@@ -494,8 +494,7 @@ def _rough_fit(
             times,
             lines,
             freedom_at(state, setting),
-            cameras=setting.cameras,
-            medium=setting.medium,
+            setting,
             floor_var=floor_var,
             shared=shared,
         )

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lightflight.flight import Medium, Source
+from lightflight.flight import Medium
 from lightflight.reconstruct.model.freedom import Freedom, state_vector
 from lightflight.reconstruct.model.geometry import (
     Indices,
@@ -234,15 +234,12 @@ def fit_path(
     times: TimeData,
     lines: LineDataInPicture,
     freedom: Freedom,
+    setting: Setting,
     *,
-    cameras: tuple[Camera, ...],
-    medium: Medium,
     floor_var: float = 0.0,
     shared: Floats | None = None,
 ) -> Solution:
     """Best path for the data on the freedom given.
-
-    `cameras` are those that `times.view` and `lines.view` count.
 
     Parameters
     ----------
@@ -254,10 +251,8 @@ def fit_path(
         Lines in the picture that the legs are held to.
     freedom : Freedom
         What may move, and the priors on it.
-    cameras : tuple of Camera
-        Those that `times.view` and `lines.view` count.
-    medium : Medium
-        Group indices out and back.
+    setting : Setting
+        The cameras that `times.view` and `lines.view` count, and the medium; no more is read of it.
     floor_var : float, optional
         Variance per pulse beyond the stated errors, ps^2.
     shared : array of float, shape (k,), optional
@@ -274,14 +269,13 @@ def fit_path(
     Minimised is the chi-square of times, whitened line offsets, priors, and a pull on pulses that
     lie beyond their own leg's corner (method.md, The weighted fit).
     """
-    told = Setting(cameras[0], Source(), medium, others=cameras[1:])
     rays = Rays()
-    errors = shared_errors(told)
+    errors = shared_errors(setting)
     n_modes = times.modes_ps.shape[1]
     n_free = freedom.basis.shape[1]
 
     def linear(at: _Point) -> _Linear:
-        model = modelled(at[0], times, lines, told, errors, at[2], rays)
+        model = modelled(at[0], times, lines, setting, errors, at[2], rays)
         return _linearised(*at, times, lines, freedom, model, floor_var)
 
     def stepped(at: _Point, _: _Linear, step: Floats) -> _Point:
@@ -297,7 +291,7 @@ def fit_path(
         # A ridge is a cause that another makes up for, and its prior says where on it the top is.
         winds=len(errors) > 0,
     )
-    seen = moved(told, errors, shared)
+    seen = moved(setting, errors, shared)
     return _solution(state, seen, modes, shared, errors, system, times, converged)
 
 

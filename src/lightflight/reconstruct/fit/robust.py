@@ -77,14 +77,7 @@ def solve_robustly(
     floor_var = 0.0
     for _ in range(_MOST_FLOORS):
         solution = fit_path(
-            state,
-            times,
-            lines,
-            freedom,
-            cameras=setting.cameras,
-            medium=setting.medium,
-            floor_var=floor_var,
-            shared=shared,
+            state, times, lines, freedom, setting, floor_var=floor_var, shared=shared
         )
         state, shared = solution.state, solution.shared
         updated_floor = floor_variance(times, solution, solution.residual_ps)

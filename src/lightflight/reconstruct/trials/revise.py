@@ -448,8 +448,7 @@ def _without_corner(fit: JointFit, corner: int, setting: Setting) -> Solution | 
             shifted,
             lines,
             freedom_at(merged, narrowed),
-            cameras=setting.cameras,
-            medium=setting.medium,
+            setting,
             floor_var=fit.floor_ps**2,
         )
     except np.linalg.LinAlgError:

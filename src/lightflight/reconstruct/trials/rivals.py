@@ -184,8 +184,7 @@ def _best(
         replace(fit.times, leg=of_times),
         replace(fit.lines, leg=of_lines),
         freedom,
-        cameras=setting.cameras,
-        medium=setting.medium,
+        setting,
         floor_var=fit.floor_ps**2,
     )
     return solution.state, log_evidence(solution, freedom)

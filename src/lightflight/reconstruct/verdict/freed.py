@@ -62,9 +62,7 @@ def fit_freed(
     lines = replace(lines, modes=np.hstack((*moved, candidate.columns[n : n + n_lines])))
 
     def fitted(times: TimeData) -> Solution:
-        return fit_path(
-            solution.state, times, lines, freedom, cameras=setting.cameras, medium=setting.medium
-        )
+        return fit_path(solution.state, times, lines, freedom, setting)
 
     try:
         freed = fitted(times)

@@ -153,15 +153,8 @@ def stated_solution(fit: JointFit, setting: Setting) -> Solution:
     """
     if fit.floor_ps == 0.0:
         return fit.solution
-    return fit_path(
-        fit.solution.state,
-        fit.times,
-        fit.lines,
-        fit.freedom,
-        cameras=setting.cameras,
-        medium=setting.medium,
-        shared=fit.solution.shared,
-    )
+    own = fit.solution
+    return fit_path(own.state, fit.times, fit.lines, fit.freedom, setting, shared=own.shared)
 
 
 def examined_fit(fit: JointFit, solution: Solution, setting: Setting) -> Examined:
