@@ -82,7 +82,7 @@ def test_what_is_the_beams_is_one_error_of_a_legs_pulses():
     none = np.zeros(n)
     times = TimeData(
         np.zeros(n, dtype=int), rows, cols, none, none, none, none, np.ones((n, 2)), none + 1.0,
-        np.arange(n),
+        np.arange(n), np.zeros(n, dtype=int),
     )  # fmt: skip
     solution = SimpleNamespace(state=state, cameras=(CAMERA,), modes=np.array([0.0, 0.0, -0.5]))
     seen = SimpleNamespace(view=0, histograms=SimpleNamespace(poisson=True))

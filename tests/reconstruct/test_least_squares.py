@@ -54,6 +54,7 @@ def times_of(
         modes_ps=np.zeros((n, 0)),
         weight=np.ones(n),
         index=np.arange(n),
+        view=np.zeros(n, dtype=int),
     )
 
 
@@ -71,6 +72,7 @@ def lines_of(state: PathState, camera: Camera, *, std_px: float = 0.005) -> Line
         np.repeat(np.arange(state.n_legs), 2),
         np.array(anchors),
         np.eye(2 * state.n_legs) / std_px,
+        np.zeros(2 * state.n_legs, dtype=int),
     )
 
 

@@ -360,8 +360,7 @@ def _towards_end(
     solution: Solution, times: TimeData, leg: int, sign: float, view: int
 ) -> tuple[float, Indices, Floats]:
     """Of one camera's pulses on a leg: how far out the outermost is, which, and how far, px."""
-    own = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == view)
-    here = np.flatnonzero(own)
+    here = np.flatnonzero((times.leg == leg) & (times.view == view))
     print_ = footprints(
         solution.state,
         camera=solution.cameras[view],

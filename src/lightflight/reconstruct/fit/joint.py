@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,9 +46,6 @@ from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import moved, shared_errors, undistorted_as_moved
 from lightflight.reconstruct.model.sighting import Sighting, first_of_each_view
 from lightflight.units import std_from_mad
-
-if TYPE_CHECKING:
-    from lightflight.camera.model import Camera
 
 Floats = NDArray[np.float64]
 
@@ -341,13 +337,12 @@ def told_lines(
     -------
     LineDataInPicture
     """
-    return stacked_lines(
-        [
-            _as_told(lines_from_picture(p), setting.cameras[o.view], seen.cameras[o.view])
-            for p, o in zip(pictures, sightings, strict=True)
-        ],
-        sightings,
-    )
+    parts = []
+    for picture, sighting in zip(pictures, sightings, strict=True):
+        told, there = (one.cameras[sighting.view] for one in (setting, seen))
+        lines = lines_from_picture(picture, sighting.view)
+        parts.append(replace(lines, anchors=undistorted_as_moved(lines.anchors, there, told)))
+    return stacked_lines(parts)
 
 
 def moved_stds(before: JointFit, after: JointFit) -> float:
@@ -454,11 +449,6 @@ def as_found(
     return found, corrected
 
 
-def _as_told(lines: LineDataInPicture, told: Camera, seen: Camera) -> LineDataInPicture:
-    """Lines measured with the lens as found, in the picture of the lens as told."""
-    return replace(lines, anchors=undistorted_as_moved(lines.anchors, seen, told))
-
-
 def _rough_fit(
     sightings: list[Sighting],
     state: PathState,
@@ -466,7 +456,7 @@ def _rough_fit(
     legs: Sequence[Images],
 ) -> Solution:
     """One fit with the legs' own pulses and their lines as found, errors kept generous."""
-    told, times_of, lines_of = [], [], []
+    times_of, lines_of = [], []
     for first in first_of_each_view(sightings):
         own = [
             (k, image)
@@ -478,14 +468,14 @@ def _rough_fit(
             continue
         index = np.concatenate([image.members for _, image in own])
         leg_of = np.repeat([k for k, _ in own], [len(image.members) for _, image in own])
-        told.append(first)
         times_of.append(time_data(first, index, leg_of, np.zeros(len(index))))
         anchors = np.concatenate([image.points_px(np.array(image.extent_px)) for _, image in own])
         # Lines as found in the picture hold to about a third of a pixel.
         stiff = np.eye(2 * len(own)) / 0.3
-        lines_of.append(LineDataInPicture(np.repeat([k for k, _ in own], 2), anchors, stiff))
+        ends_of, views = np.repeat([k for k, _ in own], 2), np.full(2 * len(own), first.view)
+        lines_of.append(LineDataInPicture(ends_of, anchors, stiff, views))
     times = stacked(times_of, mode_columns(sightings))
-    lines = stacked_lines(lines_of, told)
+    lines = stacked_lines(lines_of)
     # 3 ps: the start's own errors exceed those of bright pulses by far.
     floor_var, shared = 3.0**2, None
     for _ in range(3):

@@ -77,8 +77,8 @@ class TimeData:
         1: takes part; 0: outlier.
     index : array of int, shape (n,)
         Row of the arrivals table.
-    view : array of int, shape (n,) or None
-        Which camera saw each; None: the only one.
+    view : array of int, shape (n,)
+        Which camera saw each.
     """
 
     leg: Indices
@@ -91,35 +91,15 @@ class TimeData:
     modes_ps: Floats
     weight: Floats
     index: Indices
-    view: Indices | None = None
+    view: Indices
 
     def of(self, kept: NDArray[np.bool_]) -> TimeData:
         """Some of them."""
-        whole = {each.name: getattr(self, each.name) for each in fields(self)}
-        return replace(self, **{k: each[kept] for k, each in whole.items() if each is not None})
+        return TimeData(**{each.name: getattr(self, each.name)[kept] for each in fields(self)})
 
     def weights(self, floor_var: float) -> Floats:
         """(n,), inverse variance of each time, 1/ps^2."""
         return self.weight / (self.photon_var + self.pixel_var + floor_var)
-
-
-def rows_of_view(view: Indices | None, wanted: int, n: int) -> Indices:
-    """Rows (k,) of n that the camera `wanted` saw.
-
-    Parameters
-    ----------
-    view : array of int, shape (n,) or None
-        Which camera saw each row; None: the only one.
-    wanted : int
-        The camera asked for.
-    n : int
-        Number of rows.
-
-    Returns
-    -------
-    array of int, shape (k,)
-    """
-    return np.arange(n) if view is None else np.flatnonzero(view == wanted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -391,7 +371,7 @@ def modelled(
     arrival, offset, over = np.zeros(n), np.zeros(n_lines), np.zeros(n)
     seen, parts = moved(told, errors, delta), []
     for view, camera in enumerate(seen.cameras):
-        here, drawn = rows_of_view(times.view, view, n), rows_of_view(lines.view, view, n_lines)
+        here, drawn = np.flatnonzero(times.view == view), np.flatnonzero(lines.view == view)
         rows, cols = times.row[here], times.col[here]
         own_rays = rays.of_view(view, camera, rows, cols)
         print_, by_state = footprints_and_slopes(

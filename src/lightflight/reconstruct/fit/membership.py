@@ -560,7 +560,7 @@ def stacked(parts: list[TimeData], columns: dict[int, slice]) -> TimeData:
     spread = []
     for part in parts:
         modes = np.zeros((len(part.leg), n_modes))
-        view = 0 if part.view is None or not len(part.view) else int(part.view[0])
+        view = int(part.view[0]) if len(part.view) else 0
         modes[:, columns[view]] = part.modes_ps
         spread.append(replace(part, modes_ps=modes))
     if len(spread) == 1:
@@ -573,15 +573,13 @@ def stacked(parts: list[TimeData], columns: dict[int, slice]) -> TimeData:
     )
 
 
-def stacked_lines(parts: list[LineDataInPicture], sightings: list[Sighting]) -> LineDataInPicture:
+def stacked_lines(parts: list[LineDataInPicture]) -> LineDataInPicture:
     """Lines of all recordings in one table, each in its camera's picture.
 
     Parameters
     ----------
     parts : list of LineDataInPicture
         Lines of each recording.
-    sightings : list of Sighting
-        Recordings of one flight, on the clock and with their pulses found.
 
     Returns
     -------
@@ -599,5 +597,5 @@ def stacked_lines(parts: list[LineDataInPicture], sightings: list[Sighting]) -> 
         leg=np.concatenate([p.leg for p in parts]),
         anchors=np.concatenate([p.anchors for p in parts]),
         whitening=whitening,
-        view=np.repeat([o.view for o in sightings], [len(p.leg) for p in parts]),
+        view=np.concatenate([p.view for p in parts]),
     )

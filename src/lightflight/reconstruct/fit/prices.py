@@ -140,10 +140,9 @@ def _off_by(fit: JointFit, setting: Setting) -> Iterator[tuple[str, str, Floats,
     )
     seen = Setting(solution.cameras[0], Source(), solution.medium, others=solution.cameras[1:])
     # Anchors are told in the picture of the lens as told.
-    view = np.zeros(len(fit.lines.leg)) if fit.lines.view is None else fit.lines.view
     anchors = fit.lines.anchors.copy()
     for number, camera in enumerate(setting.cameras):
-        own = view == number
+        own = fit.lines.view == number
         anchors[own] = undistorted_as_moved(anchors[own], camera, seen.cameras[number])
     lines = replace(fit.lines, anchors=anchors)
     still = np.zeros(len(errors))

@@ -70,7 +70,7 @@ def covariance_parts(fit: JointFit) -> dict[str, Floats]:
     gain = to_vertices @ solution.photon_gain[rows]
     line_gain = to_vertices @ solution.line_gain[rows]
     photon = (gain * times.photon_var) @ gain.T + line_gain @ line_gain.T
-    view = 0.0 if times.view is None else 2.0**32 * times.view
+    view = 2.0**32 * times.view
     # A pixel of each camera its own: pulses of one pixel share its calibration error.
     pixel_id = np.unique(view + times.row * 65536.0 + times.col, return_inverse=True)[1]
     per_pixel = np.zeros((len(gain), pixel_id.max() + 1))
@@ -124,7 +124,8 @@ def residual_table(fit: JointFit, sightings: list[Sighting]) -> NDArray[np.void]
         table["photons"][here] = sighting.arrivals.photons[index]
         table["flags"][here] = sighting.arrivals.flags[index]
     table["flags"][~table["used"]] |= np.uint32(flags.OUTLIER)
-    return table if times.view is None else table[times.view == 0]
+    of_first: NDArray[np.void] = table[times.view == 0]
+    return of_first
 
 
 def path_from_fit(

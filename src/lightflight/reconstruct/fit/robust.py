@@ -143,9 +143,8 @@ def check_enough(times: TimeData, n_unknowns: int) -> None:
     NothingFoundError
         Where the pixels are too few.
     """
-    view = 0 if times.view is None else times.view
     # Pixels, not pulses: repeats of one pixel do not tell another direction.
-    pixels = len(np.unique(times.row * 1e6 + times.col + 1e12 * view))
+    pixels = len(np.unique(times.row * 1e6 + times.col + 1e12 * times.view))
     if pixels < n_unknowns - 1 or pixels < 3:
         raise NothingFoundError(
             f"{pixels} usable pixels lie on the path, fewer than its {n_unknowns} unknowns: record "

@@ -70,7 +70,7 @@ def _delays_askew(fit: JointFit) -> Floats:
     """(n, 2 v), one-sigma columns of delays that grow down and across each camera's pixels, ps."""
     columns = []
     for view, camera in enumerate(fit.solution.cameras):
-        own = np.ones(len(fit.times.leg)) if fit.times.view is None else fit.times.view == view
+        own = fit.times.view == view
         for place, size in zip((fit.times.row, fit.times.col), camera.shape, strict=True):
             columns.append(own * _ASKEW_STD_PS * (2.0 * place / (size - 1.0) - 1.0))
     return np.column_stack(columns)

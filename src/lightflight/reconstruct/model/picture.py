@@ -62,8 +62,8 @@ class LineDataInPicture:
         Undistorted (u, v), px.
     whitening : array of float, shape (A, A)
         Turns offsets in px into independent unit-variance residuals.
-    view : array of int, shape (A,) or None
-        In which camera's picture; None: the only one's.
+    view : array of int, shape (A,)
+        In which camera's picture.
     modes : array of float, shape (A, k) or None
         One-sigma columns of the last k errors that the times share, in whitened offsets; None:
         those move no line.
@@ -72,7 +72,7 @@ class LineDataInPicture:
     leg: Indices
     anchors: Floats
     whitening: Floats
-    view: Indices | None = None
+    view: Indices
     modes: Floats | None = None
 
 
@@ -364,13 +364,15 @@ def _blended(arrival: Floats, width: Floats) -> Bools:
     return blended
 
 
-def lines_from_picture(picture: Picture) -> LineDataInPicture:
+def lines_from_picture(picture: Picture, view: int) -> LineDataInPicture:
     """Anchors through which the legs' images must run, with their errors.
 
     Parameters
     ----------
     picture : Picture
         Lines, brightness and spot of the legs, as the counts showed them.
+    view : int
+        The camera whose picture it is.
 
     Returns
     -------
@@ -398,9 +400,9 @@ def lines_from_picture(picture: Picture) -> LineDataInPicture:
         own = slice(first, first + len(block))
         whitening[own, own] = block
         first = own.stop
-    return LineDataInPicture(
-        np.array(legs, dtype=np.int64), np.array(anchors).reshape(-1, 2), whitening
-    )
+    of_leg = np.array(legs, dtype=np.int64)
+    places = np.array(anchors).reshape(-1, 2)
+    return LineDataInPicture(of_leg, places, whitening, np.full(len(legs), view))
 
 
 def footprint_corrections(

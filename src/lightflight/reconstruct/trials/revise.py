@@ -505,7 +505,7 @@ def _sharpest_in_view(
 ) -> tuple[float, float]:
     """The same as one camera sees it."""
     times, solution = fit.times, fit.solution
-    mine = times.leg == leg if times.view is None else (times.leg == leg) & (times.view == view)
+    mine = (times.leg == leg) & (times.view == view)
     here = np.flatnonzero(mine & (times.weight > 0))
     if len(here) < 6:
         return 0.0, 0.5

@@ -25,7 +25,7 @@ from lightflight.flight import twin_from_direction
 from lightflight.reconstruct.fit.bent import bent_for_run, runs_of_corners
 from lightflight.reconstruct.fit.ends import freedom_at
 from lightflight.reconstruct.fit.joint import JointFit
-from lightflight.reconstruct.fit.least_squares import fit_path, rows_of_view
+from lightflight.reconstruct.fit.least_squares import fit_path
 from lightflight.reconstruct.fit.result import second_pulse_of_fit
 from lightflight.reconstruct.fit.start import state_from_legs
 from lightflight.reconstruct.legs.find import image_leg
@@ -166,10 +166,10 @@ def _fitted(fit: JointFit, trial: _Trial, setting: Setting) -> tuple[PathState, 
     state, times, lines = trial.begin(), fit.times, fit.lines
     of_times, of_lines = times.leg.copy(), lines.leg.copy()
     for view, camera in enumerate(setting.cameras):
-        here = rows_of_view(times.view, view, len(of_times))
+        here = np.flatnonzero(times.view == view)
         places = undistorted_px(camera, times.row[here], times.col[here])
         of_times[here] = trial.relabelled(state, times.leg[here], places, view)
-        here = rows_of_view(lines.view, view, len(of_lines))
+        here = np.flatnonzero(lines.view == view)
         of_lines[here] = trial.relabelled(state, lines.leg[here], lines.anchors[here], view)
     return _best(fit, state, of_times, of_lines, setting)
 

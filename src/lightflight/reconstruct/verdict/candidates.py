@@ -19,7 +19,7 @@ from lightflight.camera.refraction import interface_moved, phase_index_moved
 from lightflight.flight import Medium
 from lightflight.path.verdict import FindingName
 from lightflight.reconstruct import FREE_NAMES
-from lightflight.reconstruct.fit.least_squares import TimeData, rows_of_view
+from lightflight.reconstruct.fit.least_squares import TimeData
 from lightflight.reconstruct.model.geometry import (
     PathState,
     arrival_jacobian,
@@ -128,8 +128,8 @@ class Rows:
         """
         camera, state = self.cameras[view], self.state
         by_time, by_line = np.zeros(len(self.times.leg)), np.zeros(len(self.lines.leg))
-        here = rows_of_view(self.times.view, view, len(by_time))
-        drawn = rows_of_view(self.lines.view, view, len(by_line))
+        here = np.flatnonzero(self.times.view == view)
+        drawn = np.flatnonzero(self.lines.view == view)
         leg, legs = self.times.leg[here], self.lines.leg[drawn]
         step = state.tangents_mm(leg, self.traced.fraction[here])
         points = state.points_mm(leg, self.traced.fraction[here])
@@ -171,8 +171,8 @@ class Rows:
         by_vertices = np.zeros((n + n_lines, state.vertices_mm.size))
         fraction, distance, slope = np.zeros((3, n))
         for view, camera in enumerate(self.cameras):
-            here = rows_of_view(self.times.view, view, n)
-            drawn = rows_of_view(self.lines.view, view, n_lines)
+            here = np.flatnonzero(self.times.view == view)
+            drawn = np.flatnonzero(self.lines.view == view)
             print_, by_time = arrival_jacobian(
                 state,
                 camera=camera,
@@ -200,7 +200,7 @@ class Rows:
         lines = self.lines
         out = np.zeros(len(lines.leg))
         for view, camera in enumerate(self.cameras):
-            drawn = rows_of_view(lines.view, view, len(out))
+            drawn = np.flatnonzero(lines.view == view)
             row, col = _pixels_of(camera, lines.anchors[drawn])
             out[drawn] = footprints(
                 self.state,
@@ -351,8 +351,7 @@ def _late_clocks(rows: Rows) -> Candidate:
     n, still = len(rows.times.leg), np.zeros(len(rows.lines.leg))
     parts = [("clock_offset", (np.ones(n), still))]
     for view in range(1, len(rows.cameras)):
-        late = np.zeros(n)
-        late[rows_of_view(rows.times.view, view, n)] = 1.0
+        late = (rows.times.view == view).astype(float)
         parts.append(("clock_offset", (late, still)))
     candidate = _candidate(rows, FindingName.CLOCK_OFFSET, parts)
     return candidate if len(parts) == 1 else replace(candidate, says=_which_clock)
@@ -430,11 +429,9 @@ def _window(rows: Rows) -> Candidate:
 
 def _pose(rows: Rows) -> Candidate:
     """Each camera turned about its centre, and shifted: the path moves the other way for it."""
-    n, n_lines, parts = len(rows.times.leg), len(rows.lines.leg), []
+    parts = []
     for view, camera in enumerate(rows.cameras):
-        own = np.zeros(n), np.zeros(n_lines)
-        for each, of_view in zip(own, (rows.times.view, rows.lines.view), strict=True):
-            each[rows_of_view(of_view, view, len(each))] = 1.0
+        own = rows.times.view == view, rows.lines.view == view
         away = rows.state.vertices_mm - camera.center_mm
         turns = [("pose turn", np.cross(away, axis)) for axis in np.eye(3)]
         for kind, moves in (*turns, *(("pose shift", -axis) for axis in np.eye(3))):
@@ -475,7 +472,7 @@ def _skewed(rows: Rows) -> Candidate:
     times, nothing = rows.times, np.zeros(len(rows.lines.leg))
     parts = []
     for view, camera in enumerate(rows.cameras):
-        here = rows_of_view(times.view, view, len(times.leg))
+        here = np.flatnonzero(times.view == view)
         row, col = times.row[here].astype(np.int64), times.col[here].astype(np.int64)
         for late in skewed_delays(camera.shape)[row, col].T:
             by_time = np.zeros(len(times.leg))

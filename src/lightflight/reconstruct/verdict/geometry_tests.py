@@ -332,7 +332,7 @@ def _against_neighbours(pulses: Indices, times: TimeData, solution: Solution) ->
     own = pulses[times.weight[pulses] > 0]
     if not len(own):
         return np.empty(0)
-    view = 0 if times.view is None else int(times.view[own[0]])
+    view = int(times.view[own[0]])
     print_ = footprints(
         solution.state,
         camera=solution.cameras[view],

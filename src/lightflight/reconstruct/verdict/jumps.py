@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from lightflight.path.verdict import FindingName
-from lightflight.reconstruct.fit.least_squares import rows_of_view
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.verdict.candidates import Candidate, Rows
 from lightflight.reconstruct.verdict.places import best_place, evenly_many
@@ -81,7 +80,7 @@ def _jumps(
 ) -> Iterator[tuple[str, Floats]]:
     """Each place of one camera where its clock may jump, in words, and what comes late (n,)."""
     times = rows.times
-    here = rows_of_view(times.view, view, len(times.leg))
+    here = np.flatnonzero(times.view == view)
     whose = f" of camera {view + 1}" if len(rows.cameras) > 1 else ""
     for what, places in (("row", times.row[here]), ("column", times.col[here])):
         for first in np.unique(places)[1:]:

@@ -100,9 +100,7 @@ def blind_to_second_beams(fit: JointFit) -> tuple[BlindSpot, ...]:
     gain = fit.solution.line_gain[: vertices.by_free.shape[1]]
     spots = []
     for (view, leg), away_px in _unseen_beams(fit).items():
-        own = lines.leg == leg
-        if lines.view is not None:
-            own &= lines.view == view
+        own = (lines.leg == leg) & (lines.view == view)
         offsets = lines.whitening[:, own].sum(axis=1) * SECOND_BEAM.size * away_px
         unit = f"{SECOND_BEAM.unit} of leg {leg + 1}, {away_px:.2g} px beside it"
         moved_mm = vertices.moved_mm(gain @ offsets)
