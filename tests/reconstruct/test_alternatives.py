@@ -266,7 +266,7 @@ def test_nested_sampling_finds_both_directions_as_likely():
     """Three numbers: when it set out, depth and height of the end. Ln ratio good to 0.15."""
     both = compared(scene_of_fibre(30.0), 0)
     fit = both.fit
-    state, basis = fit.solution.state, fit.freedom_basis
+    state, basis = fit.solution.state, fit.freedom.basis
     data = both.measured(fit.times.leg, fit.lines.leg)
     found = sampled(
         lambda free: data.log_likelihood(both.curves(state.moved(basis @ free))),

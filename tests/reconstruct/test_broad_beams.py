@@ -87,7 +87,7 @@ def test_what_is_the_beams_is_one_error_of_a_legs_pulses():
     solution = SimpleNamespace(state=state, cameras=(CAMERA,), modes=np.array([0.0, 0.0, -0.5]))
     seen = SimpleNamespace(view=0, histograms=SimpleNamespace(poisson=True))
     fit = JointFit(
-        solution=solution, freedom_basis=np.eye(7), labels=(), times=times, lines=None, tips=(),
+        solution=solution, times=times, lines=None, tips=(),
         sighting_of=np.zeros(n, dtype=int), pictures=(Picture((leg,), (light,), 0.4),),
         floor_ps=0.0, freedom=None, sightings=(seen,),
     )  # fmt: skip

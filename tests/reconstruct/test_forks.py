@@ -172,7 +172,7 @@ class TestRecovery:
             solution = fit.solution
             state = solution.state
             rows, by = vertices_by_parameters(
-                state, setting.medium, fit.freedom_basis, solution.errors,
+                state, setting.medium, fit.freedom.basis, solution.errors,
                 first=len(solution.covariance) - len(solution.shared),
             )  # fmt: skip
             covariance = by @ solution.covariance[np.ix_(rows, rows)] @ by.T

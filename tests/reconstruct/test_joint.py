@@ -135,7 +135,7 @@ class TestSays:
             return np.column_stack((moved.vertices_mm, times)).ravel()
 
         by_freedom = np.transpose(
-            [(events(1e-4 * way) - events(-1e-4 * way)) / 2e-4 for way in fit.freedom_basis.T]
+            [(events(1e-4 * way) - events(-1e-4 * way)) / 2e-4 for way in fit.freedom.basis.T]
         )
         free = by_freedom.shape[1]
         whole = by_freedom @ fit.solution.covariance[:free, :free] @ by_freedom.T

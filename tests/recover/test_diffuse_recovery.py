@@ -44,8 +44,8 @@ def off_and_covariance(fit, world):
     step = np.diff(fit.solution.state.vertices_mm, axis=0)[0]
     # The path ends where the view does: its direction is carried on to the world's vertex.
     longer = float(truth @ truth / (step @ truth))
-    n_free = fit.freedom_basis.shape[1]
-    moved = frame @ fit.freedom_basis[3:6]
+    n_free = fit.freedom.basis.shape[1]
+    moved = frame @ fit.freedom.basis[3:6]
     covariance = longer**2 * moved @ fit.solution.covariance[:n_free, :n_free] @ moved.T
     return frame @ (longer * step - truth), covariance
 

@@ -82,7 +82,7 @@ def areas_found(fit: JointFit) -> Mapping[int, tuple[float, float]]:
     mapping of int to (float, float)
         In pitches; only cameras whose area was asked for.
     """
-    last = fit.freedom_basis.shape[1] + len(fit.solution.modes)
+    last = fit.freedom.basis.shape[1] + len(fit.solution.modes)
     own = np.diag(fit.solution.covariance)[last - len(fit.active_px) : last]
     return {
         view: (side, float(np.sqrt(var)) * _std_of_fourth(fit, view))

@@ -67,10 +67,6 @@ class JointFit:
     ----------
     solution : Solution
         Path, covariance and gains.
-    freedom_basis : array of float, shape (3m + 1, p)
-        What the covariance's first p rows move.
-    labels : tuple of str
-        (p,), in words.
     times : TimeData
         Pulses that took part, and outliers with weight 0.
     sighting_of : array of int, shape (n,)
@@ -84,7 +80,7 @@ class JointFit:
     tips : Tips
         Where the light begins and stops within the picture; pulses about these took no part.
     freedom : Freedom
-        What the last fit could move, and the priors on it.
+        What the last fit could move (the covariance's first rows), and the priors on it.
     sightings : tuple of Sighting
         The recordings whose pulses these are.
     strengths : tuple of Strengths
@@ -103,8 +99,6 @@ class JointFit:
     """
 
     solution: Solution
-    freedom_basis: Floats
-    labels: tuple[str, ...]
     times: TimeData
     sighting_of: Indices
     lines: LineDataInPicture
@@ -270,8 +264,6 @@ def fit_joint(
         seen, clock = as_found(solution, setting, sightings)
         result = JointFit(
             solution=solution,
-            freedom_basis=freedom.basis,
-            labels=freedom.labels,
             times=times,
             sighting_of=np.repeat(np.arange(len(parts)), [len(p.leg) for p in parts]),
             lines=lines,

@@ -94,8 +94,8 @@ def prices_of_fit(fit: JointFit, setting: Setting) -> tuple[str, ...]:
     dearest: dict[str, tuple[float, str]] = {}
     to_vertices = vertex_time_jacobian(fit.solution.state, fit.solution.medium)
     for thing, size, times, lines in _off_by(fit, setting):
-        step = _settled_step(fit, times, lines)[: fit.freedom_basis.shape[1]]
-        moves = (to_vertices @ fit.freedom_basis @ step).reshape(-1, 4)
+        step = _settled_step(fit, times, lines)[: fit.freedom.basis.shape[1]]
+        moves = (to_vertices @ fit.freedom.basis @ step).reshape(-1, 4)
         # Vertex 0 is the source, where that is known: what follows from it is of interest.
         moved_mm = np.linalg.norm(moves[1:, :3], axis=1)
         corners = moved_mm[:-1] if len(moved_mm) > 1 else moved_mm

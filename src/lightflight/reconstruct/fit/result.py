@@ -63,7 +63,7 @@ def covariance_parts(fit: JointFit) -> dict[str, Floats]:
     rows, to_vertices = vertices_by_parameters(
         solution.state,
         solution.medium,
-        fit.freedom_basis,
+        fit.freedom.basis,
         solution.errors,
         first=len(solution.covariance) - len(solution.shared),
     )

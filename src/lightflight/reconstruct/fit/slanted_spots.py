@@ -112,7 +112,7 @@ def slants_found(fit: JointFit) -> dict[tuple[int, int], tuple[float, float]]:
         By camera and leg; empty where spots are round.
     """
     own = fit.leaning_modes
-    variance = np.diag(fit.solution.covariance)[fit.freedom_basis.shape[1] :][own]
+    variance = np.diag(fit.solution.covariance)[fit.freedom.basis.shape[1] :][own]
     slants = _SLANT_STD * fit.solution.modes[own]
     stds = _SLANT_STD * np.sqrt(variance)
     return dict(zip(fit.leaning, zip(slants.tolist(), stds.tolist(), strict=True), strict=True))

@@ -336,7 +336,7 @@ def path_of_pulses(fit: JointFit, request: Request) -> LightPath:
     # pulses would tell: it need leave no less than their errors, which joint fits may.
     chi2 = [_chi2_of_residuals(one) for one in (path, better)]
     most = max(chi2[0], float(np.count_nonzero(path.residuals["used"])))
-    worse = chi2[1] > most + float(chdtri(len(fit.labels), _ANOTHER_HILL))
+    worse = chi2[1] > most + float(chdtri(len(fit.freedom.labels), _ANOTHER_HILL))
     if worse or not better.goodness.converged:
         return path
     said = f"{why}: all counts were fitted."
@@ -416,7 +416,7 @@ def _statements_of_path(fit: JointFit, timing: CodeClock | None) -> tuple[str, .
     if not fit.solution.converged:
         said.append("The fit stopped before it converged: do not trust its errors.")
     told = _told_columns(fit)
-    labels = tuple(fit.labels[k] for k in told)
+    labels = tuple(fit.freedom.labels[k] for k in told)
     said.extend(statements_from_covariance(fit.solution.covariance[np.ix_(told, told)], labels))
     return tuple(said)
 
@@ -425,4 +425,4 @@ def _told_columns(fit: JointFit) -> list[int]:
     """Freedoms of which something can be said: not those of mirrors that end an unseen leg."""
     ends = fit.solution.state.open_vertices
     rows = [3 * vertex + axis for vertex in ends for axis in range(3)]
-    return [k for k in range(len(fit.labels)) if not fit.freedom_basis[rows, k].any()]
+    return [k for k in range(len(fit.freedom.labels)) if not fit.freedom.basis[rows, k].any()]
