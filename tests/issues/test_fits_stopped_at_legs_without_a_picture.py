@@ -30,7 +30,6 @@ def test_a_leg_without_a_picture_has_no_offset(vertices):
         camera=CAMERA,
         legs=np.zeros(1, dtype=int),
         anchors=np.array([[3.0, 4.0]]),
-        focal_px=70.0,
     )
     assert np.isnan(offset).all()
     assert np.isnan(jacobian[:, :6]).all()

@@ -23,7 +23,7 @@ from lightflight.reconstruct.model.geometry import (
     footprints,
     vertex_time_jacobian,
 )
-from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.offsets import line_offsets
 from tests.oracles.bent import (
     BentScene,
@@ -140,18 +140,17 @@ class TestTheModel:
         legs, _, row, col = pixels_on(state, camera)
         anchors = undistorted_px(camera, row, col)
         where = {"camera": camera, "legs": legs}
-        focal = mean_focal_px(camera)
 
         def model(step):
             at = state.moved(step)
             print_ = footprints(at, medium=MEDIUM, rows=row, cols=col, **where)
-            offset = line_offsets(at, anchors=anchors, focal_px=focal, **where)[0]
+            offset = line_offsets(at, anchors=anchors, **where)[0]
             vertices = np.column_stack((at.vertices_mm, at.vertex_times_ps(MEDIUM))).ravel()
             return print_.arrival_ps, offset, vertices
 
         jacobians = (
             arrival_jacobian(state, medium=MEDIUM, rows=row, cols=col, **where)[1],
-            line_offsets(state, anchors=anchors, focal_px=focal, **where)[1],
+            line_offsets(state, anchors=anchors, **where)[1],
             vertex_time_jacobian(state, MEDIUM),
         )
         h = 1e-4

@@ -24,7 +24,7 @@ from lightflight.reconstruct.model.geometry import (
     travelled_jacobian,
     vertex_time_jacobian,
 )
-from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.image_plane import undistorted_px
 from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import vertices_by_parameters
@@ -121,12 +121,12 @@ class TestDerivatives:
         np.testing.assert_allclose(print_.fraction, share[:, 0], atol=1e-9)
         np.testing.assert_allclose(by_state, central(arrival, 16, 1e-3), atol=1e-5)
 
-        anchors, focal = undistorted_px(camera, row + 0.3, col - 0.2), mean_focal_px(camera)
+        anchors = undistorted_px(camera, row + 0.3, col - 0.2)
 
         def offset(step):
-            return line_offsets(state.moved(step), anchors=anchors, focal_px=focal, **where)[0]
+            return line_offsets(state.moved(step), anchors=anchors, **where)[0]
 
-        by_state = line_offsets(state, anchors=anchors, focal_px=focal, **where)[1]
+        by_state = line_offsets(state, anchors=anchors, **where)[1]
         np.testing.assert_allclose(by_state, central(offset, 16, 1e-3), atol=1e-6)
 
     def test_light_is_cut_at_the_fork_on_all_three_legs(self):

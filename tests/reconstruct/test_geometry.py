@@ -126,7 +126,6 @@ class TestLateralSign:
             camera=self.camera,
             legs=leg,
             anchors=undistorted_px(self.camera, row, col),
-            focal_px=mean_focal_px(self.camera),
         )
         assert np.sign(offset[0]) == sign
         assert abs(offset[0]) == pytest.approx(2.0, rel=1e-9)
@@ -179,13 +178,9 @@ class TestDerivatives:
         focal = mean_focal_px(camera)
 
         def offset(step):
-            return line_offsets(
-                state.moved(step), camera=camera, legs=legs, anchors=anchors, focal_px=focal
-            )[0]
+            return line_offsets(state.moved(step), camera=camera, legs=legs, anchors=anchors)[0]
 
-        found, jacobian = line_offsets(
-            state, camera=camera, legs=legs, anchors=anchors, focal_px=focal
-        )
+        found, jacobian = line_offsets(state, camera=camera, legs=legs, anchors=anchors)
         expected = central(offset, 13, 1e-3)
         np.testing.assert_allclose(jacobian, expected, atol=1e-6 * np.abs(expected).max())
         np.testing.assert_array_equal(jacobian[:, -1], 0.0)

@@ -22,7 +22,6 @@ from lightflight.reconstruct.model.geometry import (
     footprints_and_slopes,
     overshoots,
 )
-from lightflight.reconstruct.model.image_plane import mean_focal_px
 from lightflight.reconstruct.model.information import ascend, covariance_from_information
 from lightflight.reconstruct.model.offsets import offsets_and_slopes
 from lightflight.reconstruct.model.picture import LineDataInPicture
@@ -415,7 +414,6 @@ def _offsets(
         camera=seen,
         legs=lines.leg[rows],
         anchors=undistorted_as_moved(lines.anchors[rows], told, seen),
-        focal_px=mean_focal_px(seen),
     )
 
 

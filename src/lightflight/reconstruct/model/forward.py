@@ -39,7 +39,6 @@ from lightflight.reconstruct.model.geometry import (
     PathState,
     arrival_jacobian,
 )
-from lightflight.reconstruct.model.image_plane import mean_focal_px
 from lightflight.reconstruct.model.nudges import Nudges
 from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.picture import arrival_curvature
@@ -364,9 +363,7 @@ def _seen_leg(
         rows=pixels.rows[here],
         cols=pixels.cols[here],
     )
-    across, across_by_state = line_offsets(
-        state, camera=camera, legs=legs, anchors=points, focal_px=mean_focal_px(camera)
-    )
+    across, across_by_state = line_offsets(state, camera=camera, legs=legs, anchors=points)
     drawn = light.lines[k].along_across(pixels.points_px[here])[0]
     along = np.clip(drawn, *span_of_knots(light.knots[k]))
     corners = corner_distances(state, print_, k, camera=camera, cut_ends=light.cut_ends)
@@ -448,9 +445,7 @@ def _slopes(
         slopes[:, own] += np.where(np.isfinite(cut)[:, np.newaxis], slide, 0.0)
     for error, there in nudges.undistorted(points).items():
         lens = nudges.lenses[error]
-        across = line_offsets(
-            state, camera=lens, legs=seen.print_.leg, anchors=there, focal_px=mean_focal_px(lens)
-        )[0]
+        across, _ = line_offsets(state, camera=lens, legs=seen.print_.leg, anchors=there)
         found.across[:, basis.shape[1] + error] += (across - seen.across_px) / nudges.step
     return found
 

@@ -18,6 +18,7 @@ from lightflight.reconstruct.model.geometry import (
     add_vertex,
     nearest_fractions,
 )
+from lightflight.reconstruct.model.image_plane import mean_focal_px
 from lightflight.vectors import cross, summed
 
 if TYPE_CHECKING:
@@ -32,7 +33,6 @@ def line_offsets(
     camera: Camera,
     legs: Indices,
     anchors: Floats,
-    focal_px: float,
 ) -> tuple[Floats, Floats]:
     """Signed distance of image points from the image of a leg, and its derivatives.
 
@@ -41,7 +41,7 @@ def line_offsets(
     legs : array of int, shape (k,)
         Which leg.
     anchors : array of float, shape (k, 2)
-        Undistorted (u, v) = focal_px (x, y) on the normalized image plane.
+        Undistorted (u, v): the camera's `mean_focal_px` times (x, y) on the normalized image plane.
 
     Returns
     -------
@@ -51,9 +51,7 @@ def line_offsets(
     jacobian : array of float, shape (k, size)
         px per mm; the start time does not enter.
     """
-    offset, jacobian = offsets_and_slopes(
-        state, camera=camera, legs=legs, anchors=anchors, focal_px=focal_px
-    )
+    offset, jacobian = offsets_and_slopes(state, camera=camera, legs=legs, anchors=anchors)
     return offset, jacobian()
 
 
@@ -63,17 +61,16 @@ def offsets_and_slopes(
     camera: Camera,
     legs: Indices,
     anchors: Floats,
-    focal_px: float,
 ) -> tuple[Floats, Callable[[], Floats]]:
     """`line_offsets` whose derivatives are made when they are asked for."""
     curved = state.is_bent(legs) | bool(camera.interfaces)
     if curved.all() and len(curved):
-        return _curve_offsets(state, camera, legs, anchors, focal_px)
-    offset, by_lines = _straight_offsets(state, camera, legs, anchors, focal_px)
+        return _curve_offsets(state, camera, legs, anchors)
+    offset, by_lines = _straight_offsets(state, camera, legs, anchors)
     if not curved.any():
         return offset, by_lines
     some = np.flatnonzero(curved)
-    offset[some], by_curves = _curve_offsets(state, camera, legs[some], anchors[some], focal_px)
+    offset[some], by_curves = _curve_offsets(state, camera, legs[some], anchors[some])
 
     def jacobian() -> Floats:
         found = by_lines()
@@ -84,10 +81,10 @@ def offsets_and_slopes(
 
 
 def _straight_offsets(
-    state: PathState, camera: Camera, legs: Indices, anchors: Floats, focal_px: float
+    state: PathState, camera: Camera, legs: Indices, anchors: Floats
 ) -> tuple[Floats, Callable[[], Floats]]:
     """`offsets_and_slopes` of straight legs, whose pictures are lines."""
-    rotation = camera.world_from_camera[:3, :3]
+    rotation, focal_px = camera.world_from_camera[:3, :3], mean_focal_px(camera)
     starts = state.leg_starts[legs]
     a = (state.vertices_mm[starts] - camera.center_mm) @ rotation
     b = (state.vertices_mm[legs + 1] - camera.center_mm) @ rotation
@@ -114,12 +111,13 @@ def _straight_offsets(
 
 
 def _curve_offsets(
-    state: PathState, camera: Camera, legs: Indices, anchors: Floats, focal_px: float
+    state: PathState, camera: Camera, legs: Indices, anchors: Floats
 ) -> tuple[Floats, Callable[[], Floats]]:
     """`offsets_and_slopes` where a leg is a curve in the picture: bent, or seen through interfaces.
 
     From the point of that curve which is nearest; to first order it does not matter where it lies.
     """
+    focal_px = mean_focal_px(camera)
     plane = anchors / focal_px
     rows, cols = camera.pixels_from_normalized(plane[:, 0], plane[:, 1])
     fraction = nearest_fractions(state, camera, legs, rows, cols)

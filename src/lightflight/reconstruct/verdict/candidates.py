@@ -147,9 +147,7 @@ class Rows:
         anchors, places = self.lines.anchors[drawn], _pixels_of(camera, self.lines.anchors[drawn])
         there = undistorted_px(other, *places)
         off, as_it_is = (
-            line_offsets(
-                state, camera=eye, legs=legs, anchors=points_px, focal_px=mean_focal_px(eye)
-            )[0]
+            line_offsets(state, camera=eye, legs=legs, anchors=points_px)[0]
             for eye, points_px in ((other, there), (camera, anchors))
         )
         # So may the place of a bent leg that the other camera sees at the same point.
@@ -187,7 +185,6 @@ class Rows:
                 camera=camera,
                 legs=self.lines.leg[drawn],
                 anchors=self.lines.anchors[drawn],
-                focal_px=mean_focal_px(camera),
             )[1][:, : state.vertices_mm.size]
             fraction[here], distance[here] = print_.fraction, print_.distance_mm
             slope[here] = print_.slope_ps_per_px
