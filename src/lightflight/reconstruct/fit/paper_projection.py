@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lightflight import flags
 from lightflight.reconstruct.legs.find import ImageLeg
-from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.image_plane import pixels_of_undistorted, undistorted_px
 from lightflight.reconstruct.model.sighting import Sighting
 
 if TYPE_CHECKING:
@@ -94,8 +94,7 @@ def projection_of_leg(leg: ImageLeg, sighting: Sighting, camera: Camera) -> Proj
         values[bad] = np.interp(np.flatnonzero(bad), good, values[good])
     order = np.argsort(along)
     on_line = origin + along[order, np.newaxis] * direction
-    focal = mean_focal_px(camera)
-    rows, cols = camera.pixels_from_normalized(on_line[:, 0] / focal, on_line[:, 1] / focal)
+    rows, cols = pixels_of_undistorted(camera, on_line)
     return Projection(rows, cols, times[order], bad[order], brightest[order], modes[order])
 
 

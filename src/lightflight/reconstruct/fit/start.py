@@ -24,7 +24,7 @@ from lightflight.flight import Medium, Source
 from lightflight.reconstruct.fit.through_glass import Pieces
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.geometry import PathState
-from lightflight.reconstruct.model.image_plane import mean_focal_px
+from lightflight.reconstruct.model.image_plane import mean_focal_px, pixels_of_undistorted
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
 if TYPE_CHECKING:
@@ -148,8 +148,8 @@ def _as_seen_in_one_medium(
     """
     sights, plain = [], replace(camera, interfaces=())
     for leg in legs:
-        points = leg.points_px(np.linspace(*leg.extent_px, _SAMPLES)) / mean_focal_px(camera)
-        sights.append(camera.lines_of_sight(*plain.pixels_from_normalized(*points.T)))
+        points = leg.points_px(np.linspace(*leg.extent_px, _SAMPLES))
+        sights.append(camera.lines_of_sight(*pixels_of_undistorted(plain, points)))
     origins, rays, optical = (np.concatenate(part) for part in zip(*sights, strict=True))
     center = meeting_point(origins, rays)
     early = optical - medium.return_group_index * np.sum((origins - center) * rays, axis=1)

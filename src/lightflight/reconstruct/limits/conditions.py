@@ -16,7 +16,7 @@ from lightflight.flight import Medium, Source
 from lightflight.reconstruct.model.forward import CodeCounts, Local, Pixels
 from lightflight.reconstruct.model.geometry import PathState, footprints
 from lightflight.reconstruct.model.glass import looks_at_blocks
-from lightflight.reconstruct.model.image_plane import mean_focal_px, undistorted_px
+from lightflight.reconstruct.model.image_plane import pixels_of_undistorted, undistorted_px
 from lightflight.reconstruct.model.leg_in_picture import (
     DARK_LEG,
     LegInPicture,
@@ -279,9 +279,7 @@ def _log_strength(
     medium: Medium,
 ) -> Floats:
     """ln(light per px of picture) along a leg: strength per mm, dwell, and 1/r^2."""
-    on_line = leg.points_px(grid)
-    focal = mean_focal_px(camera)
-    row, col = camera.pixels_from_normalized(on_line[:, 0] / focal, on_line[:, 1] / focal)
+    row, col = pixels_of_undistorted(camera, leg.points_px(grid))
     print_ = footprints(
         state,
         camera=camera,

@@ -41,6 +41,12 @@ def undistorted_px(camera: Camera | None, row: ArrayLike, col: ArrayLike) -> Flo
     return np.stack((focal * x, focal * y), axis=-1)
 
 
+def pixels_of_undistorted(camera: Camera, points_px: Floats) -> tuple[Floats, Floats]:
+    """Rows and columns (n,) of undistorted points (n, 2), which `undistorted_px` is of."""
+    plane = points_px / mean_focal_px(camera)
+    return camera.pixels_from_normalized(plane[:, 0], plane[:, 1])
+
+
 def along_across(points: Floats, origin_px: Floats, direction_px: Floats) -> tuple[Floats, Floats]:
     """Position of points (n, 2) along a line of the picture and distance to its right; (n,), px.
 

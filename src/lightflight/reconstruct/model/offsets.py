@@ -18,7 +18,7 @@ from lightflight.reconstruct.model.geometry import (
     add_vertex,
     nearest_fractions,
 )
-from lightflight.reconstruct.model.image_plane import mean_focal_px
+from lightflight.reconstruct.model.image_plane import mean_focal_px, pixels_of_undistorted
 from lightflight.vectors import cross, summed
 
 if TYPE_CHECKING:
@@ -118,9 +118,7 @@ def _curve_offsets(
     From the point of that curve which is nearest; to first order it does not matter where it lies.
     """
     focal_px = mean_focal_px(camera)
-    plane = anchors / focal_px
-    rows, cols = camera.pixels_from_normalized(plane[:, 0], plane[:, 1])
-    fraction = nearest_fractions(state, camera, legs, rows, cols)
+    fraction = nearest_fractions(state, camera, legs, *pixels_of_undistorted(camera, anchors))
     # Nearest in undistorted pixels: two steps from what is nearest in the lens's own.
     for _ in range(2):
         points, step = state.points_mm(legs, fraction), state.tangents_mm(legs, fraction)

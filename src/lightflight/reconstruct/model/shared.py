@@ -24,7 +24,7 @@ from lightflight.reconstruct.model.forward import Local, Pixels, local_variables
 from lightflight.reconstruct.model.geometry import PathState, vertex_time_jacobian
 from lightflight.reconstruct.model.image_plane import (
     decentering_of_corner,
-    mean_focal_px,
+    pixels_of_undistorted,
     radial_of_corner,
     undistorted_px,
 )
@@ -321,9 +321,7 @@ def undistorted_as_moved(points: Floats, told: Camera, seen: Camera) -> Floats:
     same = np.array_equal(told.matrix, seen.matrix)
     if same and np.array_equal(told.distortion, seen.distortion):
         return points
-    focal = mean_focal_px(told)
-    row, col = told.pixels_from_normalized(points[:, 0] / focal, points[:, 1] / focal)
-    return undistorted_px(seen, row, col)
+    return undistorted_px(seen, *pixels_of_undistorted(told, points))
 
 
 def vertex_time_columns(errors: SharedErrors, state: PathState) -> Floats:

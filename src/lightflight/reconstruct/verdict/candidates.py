@@ -27,7 +27,7 @@ from lightflight.reconstruct.model.geometry import (
 )
 from lightflight.reconstruct.model.image_plane import (
     decentering_of_corner,
-    mean_focal_px,
+    pixels_of_undistorted,
     radial_of_corner,
     undistorted_px,
 )
@@ -144,8 +144,8 @@ class Rows:
             late = other.return_times_ps(points, return_group_index=index)
             late -= camera.return_times_ps(points, return_group_index=index)
             by_time[here] += np.nan_to_num(late)
-        anchors, places = self.lines.anchors[drawn], _pixels_of(camera, self.lines.anchors[drawn])
-        there = undistorted_px(other, *places)
+        anchors = self.lines.anchors[drawn]
+        there = undistorted_px(other, *pixels_of_undistorted(camera, anchors))
         off, as_it_is = (
             line_offsets(state, camera=eye, legs=legs, anchors=points_px)[0]
             for eye, points_px in ((other, there), (camera, anchors))
@@ -198,7 +198,7 @@ class Rows:
         out = np.zeros(len(lines.leg))
         for view, camera in enumerate(self.cameras):
             drawn = np.flatnonzero(lines.view == view)
-            row, col = _pixels_of(camera, lines.anchors[drawn])
+            row, col = pixels_of_undistorted(camera, lines.anchors[drawn])
             out[drawn] = footprints(
                 self.state,
                 camera=camera,
@@ -231,12 +231,6 @@ class Traced:
     slope_ps_per_px: Floats
     out_mm: Floats
     back_mm: Floats
-
-
-def _pixels_of(camera: Camera, anchors: Floats) -> tuple[Floats, Floats]:
-    """(row, col) of undistorted places (k, 2) of the picture."""
-    plane = anchors / mean_focal_px(camera)
-    return camera.pixels_from_normalized(plane[:, 0], plane[:, 1])
 
 
 def geometry_candidates(

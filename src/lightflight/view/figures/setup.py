@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from lightflight.reconstruct.legs.plausible import distance_mm, pixel_sides_mm
-from lightflight.reconstruct.model.image_plane import mean_focal_px
+from lightflight.reconstruct.model.image_plane import mean_focal_px, pixels_of_undistorted
 from lightflight.view import style
 from lightflight.view.figures.recording import draw_counts
 from lightflight.view.solids import field_of_view
@@ -117,8 +117,7 @@ def lab_figure(camera: Camera, source: Source, *, title: str = "") -> Figure:
 
 def _draw_leg(ax: Axes, camera: Camera, leg: ImageLeg, number: int) -> None:
     """An arrow in the direction of flight."""
-    u, v = leg.points_px(np.array(leg.extent_px)).T / mean_focal_px(camera)
-    row, col = camera.pixels_from_normalized(u, v)
+    row, col = pixels_of_undistorted(camera, leg.points_px(np.array(leg.extent_px)))
     ax.annotate(
         "", (col[1], row[1]), (col[0], row[0]),
         arrowprops={"arrowstyle": "->", "color": style.EVENT, "lw": 1.4},
