@@ -71,7 +71,7 @@ def test_of_a_curve_and_a_way_nobody_saw_the_counts_choose(curve, gap, is_curve,
         for name, legs in unseen.items()
     }
     by_state = {id(fit.solution.state): fit for fit in fits.values()}
-    monkeypatch.setattr(bent, "_fitted", lambda _, state, __: by_state[id(state)])
+    monkeypatch.setattr(bent, "refitted", lambda _, state, __: by_state[id(state)])
     monkeypatch.setattr(bent, "_scatter", lambda _: 1.0)
     monkeypatch.setattr(bent, "priced", lambda fit, *_: costs[fit.name])
     seen: Any = [SimpleNamespace(usable_pulses=np.arange(100))]

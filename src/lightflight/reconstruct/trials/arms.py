@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,7 @@ from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.image_plane import along_across, undistorted_px
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
-from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.trials.outcome import NoFit
 from lightflight.reconstruct.trials.revise import refitted, setting_with_corner
 from lightflight.reconstruct.trials.unclaimed import legs_among, unclaimed_by_path
 
@@ -78,7 +77,7 @@ def fits_with_arm(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
     for state, moved in starts:
         # One told to end on a window's very face has no line of sight: its fit is no number.
         with np.errstate(invalid="ignore"):
-            trial = fit_or_reason(partial(refitted, sightings, state, moved))
+            trial = refitted(sightings, state, moved)
         if not isinstance(trial, NoFit) and np.isfinite(trial.solution.covariance).all():
             found.append(trial)
     return found

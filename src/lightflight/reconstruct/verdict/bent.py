@@ -7,7 +7,6 @@ straight is never asked about, and costs nothing.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,7 @@ from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.reconstruct.model.told import pieces_of, way_along
-from lightflight.reconstruct.trials.outcome import NoFit, fit_or_reason
+from lightflight.reconstruct.trials.outcome import NoFit
 from lightflight.reconstruct.trials.revise import refitted, sharpest_bend
 from lightflight.reconstruct.verdict.evidence import WITHIN
 from lightflight.reconstruct.verdict.judge import leaves_misfit
@@ -231,7 +230,7 @@ def costs_less(
     -------
     bool
     """
-    curve, gap = (_fitted(sightings, one.solution.state, setting) for one in (bent, detour))
+    curve, gap = (refitted(sightings, one.solution.state, setting) for one in (bent, detour))
     if isinstance(curve, NoFit) or isinstance(gap, NoFit):
         return not isinstance(curve, NoFit)
     scatter = _scatter([curve, gap])
@@ -355,21 +354,17 @@ def _with_shape_more(
         orders = min(bend.orders + 1, MOST_ORDERS)
         alone = bend.more_in_picture + (0 if in_depth else orders - bend.orders)
         state = with_bend(state, bend.leg, orders, setting.camera, more_in_picture=alone)
-    return _fitted(sightings, with_axes_across(state, setting.camera), setting)
+    return refitted(sightings, with_axes_across(state, setting.camera), setting)
 
 
 def _cheapest(
     begun: list[PathState], sightings: list[Sighting], setting: Setting
 ) -> JointFit | None:
     """The fit from one of some paths that costs least; None where none can be fitted."""
-    trials = [_fitted(sightings, state, setting) for state in begun]
+    trials = [refitted(sightings, state, setting) for state in begun]
     fits = [fit for fit in trials if not isinstance(fit, NoFit)]
     scatter = _scatter(fits)
     return min(fits, key=lambda one: priced(one, sightings, scatter), default=None)
-
-
-def _fitted(sightings: list[Sighting], state: PathState, setting: Setting) -> JointFit | NoFit:
-    return fit_or_reason(partial(refitted, sightings, state, setting))
 
 
 def _told_apart(bent: JointFit, cost: float, sightings: list[Sighting], setting: Setting) -> bool:
@@ -380,7 +375,7 @@ def _told_apart(bent: JointFit, cost: float, sightings: list[Sighting], setting:
     """
     straight = straightened(bent.solution.state)
     for _, _, there, seen in freed_one_by_one(sightings, setting):
-        trial = _fitted(seen, straight, there)
+        trial = refitted(seen, straight, there)
         if not isinstance(trial, NoFit) and cost_with_kinks(trial, seen) < cost + WITHIN:
             return False
     return True
