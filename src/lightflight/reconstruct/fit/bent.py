@@ -112,11 +112,6 @@ def with_axes_across(state: PathState, camera: Camera) -> PathState:
     return replace(state, bends=tuple(bends))
 
 
-def straightened(state: PathState) -> PathState:
-    """The path with all its legs straight."""
-    return replace(state, bends=())
-
-
 def runs_of_corners(state: PathState) -> list[tuple[int, ...]]:
     """Corners, one after the other, that turn by little: each stretch of them, the longest first.
 

@@ -254,7 +254,7 @@ def _bent_runs(state: PathState, setting: Setting) -> Iterator[_Trial]:
                 partial(_as_it_is, bent),
                 partial(_joined, corners),
                 f"one bent leg instead of {_counted(len(corners) + 1)} straight ones",
-                _has_bends,
+                lambda one: bool(one.bends),
             )
 
 
@@ -264,10 +264,6 @@ def _counted(n: int) -> str:
 
 def _as_it_is(state: PathState) -> PathState:
     return state
-
-
-def _has_bends(state: PathState) -> bool:
-    return bool(state.bends)
 
 
 def _joined(corners: tuple[int, ...], _: PathState, legs: Indices, *__: object) -> Indices:
@@ -280,17 +276,14 @@ def _cornered(fit: JointFit, setting: Setting) -> Iterator[_Trial]:
     """Two straight legs for each bent one."""
     if setting.told_vertices:
         return
-    for bend in fit.solution.state.bends:
+    bends = fit.solution.state.bends
+    for bend in bends:
         yield _Trial(
             partial(_with_corner, fit, bend.leg, setting),
             partial(_parted, bend.leg, setting),
             "two straight legs instead of a bent one",
-            partial(_has_fewer_bends, len(fit.solution.state.bends)),
+            lambda one: len(one.bends) < len(bends),
         )
-
-
-def _has_fewer_bends(n: int, state: PathState) -> bool:
-    return len(state.bends) < n
 
 
 def _with_corner(fit: JointFit, leg: int, setting: Setting) -> PathState:

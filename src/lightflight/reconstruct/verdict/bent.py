@@ -16,7 +16,6 @@ from lightflight.path.verdict import FindingName, Level, Verdict
 from lightflight.reconstruct.fit.bent import (
     bent_for_run,
     runs_of_corners,
-    straightened,
     with_axes_across,
     with_bend,
 )
@@ -373,7 +372,7 @@ def _told_apart(bent: JointFit, cost: float, sightings: list[Sighting], setting:
     Speed and a bend in depth are one direction of the data: of one leg alone, a wrong index cannot
     be told from it, and what was told stays in doubt.
     """
-    straight = straightened(bent.solution.state)
+    straight = replace(bent.solution.state, bends=())
     for _, _, there, seen in freed_one_by_one(sightings, setting):
         trial = refitted(seen, straight, there)
         if not isinstance(trial, NoFit) and cost_with_kinks(trial, seen) < cost + WITHIN:
