@@ -16,7 +16,6 @@ from lightflight.path.bends import Bend, BentCourse, checked_bends, shapes_at
 from lightflight.path.tables import Goodness
 from lightflight.path.verdict import Level
 from lightflight.reconstruct.fit.bent import with_axes_across
-from lightflight.reconstruct.model.freedom import state_vector
 from lightflight.reconstruct.model.geometry import (
     PathState,
     arrival_jacobian,
@@ -164,7 +163,7 @@ class TestTheModel:
     def test_the_state_s_vector_moves_with_it(self):
         state = bent_state(5)
         step = np.arange(state.size, dtype=float)
-        moved = state_vector(state.moved(step)) - state_vector(state)
+        moved = state.moved(step).vector - state.vector
         np.testing.assert_allclose(moved, step, atol=1e-9)
 
     def test_legs_beside_a_bent_one_are_untouched(self):

@@ -15,7 +15,6 @@ from lightflight.errors import GeometryError, LimitError, NothingFoundError, Sus
 from lightflight.path.bends import Bend
 from lightflight.path.verdict import Level
 from lightflight.reconstruct.model.drawn import told_of_curve
-from lightflight.reconstruct.model.freedom import state_vector
 from lightflight.reconstruct.model.geometry import PathState
 from tests.oracles.bent import ArcScene, BentScene, arc_scene, bent_scene, measured_places
 from tests.oracles.refracted_border import histograms, what_the_user_tells
@@ -78,7 +77,7 @@ class TestWhatPlacesSay:
     def test_of_the_path_they_were_measured_on_nothing_is_amiss(self):
         state = arch()
         told = told_of_curve(state, drawn_on(state, point_std_mm=0.1))
-        np.testing.assert_allclose(told.rows @ state_vector(state), told.values, atol=1e-6)
+        np.testing.assert_allclose(told.rows @ state.vector, told.values, atol=1e-6)
 
     @pytest.mark.parametrize("errors", [{}, {"position_std_mm": 2.0, "turn_std_deg": 3.0}])
     def test_rows_are_the_change_of_what_is_amiss(self, errors):
@@ -88,7 +87,7 @@ class TestWhatPlacesSay:
         step = 1e-3 * np.array([0.3, 1.0, -0.5, 0.2, 0.4, -1.0, 0.0, 0.7, -0.6])
         moved = state.moved(step)
         after = told_of_curve(moved, curve)
-        amiss = after.rows @ state_vector(moved) - after.values
+        amiss = after.rows @ moved.vector - after.values
         np.testing.assert_allclose(
             np.linalg.norm(amiss), np.linalg.norm(told.rows @ step), rtol=1e-2
         )
@@ -110,7 +109,7 @@ class TestWhatPlacesSay:
                 state,
                 lf.DrawnCurve(seen, point_std_mm=std, position_std_mm=shift, turn_std_deg=turn),
             )
-            amiss = told.rows @ state_vector(state) - told.values
+            amiss = told.rows @ state.vector - told.values
             total, dof = total + float(amiss @ amiss), dof + len(amiss)
         assert chi2.ppf(5e-5, dof) < total < chi2.ppf(1.0 - 5e-5, dof)
 

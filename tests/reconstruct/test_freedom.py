@@ -12,7 +12,6 @@ from lightflight.reconstruct.fit.statements import statements_from_covariance
 from lightflight.reconstruct.model.freedom import (
     end_in_picture,
     freedom_of_path,
-    state_vector,
     view_end,
 )
 from lightflight.reconstruct.model.geometry import PathState
@@ -62,7 +61,7 @@ class TestColumns:
         )
         free = freedom(source, ((2, (7.0, 8.0, 9.0), 0.1),))
         assert len(free.prior_values) == 2 + 1 + 3
-        misfit = free.prior_values - free.prior_rows @ state_vector(STATE)
+        misfit = free.prior_values - free.prior_rows @ STATE.vector
         at_vertex = (np.array([7.0, 8.0, 9.0]) - PAPER_VERTICES[2]) / 0.1
         np.testing.assert_allclose(misfit, [1 / 0.5, 3 / 2.0, -10 / 4.0, *at_vertex], atol=1e-9)
 

@@ -14,7 +14,7 @@ from lightflight.errors import SuspectDataWarning
 from lightflight.flight import Source
 from lightflight.lab.lab import lab_from_table, reconstruct_options
 from lightflight.path.verdict import FindingName, Level
-from lightflight.reconstruct.model.freedom import Freedom, freedom_of_path, state_vector
+from lightflight.reconstruct.model.freedom import Freedom, freedom_of_path
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.told import checked_lengths, way_along
@@ -55,7 +55,7 @@ class TestWhatALengthSays:
     def test_it_pulls_a_leg_to_it(self):
         length = float(np.linalg.norm(PAPER_VERTICES[2] - PAPER_VERTICES[1]))
         free = freedom(CHAIN, [(1, length + 0.6, 0.2)])
-        misfit = free.prior_values - free.prior_rows @ state_vector(CHAIN)
+        misfit = free.prior_values - free.prior_rows @ CHAIN.vector
         np.testing.assert_allclose(misfit, [3.0], atol=1e-9)
         assert [one.words for one in free.told] == ["length of leg 2"]
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.reconstruct.model.forward import CodeCounts, Local, Pixels
-from lightflight.reconstruct.model.freedom import Freedom, state_vector
+from lightflight.reconstruct.model.freedom import Freedom
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.information import ascend
 from lightflight.reconstruct.model.likelihood import Likelihood, likelihood
@@ -351,7 +351,7 @@ class _Hill:
     def _prior_score(self, point: _Point) -> tuple[Floats, float]:
         """Score (P,) and log-density of all priors at a point."""
         freedom, order = self.freedom, self.order
-        misfit = freedom.prior_values - freedom.prior_rows @ state_vector(point.state)
+        misfit = freedom.prior_values - freedom.prior_rows @ point.state.vector
         score = np.zeros(order.size)
         score[: order.n_free] = (freedom.prior_rows @ freedom.basis).T @ misfit
         score[order.shared] = -point.shared

@@ -20,7 +20,7 @@ from lightflight.path.bends import MOST_ORDERS, Bend, shapes_at
 from lightflight.reconstruct.fit.bent import axes_across
 from lightflight.reconstruct.fit.membership import prints_of_leg
 from lightflight.reconstruct.model.drawn import course_on, told_of_curve
-from lightflight.reconstruct.model.freedom import sagitta_std_mm, state_vector
+from lightflight.reconstruct.model.freedom import sagitta_std_mm
 from lightflight.reconstruct.model.geometry import PathState
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import MEDIUM, SharedErrors, shared_errors
@@ -215,7 +215,7 @@ def statements_of_curves(state: PathState, curves: tuple[DrawnCurve, ...]) -> tu
     said = []
     for curve in curves:
         told = told_of_curve(state, curve)
-        off = told.values - told.rows @ state_vector(state)
+        off = told.values - told.rows @ state.vector
         share = float(np.sqrt(np.mean(off**2))) if len(off) else 0.0
         said.append(
             f"Leg {curve.leg + 1} was told to run along a curve: it lies {share:.2g} times as far "

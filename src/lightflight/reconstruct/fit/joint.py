@@ -34,7 +34,7 @@ from lightflight.reconstruct.fit.membership import (
 from lightflight.reconstruct.fit.pictures import as_shown, pictures_of
 from lightflight.reconstruct.fit.robust import check_enough, solve_robustly
 from lightflight.reconstruct.legs.find import Images
-from lightflight.reconstruct.model.freedom import Freedom, state_vector
+from lightflight.reconstruct.model.freedom import Freedom
 from lightflight.reconstruct.model.geometry import Indices, PathState
 from lightflight.reconstruct.model.light import Strengths
 from lightflight.reconstruct.model.picture import (
@@ -401,7 +401,7 @@ def _settled(before: PathState, solution: Solution, freedom: Freedom) -> bool:
 
 def _step_stds(before: PathState, solution: Solution, freedom: Freedom) -> Floats:
     """(p,), how far each freedom of the path moved, in its errors."""
-    moved = state_vector(solution.state) - state_vector(before)
+    moved = solution.state.vector - before.vector
     # What moved outside the freedom (an end put back to the edge) is not counted.
     step = np.linalg.lstsq(freedom.basis, moved, rcond=None)[0]
     own = solution.covariance[: len(step), : len(step)]

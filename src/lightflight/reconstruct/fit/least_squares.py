@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.flight import Medium
-from lightflight.reconstruct.model.freedom import Freedom, state_vector
+from lightflight.reconstruct.model.freedom import Freedom
 from lightflight.reconstruct.model.geometry import (
     Indices,
     PathState,
@@ -454,7 +454,7 @@ def _linearised(
         (
             times.arrival_ps - modelled,
             -lines.whitening @ model.offset_px - line_modes @ modes,
-            freedom.prior_values - freedom.prior_rows @ state_vector(state),
+            freedom.prior_values - freedom.prior_rows @ state.vector,
             -modes,
             -shared,
             -model.over_px[past] / _OVERSHOOT_PX,

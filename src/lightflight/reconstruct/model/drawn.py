@@ -99,14 +99,8 @@ def told_of_curve(state: PathState, curve: DrawnCurve) -> ToldOfCurve:
 
     rows = whitened(_by_state(state, course, fraction, across))
     sizes = np.repeat([PLAUSIBLE["drawn_curve"].size, PLAUSIBLE["pose turn"].size], 3)
-    here = rows @ _numbers(state)
+    here = rows @ state.vector
     return ToldOfCurve(rows, here - whitened(off + by_std @ found), whitened(by_move * sizes))
-
-
-def _numbers(state: PathState) -> Floats:
-    """(size,), the state as one vector, as `freedom.state_vector`."""
-    bends = (bend.coefficients_mm.ravel() for bend in state.bends)
-    return np.concatenate((state.vertices_mm.ravel(), [state.start_time_ps], *bends))
 
 
 def _beside(

@@ -124,12 +124,6 @@ class ViewEnd:
     basis: Floats
 
 
-def state_vector(state: PathState) -> Floats:
-    """(size,): vertices in mm, then start time in ps, then coefficients of bends in mm."""
-    coefficients = (bend.coefficients_mm.ravel() for bend in state.bends)
-    return np.concatenate((state.vertices_mm.ravel(), [state.start_time_ps], *coefficients))
-
-
 def view_end(camera: Camera, inside_mm: Floats, direction: Floats) -> ViewEnd | None:
     """Where the line from a point in view leaves the picture; None where it never does.
 
@@ -385,7 +379,7 @@ def freedom_of_path(
         That legs are told to run along.
     """
     m = len(state.vertices_mm)
-    found = _Gathered(state_vector(state))
+    found = _Gathered(state.vector)
     if source.position_mm is None:
         assert start_basis is not None
         for direction, name in zip(start_basis.T, _END_MOVES, strict=False):

@@ -79,6 +79,12 @@ class PathState:
         return self.vertices_mm.size + 1 + sum(bend.size for bend in self.bends)
 
     @property
+    def vector(self) -> Floats:
+        """(size,): the vertices one after another, the start time, coefficients of the bends."""
+        coefficients = (bend.coefficients_mm.ravel() for bend in self.bends)
+        return np.concatenate((self.vertices_mm.ravel(), [self.start_time_ps], *coefficients))
+
+    @property
     def n_legs(self) -> int:
         """Number of legs."""
         return len(self.vertices_mm) - 1
