@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.special import ndtr
 
 from lightflight import flags
@@ -586,16 +587,9 @@ def stacked_lines(parts: list[LineDataInPicture]) -> LineDataInPicture:
     LineDataInPicture
         Lines of all; errors of different recordings are independent.
     """
-    size = sum(len(p.leg) for p in parts)
-    whitening = np.zeros((size, size))
-    at = 0
-    for part in parts:
-        k = len(part.leg)
-        whitening[at : at + k, at : at + k] = part.whitening
-        at += k
     return LineDataInPicture(
         leg=np.concatenate([p.leg for p in parts]),
         anchors=np.concatenate([p.anchors for p in parts]),
-        whitening=whitening,
+        whitening=block_diag(*(p.whitening for p in parts)),
         view=np.concatenate([p.view for p in parts]),
     )

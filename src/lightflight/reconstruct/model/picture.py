@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from lightflight.errors import NothingFoundError
 from lightflight.flight import Medium
@@ -394,12 +395,7 @@ def lines_from_picture(picture: Picture, view: int) -> LineDataInPicture:
         # Two anchors measured alike leave no room for Cholesky: 1e-5 px keeps it.
         covariance = fit.offset_covariance + 1e-10 * np.eye(len(fit.offset_px))
         blocks.append(np.linalg.inv(np.linalg.cholesky(covariance)))
-    whitening = np.zeros((len(legs), len(legs)))
-    first = 0
-    for block in blocks:
-        own = slice(first, first + len(block))
-        whitening[own, own] = block
-        first = own.stop
+    whitening = block_diag(*blocks) if blocks else np.zeros((0, 0))
     of_leg = np.array(legs, dtype=np.int64)
     places = np.array(anchors).reshape(-1, 2)
     return LineDataInPicture(of_leg, places, whitening, np.full(len(legs), view))
