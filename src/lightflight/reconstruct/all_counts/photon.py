@@ -386,8 +386,5 @@ def _updated_residuals(rough: LightPath, ended: Climb) -> NDArray[np.void]:
             model[i] = local.arrival_ps[place, leg]
     table["model_ps"] = model
     table["residual_ps"] = table["arrival_ps"] - model
-    times = ended.state.vertex_times_ps(seen.medium)
-    passed = ended.state.shares_of_way(legs, print_.fraction)
-    begun = times[ended.state.leg_starts]
-    table["event_time_ps"] = begun[legs] + passed * (times[1:] - begun)[legs]
+    table["event_time_ps"] = ended.state.event_times_ps(legs, print_.fraction, seen.medium)
     return table

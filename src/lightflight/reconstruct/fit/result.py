@@ -107,16 +107,12 @@ def residual_table(fit: JointFit, sightings: list[Sighting]) -> NDArray[np.void]
         rows=times.row,
         cols=times.col,
     )
-    at_vertex = state.vertex_times_ps(solution.medium)
     table["row"], table["col"], table["leg"] = times.row, times.col, times.leg
     table["arrival_ps"] = times.arrival_ps
     table["residual_ps"] = fit.solution.residual_ps
     table["model_ps"] = times.arrival_ps - fit.solution.residual_ps
     table["std_ps"] = np.sqrt(times.photon_var + times.pixel_var + fit.floor_ps**2)
-    begun = at_vertex[state.leg_starts]
-    lasting = at_vertex[1:] - begun
-    passed = state.shares_of_way(times.leg, print_.fraction)
-    table["event_time_ps"] = begun[times.leg] + passed * lasting[times.leg]
+    table["event_time_ps"] = state.event_times_ps(times.leg, print_.fraction, solution.medium)
     table["used"] = times.weight > 0
     for number, sighting in enumerate(sightings):
         here = fit.sighting_of == number

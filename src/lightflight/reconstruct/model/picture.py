@@ -476,16 +476,13 @@ def arrival_curvature(
     array of float, shape (n,)
         ps per px^2; 0 where the picture cannot tell.
     """
-    starts = state.leg_starts[print_.leg]
-    times = state.vertex_times_ps(medium)
     # Half a pixel to each side: the footprint's own scale.
     half_px = 0.5
     values, places = [], []
     for side in (-1.0, 0.0, 1.0):
         fraction = print_.fraction + side * half_px / print_.px_per_leg
         points = state.points_mm(print_.leg, fraction)
-        passed = state.shares_of_way(print_.leg, fraction)
-        event = times[starts] + passed * (times[print_.leg + 1] - times[starts])
+        event = state.event_times_ps(print_.leg, fraction, medium)
         back = camera.return_times_ps(points, return_group_index=medium.return_group_index)
         values.append(event + back)
         places.append(np.column_stack(camera.pixels_from_points(points)))

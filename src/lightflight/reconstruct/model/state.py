@@ -306,6 +306,14 @@ class PathState:
             times = times + late_ps(self.vertices_mm, self.glass, medium.path_group_index)
         return times
 
+    def event_times_ps(self, legs: Indices, fraction: Floats, medium: Medium) -> Floats:
+        """When the light is at places of legs (n,), ps."""
+        times = self.vertex_times_ps(medium)
+        begun = times[self.leg_starts]
+        passed = self.shares_of_way(legs, fraction)
+        events: Floats = begun[legs] + passed * (times[1:] - begun)[legs]
+        return events
+
     @cached_property
     def free_moves(self) -> Floats:
         """(size, size), what moves of all numbers do where vertices on faces of glass follow."""
