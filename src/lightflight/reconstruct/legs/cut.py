@@ -13,6 +13,7 @@ from lightflight.reconstruct.legs.search import (
     fitted_line,
     time_tolerance,
 )
+from lightflight.reconstruct.model.image_plane import along_across
 
 Indices = NDArray[np.int64]
 
@@ -123,9 +124,7 @@ def part_where_curved(
         One set of rows for each straight piece.
     """
     origin, direction = fitted_line(points[members], weights[members])
-    offset = points[members] - origin
-    s = offset @ direction
-    across = offset[:, 1] * direction[0] - offset[:, 0] * direction[1]
+    s, across = along_across(points[members], origin, direction)
     position, index = np.unique(np.rint(s), return_inverse=True)
     if len(position) < 2 * max(settings.min_pixels, 5):
         return [members]

@@ -14,6 +14,7 @@ from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from lightflight.reconstruct.model.image_plane import along_across
 from lightflight.units import std_from_mad
 
 Floats = NDArray[np.float64]
@@ -303,9 +304,8 @@ def _positions_on_lines(points: Floats, pairs: Indices, lateral_px: float) -> In
 def _along_line(points: Floats, i: int, j: int, lateral_px: float) -> tuple[Floats, Indices]:
     """Position of all points along the line from i to j, and which lie on it."""
     direction = (points[j] - points[i]) / float(np.hypot(*(points[j] - points[i])))
-    offset = points - points[i]
-    lateral = np.abs(offset[:, 0] * direction[1] - offset[:, 1] * direction[0])
-    return offset @ direction, np.flatnonzero(lateral < lateral_px)
+    s, across = along_across(points, points[i], direction)
+    return s, np.flatnonzero(np.abs(across) < lateral_px)
 
 
 def _best_parabola(
@@ -415,9 +415,8 @@ def refine_members(
         if current.sum() < 3:
             break
         origin, direction = fitted_line(points[current], weights[current])
-        offset = points - origin
-        s = offset @ direction
-        lateral = np.abs(offset[:, 0] * direction[1] - offset[:, 1] * direction[0])
+        s, across = along_across(points, origin, direction)
+        lateral = np.abs(across)
         coefficients = fitted_times(s[current], times[current], errors[current])
         low, high = s[current].min(), s[current].max()
         # A computed cube's spot is several pixels wide: its gates widen with it.
