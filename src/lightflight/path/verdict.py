@@ -99,6 +99,11 @@ class Finding:
         return f" ({self.sigma:.2g} \u03c3)" if self.sigma else ""
 
 
+def noted(name: FindingName, sentence: str, remedy: str) -> Finding:
+    """What was seen by no test, and asks that the path be checked."""
+    return Finding(name, sentence, 0.0, remedy, Severity.CHECK)
+
+
 @dataclass(frozen=True)
 class BlindSpot:
     """An error that this recording cannot show, though it moves the path.
@@ -233,12 +238,10 @@ def warning_of(verdict: Verdict) -> str:
 NOT_EXAMINED = Verdict(
     Level.CHECK,
     (
-        Finding(
+        noted(
             FindingName.NOT_EXAMINED,
             "no recording was held against this path",
-            0.0,
             "reconstruct it from its recording with this version",
-            Severity.CHECK,
         ),
     ),
 )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import GeometryError
-from lightflight.path.verdict import Finding, FindingName, Severity
+from lightflight.path.verdict import Finding, FindingName, noted
 from lightflight.reconstruct.model.image_plane import mean_focal_px
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 
@@ -157,16 +157,12 @@ def implausible(
     return tuple(finding for finding in asked if finding is not None)
 
 
-def _finding(name: FindingName, sentence: str, remedy: str) -> Finding:
-    return Finding(name, sentence, 0.0, remedy, Severity.CHECK)
-
-
 def units_of_camera(camera: Camera) -> Finding | None:
     """Whether the field of view can be as wide as it is told to be, so far away."""
     width = camera.shape[1] / abs(float(camera.matrix[0, 0]))
     if _NARROWEST < width < _WIDEST:
         return None
-    return _finding(
+    return noted(
         FindingName.UNITS,
         f"the camera is told to see a field {width:.3g} times as wide as it is far away",
         "give distance and field of view both in mm (0.535, or 535?)",
@@ -181,7 +177,7 @@ def units_of_lengths(
     if recorded < _SLOWEST * flight:
         return None
     far = distance_mm(camera, source)
-    return _finding(
+    return noted(
         FindingName.UNITS,
         f"light crosses what one pixel sees in {flight:.2g} ps by the set-up, and needs "
         f"{recorded:.2g} ps from pixel to pixel in the recording",
@@ -197,7 +193,7 @@ def units_of_field(
     if code_ps is None or flight > _LEAST_CODES * code_ps:
         return None
     far = distance_mm(camera, source)
-    return _finding(
+    return noted(
         FindingName.UNITS,
         f"light crosses the whole picture in {flight:.2g} ps by the set-up, and a code is "
         f"{code_ps:.3g} ps",
@@ -212,7 +208,7 @@ def units_of_source(camera: Camera, source: Source) -> Finding | None:
     away = float(np.linalg.norm(source.position_mm))
     if not 0.0 < away < _TINY_MM or distance_mm(camera, source) < 50.0 * _TINY_MM:
         return None
-    return _finding(
+    return noted(
         FindingName.UNITS,
         f"the source is told to be {away:.3g} mm from the origin",
         f"give its place in mm: {away:.3g}, or {1000.0 * away:.3g}?",
@@ -226,7 +222,7 @@ def unit_of_emission(source: Source, code_ps: float | None) -> Finding | None:
         return None
     # Of ns, or of seconds: a laser's delay is not below a femtosecond of either.
     unit = 1e3 if abs(told) > 1e-3 else 1e12
-    return _finding(
+    return noted(
         FindingName.UNITS,
         f"the emission time of {told:.3g} ps is less than one code of {code_ps:.3g} ps",
         f"give it in ps on the calibrated clock: {told:.3g}, or {told * unit:.4g}?",
@@ -243,7 +239,7 @@ def aspect(camera: Camera, source: Source) -> Finding | None:
     doubt = "are width and height of the field of view what they are told to be?"
     if abs(swapped - 1.0) < _SURELY_SQUARE:
         doubt = "swap width and height of the field of view, and pixels are square"
-    return _finding(
+    return noted(
         FindingName.ORIENTATION,
         f"one pixel sees {width:.3g} x {height:.3g} mm, not a square",
         doubt,
@@ -266,7 +262,7 @@ def orientation(camera: Camera, source: Source, legs: Sequence[ImageLeg]) -> Fin
     better = [name for name, turn in turns if _miss_px(first, np.array(turn).T @ at) < allowed]
     if not better:
         return None
-    return _finding(
+    return noted(
         FindingName.ORIENTATION,
         f"the first leg in the picture passes the source by {miss:.0f} px, and would lead back to "
         f"it were the picture {' or '.join(better)}",

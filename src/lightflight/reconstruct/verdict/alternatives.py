@@ -14,7 +14,7 @@ import numpy as np
 
 from lightflight.path.alternative import Alternative
 from lightflight.path.light_path import LightPath
-from lightflight.path.verdict import Finding, FindingName, Level, Severity
+from lightflight.path.verdict import Finding, FindingName, Level, noted
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sighting import Sighting
@@ -143,10 +143,8 @@ def _kinks_chi2(fit: JointFit) -> float:
 
 
 def _finding(other: Alternative, rival: Rival, n_legs: int) -> Finding:
-    return Finding(
+    return noted(
         FindingName.ALTERNATIVE,
         f"{other} explains the recording as well",
-        0.0,
         _TELL_DEPTH if rival.state.n_legs == n_legs else _TELL_LEGS,
-        Severity.CHECK,
     )

@@ -12,7 +12,7 @@ from lightflight import flags
 from lightflight.path.glass import glass_of, on_faces
 from lightflight.path.light_path import LightPath
 from lightflight.path.tree import starts_of
-from lightflight.path.verdict import Finding, FindingName, Severity
+from lightflight.path.verdict import Finding, FindingName, noted
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.fit.result import path_from_fit
 from lightflight.reconstruct.model.setting import Setting
@@ -98,56 +98,46 @@ def noticed(
     found = []
     if nominal_clock:
         found.append(
-            Finding(
+            noted(
                 FindingName.CALIBRATION,
                 "the clock is nominal: no timing calibration was given",
-                0.0,
                 "calibrate the clock (lightflight calibrate)",
-                Severity.CHECK,
             )
         )
     told = path.n_legs - 2 * len(path.legs_in_glass)
     if n_legs not in (None, told, told - len(path.unseen_legs)):
         found.append(
-            Finding(
+            noted(
                 FindingName.LEG_COUNT,
                 f"{n_legs} legs were told and the path has {told}",
-                0.0,
                 "leave the number of legs open, or give a start",
-                Severity.CHECK,
             )
         )
     elif n_legs is not None and (unseen := corners_without_a_turn(path)):
         which = " and ".join(str(corner) for corner in unseen)
         found.append(
-            Finding(
+            noted(
                 FindingName.LEG_COUNT,
                 f"{n_legs} legs were told and the recording shows {n_legs - len(unseen)}: the "
                 f"light is not seen to turn at corner{'s' if len(unseen) > 1 else ''} {which}",
-                0.0,
                 "leave the number of legs open, or give a start",
-                Severity.CHECK,
             )
         )
     elif n_legs is not None and n_shown is not None:
         found.append(
-            Finding(
+            noted(
                 FindingName.LEG_COUNT,
                 f"{n_legs} legs were told and the recording by itself shows {n_shown}: where the "
                 "others begin and end rests on that number",
-                0.0,
                 "leave the number of legs open, or give a start",
-                Severity.CHECK,
             )
         )
     if not path.goodness.converged:
         found.append(
-            Finding(
+            noted(
                 FindingName.SCATTER,
                 "the fit stopped before it converged",
-                0.0,
                 "give a start, or a smaller number of legs",
-                Severity.CHECK,
             )
         )
     return tuple(found)
@@ -206,11 +196,9 @@ def beyond_the_tests(fit: JointFit, sightings: Sequence[Sighting]) -> tuple[Find
     if not piled:
         return ()
     return (
-        Finding(
+        noted(
             FindingName.NOT_EXAMINED,
             "the path was not tested: photons piled up",
-            0.0,
             "judge it by its residuals",
-            Severity.CHECK,
         ),
     )

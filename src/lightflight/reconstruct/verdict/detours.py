@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lightflight.errors import NothingFoundError
-from lightflight.path.verdict import Finding, FindingName, Severity
+from lightflight.path.verdict import Finding, FindingName, noted
 from lightflight.reconstruct.fit.joint import JointFit, pulses_of_legs
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.legs.direction import search_legs
@@ -311,12 +311,10 @@ def findings_of_detours(fit: JointFit) -> tuple[Finding, ...]:
         return ()
     where = " and ".join(f"legs {k} and {k + 2}" for k in unseen)
     return (
-        Finding(
+        noted(
             FindingName.UNSEEN_LEG,
             f"between {where} the light was out of the picture: on one leg or on several of the "
             "same delay, over mirrors whose places nothing here tells",
-            0.0,
             "say where a mirror stands (waypoints), or film the way between with a second camera",
-            Severity.CHECK,
         ),
     )

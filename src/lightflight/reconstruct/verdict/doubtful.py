@@ -17,7 +17,7 @@ import numpy as np
 
 from lightflight.path.light_path import LightPath
 from lightflight.path.tree import starts_of
-from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
+from lightflight.path.verdict import Finding, FindingName, Level, Verdict, noted
 from lightflight.reconstruct.fit.joint import JointFit, pulses_of_legs
 from lightflight.reconstruct.fit.least_squares import OUTLIER
 from lightflight.reconstruct.model.geometry import PathState
@@ -159,7 +159,7 @@ def _none_perhaps(path: LightPath) -> tuple[Finding, ...]:
     said = f"{which}: it may be none, but light that is late behind glass, or a clock that is off"
     remedy = "say how many legs there are (n_legs, --n-legs)"
     name = FindingName.LEG_COUNT
-    return (Finding(name, said, 0.0, remedy, Severity.CHECK),) if which else ()
+    return (noted(name, said, remedy),) if which else ()
 
 
 def legs_that_may_be_none(path: LightPath) -> list[tuple[int, float, float]]:
@@ -200,13 +200,11 @@ def findings_of_bends(fit: JointFit) -> tuple[Finding, ...]:
     sizes = [float(np.linalg.norm(bend.coefficients_mm[:, 0])) for bend in bends]
     found = (f"leg {b.leg + 1} by {size:.2g} mm" for b, size in zip(bends, sizes, strict=True))
     return (
-        Finding(
+        noted(
             FindingName.CURVED_LEG,
             f"bent, which nobody told: {' and '.join(found)}; light that is slower on a leg, a "
             "lens that bows its line or codes that are uneven look much the same",
-            0.0,
             "say that legs may bend (free, --free bend), or calibrate lens and codes",
-            Severity.CHECK,
         ),
     )
 
@@ -230,13 +228,11 @@ def findings_of_depth(setting: Setting) -> tuple[Finding, ...]:
     if setting.source.position_mm is not None or setting.curves:
         return ()
     return (
-        Finding(
+        noted(
             FindingName.CURVED_LEG,
             "legs may bend, and nothing is told of the source: a bend in depth, and how far away "
             "the whole path is, look the same",
-            0.0,
             "tell where the pulse sets out (source), or where the curve runs (curves)",
-            Severity.CHECK,
         ),
     )
 
@@ -287,11 +283,9 @@ def _finding(cause: Evidence, corners: tuple[int, ...], state: PathState) -> Fin
     turns = " and ".join(f"{state.turn_deg(k):.2g}°" for k in corners)
     which = " and ".join(str(k) for k in corners)
     many = len(corners) > 1
-    return Finding(
+    return noted(
         cause.name,
         f"{cause.sentence}, or light that turns by {turns} at corner{'s' if many else ''} "
         f"{which}: both explain the recording",
-        0.0,
         f"{cause.remedy}; or say how many legs there are (n_legs, --n-legs)",
-        Severity.CHECK,
     )

@@ -13,8 +13,8 @@ from lightflight.path.verdict import (
     Finding,
     FindingName,
     Level,
-    Severity,
     Verdict,
+    noted,
 )
 from lightflight.reconstruct.fit.fine import with_fine_light
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint
@@ -185,12 +185,10 @@ def _light(
     except (GeometryError, NothingFoundError, np.linalg.LinAlgError) as reason:
         is_drawn_out = isinstance(reason, DrawnOutError)
         return () if is_drawn_out else evidence_from_flags(fit, sightings), (
-            Finding(
+            noted(
                 FindingName.NOT_EXAMINED,
                 f"haze, halos, glare and other light were not looked for: {reason}",
-                0.0,
                 "judge the path by its residuals",
-                Severity.CHECK,
             ),
         )
 

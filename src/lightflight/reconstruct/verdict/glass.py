@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lightflight.path.light_path import LightPath
 from lightflight.path.tree import starts_of
-from lightflight.path.verdict import Finding, FindingName, Severity
+from lightflight.path.verdict import Finding, FindingName, noted
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.verdict.candidates import Candidate, Rows
 from lightflight.reconstruct.verdict.places import best_place, evenly_many
@@ -116,14 +116,12 @@ def findings_of_slabs(path: LightPath) -> tuple[Finding, ...]:
         One for each such leg.
     """
     return tuple(
-        Finding(
+        noted(
             FindingName.BLOCK,
             f"leg {leg + 1} turns by {turn_deg:.2g}° and light behind it flies on as before it: a "
             "plate or block of glass in the beam that was not told does that",
-            0.0,
             "tell where it stands and what it is of ([block]), or how many legs there are (n_legs, "
             "--n-legs)",
-            Severity.CHECK,
         )
         for leg, turn_deg in legs_that_may_be_glass(path)
     )

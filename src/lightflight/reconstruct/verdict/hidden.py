@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from lightflight.errors import GeometryError, NothingFoundError
-from lightflight.path.verdict import Finding, FindingName, Severity
+from lightflight.path.verdict import Finding, FindingName, noted
 from lightflight.reconstruct.fit.fine import with_fine_light
 from lightflight.reconstruct.fit.joint import JointFit, fit_joint, pulses_of_legs
 from lightflight.reconstruct.fit.least_squares import OUTLIER
@@ -70,7 +70,7 @@ def findings_of_hidden(fit: JointFit, *, told: bool) -> tuple[Finding, ...]:
     sentence = (
         f"no pulse speaks for leg {_number(fit, empty[0])} of the path" if told else _SENTENCE
     )
-    return (Finding(FindingName.UNSEEN_LEG, sentence, 0.0, _REMEDY, Severity.CHECK),)
+    return (noted(FindingName.UNSEEN_LEG, sentence, _REMEDY),)
 
 
 def _number(fit: JointFit, seen: int) -> int:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
+from lightflight.path.verdict import FindingName, Level, Verdict, noted
 from lightflight.reconstruct.fit.joint import JointFit
 from lightflight.reconstruct.model.light import MUCH
 from lightflight.reconstruct.model.setting import Setting
@@ -51,13 +51,11 @@ def verdict_with_unclaimed_light(
         photons, left = one.arrivals.photons, unclaimed_by_path(one, fit, setting)
         share = float(np.sum(photons[left])) / max(float(np.sum(photons[one.usable_pulses])), 1.0)
         if share > MUCH:
-            finding = Finding(
+            finding = noted(
                 FindingName.UNEXPLAINED_LIGHT,
                 f"{len(left)} pulses with {share:.2g} of the light come when no leg of the path is "
                 f"there{near}",
-                0.0,
                 "say how many legs there are (n_legs, --n-legs), or try method photon",
-                Severity.CHECK,
             )
             return replace(verdict, level=Level.CHECK, findings=(*verdict.findings, finding))
     return verdict
