@@ -397,7 +397,6 @@ def _elsewhere(
         sigma**2 - 1.0,
         f"{told}; the clearest other light is {where}",
         "cover what reflects or shines there, or mask the pixels (exclude_mask=)",
-        np.empty((0, 1)),
         symptom=True,
         data=LIGHT,
         remains=sigma_from_p(rest.p_value) ** 2,

@@ -52,7 +52,7 @@ class Evidence:
         What to do.
     directions : array of float
         (N, dof), orthonormal directions of the whitened data that the test looks along, so that
-        the correlation of tests of the same data is known; (0, dof): of other data than all others.
+        the correlation of tests of the same data is known; empty: of other data than all others.
     deviates : array of float
         (dof,), the data along `directions`.
     symptom : bool
@@ -133,6 +133,5 @@ def evidence_from_deviate(
 ) -> Evidence:
     """Evidence of one number that is N(0, 1) where all is well, from data of its own."""
     return Evidence(
-        name, z**2, 1, z**2 - 1.0, sentence, remedy, np.empty((0, 1)), symptom=symptom,
-        silent_below=silent_below,
+        name, z**2, 1, z**2 - 1.0, sentence, remedy, symptom=symptom, silent_below=silent_below,
     )  # fmt: skip

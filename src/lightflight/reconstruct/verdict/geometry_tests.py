@@ -285,7 +285,6 @@ def _scatter(fit: JointFit, times: TimeData, solution: Solution) -> Evidence:
         chi2 - dof,
         f"times scatter about the path by {np.sqrt(chi2 / dof):.2g} times their stated errors",
         "calibrate the delays of the pixels anew",
-        np.empty((0, dof)),
         symptom=True,
     )
 
@@ -319,7 +318,6 @@ def _of_single_pixels(
             (chi2 / dof - 1.0) * int(np.count_nonzero(times.weight)),
             f"neighbouring pixels disagree by {np.sqrt(chi2 / dof):.2g} times their stated errors",
             REMEDIES[FindingName.CALIBRATION],
-            np.empty((0, dof)),
         ),
     )
 

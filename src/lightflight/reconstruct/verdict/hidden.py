@@ -53,7 +53,6 @@ def evidence_without_hidden(
         chi2 - _FREED * float(np.log(len(fit.times.leg))),
         _SENTENCE,
         _REMEDY,
-        np.empty((0, _FREED)),
     )
     others = [one for one in rivals if one.name is not FindingName.UNSEEN_LEG]
     enough = by_leg.gain - WITHIN

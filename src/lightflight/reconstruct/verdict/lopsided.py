@@ -69,7 +69,6 @@ def evidence_of_lopsided_legs(fit: JointFit) -> tuple[Evidence, ...]:
             "both together",
             "look for a second beam beside the leg, as from the front of a mirror silvered behind "
             "its glass, or focus the lens",
-            np.empty((0, dof)),
             symptom=True,
             data=LIGHT,
             widened=min(std / by_chance for _, _, by_chance, std in found),

@@ -90,7 +90,6 @@ def evidence_from_lost_legs(
                 fall - n_freed,
                 f"with the {what} fitted {more} more pulses lie on the path",
                 REMEDIES[name],
-                np.empty((0, n_freed)),
             )
         )
     return tuple(found)
