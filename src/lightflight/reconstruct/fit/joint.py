@@ -126,6 +126,11 @@ class JointFit:
         last = self.leaning_modes.start
         return slice(last - len(self.broad), last)
 
+    @property
+    def kinks_chi2(self) -> float:
+        """What the counts say against the shape of each leg's image, chi-square."""
+        return sum(line.bend_chi2 for picture in self.pictures for line in picture.fits)
+
     def late_ps(self, modes: slice) -> Floats:
         """(n,), by how much some of the shared errors make each pulse late, as solved, ps."""
         late: Floats = self.times.modes_ps[:, modes] @ self.solution.modes[modes]

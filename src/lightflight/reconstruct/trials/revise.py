@@ -353,10 +353,7 @@ def _worth(shorter: JointFit, longer: JointFit) -> float:
     What pulses cost that fall out of the longer path is no gain: on a recording that scatters more
     than its errors say a path with a corner anywhere would win by whatever it drops.
     """
-    before, after = (
-        one.solution.chi2 + sum(f.bend_chi2 for p in one.pictures for f in p.fits)
-        for one in (shorter, longer)
-    )
+    before, after = (one.solution.chi2 + one.kinks_chi2 for one in (shorter, longer))
     taken = set(_pulses(longer))
     lost = np.array([pulse not in taken for pulse in _pulses(shorter)])
     times = shorter.times

@@ -120,7 +120,7 @@ def _told(
     Lines say where a leg runs at two places of its image, or few more. What the counts say against
     the shape in between is the kinks they ask for. `n_legs` are those of the path.
     """
-    own_kinks = _kinks_chi2(fit) if rival.bends_lines else 0.0
+    own_kinks = fit.kinks_chi2 if rival.bends_lines else 0.0
     if rival.log_evidence + 0.5 * own_kinks < LEAST_LOG_EVIDENCE:
         return None
     refit = refitted(sightings, rival.state, setting)
@@ -129,17 +129,12 @@ def _told(
     told = told_of(refit)
     if told is None:
         return None
-    kinks = _kinks_chi2(told[1]) if rival.bends_lines else 0.0
+    kinks = told[1].kinks_chi2 if rival.bends_lines else 0.0
     log_evidence = rival.log_evidence + 0.5 * (own_kinks - kinks)
     if log_evidence < LEAST_LOG_EVIDENCE:
         return None
     answer = Alternative(told[0], log_evidence, rival.says)
     return Other(answer, _finding(answer, rival, n_legs), told[1])
-
-
-def _kinks_chi2(fit: JointFit) -> float:
-    """What the counts say against the shape of each leg's image, chi-square."""
-    return float(sum(line.bend_chi2 for picture in fit.pictures for line in picture.fits))
 
 
 def _finding(other: Alternative, rival: Rival, n_legs: int) -> Finding:

@@ -193,8 +193,7 @@ def _bowed(state: PathState, setting: Setting, sign: float) -> PathState:
 
 def cost_with_kinks(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> float:
     """`cost_of_pulses`, and what the counts say against the shape of each leg's image."""
-    kinks = sum(line.bend_chi2 for picture in fit.pictures for line in picture.fits)
-    return cost_of_pulses(fit, sightings, scatter) + kinks / scatter
+    return cost_of_pulses(fit, sightings, scatter) + fit.kinks_chi2 / scatter
 
 
 def priced(fit: JointFit, sightings: list[Sighting], scatter: float = 1.0) -> float:
