@@ -23,6 +23,7 @@ from lightflight.reconstruct.model.geometry import (
     overshoots,
 )
 from lightflight.reconstruct.model.information import ascend, covariance_from_information
+from lightflight.reconstruct.model.nudges import NUDGE
 from lightflight.reconstruct.model.offsets import offsets_and_slopes
 from lightflight.reconstruct.model.picture import LineDataInPicture
 from lightflight.reconstruct.model.setting import Setting
@@ -397,7 +398,7 @@ def modelled(
             found.by_shared[n + drawn] = found.offset_by_state[drawn] @ nudges.as_moves(state)
             for k, lens in nudges.lenses.items():
                 line = _offsets(state, lines, drawn, told.cameras[view], lens)[0]
-                found.by_shared[n + drawn, k] += (line - offset[drawn]) / nudges.step
+                found.by_shared[n + drawn, k] += (line - offset[drawn]) / NUDGE
         # Whitened like the offsets themselves: one weight for both.
         found.by_shared[n:] = lines.whitening @ found.by_shared[n:]
         return found

@@ -37,8 +37,9 @@ from lightflight.reconstruct.fit.result import prior_in_words
 from lightflight.reconstruct.legs.find import ImageLeg
 from lightflight.reconstruct.model.freedom import view_end
 from lightflight.reconstruct.model.geometry import PathState, vertex_time_jacobian
+from lightflight.reconstruct.model.nudges import NUDGE
 from lightflight.reconstruct.model.setting import Setting
-from lightflight.reconstruct.model.shared import NUDGE, moved, shared_errors
+from lightflight.reconstruct.model.shared import moved, shared_errors
 from lightflight.reconstruct.model.sighting import Sighting
 from lightflight.units import SPEED_OF_LIGHT_MM_PER_PS
 

@@ -39,7 +39,7 @@ from lightflight.reconstruct.model.geometry import (
     PathState,
     arrival_jacobian,
 )
-from lightflight.reconstruct.model.nudges import Nudges
+from lightflight.reconstruct.model.nudges import NUDGE, Nudges
 from lightflight.reconstruct.model.offsets import line_offsets
 from lightflight.reconstruct.model.picture import arrival_curvature
 from lightflight.reconstruct.model.pulse_shape import tables_for_counts
@@ -446,7 +446,7 @@ def _slopes(
     for error, there in nudges.undistorted(points).items():
         lens = nudges.lenses[error]
         across, _ = line_offsets(state, camera=lens, legs=seen.print_.leg, anchors=there)
-        found.across[:, basis.shape[1] + error] += (across - seen.across_px) / nudges.step
+        found.across[:, basis.shape[1] + error] += (across - seen.across_px) / NUDGE
     return found
 
 

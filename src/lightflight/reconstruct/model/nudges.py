@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+NUDGE = 1e-3
+"""Step of a shared error for its derivative, in its own standard deviations."""
 _PROBE = 1e-6
 """Step in the normalized image plane for the lens's own derivative: 1e-3 px."""
 
@@ -47,9 +49,7 @@ class Nudges:
         Of the clock's zero.
     lenses : dict of int to Camera
         For errors that change the lens, or what the camera looks through: the same pose, seen
-        through them after `step` of the error.
-    step : float
-        Standard deviations.
+        through them after `NUDGE` of the error.
     """
 
     camera: Camera
@@ -58,7 +58,6 @@ class Nudges:
     index: Floats
     late_ps: Floats
     lenses: dict[int, Camera]
-    step: float
 
     def __len__(self) -> int:
         return len(self.index)
@@ -126,7 +125,7 @@ class Nudges:
         here = self.camera.return_times_ps(points_mm, return_group_index=index)
         for k, other in self.lenses.items():
             there = other.return_times_ps(points_mm, return_group_index=index)
-            found[:, k] = (there - here) / self.step
+            found[:, k] = (there - here) / NUDGE
         return found
 
     def slides(self, points_mm: Floats, along_mm: Floats) -> Floats:
@@ -153,7 +152,7 @@ class Nudges:
         seen = np.column_stack(self.camera.pixels_from_points(points_mm))
         for k, lens in self.lenses.items():
             there = np.column_stack(lens.pixels_from_points(points_mm))
-            found[:, k] = np.nan_to_num(np.sum((there - seen) * unit, axis=1)) / self.step
+            found[:, k] = np.nan_to_num(np.sum((there - seen) * unit, axis=1)) / NUDGE
         return found
 
     def undistorted(self, points_px: Floats) -> dict[int, Floats]:

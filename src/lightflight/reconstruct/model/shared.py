@@ -28,7 +28,7 @@ from lightflight.reconstruct.model.image_plane import (
     radial_of_corner,
     undistorted_px,
 )
-from lightflight.reconstruct.model.nudges import Nudges, nudge_between
+from lightflight.reconstruct.model.nudges import NUDGE, Nudges, nudge_between
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.sizes import PLAUSIBLE
 from lightflight.reconstruct.model.unknowns import Layout, Light
@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Cameras = dict[int, "Camera"]
 
-NUDGE = 1e-3
-"""Step of a shared error for its derivative, in its own standard deviations."""
 
 MEDIUM = -1
 """Stands for the medium where a camera is counted."""
@@ -280,7 +278,6 @@ def nudges_of_views(
             index=np.zeros((len(errors), 2)),
             late_ps=np.zeros(len(errors)),
             lenses={},
-            step=NUDGE,
         )
         for camera in seen.cameras
     ]
