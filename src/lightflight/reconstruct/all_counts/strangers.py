@@ -125,10 +125,7 @@ def counts_of_pulses(
     arrivals, response = sighting.arrivals, sighting.timing.response
     shape = np.empty((3, 0)) if response is None else response.table()
     period = float(sighting.histograms.laser_period_ps or 0.0)
-    place = np.full(arrivals.shape, -1)
-    place[rows, cols] = np.arange(len(rows))
-    at = place[arrivals.row[pulses], arrivals.col[pulses]]
-    pulses, at = pulses[at >= 0], at[at >= 0]
+    pulses, at = sighting.pulses_in(pulses, rows, cols)
     low, up = (each[at] - sighting.arrival_ps[pulses, np.newaxis] for each in intervals_ps)
     if period > 0.0:
         lap = period * np.rint(0.5 * (low + up) / period)

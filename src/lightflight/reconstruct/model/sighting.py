@@ -84,6 +84,13 @@ class Sighting:
         usable = flags.is_usable(self.arrivals.flags) & np.isfinite(self.arrival_ps)
         return np.flatnonzero(usable)
 
+    def pulses_in(self, pulses: Indices, rows: Indices, cols: Indices) -> tuple[Indices, Indices]:
+        """Those of some pulses that lie in any of some pixels (n,), and in which of these."""
+        place = np.full(self.blind.shape, -1)
+        place[rows, cols] = np.arange(len(rows))
+        at = place[self.arrivals.row[pulses], self.arrivals.col[pulses]]
+        return pulses[at >= 0], at[at >= 0]
+
 
 def without_pixels(sighting: Sighting, hidden: NDArray[np.bool_]) -> Sighting:
     """The sighting, of which some pixels take no part.

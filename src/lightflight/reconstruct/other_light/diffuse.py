@@ -397,11 +397,7 @@ def _with_errors(second: Second | None, strengths: light.Strengths) -> Second | 
 
 def _without_wings(sighting: Sighting, seen: Seen) -> Sighting:
     """The recording without the path's pulses in pixels that it hardly lights."""
-    place = np.full(sighting.blind.shape, -1)
-    place[seen.rows, seen.cols] = np.arange(len(seen.rows))
-    rows = sighting.usable_pulses
-    pixel = place[sighting.arrivals.row[rows], sighting.arrivals.col[rows]]
-    rows, pixel = rows[pixel >= 0], pixel[pixel >= 0]
+    rows, pixel = sighting.pulses_in(sighting.usable_pulses, seen.rows, seen.cols)
     gap = np.abs(sighting.arrival_ps[rows, np.newaxis] - seen.arrival_ps[pixel])
     # Dim pulses of glare are wide, and claimed from as far off as their errors are large.
     claimed = CLAIM_STDS * sighting.arrivals.independent_std_ps[rows]
@@ -433,13 +429,7 @@ def _doubting_stretched(sighting: Sighting, seen: Seen) -> Sighting:
 def _corrected(sighting: Sighting, found: _Measured) -> Sighting:
     """The recording with the times of the path's pulses as measured."""
     arrivals, diffuse = sighting.arrivals, found.diffuse
-    rows = sighting.usable_pulses
-    pixel = diffuse.at_pixels(
-        arrivals.row[rows].astype(np.int64),
-        arrivals.col[rows].astype(np.int64),
-        sighting.blind.shape,
-    )
-    rows, pixel = rows[pixel >= 0], pixel[pixel >= 0]
+    rows, pixel = sighting.pulses_in(sighting.usable_pulses, diffuse.rows, diffuse.cols)
     gap = np.abs(sighting.arrival_ps[rows, np.newaxis] - found.expected_ps[pixel])
     gap = np.where(gap < _GATE_STDS * diffuse.drawn_out_ps[pixel], gap, np.inf)
     slot = np.argmin(gap, axis=1)
@@ -478,10 +468,8 @@ def _of_second_pulse(sighting: Sighting, diffuse: light.Diffuse, legs: Indices) 
     if not isinstance(second, Echo):
         return np.zeros(0, dtype=np.int64)
     rows = np.setdiff1d(sighting.usable_pulses, legs)
+    rows, pixel = sighting.pulses_in(rows, diffuse.rows, diffuse.cols)
     table, period = sighting.arrivals, second.period_ps
-    where = table.row[rows].astype(np.int64), table.col[rows].astype(np.int64)
-    pixel = diffuse.at_pixels(*where, sighting.blind.shape)
-    rows, pixel = rows[pixel >= 0], pixel[pixel >= 0]
     late = sighting.arrival_ps[rows, np.newaxis] - diffuse.arrival_ps[pixel] - second.delay_ps
     if period > 0.0:
         late -= period * np.rint(late / period)

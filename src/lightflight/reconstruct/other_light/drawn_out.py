@@ -101,11 +101,8 @@ def own_std_ps(
     Pixels (n,), whose legs' light (n, s) comes at `arrival_ps`; NaN: there is none. `std_ps` is
     that of pulses as they are recorded, where none is found there.
     """
-    arrivals, own = whole.arrivals, whole.usable_pulses
-    place = np.full(whole.blind.shape, -1)
-    place[rows, cols] = np.arange(len(rows))
-    pixel = place[arrivals.row[own], arrivals.col[own]]
-    own, pixel = own[pixel >= 0], pixel[pixel >= 0]
+    arrivals = whole.arrivals
+    own, pixel = whole.pulses_in(whole.usable_pulses, rows, cols)
     gap = np.abs(whole.arrival_ps[own, np.newaxis] - arrival_ps[pixel])
     slot = np.argmin(np.where(np.isnan(gap), np.inf, gap), axis=1)
     at = np.arange(len(own)), slot
