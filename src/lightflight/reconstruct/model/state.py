@@ -306,7 +306,7 @@ class PathState:
             times = times + late_ps(self.vertices_mm, self.glass, medium.path_group_index)
         return times
 
-    def event_times_ps(self, legs: Indices, fraction: Floats, medium: Medium) -> Floats:
+    def event_times_ps(self, legs: Indices | int, fraction: Floats, medium: Medium) -> Floats:
         """When the light is at places of legs (n,), ps."""
         times = self.vertex_times_ps(medium)
         begun = times[self.leg_starts]

@@ -88,7 +88,6 @@ def lit_places(
     """
     camera, picture = fit.solution.cameras[whole.view], fit.pictures[number]
     state, medium = fit.solution.state, fit.solution.medium
-    times = state.vertex_times_ps(medium)
     brightest = float(np.nanmax(whole.arrivals.photons, initial=1.0))
     runs_in = not source_told and not _in_picture(fit.tips[0], camera)
     runs_out = {
@@ -108,8 +107,7 @@ def lit_places(
         strength, beyond = strength_as_seen(of.spline, of.spline_covariance, brightest, along)
         across = np.sqrt(2.0 * np.pi) * of.spot_std_at(along)
         photons = across * strength * np.abs(np.gradient(along))
-        start_ps = times[state.leg_starts[k]]
-        event = start_ps + state.shares_of_way(k, share) * (times[k + 1] - start_ps)
+        event = state.event_times_ps(k, share, medium)
         yield LitPlaces(k, points, row, col, event, photons, beyond)
 
 
