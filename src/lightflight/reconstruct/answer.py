@@ -128,8 +128,7 @@ def _begun_by_one_camera(found: LightPath, request: Request, estimator: Estimato
     if fixed or does_stand(found) or not request.setting.others:
         return found
     for fit in fits_begun_by_one_camera(request):
-        told = _told(fit, request, estimator)
-        path = None if told is None else _judged(*told, request, estimator)
+        path = _judged_fit(fit, request, estimator)
         if path is not None and does_stand(path):
             return path
     return found
@@ -257,8 +256,7 @@ def _detour_or_bend(
     if bent is not None and (
         rival is None or costs_less(bent, rival, request.sightings, request.setting)
     ):
-        told = _told(bent, request, estimator)
-        judged = None if told is None else _judged(*told, request, estimator)
+        judged = _judged_fit(bent, request, estimator)
         if judged is not None and (request.may_bend or does_stand(judged)):
             return judged
     if detour is None or (request.may_bend and not holds_all):
@@ -285,8 +283,7 @@ def _unseen_as_such(
     if request.start is not None or request.setting.told_vertices:
         return None
     open_ended = without_light_unseen(fit, request.sightings, request.setting, request.n_legs)
-    begun = None if open_ended is None else _told(open_ended, request, estimator)
-    path = None if begun is None else _judged(*begun, request, estimator)
+    path = _judged_fit(open_ended, request, estimator)
     return path if path is not None and does_stand(path) else None
 
 
@@ -333,8 +330,7 @@ def _without_images(found: LightPath, request: Request, estimator: Estimator) ->
     except NothingFoundError:
         return None
     fit = fit_without_dim_legs(request.sightings, legs, request.setting)
-    shorter = None if fit is None else _told(fit, request, estimator)
-    path = None if shorter is None else _judged(*shorter, request, estimator)
+    path = _judged_fit(fit, request, estimator)
     return path if path is not None and _passes(path) else None
 
 
@@ -416,6 +412,12 @@ def _told(
         return estimator.of_fit(found, request), found
     except (GeometryError, NothingFoundError):
         return None
+
+
+def _judged_fit(fit: JointFit | None, request: Request, estimator: Estimator) -> LightPath | None:
+    """A fit's path with its verdict; None without a fit, or where its pulses show no path."""
+    told = None if fit is None else _told(fit, request, estimator)
+    return None if told is None else _judged(*told, request, estimator)
 
 
 def _bent(
