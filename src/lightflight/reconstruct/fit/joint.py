@@ -441,7 +441,7 @@ def as_found(
         for o, own in zip(sightings, modes, strict=True)
     ]
     found = replace(
-        setting, camera=solution.camera, others=solution.cameras[1:], medium=solution.medium
+        setting, camera=solution.cameras[0], others=solution.cameras[1:], medium=solution.medium
     )
     return found, corrected
 

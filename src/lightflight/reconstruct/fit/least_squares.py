@@ -162,11 +162,6 @@ class Solution:
     rows: Floats
     columns: Floats
 
-    @property
-    def camera(self) -> Camera:
-        """The first camera."""
-        return self.cameras[0]
-
 
 _Point = tuple[PathState, Floats, Floats]
 """Path, shared clock errors, and shared errors of camera and medium in standard deviations."""

@@ -101,7 +101,7 @@ def residual_table(fit: JointFit, sightings: list[Sighting]) -> NDArray[np.void]
     table = np.zeros(len(times.leg), RESIDUAL_DTYPE)
     print_ = footprints(
         state,
-        camera=solution.camera,
+        camera=solution.cameras[0],
         medium=solution.medium,
         legs=times.leg,
         rows=times.row,
@@ -178,7 +178,7 @@ def path_from_fit(
         solution.state.vertices_mm,
         solution.state.vertex_times_ps(solution.medium),
         whole[:n, :n],
-        camera=solution.camera,
+        camera=solution.cameras[0],
         source=setting.source,
         medium=solution.medium,
         method="joint",
