@@ -23,7 +23,7 @@ def fit_of(sighting_of, index, residual_ps, chi2):
         sighting_of=np.array(sighting_of),
         times=SimpleNamespace(index=np.array(index), weight=np.ones(n), weights=lambda _: 1.0),
         solution=SimpleNamespace(residual_ps=np.array(residual_ps), chi2=chi2),
-        pictures=(),
+        kinks_chi2=0.0,
         floor_ps=0.0,
     )
 
