@@ -10,14 +10,16 @@ none of it.
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import lightflight as lf
 from benchmarks.misfit_labs import recording_of
-from lightflight.errors import LightflightWarning
+from lightflight.errors import LightflightWarning, NothingFoundError
 from lightflight.reconstruct.legs.ghosts import on_surfaces
+from tests.reconstruct.fakes import arrivals_from_columns
 
 STD_PS = 70.0
 PX_PS = 30.0
@@ -101,3 +103,12 @@ def test_a_cavity_that_fills_the_picture_is_a_flight():
 def test_one_row_of_pixels_shows_no_wall():
     places, times = leg((0.0, 0.0), (0.0, 63.0), 0.0, 1.0)
     assert not seen_as(places, times, np.full(len(times), 300.0), (1, 64)).any()
+
+
+def test_where_only_a_wall_shows_the_sentence_says_so():
+    places, times = wall(32, (14.0, 18.0), 8.0, 2_000.0)
+    each = np.ones(len(times))
+    seen = arrivals_from_columns(*places.T, times, 5.0 * each, 300.0 * each, (32, 32))
+    seen = replace(seen, std_ps=STD_PS * each)
+    with pytest.raises(NothingFoundError, match=r"\d+ took no part: they come from all about"):
+        lf.find_legs(seen)

@@ -249,7 +249,8 @@ def find_legs(
     # Ghosts go first: many of them on a line would make a leg.
     flight = ~overshone(points, times, weights, typical_ps)
     pixels = arrivals.row[rows], arrivals.col[rows]
-    flight &= ~on_surfaces(*pixels, arrivals.shape, times, weights, typical_ps)
+    surface = on_surfaces(*pixels, arrivals.shape, times, weights, typical_ps)
+    flight &= ~surface
     if computed_cube:
         flight &= ~on_border(*pixels, arrivals.shape)
     n_pulses = len(rows)
@@ -273,11 +274,21 @@ def find_legs(
     if n_legs is not None:
         legs = _brightest(legs, n_legs, arrivals)
     if not legs:
-        raise NothingFoundError(
-            f"{n_pulses} pixels hold a pulse but no {min_pixels} of them lie on a straight line "
-            "with times that run smoothly along it: mask false pixels, or give a starting path"
-        )
+        raise _no_leg(n_pulses, min_pixels, int(np.count_nonzero(surface)))
     return tuple(legs)
+
+
+def _no_leg(n_pulses: int, min_pixels: int, n_about: int) -> NothingFoundError:
+    """What to say where pulses make no leg; `n_about` of them took no part."""
+    about = (
+        f" ({n_about} took no part: they come from all about at one moment, as light on a wall, a "
+        "leak or a beam ten pixels wide)"
+    )
+    return NothingFoundError(
+        f"{n_pulses} pixels hold a pulse but no {min_pixels} of them lie on a straight line with "
+        f"times that run smoothly along it{about if n_about else ''}: mask false pixels, or give a "
+        "starting path"
+    )
 
 
 def is_flash(leg: ImageLeg, *, std_ps: float) -> bool:
