@@ -14,9 +14,13 @@ the wider), a screen that glows on for 1.5 ns, an image in a curved mirror, neig
 along a code later, background that grows across the picture, a flash where the light ends that
 lights the room, a spot with a comet's tail, a beam of two lobes, a last leg that fans out (behind
 a mirror that shakes, about two axes or one) or leaves the focus, a flat beam, a laser whose pulses
-are wider or narrower than those of the flat. And what is told: the source's place (a share of its
-distance), its emission time, the clock's codes, focal length, pose, a distortion that is not there,
-the index, and a mirrored picture.
+are wider or narrower than those of the flat; a leak of the laser's light that reaches all pixels at
+one moment, a signal at one code of all pixels, counts that stop at a share of the highest, columns
+that lost theirs, a laser that sets out at either of two times. A clock that is another one since it
+was calibrated: half of the array late, columns late by chance, rows late in turn, a bowl. And what
+is told: the source's place (a share of its distance), its emission time, the clock's codes, focal
+length, pose, a distortion that is not there (radial, or of a lens that stands askew), pixels that
+are not square, a picture off its centre, the index, and a mirrored picture.
 
 Printed: every laboratory with its verdict; at the end for each defect and strength how many were
 trusted, checked, contradicted and refused, how many are wrong (number of legs, or a point within a
@@ -65,7 +69,11 @@ from benchmarks.random_labs import (
 )
 
 FAR_STDS = 4.0
-BLIND_TO = {"scale": "clock_scale", "focal": "focal_length", "emission": "clock_offset"}
+BLIND_TO = {
+    "scale": "clock_scale", "focal": "focal_length", "emission": "clock_offset",
+    "half": "calibration", "columns": "calibration", "rolling": "calibration",
+    "bowl": "calibration", "askew": "distortion", "aspect": "focal_length", "off_centre": "pose",
+}  # fmt: skip
 """What the verdict calls a defect, where the names differ."""
 _N_SHAKEN = 8
 """Directions of a beam that shakes."""
@@ -348,6 +356,65 @@ def narrower(lab: Lab, by: float, rng: np.random.Generator) -> tuple[Floats, Tol
     return wider(lab, -by, rng)
 
 
+def leak(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    """Light of the laser that comes to all pixels at once: a share of the brightest pixel's."""
+    light, edges = light_of(lab), lab.edges_ps
+    at = edges[0] + rng.uniform(0.2, 0.8) * (edges[-1] - edges[0])
+    each = np.diff(lab.come(edges - at - lab.delays_ps[..., np.newaxis]), axis=2)
+    return counts_of(lab, light + share * light.sum(axis=2).max() * each), {}
+
+
+def signal(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    """Crosstalk of a trigger: as long as a pulse, at one code whatever a pixel's delay."""
+    counts = counts_of(lab, light_of(lab))
+    at = rng.uniform(lab.edges_ps[lab.n_codes // 5], lab.edges_ps[4 * lab.n_codes // 5])
+    return counts + share * counts.sum(axis=2).max() * np.diff(lab.come(lab.edges_ps - at)), {}
+
+
+def clipped(lab: Lab, share: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    counts = counts_of(lab, light_of(lab))
+    return np.minimum(counts, share * counts.max()), {}
+
+
+def lost_columns(lab: Lab, number: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    counts = counts_of(lab, light_of(lab))
+    first = rng.integers(4, lab.optics.shape[1] - 4)
+    counts[:, first : first + int(number)] = 0.0
+    return counts, {}
+
+
+def two_times(lab: Lab, apart_ps: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    each = [
+        light_of(replace(lab, emission_ps=lab.emission_ps + by))
+        for by in (-0.5 * apart_ps, 0.5 * apart_ps)
+    ]
+    return counts_of(lab, np.mean(each, axis=0)), {}
+
+
+# ---- a clock of another day ------------------------------------------------------------------
+
+
+def _late_by(lab: Lab, more_ps: Floats) -> tuple[Floats, Told]:
+    return counts_of(lab, light_of(replace(lab, delays_ps=lab.delays_ps + more_ps))), {}
+
+
+def half(lab: Lab, by_ps: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    return _late_by(lab, by_ps * (np.arange(lab.optics.shape[1]) >= lab.optics.shape[1] // 2))
+
+
+def columns(lab: Lab, by_ps: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    return _late_by(lab, by_ps * rng.normal(size=lab.optics.shape[1]))
+
+
+def rolling(lab: Lab, by_ps: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    return _late_by(lab, by_ps * np.linspace(-0.5, 0.5, lab.optics.shape[0])[:, np.newaxis])
+
+
+def bowl(lab: Lab, by_ps: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    down, right = (np.linspace(-1.0, 1.0, size) for size in lab.optics.shape)
+    return _late_by(lab, by_ps * (down[:, np.newaxis] ** 2 + right**2))
+
+
 # ---- what is told ----------------------------------------------------------------------------
 
 
@@ -389,6 +456,30 @@ def distortion(lab: Lab, at_corner_px: float, rng: np.random.Generator) -> tuple
     return counts_of(lab, light_of(lab)), {"camera": told}
 
 
+def askew(lab: Lab, at_corner_px: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    half = np.hypot(*lab.optics.shape) / 2.0
+    tangential = at_corner_px / half / (half / lab.optics.focal_px) / 3.0
+    lens = np.array([0.0, 0.0, tangential, 0.0])
+    return counts_of(lab, light_of(lab)), {"camera": replace(camera_of(lab), distortion=lens)}
+
+
+def aspect(lab: Lab, wider: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    return _with_matrix(lab, np.diag([1.0 + wider, 1.0, 1.0]))
+
+
+def off_centre(lab: Lab, px: float, rng: np.random.Generator) -> tuple[Floats, Told]:
+    return _with_matrix(lab, np.array([[1.0, 0.0, px], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]))
+
+
+def _with_matrix(lab: Lab, change: Floats) -> tuple[Floats, Told]:
+    camera = camera_of(lab)
+    matrix = camera.matrix.copy()
+    # The place of the centre stays where pixels are said to be wider.
+    matrix[:2] = change[:2, :2] @ camera.matrix[:2]
+    matrix[:2, 2] = camera.matrix[:2, 2] + change[:2, 2]
+    return counts_of(lab, light_of(lab)), {"camera": replace(camera, matrix=matrix)}
+
+
 def index(lab: Lab, less: float, rng: np.random.Generator) -> tuple[Floats, Told]:
     told = lf.Medium(1.00027 + less, 1.00027 + less)
     return counts_of(lab, light_of(lab)), {"medium": told}
@@ -424,12 +515,24 @@ DEFECTS: dict[str, tuple[Defect, tuple[float, ...]]] = {
     "soft": (soft, (0.7,)),
     "wider": (wider, (0.1, 0.3)),
     "narrower": (narrower, (0.15,)),
+    "leak": (leak, (0.03, 0.3)),
+    "signal": (signal, (0.03, 0.3)),
+    "clipped": (clipped, (0.7, 0.3)),
+    "lost_columns": (lost_columns, (2.0, 6.0)),
+    "two_times": (two_times, (60.0, 150.0)),
+    "half": (half, (15.0, 60.0)),
+    "columns": (columns, (8.0, 30.0)),
+    "rolling": (rolling, (30.0, 100.0)),
+    "bowl": (bowl, (10.0, 40.0)),
     "source": (source, (0.002, 0.01)),
     "emission": (emission, (10.0, 50.0)),
     "scale": (scale, (5e-4, 3e-3)),
     "focal": (focal, (0.005, 0.02)),
     "pose": (pose, (0.1, 0.5)),
     "distortion": (distortion, (0.3, 1.0)),
+    "askew": (askew, (0.3, 1.0)),
+    "aspect": (aspect, (0.003, 0.02)),
+    "off_centre": (off_centre, (0.3, 2.0)),
     "index": (index, (0.002, 0.01)),
     "mirrored": (mirrored, (1.0,)),
 }
