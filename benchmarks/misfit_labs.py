@@ -399,7 +399,8 @@ def _late_by(lab: Lab, more_ps: Floats) -> tuple[Floats, Told]:
 
 
 def half(lab: Lab, by_ps: float, rng: np.random.Generator) -> tuple[Floats, Told]:
-    return _late_by(lab, by_ps * (np.arange(lab.optics.shape[1]) >= lab.optics.shape[1] // 2))
+    right = np.arange(lab.optics.shape[1]) >= lab.optics.shape[1] // 2
+    return _late_by(lab, by_ps * right.astype(np.float64))
 
 
 def columns(lab: Lab, by_ps: float, rng: np.random.Generator) -> tuple[Floats, Told]:

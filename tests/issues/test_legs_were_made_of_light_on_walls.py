@@ -108,7 +108,8 @@ def test_one_row_of_pixels_shows_no_wall():
 def test_where_only_a_wall_shows_the_sentence_says_so():
     places, times = wall(32, (14.0, 18.0), 8.0, 2_000.0)
     each = np.ones(len(times))
-    seen = arrivals_from_columns(*places.T, times, 5.0 * each, 300.0 * each, (32, 32))
+    row, col = places.T
+    seen = arrivals_from_columns(row, col, times, 5.0 * each, 300.0 * each, (32, 32))
     seen = replace(seen, std_ps=STD_PS * each)
     with pytest.raises(NothingFoundError, match=r"\d+ took no part: they come from all about"):
         lf.find_legs(seen)
