@@ -106,7 +106,11 @@ def _second_derivative(s: Floats, times: Floats, errors: Floats) -> tuple[float,
 def _robust_fit(
     design: NDArray[np.floating], times: Floats, errors: Floats
 ) -> tuple[Floats, Floats]:
-    """Coefficients and their covariance; wild pixels are left out."""
+    """Coefficients and their covariance; wild pixels are left out.
+
+    Pixels beside each other across a leg err alike where its light is uneven along it: how far
+    times scatter is asked of single pixels and of those of each pixel along the leg together.
+    """
     weight = weights_from_errors(errors)
     keep = np.ones(len(times), dtype=bool)
     coefficients: NDArray[np.floating] = np.zeros(design.shape[1])
@@ -121,7 +125,12 @@ def _robust_fit(
         spread = std_from_mad(float(np.median(np.abs(residual[keep])))) + 1e-9
         keep = np.abs(residual) < 5 * np.maximum(spread, errors)
     scaled = residual[keep] * weight[keep]
-    inflation = max(1.0, float(np.sum(scaled**2)) / max(1, int(keep.sum()) - design.shape[1]))
+    place = np.unique(np.rint(design[keep, 1]), return_inverse=True)[1]
+    share = weight[keep] / np.sqrt(np.bincount(place, weight[keep] ** 2))[place]
+    together = np.bincount(place, share * scaled)
+    inflation = max(
+        1.0, *(float(z @ z) / max(1, len(z) - design.shape[1]) for z in (scaled, together))
+    )
     rows = design[keep] * weight[keep, np.newaxis]
     # A leg whose kink lies at its very end leaves the design singular.
     return np.asarray(coefficients), np.asarray(np.linalg.pinv(rows.T @ rows) * inflation)
