@@ -166,8 +166,10 @@ def _refuse_copies(recordings: tuple[Path, ...], repeats: list[Histograms]) -> N
 
     from lightflight.errors import ConfigError
 
+    if len(repeats) == 1:
+        return
     known: dict[str, Path] = {}
-    for path, hist in zip(recordings, repeats, strict=True) if len(repeats) > 1 else ():
+    for path, hist in zip(recordings, repeats, strict=True):
         digest = hashlib.sha256(np.ascontiguousarray(hist.counts).data).hexdigest()
         if digest in known and hist.counts.any():
             raise ConfigError(
