@@ -195,6 +195,31 @@ def test_tiles_with_a_calibration_equal_the_whole(job, tmp_path, rng):
     np.testing.assert_allclose(in_tiles(small, shares).vertices_mm, whole.vertices_mm, atol=1e-6)
 
 
+@pytest.mark.usefixtures("unexamined")
+@pytest.mark.filterwarnings("ignore:the background holds pulses")
+def test_tiles_without_the_pulses_of_a_background_equal_the_whole(job, tmp_path, rng):
+    """A leak of 50 photons in each pixel; faint light that only more pixels show there is none."""
+    flight = lf.read(job.recording)
+    pixels = np.repeat(np.arange(256, dtype=flight.pixel.dtype), 50)
+    for name, seen in (("recording", flight), ("background", None)):
+        codes = np.clip(np.rint(rng.normal(30.0, 1.5, len(pixels))), 0, 127)
+        pixel, code = pixels, codes.astype(flight.code.dtype)
+        if seen is not None:
+            pixel, code = np.append(seen.pixel, pixel), np.append(seen.code, code)
+        leaky = replace(flight, pixel=pixel, code=code, n_frames=10**6, frame_starts=None)
+        lf.write(leaky, tmp_path / f"{name}.h5")
+    job = replace(
+        job, recording=str(tmp_path / "recording.h5"), background=str(tmp_path / "background.h5")
+    )
+    whole = whole_path(job)
+    small = replace(job, tile_bytes=3 * 16 * 128 * 4)
+    shares = work.begin(small)
+    assert isinstance(shares, Shares)
+    tiled = in_tiles(small, shares)
+    np.testing.assert_allclose(tiled.vertices_mm, whole.vertices_mm, atol=0.05)
+    assert abs(tiled.goodness.n_pulses - whole.goodness.n_pulses) <= 2
+
+
 def test_a_window_of_the_clock_answers_for_its_pixels_and_codes(rng):
     hist = lf.Histograms(
         rng.integers(0, 9, (4, 3, 20)), bin_width_ps=50.0, laser_period_ps=1000.0,

@@ -30,6 +30,7 @@ def fake_timing(lower, upper, *, period=None, shape=None, flags=None):
         shape=shape,
         laser_period_ps=period,
         response=None,
+        has_flat=True,
         flags=np.zeros(shape, np.uint32) if flags is None else flags,
         phases=np.full((*shape, 1), 1.001),
         check_matches=lambda hist: None,

@@ -55,7 +55,7 @@ CAMPAIGN_KEYS = (
     Key("title", "heading of the summary", config.text),
     Key("lab", "set-up file of the lab; sections of the campaign's own go before it", config.text),
     Key("timing", "calibration of the clock, from `lightflight calibrate`", config.text),
-    Key("background", "recording without the pulse, by the same camera", config.text),
+    Key("background", "recording of the scene without the flight, by the same camera", config.text),
     Key("output", "folder for the results", config.text),
     Key(
         "leg",

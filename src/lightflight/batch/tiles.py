@@ -38,6 +38,8 @@ from lightflight.recording.counting import histogram
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording, SlicedArray
 from lightflight.timing.clock.calibration import TimingCalibration
+from lightflight.timing.clock.code_clock import ClockWithoutCodes
+from lightflight.timing.pulses.background import without_background_pulses
 
 if TYPE_CHECKING:
     from lightflight.timing.clock.code_clock import CodeClock
@@ -169,6 +171,9 @@ def check_tiles(job: Job) -> None:
 
 
 # --- tasks -----------------------------------------------------------------------------------
+
+
+Indices = NDArray[np.int64]
 
 
 @task
@@ -332,18 +337,25 @@ def _pulses_of_tile(
     background = None
     if job.background is not None:
         background = histogram(read_recording(job.background, job.lab), rows=rows, codes=job.codes)
+    cut: dict[str, NDArray[np.generic]] = {}
+    if background is not None:
+        without = without_background_pulses(hist, background, timing, response=timing.response)
+        if without is not None:
+            hist, background, timing = without.emptied(hist), without.emptied(background), without
+            pixel, code = without.codes
+            cut = {"cut_pixel": pixel + rows[0] * hist.shape[1], "cut_code": code}
     if not hist.photons.any():  # dark is a fact: these pixels saw nothing
-        return {"blind": ~timing.is_known}
+        return {"blind": ~timing.is_known, **cut}
     try:
         arrivals = find_arrivals(hist, timing=timing, background=background, response="clock")
     except NothingFoundError:  # hot pixels alone
-        return {"blind": np.ones(hist.shape, dtype=bool)}
+        return {"blind": np.ones(hist.shape, dtype=bool), **cut}
     # A pixel without a pulse is a row of NaN: most of a megapixel, and nothing to keep.
     found = np.isfinite(arrivals.arrival_ps)
     columns = {name: getattr(arrivals, name)[found] for name in _COLUMNS}
     columns["row"] = columns["row"] + np.int32(rows[0])
     names = np.array(list(arrivals.shared_names), dtype=np.str_)
-    return {**columns, "blind": blind_pixels(arrivals, timing), "shared_names": names}
+    return {**columns, **cut, "blind": blind_pixels(arrivals, timing), "shared_names": names}
 
 
 _COLUMNS = (
@@ -372,10 +384,14 @@ def finish_tiles(job: Job, pieces: Sequence[str], tiles_files: Sequence[str]) ->
     tiles = tiles_of(recording, job.codes, job.tile_bytes)
     arrivals, blind = _all_pulses(recording, tiles_files, job.key)
     near = pixels_near(arrivals.row[arrivals.usable], arrivals.col[arrivals.usable], blind.shape)
-    hist = _counts_near(recording, job, tiles, pieces, near)
-    timing = None
+    lost = _lost_codes(tiles_files, job.key)
+    hist = _counts_near(recording, job, tiles, pieces, near, lost)
+    timing: CodeClock | None = None
     if job.timing is not None:
         timing = TimingWindow.of(timing_of(job), codes=job.codes)
+    if len(lost[0]):
+        whole = TimingCalibration.nominal(hist) if timing is None else timing
+        timing = ClockWithoutCodes.of(whole, *lost, hist.n_codes)
     with caught_warnings() as said:
         options = reconstruct_options(job.lab)
         options.pop("method", None)  # `check_tiles` has seen to it that it is joint
@@ -411,6 +427,17 @@ def _all_pulses(
     )
 
 
+def _lost_codes(files: Sequence[str], key: str) -> tuple[Indices, Indices]:
+    """Pixel and code, (n,) each, of those where tiles found pulses of the background."""
+    tables = [kept_arrays(Path(file), TILE_KIND, key) for file in files]
+    none = np.zeros(0, dtype=np.int64)
+    pixel, code = (
+        np.concatenate([none, *(t[name] for t in tables if name in t)])
+        for name in ("cut_pixel", "cut_code")
+    )
+    return pixel, code
+
+
 def _text(value: object) -> str:
     """Text from an array that went through HDF5, as bytes or not."""
     return value.decode("utf-8") if isinstance(value, bytes) else str(value)
@@ -441,10 +468,16 @@ def pixels_near(
 
 
 def _counts_near(
-    recording: Recording, job: Job, tiles: Tiles, pieces: Sequence[str], near: NDArray[np.bool_]
+    recording: Recording,
+    job: Job,
+    tiles: Tiles,
+    pieces: Sequence[str],
+    near: NDArray[np.bool_],
+    lost: tuple[Indices, Indices],
 ) -> Histograms:
     """Histograms of the whole camera that hold the counts of the pixels `near`, and no others.
 
+    Codes that are `lost` (pixel, code) hold none.
     Memory that is never written to is not taken: the cube costs what the pixels cost.
     """
     empty = _empty_window(recording, job.codes)
@@ -464,6 +497,8 @@ def _counts_near(
                 pixels[kept].astype(np.int64) * empty.n_codes + code[start : start + _CHUNK][kept]
             )
             np.add.at(flat, index, 1)
+    pixel, code = (one[near.ravel()[lost[0]]] for one in lost)
+    counts.reshape(-1, empty.n_codes)[pixel, code] = 0
     counts.setflags(write=False)
     return replace(empty, counts=counts, n_frames=recording.n_frames, truth=recording.truth)
 

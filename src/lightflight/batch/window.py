@@ -9,18 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lightflight.errors import CalibrationError
-from lightflight.timing.clock.code_clock import mismatch
+from lightflight.timing.clock.code_clock import ClockView, mismatch
 
 if TYPE_CHECKING:
     from lightflight.recording.histograms import Histograms
     from lightflight.timing.clock.calibration import TimingCalibration
-    from lightflight.timing.clock.response import Response
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class TimingWindow:
+class TimingWindow(ClockView):
     """The clock of some rows and codes of a camera: a `CodeClock`, as its calibration is.
 
     Nothing is copied: pictures of the pixels are views of the calibration's rows. A calibration
@@ -95,16 +94,6 @@ class TimingWindow:
         return absent - self.codes[0] if absent is not None and kept else None
 
     @property
-    def laser_period_ps(self) -> float | None:
-        """Period of the laser, ps; None: one sweep."""
-        return self.timing.laser_period_ps
-
-    @property
-    def bin_width_ps(self) -> float:
-        """Mean width of a plateau code of the whole camera, ps."""
-        return self.timing.bin_width_ps
-
-    @property
     def is_known(self) -> NDArray[np.bool_]:
         """(rows, cols), True where the codes of a pixel have times and it has a delay."""
         return self.timing.is_known[slice(*self.rows)]
@@ -115,6 +104,16 @@ class TimingWindow:
         return self.timing.phases[slice(*self.rows)]
 
     @property
+    def phase_std(self) -> Floats:
+        """(rows, cols, n_phases), standard error of `phases`."""
+        return self.timing.phase_std[slice(*self.rows)]
+
+    @property
+    def misfit_std(self) -> Floats:
+        """(rows, cols), spread of relative code widths that these leave out."""
+        return self.timing.misfit_std[slice(*self.rows)]
+
+    @property
     def skew_ps(self) -> Floats:
         """(rows, cols), delay of each pixel, ps."""
         return self.timing.skew_ps[slice(*self.rows)]
@@ -123,11 +122,6 @@ class TimingWindow:
     def flags(self) -> NDArray[np.uint32]:
         """(rows, cols), see `lightflight.flags`."""
         return self.timing.flags[slice(*self.rows)]
-
-    @property
-    def response(self) -> Response | None:
-        """Shape that pulses on this clock are fitted with; None: a Gaussian."""
-        return self.timing.response
 
     def check_matches(self, hist: Histograms) -> None:
         """Check that a recording is of this window of this clock.

@@ -71,7 +71,8 @@ def reconstruct(
         for each: all clocks count from the same zero (the trigger, or one flat) but for what each
         camera says of its own (`clock_offset_ps`, `clock_offset_std_ps`).
     background : Histograms, optional
-        Recording without the pulse, same clock; enters the likelihood, is not subtracted.
+        Recording of the same scene without the flight, same clock; enters the likelihood, is not
+        subtracted. Codes where it holds pulses itself (a leak, reflections) take no part.
     method : str, optional
         An estimator's name (`reconstruct.estimators.ESTIMATORS`): "paper" (literal baseline),
         "joint" (default), "photon" ...

@@ -25,6 +25,7 @@ from lightflight.reconstruct.other_light.tail import shape_with_tail
 from lightflight.reconstruct.steep_pulses import with_steep_pulses
 from lightflight.timing.clock.calibration import ASSUMED_GAIN_STD, TimingCalibration
 from lightflight.timing.pulses.arrivals import find_arrivals
+from lightflight.timing.pulses.background import without_background_pulses
 from lightflight.timing.pulses.pulses import MOST_PULSES
 from lightflight.timing.pulses.same_camera import check_same_camera
 
@@ -99,7 +100,7 @@ def sighting_from_histograms(
     timing : TimingCalibration or None
         Its calibrated clock; None: nominal codes.
     background : Histograms or None
-        Recording without the pulse, same clock.
+        Recording without the flight, same clock; codes in which it holds pulses take no part.
     exclude_mask : array_like, shape (rows, cols) or None
         True for pixels that take no part.
     least_squares : bool
@@ -119,6 +120,10 @@ def sighting_from_histograms(
         one and no pixel shows a pulse.
     """
     clock = clock_or_nominal(hist, timing)
+    if background is not None and hist.poisson and not least_squares:
+        without = without_background_pulses(hist, background, clock, response=clock.response)
+        if without is not None:
+            hist, background, clock = without.emptied(hist), without.emptied(background), without
     find = partial(
         find_arrivals,
         hist,

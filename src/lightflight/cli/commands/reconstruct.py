@@ -51,7 +51,8 @@ if TYPE_CHECKING:
 @path_option(
     "--background",
     "background_path",
-    help="Recording without the pulse, by the same camera.",
+    help="Recording of the scene without the flight, by the same camera: its rate is that of the "
+    "dark, and codes where it holds pulses (a leak, reflections) take no part.",
 )
 @click.option(
     "--method",

@@ -84,13 +84,9 @@ def as_counted(cells: Cells, columns: Floats) -> Floats:
 
 def width_errors(sighting: Sighting, rows: Indices, cols: Indices, *, nominal: bool) -> Floats:
     """(n,), relative error of the width of one code, as the calibration states it."""
-    timing, squared = sighting.timing, np.zeros(len(rows))
-    phase_std = getattr(timing, "phase_std", None)
-    misfit_std = getattr(timing, "misfit_std", None)
-    if phase_std is not None:
-        squared = squared + np.mean(np.nan_to_num(phase_std[rows, cols]) ** 2, axis=1)
-    if misfit_std is not None:
-        squared = squared + np.nan_to_num(misfit_std[rows, cols]) ** 2
+    timing = sighting.timing
+    squared: Floats = np.mean(np.nan_to_num(timing.phase_std[rows, cols]) ** 2, axis=1)
+    squared = squared + np.nan_to_num(timing.misfit_std[rows, cols]) ** 2
     if nominal:
         squared = squared + ASSUMED_PHASE_STD**2
     return np.sqrt(squared)
@@ -172,9 +168,7 @@ def _cells_of(
     found = np.diff(np.take_along_axis(before, at, axis=1), axis=1)
     # What lies beyond the last code on one lap and before the first on the next is no cell.
     size = np.diff(at, axis=1) * (np.diff(laps, axis=1) == 0.0)
-    # Codes that take no photon leave the same gaps in all pixels.
-    for gap in np.flatnonzero(low[0, 1:] - up[0, :-1] > _GAP_PS):
-        size[(at[:, :-1] <= gap) & (at[:, 1:] > gap + 1)] = 0
+    size[_spans_a_gap(low, up, at)] = 0
     starts = np.take_along_axis(low, np.minimum(at, codes - 1), axis=1)
     seen = np.ones(found.shape)
     # What hides photons of all delays alike is a part of the brightness.
@@ -184,6 +178,26 @@ def _cells_of(
         seen = np.where(size > 0, seen / share.max(axis=1, keepdims=True), 1.0)
     edges = np.where(at < codes, starts, last) + laps - shift
     return edges, found.astype(np.float64), size, seen
+
+
+def _spans_a_gap(low: Floats, up: Floats, at: Indices) -> NDArray[np.bool_]:
+    """(n, m), True for cells over time that no code covers, by codes that take no photon."""
+    gap = low[:, 1:] - up[:, :-1] > _GAP_PS
+    if not gap.any():
+        return np.zeros((len(at), at.shape[1] - 1), dtype=bool)
+    first, end = at[:, :-1], at[:, 1:]
+    # Behind a code that lasts no time the gap is its own; else it lies between two of the cell's.
+    own = _how_many(gap & (up <= low)[:, :-1], first, end)
+    return np.asarray((own > 0) | (_how_many(gap, first, np.maximum(end - 1, 0)) > 0))
+
+
+def _how_many(codes: NDArray[np.bool_], first: Indices, end: Indices) -> Indices:
+    """(n, m), how many of (n, k) codes lie from `first` up to `end`; none where that is earlier."""
+    before = np.zeros((len(codes), codes.shape[1] + 2), dtype=np.int64)
+    np.cumsum(codes, axis=1, out=before[:, 1:-1])
+    before[:, -1] = before[:, -2]
+    here, there = (np.take_along_axis(before, at, axis=1) for at in (first, end))
+    return np.asarray(there - here)
 
 
 def _codes_at(low: Floats, last: Floats, delays: Floats) -> Indices:

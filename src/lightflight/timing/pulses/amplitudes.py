@@ -79,7 +79,7 @@ def _amplitudes(
     live = width > 0.0
     near = np.zeros((*delays.shape, counts.shape[1]), dtype=bool)
     for j in range(delays.shape[1]):
-        offset, std = _the_shorter_way(middle - delays[:, j : j + 1], period), stds[:, j : j + 1]
+        offset, std = the_shorter_way(middle - delays[:, j : j + 1], period), stds[:, j : j + 1]
         near[:, j] = live & (offset > first * std - 0.5 * width)
         near[:, j] &= offset < last * std + 0.5 * width
     inside = np.asarray(near.any(axis=1))
@@ -97,14 +97,16 @@ def _amplitudes(
     share = np.zeros((*delays.shape, order.shape[1]))
     for j in range(delays.shape[1]):
         its, k = np.nonzero(near[row, j, order])
-        offset = _the_shorter_way(middle[its, k] - delays[its, j], period)
+        offset = the_shorter_way(middle[its, k] - delays[its, j], period)
         half, std = 0.5 * width[its, k], stds[its, j]
-        share[its, j, k] = _come((offset + half) / std, table) - _come((offset - half) / std, table)
+        share[its, j, k] = share_before((offset + half) / std, table) - share_before(
+            (offset - half) / std, table
+        )
     photons = _maximum_likelihood(share, above, due, np.isnan(delays))
     return photons, _variance_without(share, due, photons), rate
 
 
-def _come(z: Floats, table: Floats | None) -> Floats:
+def share_before(z: Floats, table: Floats | None) -> Floats:
     """Share of a pulse that came before places (n,), in standard deviations."""
     return np.asarray(ndtr(z) if table is None else np.interp(z, table[0], table[1]))
 
@@ -117,7 +119,7 @@ def _window(table: Floats | None) -> tuple[float, float]:
     return float(table[0, max(first - 1, 0)]), float(table[0, min(last, table.shape[1] - 1)])
 
 
-def _the_shorter_way(offset: Floats, period: float | None) -> Floats:
+def the_shorter_way(offset: Floats, period: float | None) -> Floats:
     """Time differences moved into [-period/2, period/2)."""
     return offset - period * np.floor(offset / period + 0.5) if period else offset
 

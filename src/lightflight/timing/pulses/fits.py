@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-LOG_FALSE_PULSES = math.log(1e4) - 2.0
-"""Threshold of the scan: background alone passes in fewer than one pixel in 10,000 (the scan's
-own bound is 7 times that; tests/recover/test_pulse_recovery.py counts)."""
+FALSE_PULSES = 1e-4
+"""Share of pixels in which background alone passes the scan, at most (the scan's own bound is 7
+times that; tests/recover/test_pulse_recovery.py counts)."""
 
 LOG_FALSE_SECOND = math.log(1e3)
 """Threshold of a further pulse: one in 1,000 pixels that hold a single one."""
@@ -210,8 +210,10 @@ class _Job:
         background: Histograms | None,
         pile_up: PileUp,
         threads: int,
+        by_chance: float = FALSE_PULSES,
     ) -> None:
         self.clock, self.threads = clock, threads
+        self.log_alarms = math.log(1.0 / by_chance) - 2.0
         self.trials = pile_up.trials
         self.dark_counts, self.dark_ratio = np.zeros((2, hist.shape[0] * hist.shape[1]))
         if background is not None:
@@ -278,9 +280,10 @@ def fit_all(
     pile_up: PileUp,
     response: Response | None,
     threads: int,
+    by_chance: float = FALSE_PULSES,
 ) -> Fits:
     """Every pixel's pulses: one each, then more where one does not explain the counts."""
-    job = _Job(hist, clock, background, pile_up, threads)
+    job = _Job(hist, clock, background, pile_up, threads, by_chance)
     model = Model(
         poisson=method == "likelihood" and hist.poisson,
         sampled=method == "least_squares" and hist.poisson,
@@ -331,7 +334,7 @@ def _looked_through(
         rest = np.empty(len(counts), dtype=np.int64)
         search = (
             lower, upper, job.clock.period, wanted[part], job.double_code[part], job.trials[part],
-            job.dark_counts[part], job.dark_ratio[part], LOG_FALSE_PULSES, model.counted, fits,
+            job.dark_counts[part], job.dark_ratio[part], job.log_alarms, model.counted, fits,
             int(part.start), starts, rest, *results,
         )  # fmt: skip
         counts = scannable(counts)

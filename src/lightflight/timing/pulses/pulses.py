@@ -21,6 +21,8 @@ from lightflight.arguments import check_kinds, mask_of_pixels, one_of, whole_num
 from lightflight.display import Card
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.stored import check_photons
+from lightflight.timing.clock.code_clock import ClockWithoutCodes
+from lightflight.timing.pulses.background import without_background_pulses
 from lightflight.timing.pulses.checks import check_fits, flags_of, warn_of_cut_counts
 from lightflight.timing.pulses.common_shape import common_shape, evenly_among, explained_better
 from lightflight.timing.pulses.fits import (
@@ -145,9 +147,10 @@ def fit_pulses(
     max_pulses
         Most pulses to look for in one pixel.
     background
-        A recording of the same scene without the pulses (laser blocked). Its level joins the
-        likelihood of each pixel with its own Poisson error, scaled by the frames of both;
-        nothing is subtracted. Used by "likelihood" only.
+        A recording of the same scene without the flight (laser blocked, or its beam). Its level
+        joins the likelihood of each pixel with its own Poisson error, scaled by the frames of
+        both; nothing is subtracted. Where it holds pulses itself (a leak, a reflection), codes
+        that these reach take no part. Used by "likelihood" only.
     response
         Shape of the pulse: a `Response` (`lightflight.timing.clock.response`), or the counts of a
         measured one, (codes,), on the nominal codes; "clock": that of `timing`, where its flat was
@@ -175,6 +178,11 @@ def fit_pulses(
         recording of another shape, or with unknown frames; counts that something multiplied.
     CalibrationError
         The calibration does not fit the recording, or the camera ran without sync.
+
+    Warns
+    -----
+    SuspectDataWarning
+        Where the background holds pulses.
     """
     check_kinds("hist", hist=hist, timing=timing, background=background)
     _check_options(method, max_pulses, response, threads)
@@ -183,6 +191,14 @@ def fit_pulses(
     if hist.poisson:
         check_sync(hist, everywhere=True)
         check_photons(hist)
+    asked = _response_for(hist, timing, response)
+    is_cut = isinstance(timing, ClockWithoutCodes)
+    if background is not None and method == "likelihood" and hist.poisson and not is_cut:
+        without = without_background_pulses(
+            hist, background, timing, response=asked, threads=threads
+        )
+        if without is not None:
+            hist, background, timing = without.emptied(hist), without.emptied(background), without
 
     def fitted(shape: Response | None, some: NDArray[np.bool_] | None = None) -> Pulses:
         own, checked = (todo, True) if some is None else (some, False)
@@ -190,8 +206,8 @@ def fit_pulses(
             hist, timing, own, method, max_pulses, background, shape, threads, checked=checked
         )
 
-    pulses = fitted(_response_for(hist, timing, response))
-    told = response is not None or not _lacks_a_flat(timing)
+    pulses = fitted(asked)
+    told = response is not None or (timing is not None and timing.has_flat)
     if told or pulses.method != "likelihood":
         return pulses
     shape = common_shape(hist, timing, pulses)
@@ -252,13 +268,6 @@ def _check_options(
             "the least squares of the paper fit Gaussians: leave response out, or take "
             'method="likelihood"'
         )
-
-
-def _lacks_a_flat(timing: CodeClock | None) -> bool:
-    """Whether nothing was told of what a pulse looks like."""
-    from lightflight.timing.clock.calibration import TimingCalibration
-
-    return timing is None or (isinstance(timing, TimingCalibration) and not timing.has_flat)
 
 
 def _response_for(
