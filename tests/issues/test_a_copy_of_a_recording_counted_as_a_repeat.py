@@ -7,6 +7,8 @@ from click.testing import CliRunner
 
 import lightflight as lf
 from lightflight.cli import main
+from tests.oracles.worlds.border import record, what_the_user_tells
+from tests.oracles.worlds.random_worlds import random_world
 
 
 @pytest.mark.parametrize("second", ["one.h5", "copy.h5"])
@@ -17,3 +19,10 @@ def test_the_same_counts_are_refused(second, rng, tmp_path, monkeypatch):
     done = CliRunner().invoke(main, ["reconstruct", "one.h5", second])
     assert done.exit_code == 2
     assert f"{second}: holds the same counts as one.h5: give each recording once" in done.stderr
+
+
+def test_python_refuses_them_too():
+    world = random_world(1, 1, 4_000.0, "known")
+    hist, told = record(world, 1), what_the_user_tells(world)
+    with pytest.raises(ValueError, match="recordings 1 and 3 hold the same counts"):
+        lf.reconstruct([hist, record(world, 2), record(world, 1)], **told)

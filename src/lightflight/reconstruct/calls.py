@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from numbers import Integral, Real
 from typing import TYPE_CHECKING
@@ -53,6 +54,27 @@ def cameras_and_clocks(
             "'photon'"
         )
     return cameras, clocks
+
+
+def first_copy(recordings: Sequence[Histograms]) -> tuple[int, int] | None:
+    """The first recording that holds the counts of an earlier one: that one and it, or None."""
+    known: dict[bytes, int] = {}
+    for k, hist in enumerate(recordings if len(recordings) > 1 else ()):
+        digest = hashlib.sha256(np.ascontiguousarray(hist.counts).data).digest()
+        if digest in known and hist.counts.any():
+            return known[digest], k
+        known[digest] = k
+    return None
+
+
+def refuse_copies(recordings: Sequence[Histograms]) -> None:
+    """Raise ValueError where a recording is given twice: its photons would count twice."""
+    copy = first_copy(recordings)
+    if copy is not None:
+        raise ValueError(
+            f"hist: recordings {copy[0] + 1} and {copy[1] + 1} hold the same counts: give each "
+            "recording once"
+        )
 
 
 def is_whole(number: object) -> bool:

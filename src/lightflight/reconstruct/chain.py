@@ -16,7 +16,12 @@ from lightflight.errors import GeometryError, NothingFoundError, SuspectDataWarn
 from lightflight.flight import Medium, Source
 from lightflight.path.light_path import LightPath
 from lightflight.reconstruct.answer import does_stand, path_from_sightings, warned
-from lightflight.reconstruct.calls import cameras_and_clocks, checked_call, checked_media
+from lightflight.reconstruct.calls import (
+    cameras_and_clocks,
+    checked_call,
+    checked_media,
+    refuse_copies,
+)
 from lightflight.reconstruct.estimators import estimator_named
 from lightflight.reconstruct.model.setting import Setting
 from lightflight.reconstruct.model.shared import freed, freed_names
@@ -102,7 +107,7 @@ def reconstruct(
     Raises
     ------
     ValueError
-        For an unknown method or arguments of the wrong shape.
+        For an unknown method, arguments of the wrong shape, or a recording that is given twice.
     CalibrationError
         Where the time per bin is unknown, the calibration belongs to another camera, or the codes
         run the other way than stated.
@@ -129,6 +134,7 @@ def reconstruct(
         checked_curves(curves, n_legs, begun=start is not None), checked_lengths(lengths, n_legs),
     )  # fmt: skip
     checked_media(setting, method)
+    refuse_copies(repeats)
     told, wanted = clocks[0], freed_names(free)
 
     def seen_with(setting: Setting, clocks: Sequence[CodeClock | None]) -> list[Sighting]:

@@ -160,23 +160,14 @@ def _lab_with_options(
 
 
 def _refuse_copies(recordings: tuple[Path, ...], repeats: list[Histograms]) -> None:
-    """Refuse a recording that is given twice: its photons would count twice."""
-    import hashlib
-
-    import numpy as np
-
+    """Refuse a recording that is given twice, by its name."""
     from lightflight.errors import ConfigError
+    from lightflight.reconstruct.calls import first_copy
 
-    if len(repeats) == 1:
-        return
-    known: dict[str, Path] = {}
-    for path, hist in zip(recordings, repeats, strict=True):
-        digest = hashlib.sha256(np.ascontiguousarray(hist.counts).data).hexdigest()
-        if digest in known and hist.counts.any():
-            raise ConfigError(
-                f"{path}: holds the same counts as {known[digest]}: give each recording once"
-            )
-        known[digest] = path
+    copy = first_copy(repeats)
+    if copy is not None:
+        first, again = (recordings[k] for k in copy)
+        raise ConfigError(f"{again}: holds the same counts as {first}: give each recording once")
 
 
 def _warn_of_other_timing(lab: Lab, timing: TimingCalibration) -> None:
