@@ -65,8 +65,8 @@ Floats = NDArray[np.float64]
 _MOST_BENT = 0.7
 """How much more or less of the variance in a pixel light may make that is not log-linear; as where
 pulses are fitted (`other_light.drawn_out`)."""
-_LEAST_WIDE = 0.3
-"""... and how much of the variance of a pulse is left at least."""
+LEAST_OWN_VARIANCE = 0.3
+"""... and how much of the variance of a pulse is its own at least, whatever flight adds to it."""
 _DARK_LOG = -60.0
 """ln(photons) of a pixel that a leg does not light: far below any, and exp() of it is no zero."""
 
@@ -560,7 +560,7 @@ def _fill_uneven(
     local.arrival_ps[here, k] += uneven.late_ps[here, k] @ modes
     by_photons[:, own], by_time[:, own] = uneven.ln[here, k], uneven.late_ps[here, k]
     before = local.std_ps[here, k] ** 2
-    after = np.maximum(before + uneven.wider_ps2[here, k] @ modes, _LEAST_WIDE * before)
+    after = np.maximum(before + uneven.wider_ps2[here, k] @ modes, LEAST_OWN_VARIANCE * before)
     local.std_ps[here, k] = np.sqrt(after)
     by_std *= (before / after)[:, np.newaxis]
     by_std[:, own] = uneven.wider_ps2[here, k] / (2.0 * after[:, np.newaxis])

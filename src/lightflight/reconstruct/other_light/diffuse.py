@@ -33,6 +33,7 @@ from lightflight.reconstruct.fit.joint import (
 )
 from lightflight.reconstruct.fit.membership import CLAIM_STDS
 from lightflight.reconstruct.model import light
+from lightflight.reconstruct.model.forward import LEAST_OWN_VARIANCE
 from lightflight.reconstruct.model.pulse_shape import shape_of
 from lightflight.reconstruct.model.second_pulse import Echo
 from lightflight.reconstruct.model.setting import Setting
@@ -82,8 +83,6 @@ _MOST_DIM = 0.1
 """Of the brightest pixel's light: none is left out that holds more."""
 _LEAST_SHARE = 0.5
 """A pulse is a leg's where at least this share of the light about it is."""
-_LEAST_OWN = 0.3
-"""Of the variance of a pulse, its own at least: as where all counts are fitted."""
 _STRETCHED = 0.3
 """Of what flight adds to the width of a pulse, its time may be off where it was stretched for it: a
 tail that holds half of the light and lasts three times as long as the core makes 0.23."""
@@ -300,7 +299,7 @@ def _std_as_fitted_ps(known: Known, seen: Seen) -> float:
     own = fitted
     if known.pixels.shape.is_gaussian:
         # Where the beam is wide, and not the lens, flight adds less than is thought.
-        own = np.maximum(fitted - seen.flight_ps[:, 0] ** 2, _LEAST_OWN * fitted)
+        own = np.maximum(fitted - seen.flight_ps[:, 0] ** 2, LEAST_OWN_VARIANCE * fitted)
     return float(np.sqrt(np.median(own)))
 
 
