@@ -14,7 +14,7 @@ from scipy.stats import binom
 import lightflight as lf
 from benchmarks.backgrounds import FRAMES, recorded
 from benchmarks.random_labs import pulls_of, told_of
-from lightflight.errors import CalibrationError, SuspectDataWarning
+from lightflight.errors import CalibrationError, NothingFoundError, SuspectDataWarning
 from lightflight.path.verdict import Level
 from lightflight.reconstruct.model.cells import cells_about, lag_edges
 from lightflight.reconstruct.model.sighting import Sighting, blind_pixels
@@ -45,6 +45,13 @@ def test_it_is_said():
         lf.reconstruct(hist, **told_of(lab))
     with pytest.warns(SuspectDataWarning, match="the background holds pulses in 1152 of 1152"):
         lf.find_arrivals(hist, timing=told_of(lab)["timing"], background=background)
+
+
+@heard
+def test_a_flight_that_was_not_blocked_is_asked_about():
+    lab, hist, _ = recorded("leak", 0.03, 1400)
+    with pytest.raises(NothingFoundError, match="was the flight blocked while the background"):
+        lf.reconstruct(hist, **told_of(lab), background=hist)
 
 
 def test_a_level_changes_nothing():

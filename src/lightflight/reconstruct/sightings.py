@@ -118,8 +118,10 @@ def sighting_from_histograms(
     CalibrationError
         Where the calibration is of another recording, or the codes cover more laser periods than
         one and no pixel shows a pulse.
+    NothingFoundError
+        Where no pixel shows a pulse, but for those of the background.
     """
-    clock = clock_or_nominal(hist, timing)
+    clock, without = clock_or_nominal(hist, timing), None
     if background is not None and hist.poisson and not least_squares:
         without = without_background_pulses(hist, background, clock, response=clock.response)
         if without is not None:
@@ -140,6 +142,11 @@ def sighting_from_histograms(
         else find(max_pulses=MOST_PULSES)
     )
     _check_period(hist, arrivals)
+    if without is not None and not flags.is_usable(arrivals.flags).any():
+        raise NothingFoundError(
+            "no pixel shows a pulse where the background shows none: was the flight blocked while "
+            "the background was recorded?"
+        )
     seen = Sighting(hist, clock, arrivals, arrivals.arrival_ps, blind_pixels(arrivals, clock), view)
     if not least_squares:
         seen = _with_late_light(seen, find, nominal=timing is None)
