@@ -169,7 +169,7 @@ class TestPullsOnTheTwin:
 class TestPullsOnTheOracle:
     """The same lab drawn by another hand: a shared sign or factor cannot cancel."""
 
-    def paths(self, lab: Lab, photons: float, source: lf.Source, timing_of=None, runs=RUNS):
+    def paths(self, lab: Lab, photons: float, source: lf.Source, timing_of=None, seeds=range(RUNS)):
         rng = np.random.default_rng(5)
         return [
             lf.reconstruct(
@@ -178,13 +178,14 @@ class TestPullsOnTheOracle:
                 source=source,
                 timing=lab.timing if timing_of is None else timing_of(rng),
             )
-            for seed in range(runs)
+            for seed in seeds
         ]
 
     def test_bright_leg_reaches_the_bound(self):
-        """64 recordings: the error itself is held against the bound here, to 8.8 % of chance."""
+        """28 recordings: errors are stated as large as the bound, which leaves nothing to chance,
+        and the error itself is as large, to 13.4 % of chance."""
         lab = one_leg()
-        paths = self.paths(lab, 40_000.0, lab.known, runs=64)
+        paths = self.paths(lab, 40_000.0, lab.known, seeds=range(100, 128))
         pulls_of(paths, lab.vertices_mm, lab.truth.vertex_times_ps).check()
         error = np.sqrt(np.mean([(p.legs[0].angle_deg - 5.0) ** 2 for p in paths]))
         bound = bounds(
@@ -194,8 +195,10 @@ class TestPullsOnTheOracle:
             pulse_std_ps=70.0,
             background_per_code=lab.background_per_code,
         )
-        # 8.8 % of chance, twice, about 1; the seeds are fixed.
-        assert 0.82 < error / bound.angle_std_deg[0] < 1.18
+        stated = np.mean([p.legs[0].angle_std_deg for p in paths])
+        assert stated == pytest.approx(bound.angle_std_deg[0], rel=0.05)
+        # 13.4 % of chance, twice, about 1; the seeds are fixed.
+        assert 0.73 < error / bound.angle_std_deg[0] < 1.27
 
     @pytest.mark.long
     def test_shared_scale_error(self):
