@@ -138,7 +138,7 @@ def test_codes_beyond_the_period_are_not_taken_for_dark_time(rng):
 
 
 def test_threads_and_tiles_change_nothing(rng, monkeypatch):
-    hist = pulse_cube(rng, 150, [(rng.uniform(0, PERIOD, 150), 400), (900.0, 200)], 0.3)
+    hist = pulse_cube(rng, 30, [(rng.uniform(0, PERIOD, 30), 400), (900.0, 200)], 0.3)
     whole = fit_pulses(hist)
     assert (np.bincount(whole.col) > 1).any()
     monkeypatch.setattr(fits, "TILE_CODES", 7 * 908)
@@ -371,7 +371,7 @@ def test_image_names_the_missing_column(rng):
         pulses.image("delay")
 
 
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(
     data=st.data(),
     n_codes=st.sampled_from([1, 2, 5, 16, 64]),
