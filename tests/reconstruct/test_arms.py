@@ -7,6 +7,7 @@ table is `benchmarks/splitters.py`.
 from __future__ import annotations
 
 import re
+from functools import cache
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -25,21 +26,21 @@ from tests.oracles.refracted import AIR
 from tests.oracles.refracted_border import camera_told
 from tests.oracles.splitter import seen_apart, splitter_world
 
-CASES = [(300, 0.5), (301, 0.1)]
+HALF = 300, 0.5
+CASES = [HALF, pytest.param(301, 0.1, marks=pytest.mark.long)]
 """Fixed before looking."""
 STRAIGHT = 53_041, 0.1
 """A fit of the light that turns takes what goes straight on for the leg before the splitter."""
 
 
-@pytest.fixture(scope="module")
-def paths() -> dict[tuple[int, float], lf.LightPath]:
-    return {(seed, share): path_of(splitter_world(seed, share=share), seed)
-            for seed, share in CASES}  # fmt: skip
+@cache
+def path_at(seed: int, share: float) -> lf.LightPath:
+    return path_of(splitter_world(seed, share=share), seed)
 
 
 @pytest.mark.parametrize(("seed", "share"), CASES)
-def test_both_arms_are_found_and_trusted(paths, seed, share):
-    path, world = paths[seed, share], splitter_world(seed, share=share)
+def test_both_arms_are_found_and_trusted(seed, share):
+    path, world = path_at(seed, share), splitter_world(seed, share=share)
     assert arms_of(path, world) is not None
     assert path.verdict.level is Level.TRUST
     assert {leg.parent for leg in path.legs} == {None, 0}
@@ -48,18 +49,16 @@ def test_both_arms_are_found_and_trusted(paths, seed, share):
     assert path.vertex_times_ps[fork] == pytest.approx(world.arms[1].emission_time_ps, abs=5.0)
 
 
-def test_they_are_right_in_stated_errors(paths):
-    """Splitter (3 numbers) and the direction of each arm (2), of two recordings: chi-square with
-    14 degrees of freedom, each tail cut at 5e-5; rms pull about 1 +- 0.19."""
-    total = 0.0
-    for (seed, share), path in paths.items():
-        world = splitter_world(seed, share=share)
-        off, covariance = numbers_of(
-            path.vertices_mm, path.covariance, arms_of(path, world), world.vertices_mm
-        )
-        total += float(off @ np.linalg.solve(covariance, off))
-    low, high = chi2.ppf(np.array([5e-5, 1 - 5e-5]), 7 * len(CASES))
-    assert low < total < high
+@pytest.mark.parametrize(("seed", "share"), CASES)
+def test_they_are_right_in_stated_errors(seed, share):
+    """Splitter (3 numbers) and the direction of each arm (2): chi-square with 7 degrees of freedom,
+    each tail cut at 5e-5; rms pull about 1 +- 0.27."""
+    path, world = path_at(seed, share), splitter_world(seed, share=share)
+    off, covariance = numbers_of(
+        path.vertices_mm, path.covariance, arms_of(path, world), world.vertices_mm
+    )
+    low, high = chi2.ppf(np.array([5e-5, 1 - 5e-5]), 7)
+    assert low < off @ np.linalg.solve(covariance, off) < high
 
 
 @pytest.mark.parametrize(
@@ -106,11 +105,11 @@ def test_light_that_goes_straight_on_is_an_arm():
 
 
 @pytest.mark.long
-def test_all_counts_fit_both_arms_at_their_bound(paths):
+def test_all_counts_fit_both_arms_at_their_bound():
     """What `photon` states and what `bounds` says of the true scene are two computations of one
     number; strength and spot along the legs are fitted in one and known in the other. Across arms
     that run between rows of pixels, the width of the spot says where: a third of the error."""
-    seed, share = CASES[0]
+    seed, share = HALF
     world = splitter_world(seed, share=share)
     path = path_of(world, seed, "photon")
     places = arms_of(path, world)
@@ -127,24 +126,27 @@ def test_all_counts_fit_both_arms_at_their_bound(paths):
     assert off @ np.linalg.solve(stated, off) < chi2.ppf(1 - 5e-5, 7)
 
 
-def test_a_start_that_forks_is_fitted_as_it_is(paths):
-    seed, share = CASES[0]
-    path = paths[seed, share]
+def test_a_start_that_forks_is_fitted_as_it_is():
+    seed, share = HALF
+    path = path_at(seed, share)
     again = path_of(splitter_world(seed, share=share), seed, start=path)
     assert again.forks == path.forks
     np.testing.assert_allclose(again.vertices_mm[1], path.vertices_mm[1], atol=0.05)
 
 
 @pytest.mark.long
-def test_legs_are_counted_on_all_branches(paths):
-    seed, share = CASES[0]
-    path = path_of(splitter_world(seed, share=share), seed, n_legs=3)
-    assert path.forks == paths[seed, share].forks
-    np.testing.assert_allclose(path.vertices_mm, paths[seed, share].vertices_mm, atol=0.05)
+def test_legs_are_counted_on_all_branches():
+    seed, share = HALF
+    path, untold = (
+        path_of(splitter_world(seed, share=share), seed, n_legs=3),
+        path_at(seed, share),
+    )
+    assert path.forks == untold.forks
+    np.testing.assert_allclose(path.vertices_mm, untold.vertices_mm, atol=0.05)
 
 
 def test_an_estimator_of_one_way_names_the_arm():
-    seed, share = CASES[0]
+    seed, share = HALF
     world = splitter_world(seed, share=share)
     path = path_of(world, seed, "paper")
     assert path.forks == ()
