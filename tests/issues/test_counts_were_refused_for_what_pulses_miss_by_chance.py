@@ -6,6 +6,8 @@ numbers, and chance.
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,9 @@ import pytest
 import lightflight as lf
 from benchmarks.check_blind_scenes import PHOTONS, Outcome, calibration, drawn_case, judged
 from lightflight.reconstruct.all_counts import photon
+from lightflight.reconstruct.ways import joint
 from tests.oracles.brute_force import expected_counts
+from tests.path_fakes import GOOD, make_path
 
 
 def outcome() -> Outcome:
@@ -54,7 +58,28 @@ def test_all_counts_are_believed_where_chance_explains_what_pulses_miss(farther)
     assert found.rms_mm < 2.0 * found.bound_mm
 
 
+@pytest.mark.parametrize(("more", "believed"), [(42.0, True), (43.0, False)])
+def test_of_fourteen_numbers_chance_explains_42(more, believed, monkeypatch):
+    """A hundred pulses as far from their own best path as they err; once in 10,000 times."""
+    table = np.zeros(100, dtype=[("used", bool), ("residual_ps", float), ("std_ps", float)])
+    table["used"], table["residual_ps"], table["std_ps"] = True, 1.0, 1.0
+    farther = table.copy()
+    farther["residual_ps"] = np.sqrt(1.0 + more / 100.0)
+    own = make_path(residuals=table)
+    counted = make_path(residuals=farther, goodness=replace(GOOD, converged=True))
+    monkeypatch.setattr(joint, "path_of_fit", lambda *_: own)
+    monkeypatch.setattr(joint, "_why_all_counts", lambda *_: "a leg of few pulses")
+    monkeypatch.setattr(photon, "path_of_all_counts", lambda *_: counted)
+    fit: Any = SimpleNamespace(
+        sightings=[SimpleNamespace(histograms=SimpleNamespace(poisson=True))],
+        freedom=SimpleNamespace(labels=("",) * 14),
+    )
+    found = joint.path_of_pulses(fit, SimpleNamespace(setting=None))
+    assert (found is not own) == believed
+
+
 @pytest.mark.usefixtures("unexamined")
+@pytest.mark.long
 def test_they_are_not_where_chance_does_not(farther):
     """A hundred more: the likelihood climbed another hill, and the pulses tell."""
     farther(100.0)
