@@ -19,12 +19,12 @@ pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightW
 @pytest.mark.parametrize(
     ("defect", "share", "seed"),
     [
-        ("second", 0.03, 1000),
+        pytest.param("second", 0.03, 1000, marks=pytest.mark.long),
         pytest.param("wall", 0.1, 904, marks=pytest.mark.long),
         pytest.param("wall", 0.1, 908, marks=pytest.mark.long),
         pytest.param("second", 0.1, 903, marks=pytest.mark.long),
         pytest.param("wall", 0.03, 905, marks=pytest.mark.long),
-        pytest.param("wall", 0.03, 923, marks=pytest.mark.long),
+        ("wall", 0.03, 923),
     ],
 )
 def test_it_is_taken_into_the_fit(defect, share, seed):
