@@ -59,7 +59,7 @@ def test_reading_asks_python_for_nothing_but_to_read(tmp_path, watched):
         assert first["elsewhere"] == [], seed.name
         again = watched.answer(path=str(sound), **told)
         assert (again["outcome"], again["seen"]) == ("read", []), seed.name
-        for _ in range(at_length(1, 5) if seed.isolated else at_length(4, 60)):
+        for _ in range(at_length(1, 5) if seed.isolated else at_length(2, 60)):
             content = fuzz_readers.mutated_file(seed, rng)
             path = fuzz_readers.placed(tmp_path / "now", seed, content)
             if path is not None:
