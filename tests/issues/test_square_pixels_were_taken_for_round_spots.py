@@ -63,6 +63,7 @@ def test_square_pixels_were_taken_for_round_spots(method, seed, n_legs):
     assert mean_square(path, world) < (9.3 if n_legs == 1 else 4.0)
 
 
+@pytest.mark.usefixtures("unexamined")
 def test_the_line_of_a_square_spot_is_not_lost_to_unequal_pixels():
     """What a Gaussian left unexplained was called unequal pixels: corners three times as unsure."""
     world = with_square_pixels(502, 3)

@@ -302,6 +302,7 @@ def test_pf32_is_calibrated_by_its_own_recordings() -> None:
     assert np.std(gap) < 3.0
 
 
+@pytest.mark.usefixtures("unexamined")
 def test_package_reads_undisturbed_worlds() -> None:
     """Nine angles of five worlds, their errors in stated ones; false alarm below 1e-4."""
     pulls = []
