@@ -87,8 +87,8 @@ def test_it_is_told_and_no_contradiction(case):
 
 
 def test_repeats_show_the_same_one():
-    """Four repeats, each fitted by itself in the cells of all."""
-    world = random_world(501, 1).but(second=0.1, second_ps=3_000.0, repeats=4)
+    """Two repeats, each fitted by itself in the cells of both."""
+    world = random_world(501, 1).but(second=0.1, second_ps=3_000.0, repeats=2)
     with pytest.warns(SuspectDataWarning, match="taken into the fit"):
         path = lf.reconstruct(record(world, 501), **what_the_user_tells(world))
     assert abs(path.second_pulse.share - 0.1) < 4.5 * path.second_pulse.share_std
@@ -126,6 +126,7 @@ def test_its_file_holds_it(tmp_path):
     assert lf.LightPath.load(tmp_path / "path.h5").second_pulse == path.second_pulse
 
 
+@pytest.mark.long
 def test_a_mirror_image_is_no_second_pulse():
     """One fixed seed: a wall 60 mm behind with a tenth of the light, whose image is aside."""
     from tests.oracles.worlds.defects import DEFECTS
