@@ -22,8 +22,8 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="processes are looked up
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
 def test_whoever_is_killed_loses_nothing_and_leaves_nothing(tmp_path):
-    """Three kills of two commands; at length 100 of each command that writes, and a table."""
-    words = [f"--kills={at_length(3, 100)}", f"--large-mb={at_length(0, 20)}"]
+    """Two kills of two commands; at length 100 of each command that writes, and a table."""
+    words = [f"--kills={at_length(2, 100)}", f"--large-mb={at_length(0, 20)}"]
     only = ["--only=x.h5 -> out.h5"] if at_length(1, 0) else []
     path = os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, sys.path)])
     done = subprocess.run(
