@@ -83,6 +83,7 @@ def test_a_second_beam_moves_line_and_skewness_as_blind_spots_say(place):
     )
 
 
+@pytest.mark.long
 def test_what_lies_too_near_to_be_seen_is_named_as_such():
     """Laboratory 1061, a tenth of the light 0.5 px beside leg 2: 7.5 stated errors, trusted."""
     _, hist, told = recording_of("ghost", 0.1, 1061)

@@ -48,9 +48,8 @@ def test_no_light_is_missing_where_there_is_none(counts_a_pixel, photons):
     assert abs(score[0]) < 4.5 * np.sqrt(information[0, 0])
 
 
-@pytest.mark.parametrize(
-    "noise", [4, *(pytest.param(noise, marks=pytest.mark.long) for noise in (5, 2))]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("noise", [4, 5, 2])
 def test_a_dim_recording_with_much_background_is_trusted(noise):
     path = path_of(drawn_lab(658), "joint", noise)
     assert path.verdict.level == "trust", path.verdict

@@ -38,6 +38,7 @@ def test_what_is_dropped_is_no_gain():
     assert revise._worth(shorter, better) == 2.0
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
 def test_a_straight_fibre_is_one_leg(data_dir):
     file = data_dir / "lift-fiber" / "lift_derived.h5"

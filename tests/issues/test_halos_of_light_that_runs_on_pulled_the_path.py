@@ -52,6 +52,7 @@ def test_halos_of_light_that_runs_on_pulled_the_path(seed, reach, method):
     assert "taken into the fit" in str(path.verdict.findings[0].sentence)
 
 
+@pytest.mark.long
 def test_spot_and_brightness_trade_along_a_leg_between_two_columns():
     """With one spot for all of it halo and line held each other where they were: 0.07 mm off,
     stated 0.06, contradicted."""

@@ -24,6 +24,7 @@ from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("unexamined")
 def test_three_legs_are_right_within_their_errors():
     """40,000 photons, source and emission known; false alarm 1e-4. Before: 51 mm off."""

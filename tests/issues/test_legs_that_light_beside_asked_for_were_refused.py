@@ -21,10 +21,8 @@ from lightflight.errors import LightflightWarning
 AT_THE_EDGE = "two legs over each other: three of four noises end in a wrong path, contradicted"
 
 
-@pytest.mark.parametrize(
-    "noise",
-    [0, pytest.param(1, marks=[pytest.mark.long, pytest.mark.xfail(reason=AT_THE_EDGE)])],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("noise", [0, pytest.param(1, marks=pytest.mark.xfail(reason=AT_THE_EDGE))])
 def test_three_legs_are_found(noise):
     """Were one leg, contradicted, and three, "check". The chance of a pull above 5: 1e-6 each.
 

@@ -64,6 +64,7 @@ def test_told_that_there_is_one_leg_the_recording_says_no():
     assert "goes on from where the path ends" in path.verdict.findings[0].sentence
 
 
+@pytest.mark.long
 def test_light_that_ends_in_view_has_ended():
     path = path_of(dim_lab(0.0))
     assert path.n_legs == 1

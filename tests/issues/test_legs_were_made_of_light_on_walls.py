@@ -26,13 +26,14 @@ PX_PS = 30.0
 """Light's time across a pixel."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("share", "seed"),
     [
         (0.1, 966),
-        pytest.param(0.1, 965, marks=pytest.mark.long),
-        pytest.param(1.0, 1066, marks=pytest.mark.long),
-        pytest.param(1.0, 1071, marks=pytest.mark.long),
+        (0.1, 965),
+        (1.0, 1066),
+        (1.0, 1071),
     ],
 )
 def test_a_lit_room_makes_no_legs(share, seed):

@@ -13,7 +13,8 @@ from lightflight.reconstruct.model.line_problem import LineData
 from tests.reconstruct.test_lateral import drawn_line, uneven
 
 
-@pytest.mark.parametrize("noise", [0, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("noise", [0, 1])
 def test_a_right_path_is_trusted(noise):
     """Farthest of two places on each leg below 4.5 stated errors (false alarm 1e-4 for all)."""
     lab = drawn_lab(1274)

@@ -7,6 +7,7 @@ was believed of the brightness. An undisturbed recording was "contradicted" with
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import lightflight as lf
 from lightflight.reconstruct.model.lateral import fit_lines
@@ -35,6 +36,7 @@ def test_a_line_seen_from_one_side_stays_as_bright_as_its_pixels(rng):
         assert fit.spline.c.max() < 17.0
 
 
+@pytest.mark.long
 def test_an_undisturbed_recording_was_contradicted():
     scene = scene_of(212)
     hist = lf.simulate(scene, photons_per_pixel=40_000, seed=212)
