@@ -10,7 +10,7 @@ import pytest
 from benchmarks.random_labs import drawn_lab, path_of, pulls_of
 
 
-@pytest.mark.parametrize("noise", [0, 3])
+@pytest.mark.parametrize("noise", [0, pytest.param(3, marks=pytest.mark.long)])
 def test_one_leg_is_found(noise):
     """Farthest of two places below 4.5 stated errors (false alarm 3e-5 for both)."""
     lab = drawn_lab(1283)

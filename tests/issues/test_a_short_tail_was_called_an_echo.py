@@ -16,7 +16,7 @@ import lightflight as lf
 from benchmarks.random_labs import camera_of, drawn_lab, expected_counts, histograms, source_of
 
 
-@pytest.mark.parametrize("seed", [1158, 1202])
+@pytest.mark.parametrize("seed", [pytest.param(1158, marks=pytest.mark.long), 1202])
 def test_it_is_a_tail_that_the_fit_has_taken_up(seed):
     """Three legs each; tails of 61 and 66 ps, half of the light, pulses of 95 and 99 ps."""
     lab = drawn_lab(seed)

@@ -16,7 +16,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightW
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed"), [("folded", 1), ("folded", 3), ("board", 2), ("board", 4)]
+    ("kind", "seed"),
+    [("folded", 1), ("folded", 3), pytest.param("board", 2, marks=pytest.mark.long), ("board", 4)],
 )
 def test_times_are_within_their_errors(kind, seed):
     """Before: 3 and 30 ps off, 100 and 1,000 stated errors, by the boards; `folded` stated 25 ps.

@@ -43,7 +43,11 @@ def along_the_line_of_sight(seed):
 
 @pytest.mark.parametrize(
     ("seed", "n_legs"),
-    [(0, None), *(pytest.param(n, 3, marks=pytest.mark.long) for n in (1, 2)), (13, 3)],
+    [
+        pytest.param(0, None, marks=pytest.mark.long),
+        *(pytest.param(n, 3, marks=pytest.mark.long) for n in (1, 2)),
+        (13, 3),
+    ],
 )
 def test_a_leg_along_the_line_of_sight_is_right_or_named(seed, n_legs):
     """It was once 110 mm off, stated 0.08. Where three legs are told and two show, all counts may

@@ -11,7 +11,7 @@ from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
-@pytest.mark.parametrize("strength", [1, 2])
+@pytest.mark.parametrize("strength", [pytest.param(1, marks=pytest.mark.long), 2])
 def test_haze_is_named_and_contradicts_nothing(strength):
     """A fifth of the light, and half of it, are taken into the fit; one recording each."""
     defect = "haze_500ps"

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightW
     "seed",
     [
         888,
-        958,
+        pytest.param(958, marks=pytest.mark.long),
         pytest.param(710, marks=pytest.mark.long),
         pytest.param(855, marks=pytest.mark.long),
     ],

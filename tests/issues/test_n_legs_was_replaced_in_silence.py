@@ -8,7 +8,7 @@ from tests.labs import one_leg
 
 
 @pytest.mark.usefixtures("unexamined")
-@pytest.mark.parametrize("n_legs", [2, 3])
+@pytest.mark.parametrize("n_legs", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_more_than_show_is_kept_or_refused(n_legs):
     lab = one_leg()
     hist = lab.recording(3, 4000.0)

@@ -8,7 +8,15 @@ from lightflight.simulate.presets import angle_scene, ideal
 PERIOD_PS = 50_000.0
 
 
-@pytest.fixture(scope="module", params=[0.0, 300.0, 2_000.0, 47_000.0, 48_900.0])
+@pytest.fixture(
+    scope="module",
+    params=[
+        0.0,
+        *(pytest.param(ps, marks=pytest.mark.long) for ps in (300.0, 2_000.0)),
+        47_000.0,
+        48_900.0,
+    ],
+)
 def recorded(request):
     """One leg that starts anywhere in the laser's period; late ones are seen in the next."""
     scene = angle_scene(8.0, detector=ideal(), true_emission_time_ps=request.param)

@@ -28,7 +28,7 @@ def path_of(lab, timing, method):
     "field",
     ["skew_ps", *(pytest.param(f, marks=pytest.mark.long) for f in ("gain", "phases", "end_code"))],
 )
-@pytest.mark.parametrize("flag", [0, flags.UNCALIBRATED])
+@pytest.mark.parametrize("flag", [0, pytest.param(flags.UNCALIBRATED, marks=pytest.mark.long)])
 def test_the_others_tell_the_path(lab, method, field, flag):
     """16 pixels of the first leg's line and beside it: the path stays within its errors."""
     if (method, flag) == ("photon", 0) and field != "skew_ps":

@@ -53,7 +53,8 @@ def scene_of(seed):
         0,  # refused when told
         pytest.param(9, marks=pytest.mark.long),  # another number than told, or another path
         pytest.param(3, marks=pytest.mark.long),  # of 96 x 96 pixels
-        10,  # a first leg of 7 pixels, whose light the second one took
+        # A first leg of 7 pixels, whose light the second one took.
+        pytest.param(10, marks=pytest.mark.long),
         # A first leg of 4 pixels, found as one with the second.
         pytest.param(44, marks=pytest.mark.long),
         pytest.param(53, marks=pytest.mark.long),  # one leg found as two that lie in line

@@ -161,7 +161,9 @@ class TestWhatTheDataSay:
         with pytest.raises(CalibrationError, match=r"run backwards.*reversed_codes=True"):
             call(lab, said, source=source, timing=timing)
 
-    @pytest.mark.parametrize("angle", [-60.0, -30.0, 0.0, 30.0])
+    @pytest.mark.parametrize(
+        "angle", [-60.0, pytest.param(-30.0, marks=pytest.mark.long), 0.0, 30.0]
+    )
     # Of the steep leg no pixel's counts can be tested.
     @pytest.mark.filterwarnings("ignore:check this path .*were not looked for")
     def test_backwards_at_any_angle(self, angle):

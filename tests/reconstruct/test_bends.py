@@ -215,7 +215,9 @@ def rough_start(scene: BentScene, call: dict[str, Any], seed: int) -> lf.LightPa
 
 
 class TestFits:
-    @pytest.mark.parametrize(("way", "sagitta"), [("picture", 20.0), ("depth", 5.0)])
+    @pytest.mark.parametrize(
+        ("way", "sagitta"), [pytest.param("picture", 20.0, marks=pytest.mark.long), ("depth", 5.0)]
+    )
     def test_errors_and_stated_errors_reach_the_bound_of_the_true_curve(self, way, sagitta):
         """Two recordings of one leg: false alarm 1e-4 for pulls; stated to 5 % of the bound."""
         scene = bent_scene(legs=1, sagitta_mm=sagitta, way=way)
@@ -272,7 +274,9 @@ class TestFits:
         total, dof = squared_pulls(free, scene)
         assert total < chi2.ppf(1.0 - 1e-4, dof)
 
-    @pytest.mark.parametrize(("way", "sagitta"), [("picture", 20.0), ("depth", 5.0)])
+    @pytest.mark.parametrize(
+        ("way", "sagitta"), [("picture", 20.0), pytest.param("depth", 5.0, marks=pytest.mark.long)]
+    )
     def test_bounds_of_a_bent_path_are_those_of_the_oracle(self, way, sagitta):
         scene = bent_scene(legs=1, sagitta_mm=sagitta, way=way)
         call = what_the_user_tells(scene, histograms(scene, 0))

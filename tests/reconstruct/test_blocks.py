@@ -100,7 +100,7 @@ def test_a_block_told_too_thin_is_named_block():
     assert path.verdict.findings[0].name == "block"
 
 
-@pytest.mark.parametrize("method", ["joint", "photon"])
+@pytest.mark.parametrize("method", [pytest.param("joint", marks=pytest.mark.long), "photon"])
 def test_nothing_known_of_the_source(method):
     scene = block_world(0.0, 25.0)
     hist = histograms(scene, 81)

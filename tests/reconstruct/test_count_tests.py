@@ -173,7 +173,10 @@ class TestPixels:
 
 
 class TestScore:
-    @pytest.mark.parametrize(("photons", "background"), [(4e4, 0.02), (300.0, 2e-4), (30.0, 2e-4)])
+    @pytest.mark.parametrize(
+        ("photons", "background"),
+        [(4e4, 0.02), pytest.param(300.0, 2e-4, marks=pytest.mark.long), (30.0, 2e-4)],
+    )
     def test_chi2_is_one_where_all_is_well(self, photons, background):
         """p-values of 300 tables are uniform: Kolmogorov-Smirnov at 1e-4."""
         rng = np.random.default_rng(11)
@@ -276,7 +279,7 @@ class TestCauses:
 
 class TestJudge:
     def test_times_and_light_are_independent(self):
-        """p-values of a family of two kinds of data are uniform (1e-3, 400 draws)."""
+        """p-values of a family of two kinds of data are uniform (1e-3, 200 draws)."""
         rng = np.random.default_rng(21)
         columns = np.linalg.qr(rng.normal(size=(6, 4)))[0]
 
@@ -287,14 +290,16 @@ class TestJudge:
             )
 
         found = []
-        for _ in range(400):
+        for _ in range(200):
             times, counts = rng.normal(size=(2, 6))
             tests = [one(times, k, "pulses") for k in range(4)]
             tests += [one(counts, k, LIGHT) for k in range(4)]
             found.append(family_p_value(tests))
         assert kstest(found, "uniform").pvalue > 1e-3
 
-    @pytest.mark.parametrize("silent_below", [0.0, 4.0, 100.0])
+    @pytest.mark.parametrize(
+        "silent_below", [pytest.param(0.0, marks=pytest.mark.long), 4.0, 100.0]
+    )
     def test_silent_tests_take_no_share_of_the_budget(self, silent_below):
         """4 tests of times beside 20 of light that speak from some size on: uniform (1e-3).
 
@@ -421,7 +426,7 @@ def test_no_recording_raises(what):
     assert examined == (verdict.n_tests > 20)
 
 
-@pytest.mark.parametrize("haze", [0.0, 0.1])
+@pytest.mark.parametrize("haze", [pytest.param(0.0, marks=pytest.mark.long), 0.1])
 def test_another_camera_may_see_light_beyond_the_path(haze):
     """A path ends where the first view does: what a second one sees of it there is no halo."""
     world = random_world(3, 1, 40_000.0).but(haze=haze)

@@ -132,7 +132,7 @@ class TestFits:
     @pytest.mark.parametrize(
         ("way", "errors", "source_known"),
         [
-            ("depth", {"std_mm": 0.3}, True),
+            pytest.param("depth", {"std_mm": 0.3}, True, marks=pytest.mark.long),
             ("depth", {"std_mm": 0.3, "shift_mm": 1.0, "turn_deg": 2.0}, False),
             ("picture", {"std_mm": 0.05}, False),
         ],

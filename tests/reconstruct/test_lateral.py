@@ -183,7 +183,7 @@ class TestRecovery:
         assert np.abs(np.mean(pulls)) < 0.35
         assert 0.75 < np.std(pulls) < 1.25
 
-    @pytest.mark.parametrize("unequal", [0.03, 0.1])
+    @pytest.mark.parametrize("unequal", [0.03, pytest.param(0.1, marks=pytest.mark.long)])
     def test_unequal_pixels_are_weighed_by_what_they_are(self, rng, unequal):
         """Efficiencies drawn anew for each of 100 lines of 40,000 photons; pulls as above."""
         pulls, found, dense = [], [], 0

@@ -39,7 +39,9 @@ def found(scenes, seed, *, offsets=(0.0, 0.0), std_ps=0.0, **options):
 
 
 class TestLegsThatOneCameraSees:
-    @pytest.mark.parametrize("turned", [False, True], ids=["as told", "turned"])
+    @pytest.mark.parametrize(
+        "turned", [False, pytest.param(True, marks=pytest.mark.long)], ids=["as told", "turned"]
+    )
     @pytest.mark.parametrize("scenes_of", [several_views.parted, several_views.beside])
     def test_errors_are_those_stated(self, scenes_of, turned, unexamined):
         """Squared distance of both corners from the truth by the stated covariance: chi-square of
@@ -116,7 +118,7 @@ class TestClocksThatAreApart:
 
     def test_a_wrong_one_is_named(self):
         """20 ps on a clock told as exact: many sigmas, so that chance plays no part."""
-        scenes = several_views.parted(photons=4_000.0)
+        scenes = several_views.parted(photons=1_000.0)
         with pytest.warns(SuspectDataWarning, match="clock of camera 2"):
             path = found(scenes, 87, offsets=(0.0, 20.0))
         assert path.verdict.level is Level.CONTRADICTED

@@ -171,7 +171,7 @@ class TestEveryCount:
         np.testing.assert_array_equal(alone_by_photon.covariance, plain.covariance)
 
     def test_a_second_camera_that_sees_nothing_changes_little(
-        self, scenes, timing, alone_by_photon
+        self, scenes, timing, alone_by_photon, as_found
     ):
         """Twelve photons in its brightest pixel: the first camera's path, and its errors."""
         recordings = [

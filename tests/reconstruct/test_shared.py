@@ -183,7 +183,10 @@ def squared_pull(world: World, path: lf.LightPath) -> tuple[float, int]:
     return float(off @ np.linalg.solve(covariance, off)), len(off)
 
 
-@pytest.mark.parametrize(("method", "seeds"), [("joint", 2), ("photon", 1)])
+@pytest.mark.parametrize(
+    ("method", "seeds"),
+    [("joint", 1), pytest.param("joint", 2, marks=pytest.mark.long), ("photon", 1)],
+)
 def test_errors_drawn_from_what_is_told_are_the_errors_stated(method, seeds):
     """Pose, focal length, distortion, index, offset and code length of the oracle; 1,000 of them:
     benchmarks/shared_errors.py. Right code fails once in ten thousand draws of these seeds."""
@@ -238,7 +241,7 @@ def test_only_what_has_a_plausible_size_is_freed():
 
 
 @pytest.mark.usefixtures("unexamined")
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.long), 3])
 def test_a_price_is_what_the_path_pays(seed):
     """The source told 1 mm off in the direction that is said to be the dearest: so much that the
     fit no longer believes its times, which costs up to four times what small errors promise."""

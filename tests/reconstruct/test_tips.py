@@ -53,7 +53,7 @@ def steep_paths(angle_deg, method, seeds):
         pytest.param(60.0, "joint", marks=pytest.mark.long),
         (80.0, "joint"),
         pytest.param(-80.0, "photon", marks=pytest.mark.long),
-        (-60.0, "photon"),
+        pytest.param(-60.0, "photon", marks=pytest.mark.long),
         pytest.param(60.0, "photon", marks=pytest.mark.long),
         (80.0, "photon"),
     ],

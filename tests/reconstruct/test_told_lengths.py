@@ -176,7 +176,11 @@ def test_it_halves_the_error_of_the_index_and_all_counts_agree():
     ("told", "words"),
     [
         ({"lengths": [(1, 378.955, 0.1)]}, "the told length of leg 2 is off by 1"),
-        ({"waypoints": [(1, (375.0, 25.0, 51.0), 0.1)]}, "the told place of vertex 1 in z"),
+        pytest.param(
+            {"waypoints": [(1, (375.0, 25.0, 51.0), 0.1)]},
+            "the told place of vertex 1 in z",
+            marks=pytest.mark.long,
+        ),
     ],
     ids=["length", "waypoint"],
 )

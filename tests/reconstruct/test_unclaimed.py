@@ -57,7 +57,9 @@ def test_without_a_second_look_a_leg_is_missed(monkeypatch):
 
 @pytest.mark.filterwarnings("ignore:the recording contradicts")  # the screw does
 @pytest.mark.filterwarnings("ignore:check this path")
-@pytest.mark.parametrize("code", [60, pytest.param(140, marks=pytest.mark.long), 230])
+@pytest.mark.parametrize(
+    "code", [60, *(pytest.param(code, marks=pytest.mark.long) for code in (140, 230))]
+)
 def test_a_shiny_screw_is_no_leg(code):
     """Light beside the path that no flight can join: 12 pixels that flash at one time."""
     scene = paper_scene(detector=ideal(psf_std_px=0.35))

@@ -62,8 +62,11 @@ CELLS: dict[str, tuple[RefractedScene, dict[str, Any], Freedom | None]] = {
 @pytest.mark.parametrize(
     ("method", "cell"),
     [
-        *(("joint", cell) for cell in ("tank, one leg", "tank, tilted", "index")),
-        *(pytest.param("joint", cell, marks=pytest.mark.long) for cell in ("window", "distance")),
+        *(("joint", cell) for cell in ("tank, one leg", "tank, tilted")),
+        *(
+            pytest.param("joint", cell, marks=pytest.mark.long)
+            for cell in ("window", "index", "distance")
+        ),
         ("photon", "tank, one leg"),
     ],
 )
