@@ -139,9 +139,11 @@ def without_verdict(patch: pytest.MonkeyPatch) -> None:
 @cache
 def known_path(lab: Lab, method: str) -> LightPath:
     """Of a lab's recording 1, all else told exactly: made once, for tests that only read it."""
-    return reconstruct(
+    path = reconstruct(
         lab.recording(1), camera=lab.camera, source=lab.known, timing=lab.timing, method=method
     )
+    assert path.verdict.n_tests, "made without a verdict, which others read"
+    return path
 
 
 def fit_from_truth(lab: Lab, hist: Histograms) -> tuple[JointFit, Sighting, Setting]:

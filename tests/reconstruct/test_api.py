@@ -239,6 +239,7 @@ class TestWhatTheDataSay:
             call(lab)
 
 
+@pytest.mark.usefixtures("unexamined", "nothing_twice")
 class TestOptionsArrive:
     def test_repeats_as_tuple_or_list(self):
         lab = one_leg()

@@ -62,12 +62,14 @@ class TestFinds:
         assert path.n_legs == 2
         assert np.linalg.norm(path.vertices_mm[1] - lab.vertices_mm[1]) < 0.25
 
+    @pytest.mark.usefixtures("unexamined", "nothing_twice")
     def test_emission_time_fitted(self):
         path = joint(three_legs(), source=three_legs().timed)
         assert path.emission_time_ps == pytest.approx(START_PS, abs=1.5)
         assert path.prior == "source known, emission time fitted"
         assert path_error(path, three_legs().truth, three_legs().camera).position_rms_mm < 0.4
 
+    @pytest.mark.usefixtures("unexamined", "nothing_twice")
     def test_nothing_known(self):
         """Blind: entry, exit and mirrors come from the times alone, a few millimetres off."""
         path = joint(three_legs(), source=Source())
@@ -193,6 +195,7 @@ class TestSays:
         assert path.legs[0].angle_std_deg > 1.5 * joint(lab).legs[0].angle_std_deg
 
 
+@pytest.mark.usefixtures("unexamined", "nothing_twice")
 class TestOptions:
     def test_repeats_are_fitted_together(self):
         lab = one_leg()
@@ -325,6 +328,7 @@ class TestTrouble:
             joint(lab, exclude_mask=mask, source=Source(), start=lab.truth)
 
 
+@pytest.mark.usefixtures("unexamined", "nothing_twice")
 class TestSharedErrors:
     """Errors of a whole recording, larger than the gate that tells pulses from outliers."""
 

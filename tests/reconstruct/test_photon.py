@@ -134,6 +134,7 @@ class TestSays:
         assert triple.goodness.n_pulses >= len(np.unique(table["col"][used]))
 
 
+@pytest.mark.usefixtures("unexamined", "nothing_twice")
 class TestOptions:
     def test_repeats_add_up(self):
         lab = one_leg()
@@ -209,6 +210,7 @@ class TestOptions:
         assert abs(off) < 0.03 * plain.legs[0].angle_std_deg
 
 
+@pytest.mark.usefixtures("nothing_twice")
 class TestCamera:
     """What the camera does to the pulse: its shape, and photons hidden by earlier ones."""
 

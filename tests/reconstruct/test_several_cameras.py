@@ -12,7 +12,7 @@ from lightflight.simulate.presets import ideal, paper_scene
 from tests.oracles import several_views
 from tests.oracles.refracted_bound import bound, emission_freedom
 
-pytestmark = pytest.mark.usefixtures("unexamined")
+pytestmark = pytest.mark.usefixtures("unexamined", "nothing_twice")
 
 PHOTONS = 2_000.0
 N_RUNS = 3

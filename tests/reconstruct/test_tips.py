@@ -10,7 +10,7 @@ from lightflight.simulate import Scene
 from lightflight.simulate.presets import ideal
 
 # The verdict only says that its tests do not hold where light begins or stops in the picture.
-pytestmark = pytest.mark.usefixtures("unexamined")
+pytestmark = pytest.mark.usefixtures("unexamined", "nothing_twice")
 N_RUNS = 3
 CAMERA = lf.Camera.facing_plane()
 
