@@ -56,9 +56,9 @@ def unexamined(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def nothing_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     """No mirror and no second pulse is looked for: where all else errs by nothing but the model."""
-    from lightflight.reconstruct.other_light import diffuse
+    from tests.labs import without_second_light
 
-    monkeypatch.setattr(diffuse, "with_second", lambda asked, *_, **__: asked.strengths())
+    without_second_light(monkeypatch)
 
 
 @pytest.fixture

@@ -136,6 +136,12 @@ def without_verdict(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(answer, "examined", lambda path, *_, **__: path)
 
 
+def without_second_light(patch: pytest.MonkeyPatch) -> None:
+    """What the fixture `nothing_twice` does, for fixtures of a module."""
+    diffuse = importlib.import_module("lightflight.reconstruct.other_light.diffuse")
+    patch.setattr(diffuse, "with_second", lambda asked, *_, **__: asked.strengths())
+
+
 @cache
 def known_path(lab: Lab, method: str) -> LightPath:
     """Of a lab's recording 1, all else told exactly: made once, for tests that only read it."""

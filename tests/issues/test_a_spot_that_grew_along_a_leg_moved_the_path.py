@@ -17,7 +17,7 @@ import lightflight as lf
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.random_worlds import random_world
 
-pytestmark = pytest.mark.usefixtures("unexamined")
+pytestmark = pytest.mark.usefixtures("unexamined", "nothing_twice")
 
 
 def tilted(world):

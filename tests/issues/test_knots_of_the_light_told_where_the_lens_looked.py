@@ -10,6 +10,7 @@ import warnings
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.stats import chi2
 
 import lightflight as lf
@@ -23,6 +24,7 @@ SKEW_PS = 4.0
 FALSE_ALARM = 1e-4
 
 
+@pytest.mark.usefixtures("unexamined", "nothing_twice")
 def test_knots_of_the_light_told_where_the_lens_looked():
     """Six numbers of two corners, whitened; the world is off by one draw of what is stated."""
     seed = 43

@@ -16,6 +16,7 @@ from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.random_worlds import random_world
 
 
+@pytest.mark.usefixtures("unexamined", "nothing_twice")
 @pytest.mark.parametrize("as_path", [pytest.param(False, marks=pytest.mark.long), True])
 def test_a_rough_start_ends_where_the_search_ends(as_path):
     world = random_world(0, 3, prior="known", uneven=0.0)

@@ -25,6 +25,7 @@ def recorded(seed):
     return world, record(world, seed)
 
 
+@pytest.mark.usefixtures("unexamined", "nothing_twice")
 @pytest.mark.filterwarnings("ignore:check this path")
 @pytest.mark.parametrize("method", ["joint", pytest.param("photon", marks=pytest.mark.long)])
 def test_unequal_pixels_made_lines_too_sure(method):

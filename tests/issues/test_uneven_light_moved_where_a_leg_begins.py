@@ -14,6 +14,7 @@ pytestmark = [
 ]
 
 
+@pytest.mark.usefixtures("unexamined", "nothing_twice")
 def test_it_is_where_it_was():
     """4.7 before, 1.9 now; a normal number is beyond 4 in one of 16,000."""
     lab = drawn_lab(573)

@@ -354,10 +354,10 @@ def verdict_of(*world, method="joint", **others):
     ("defect", "n_legs", "strength", "method", "name"),
     [
         ("haze_500ps", 1, 1, "joint", "haze"),
-        ("haze_500ps", 1, 0, "photon", "haze"),
+        pytest.param("haze_500ps", 1, 0, "photon", "haze", marks=pytest.mark.long),
         pytest.param("haze_150ps", 1, 0, "joint", "haze", marks=pytest.mark.long),
         ("response_long_tail", 1, 0, "joint", "shape"),
-        ("prompt_halo_8px", 1, 1, "joint", "halo"),
+        pytest.param("prompt_halo_8px", 1, 1, "joint", "halo", marks=pytest.mark.long),
         ("veiling_glare", 1, 1, "photon", "glare"),
         pytest.param("pulse_echo_300ps", 1, 0, "joint", "other_pulse", marks=pytest.mark.long),
         pytest.param("glint", 3, 1, "joint", "unexplained_light", marks=pytest.mark.long),

@@ -9,10 +9,19 @@ from lightflight.reconstruct.all_counts.climb import order_of
 from lightflight.reconstruct.limits.planning import moved_to
 from lightflight.reconstruct.model.unknowns import Layout
 from lightflight.simulate.presets import ideal, paper_scene
+from tests.labs import without_second_light, without_verdict
 from tests.oracles import several_views
 from tests.oracles.refracted_bound import bound, emission_freedom
 
-pytestmark = pytest.mark.usefixtures("unexamined", "nothing_twice")
+
+@pytest.fixture(scope="module", autouse=True)
+def nothing_but_paths():
+    """Neither verdicts nor second light: not for the fixtures of the module either."""
+    with pytest.MonkeyPatch.context() as patch:
+        without_verdict(patch)
+        without_second_light(patch)
+        yield
+
 
 PHOTONS = 2_000.0
 N_RUNS = 3

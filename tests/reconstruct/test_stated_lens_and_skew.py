@@ -39,6 +39,7 @@ def drawn(seed: int):
     return world, told | {"camera": camera, "timing": timing, "n_legs": 3}
 
 
+@pytest.mark.usefixtures("unexamined", "nothing_twice")
 @pytest.mark.parametrize("method", ["joint", pytest.param("photon", marks=pytest.mark.long)])
 def test_errors_hold_what_was_drawn(method):
     """Two recordings, the six numbers of their corners whitened: 12 degrees of freedom."""
