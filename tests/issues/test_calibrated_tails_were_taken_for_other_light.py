@@ -19,6 +19,7 @@ from tests.oracles.worlds.random_worlds import random_world
 SHARE, WAIT_PS = 0.3, 200.0
 
 
+@pytest.mark.usefixtures("as_found")
 @pytest.mark.parametrize("told", [True, False])
 def test_the_shape_of_the_flat_is_that_of_the_pulses(told):
     """Pulses are placed by their mean, as the flat places them: the tail moves no time.

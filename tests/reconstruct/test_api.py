@@ -194,6 +194,7 @@ class TestWhatTheDataSay:
 
     # The paper's errors do not reach to the path of all pulses: that is said, and no fault here.
     @pytest.mark.filterwarnings("ignore:.*all pulses fitted together")
+    @pytest.mark.usefixtures("unexamined", "nothing_twice")
     @pytest.mark.parametrize("method", METHODS)
     def test_codes_that_run_as_said_are_not_accused(self, method):
         for lab in (one_leg(), three_legs()):

@@ -113,7 +113,6 @@ def test_a_list_of_one_camera_is_that_camera(scenes, timing, both_and_one):
     np.testing.assert_array_equal(listed.covariance, plain.covariance)
 
 
-@pytest.mark.long
 def test_a_pose_that_is_uncertain_counts_for_its_own_camera(scenes, timing, both_and_one):
     """The second camera's pose error costs something, and less than leaving it out."""
     front, side = scenes
@@ -192,6 +191,7 @@ class TestEveryCount:
         assert np.all(np.abs(off) < 1.5 * alone.vertex_std[1:3, :3])
         assert np.all(both.vertex_std[1:3] < 1.01 * alone.vertex_std[1:3])
 
+    @pytest.mark.long
     def test_a_pose_that_is_uncertain_counts_for_its_own_camera(
         self, scenes, timing, alone_by_photon
     ):

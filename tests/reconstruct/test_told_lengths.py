@@ -172,6 +172,7 @@ def test_it_halves_the_error_of_the_index_and_all_counts_agree():
     assert joint.verdict.level is Level.TRUST
 
 
+@pytest.mark.usefixtures("as_found")
 @pytest.mark.parametrize(
     ("told", "words"),
     [

@@ -122,6 +122,7 @@ def test_undisturbed_recordings_are_trusted(seed, n_legs, photons, prior):
 
 
 # A barrel, by `joint` and `photon`: tests/issues/test_misfit_was_taken_for_scatter.py.
+@pytest.mark.usefixtures("as_found")
 @pytest.mark.parametrize(("defect", "seed"), [("focal_length_longer", 0), ("camera_aside", 2)])
 def test_a_defect_is_named(defect, seed):
     hist, told = recording(seed, defect)

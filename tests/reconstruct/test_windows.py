@@ -112,6 +112,7 @@ def told_dry(told: dict[str, Any]) -> dict[str, Any]:
     return told | {"camera": camera, "medium": lf.Medium()}
 
 
+@pytest.mark.usefixtures("as_found")
 @pytest.mark.filterwarnings("ignore::lightflight.errors.SuspectDataWarning")
 def test_water_told_as_air_is_contradicted() -> None:
     """An index of 1.334 (1.3606 for pulses) behind the window, told as 1.00027."""
