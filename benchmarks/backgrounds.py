@@ -85,7 +85,7 @@ def recorded(kind: str, share: float, seed: int) -> tuple[Lab, lf.Histograms, lf
     return lab, hist, background
 
 
-def outcome(lab: Lab, hist: lf.Histograms, background: lf.Histograms | None) -> tuple[str, Counter]:
+def outcome(lab: Lab, hist: lf.Histograms, background: lf.Histograms | None) -> tuple[str, Counter[str]]:
     """What came out, in a line, and what it counts as."""
     try:
         path = lf.reconstruct(hist, background=background, **told_of(lab))
@@ -111,7 +111,7 @@ def main() -> None:
     parser.add_argument("--given", action="store_true", help="only with the background given")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
-    table: dict[tuple[str, float, str], tuple[Counter, list[float]]] = {}
+    table: dict[tuple[str, float, str], tuple[Counter[str], list[float]]] = {}
     for kind in args.only:
         for share in SHARES:
             for seed in range(args.first, args.first + args.labs):

@@ -1,6 +1,7 @@
 """A recording given twice, by a pattern and by its name, was two repeats: its errors shrank."""
 
 import shutil
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -23,6 +24,6 @@ def test_the_same_counts_are_refused(second, rng, tmp_path, monkeypatch):
 
 def test_python_refuses_them_too():
     world = random_world(1, 1, 4_000.0, "known")
-    hist, told = record(world, 1), what_the_user_tells(world)
+    repeats: list[Any] = [record(world, seed) for seed in (1, 2, 1)]
     with pytest.raises(ValueError, match="recordings 1 and 3 hold the same counts"):
-        lf.reconstruct([hist, record(world, 2), record(world, 1)], **told)
+        lf.reconstruct(repeats, **what_the_user_tells(world))
