@@ -22,7 +22,8 @@ from lightflight.recording.histograms import Histograms
 from lightflight.timing.clock.calibration import TimingCalibration
 from lightflight.timing.clock.code_clock import ClockWithoutCodes, CodeClock
 from lightflight.timing.pulses.amplitudes import share_before, the_shorter_way
-from lightflight.timing.pulses.fits import Fits, clock_of, exposure_ratio, fit_all
+from lightflight.timing.pulses.checks import ABNORMAL_FACTOR
+from lightflight.timing.pulses.fits import clock_of, exposure_ratio, fit_all
 from lightflight.timing.pulses.pile_up import pile_up_of
 
 if TYPE_CHECKING:
@@ -104,8 +105,7 @@ def without_background_pulses(
     clock = TimingCalibration.nominal(hist) if timing is None else timing
     n_pixels = hist.shape[0] * hist.shape[1]
     cut = np.zeros(hist.counts.shape, dtype=bool)
-    for edge, is_light in _sums_to_search(background, clock):
-        sums = _Sums.of(background, clock, cut, edge, is_light=is_light)
+    for sums in _sums_of(background, clock, cut):
         _cut_pulses(cut, sums, hist, ratio, response, threads)
     if not cut.any():
         return None
@@ -125,26 +125,49 @@ def without_background_pulses(
     return without
 
 
-def _sums_to_search(background: Histograms, clock: CodeClock) -> Iterator[tuple[int, bool]]:
-    """Pixels along a side of a block, and whether their delays are taken off, one after another.
+def _sums_of(background: Histograms, clock: CodeClock, cut: NDArray[np.bool_]) -> Iterator[_Sums]:
+    """Sums to be searched, one after another, of what is not `cut` by then.
 
     What all pixels have a little of shows in their sum alone, what few have in these. A signal has
     no delays: in the sum of all it is drawn out where light is not, and light where it is not.
     """
     edge = _FINER ** math.ceil(math.log(max(background.shape), _FINER))
-    light, signal = (_sharpness(background, clock, edge, is_light=one) for one in (True, False))
-    yield edge, light >= signal
-    yield edge, light < signal
-    while edge > 1:
-        edge //= _FINER
-        yield edge, edge > 1
+    light, codes = _Frame(clock, by_light=True), _Frame(clock, by_light=False)
+    if edge > 1:
+        both = [_Sums.of(background, frame, cut, edge) for frame in (light, codes)]
+        sharper, other = sorted(both, key=lambda one: -one.unevenness)
+        yield sharper
+        yield _Sums.of(background, other.frame, cut, edge)
+    while (edge := edge // _FINER) > 1:
+        yield _Sums.of(background, light, cut, edge)
+    pixels, own = _blocks_of(background.shape, 1), _Frame(clock, by_light=None)
+    yield _Sums(background, clock, cut.reshape(len(pixels), -1).copy(), pixels, own)
 
 
-def _sharpness(background: Histograms, clock: CodeClock, edge: int, *, is_light: bool) -> float:
-    """Sum of squared counts of the sum of all pixels, whose delays were taken off or not."""
-    nothing = np.zeros(background.counts.shape, dtype=bool)
-    sums = _Sums.of(background, clock, nothing, edge, is_light=is_light)
-    return float(np.square(sums.hist.counts, dtype=np.float64).sum())
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """The time in which codes of several pixels are laid over each other.
+
+    Attributes
+    ----------
+    clock : CodeClock
+        That of the camera.
+    by_light : bool or None
+        True: arrival of light; False: codes of one length; None: each pixel's own delays.
+    """
+
+    clock: CodeClock
+    by_light: bool | None
+
+    def intervals_ps(self, hist: Histograms, rows: Indices, cols: Indices) -> tuple[Floats, Floats]:
+        """(lower, upper) of the codes of some pixels, (n, codes) each."""
+        if self.by_light is False:
+            lower, upper = TimingCalibration.nominal(hist).code_intervals_ps([0], [0])
+            shape = len(rows), hist.n_codes
+            return np.broadcast_to(lower, shape), np.broadcast_to(upper, shape)
+        lower, upper = self.clock.code_intervals_ps(rows, cols)
+        late = self.clock.skew_ps[rows, cols, np.newaxis] if self.by_light else 0.0
+        return lower - late, upper - late
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,49 +178,95 @@ class _Sums:
     ----------
     hist : Histograms
         One pixel for each block.
-    clock : ClockWithoutCodes
-        That of blocks, without codes that take no part in a pixel of theirs.
+    clock : CodeClock
+        That of blocks.
+    cut : array of bool, shape (blocks, codes)
+        Codes that take no part in a pixel of the block.
     members : tuple of tuple of array of int
         Rows and columns of the pixels of each block.
-    shift : array of int, shape (rows, cols)
-        Codes by which each pixel's were moved forward.
+    frame : _Frame
+        What the times of blocks are to those of their pixels.
     """
 
     hist: Histograms
-    clock: ClockWithoutCodes
+    clock: CodeClock
+    cut: NDArray[np.bool_]
     members: tuple[tuple[Indices, Indices], ...]
-    shift: Indices
+    frame: _Frame
+
+    @property
+    def unevenness(self) -> float:
+        """How far counts are from a level, squared: the more, the shorter its pulses are."""
+        counts = self.hist.counts[:, 0].astype(np.float64)
+        lower, upper = self.clock.code_intervals_ps(
+            np.arange(len(counts)), np.zeros(len(counts), int)
+        )
+        width = np.where(self.cut, 0.0, upper - lower)
+        share = width / np.maximum(width.sum(axis=1, keepdims=True), 1e-300)
+        return float(np.sum((counts - counts.sum(axis=1, keepdims=True) * share) ** 2))
 
     @classmethod
-    def of(
-        cls, background: Histograms, clock: CodeClock, cut: NDArray[np.bool_], edge: int, *,
-        is_light: bool,
-    ) -> _Sums:  # fmt: skip
-        """Sums of what is not yet cut; `is_light`: of pixels whose delays were taken off."""
-        shift = np.zeros(background.shape, dtype=np.int64)
-        if is_light and edge > 1:
-            late = np.nan_to_num(clock.skew_ps) / clock.bin_width_ps
-            shift = np.rint(-late if background.reversed_codes else late).astype(np.int64)
-        members = _blocks_of(background.shape, edge)
-        counts, lost = background.counts, cut
-        if edge > 1:
-            shape = len(members), 1, background.n_codes
-            counts, lost = np.zeros(shape, dtype=np.uint64), np.zeros(shape, dtype=bool)
-            for block, pixels in enumerate(members):
-                for rows, cols in _in_parts(pixels, shape[2]):
-                    codes = _later(np.arange(shape[2]), shift[rows, cols], shape[2])
-                    at = rows[:, np.newaxis], cols[:, np.newaxis], codes
-                    counts[block, 0] += np.where(cut[at], 0, background.counts[at]).sum(
-                        axis=0, dtype=np.uint64
-                    )
-                    lost[block, 0] |= cut[at].any(axis=0)
-            counts[lost] = 0
-            counts.setflags(write=False)
-            background = replace(background, counts=counts, n_frames=None)
-            clock = TimingCalibration.nominal(background)
-        place = np.arange(len(members)).reshape(background.shape)
-        gone = lost.reshape(len(members), -1)
-        return cls(background, ClockWithoutCodes(clock, place, gone.copy()), members, shift)
+    def of(cls, background: Histograms, frame: _Frame, cut: NDArray[np.bool_], edge: int) -> _Sums:
+        """Sums over blocks of so many pixels along a side."""
+        members, n_codes = _blocks_of(background.shape, edge), background.n_codes
+        told = _not_hot(background) & frame.clock.is_known
+        counts = np.zeros((len(members), 1, n_codes), dtype=np.uint64)
+        width = np.zeros((len(members), n_codes))
+        lost = np.tile(~background.photon_codes, (len(members), 1))
+        axis = TimingCalibration.nominal(background).code_intervals_ps([0], [0])
+        middle = 0.5 * (axis[0] + axis[1])[0]
+        for block, (row, col) in enumerate(members):
+            kept = told[row, col]
+            for rows, cols in _in_parts((row[kept], col[kept]), n_codes):
+                lower, upper = frame.intervals_ps(background, rows, cols)
+                at, found = _codes_at(middle, lower, upper, background.laser_period_ps)
+                place = rows[:, np.newaxis], cols[:, np.newaxis], at
+                start, end = frame.clock.code_intervals_ps(rows, cols)
+                own = np.take_along_axis(end - start, at, axis=1)
+                # A code as long as two would count for each of these.
+                gone = ~found | cut[place] | (own <= 0.0) | (own > 1.5 * frame.clock.bin_width_ps)
+                counts[block, 0] += np.where(gone, 0, background.counts[place]).sum(
+                    axis=0, dtype=np.uint64
+                )
+                width[block] += own.sum(axis=0)
+                lost[block] |= gone.any(axis=0)
+        counts[:, 0][lost] = 0
+        counts.setflags(write=False)
+        hist = replace(background, counts=counts, n_frames=None)
+        return cls(hist, _clock_of_blocks(hist, width, lost), lost, members, frame)
+
+
+def _clock_of_blocks(hist: Histograms, width_ps: Floats, lost: NDArray[np.bool_]) -> CodeClock:
+    """A clock whose codes are as long as those of a block's pixels are on the average."""
+    live = ~lost & (width_ps > 0.0)
+    mean = np.where(live, width_ps, 0.0).sum(axis=1) / np.maximum(live.sum(axis=1), 1)
+    phases = np.divide(width_ps, mean[:, np.newaxis], out=np.ones_like(width_ps), where=live)
+    phases /= phases.mean(axis=1, keepdims=True)
+    return replace(TimingCalibration.nominal(hist), phases=phases[:, np.newaxis])
+
+
+def _codes_at(
+    times: Floats, lower: Floats, upper: Floats, period: float | None
+) -> tuple[Indices, NDArray[np.bool_]]:
+    """Code of each pixel (n,) at each of some times (m,), and whether there is one, (n, m) each."""
+    back = lower[0, 0] > lower[0, -1]
+    starts, ends = (one[:, :: -1 if back else 1] for one in (lower, upper))
+    first = starts[:, :1]
+    wanted = np.broadcast_to(times, (len(lower), len(times)))
+    if period:
+        wanted = first + (wanted - first) % period
+    at = np.stack([np.searchsorted(e, t, side="right") for e, t in zip(ends, wanted, strict=True)])
+    found = at < lower.shape[1]
+    at = np.minimum(at, lower.shape[1] - 1)
+    found &= np.take_along_axis(starts, at, axis=1) <= wanted
+    return (lower.shape[1] - 1 - at if back else at), found
+
+
+def _not_hot(background: Histograms) -> NDArray[np.bool_]:
+    """(rows, cols), False where a pixel's own counts would hide all others' in their sum."""
+    photons = background.photons
+    most: NDArray[np.bool_] = photons <= ABNORMAL_FACTOR * np.median(photons) + 20.0
+    return most
 
 
 def _blocks_of(shape: tuple[int, int], edge: int) -> tuple[tuple[Indices, Indices], ...]:
@@ -227,43 +296,29 @@ def _cut_pulses(
     threads: int,
 ) -> None:
     """Mark the codes (rows, cols, codes) that pulses of the sums reach in the recording."""
+    clock = ClockWithoutCodes(
+        sums.clock, np.arange(len(sums.cut)).reshape(sums.hist.shape), sums.cut
+    )
     fits = fit_all(
-        sums.hist, clock_of(sums.hist, sums.clock), np.ones(sums.hist.shape, dtype=bool),
+        sums.hist, clock_of(sums.hist, clock), np.ones(sums.hist.shape, dtype=bool),
         method="likelihood", max_pulses=_MOST_PULSES, background=None,
         pile_up=pile_up_of(sums.hist), response=response, threads=threads, by_chance=_BY_CHANCE,
     )  # fmt: skip
     table = None if response is None else response.table()
-    there = np.flatnonzero(np.isfinite(fits.values).all(axis=1))
-    step = max(1, _AT_ONCE // hist.n_codes)
-    for some in (there[first : first + step] for first in range(0, len(there), step)):
-        light = _light_of(fits, some, sums.clock.timing, sums.hist.shape[1], table) / ratio
-        for block, each in zip(fits.pixel[some], light, strict=True):
-            rows, cols = sums.members[block]
-            codes = np.flatnonzero(each > _LEFT_PHOTONS * len(rows))
-            if len(codes) > _MOST_CODES * hist.n_codes:
-                continue
-            at = _later(codes, sums.shift[rows, cols], hist.n_codes)
-            counted = hist.counts[rows[:, np.newaxis], cols[:, np.newaxis], at].sum(axis=1)
+    for pulse in np.flatnonzero(np.isfinite(fits.values).all(axis=1)):
+        members = sums.members[fits.pixel[pulse]]
+        centre, std, photons = fits.values[pulse, :3]
+        # Of a few photons the width is a guess, often too small a one.
+        std, photons = np.fmax(std, fits.typical_std), photons / (len(members[0]) * ratio)
+        for rows, cols in _in_parts(members, hist.n_codes):
+            lower, upper = sums.frame.intervals_ps(hist, rows, cols)
+            half = 0.5 * (upper - lower)
+            offset = the_shorter_way(0.5 * (lower + upper) - centre, hist.laser_period_ps)
+            before, after = ((offset + side * half) / std for side in (-1.0, 1.0))
+            light = photons * (share_before(after, table) - share_before(before, table))
+            reached = light > _LEFT_PHOTONS
+            counted = np.where(reached, hist.counts[rows, cols], 0).sum(axis=1)
             least = np.maximum(_LEAST_SHARE * counted, _LEAST_NOISE * np.sqrt(counted))
-            reached = each[codes].sum() / len(rows) > least
-            cut[rows[reached, np.newaxis], cols[reached, np.newaxis], at[reached]] = True
-
-
-def _later(codes: Indices, shift: Indices, n_codes: int) -> Indices:
-    """(n, k), codes (k,) that come `shift` (n,) later, round the end."""
-    return np.asarray((codes + shift[:, np.newaxis]) % n_codes)
-
-
-def _light_of(
-    fits: Fits, some: Indices, clock: CodeClock, n_cols: int, table: Floats | None
-) -> Floats:
-    """Photons (n, codes) of some pulses in the codes of their pixels."""
-    rows, cols = np.divmod(fits.pixel[some], n_cols)
-    lower, upper = clock.code_intervals_ps(rows, cols)
-    centre, std, photons = fits.values[some, :3].T[..., np.newaxis]
-    # Of a few photons the width is a guess, often too small a one.
-    std = np.fmax(std, fits.typical_std)
-    half = 0.5 * (upper - lower)
-    offset = the_shorter_way(0.5 * (lower + upper) - centre, clock.laser_period_ps)
-    before, after = ((offset + side * half) / std for side in (-1.0, 1.0))
-    return np.asarray(photons * (share_before(after, table) - share_before(before, table)))
+            much = (light * reached).sum(axis=1) > least
+            much &= reached.mean(axis=1) <= _MOST_CODES
+            cut[rows[much], cols[much]] |= reached[much]
