@@ -115,10 +115,11 @@ def without_background_pulses(
         flight, lost = (
             hist.counts[some].sum() - background.counts[some].sum() / ratio for some in (..., cut)
         )
+        share = min(max(lost, 0.0) / max(flight, lost, 1.0), 1.0)
         warnings.warn(
             f"the background holds pulses in {len(without.cut)} of {n_pixels} pixels (a leak, "
             "reflections or a signal): codes where they come take no part, and with them "
-            f"{min(max(lost, 0.0) / max(flight, lost, 1.0), 1.0):.0%} of the flight's light",
+            f"{100.0 * share:.0f} % of the flight's light",
             SuspectDataWarning,
             stacklevel=4,
         )
