@@ -2,7 +2,7 @@
 
     python benchmarks/cold_start.py            # the tutorial's commands, medians of three
     python benchmarks/cold_start.py --quick    # one run each, and only the counts can fail; warm
-                                               # is what compiles something, but for the demo
+                                               # is `reconstruct`
 
 The commands of docs/tutorial/first-path.md (and the demo) run in processes of their own, byte code
 present. Seconds are CPU time of the process, user and system. Functions are those that Numba
@@ -144,7 +144,7 @@ def main() -> None:
         for name, command in COMMANDS.items():
             if options.quick and name in NOT_QUICKLY:
                 continue
-            again = options.quick and name != "demo"
+            again = options.quick and name == "reconstruct"
             n, cold, warm = counted(command, folder, again=again)
             if not options.quick:
                 cold, warm = cold_and_warm(command, folder, options.rounds)
