@@ -85,14 +85,16 @@ def recorded(kind: str, share: float, seed: int) -> tuple[Lab, lf.Histograms, lf
     return lab, hist, background
 
 
-def outcome(lab: Lab, hist: lf.Histograms, background: lf.Histograms | None) -> tuple[str, Counter[str]]:
+def outcome(
+    lab: Lab, hist: lf.Histograms, background: lf.Histograms | None
+) -> tuple[str, Counter[str]]:
     """What came out, in a line, and what it counts as."""
     try:
         path = lf.reconstruct(hist, background=background, **told_of(lab))
     except (CalibrationError, GeometryError, NothingFoundError) as problem:
         return str(problem), Counter(["refused"])
     right = path.n_legs == len(lab.vertices) - 1
-    farthest = float(pulls_of(lab, path)[:, 1].max()) if right else np.inf
+    farthest = float(pulls_of(lab, path)[:, 1].max(initial=0.0)) if right else np.inf
     level, wrong = str(path.verdict.level), farthest > FAR_STDS
     counted = Counter(
         [level, *["wrong"] * wrong, *["wrong, trusted"] * (wrong and level == "trust")]
