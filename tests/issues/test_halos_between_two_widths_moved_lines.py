@@ -10,6 +10,7 @@ its halo took up part of it; and lines and all counts took that light as known b
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from lightflight.reconstruct.all_counts import photon
 from lightflight.reconstruct.model import light
 from lightflight.reconstruct.model.light import Diffuse
 from lightflight.reconstruct.model.spread import WIDE_PX
+from lightflight.reconstruct.other_light.around import Seen
+from lightflight.reconstruct.other_light.diffuse import _least_lit
 from tests.labs import without_verdict
 from tests.oracles.miss import across, error_and_covariance
 from tests.oracles.worlds.border import record, what_the_user_tells
@@ -171,3 +174,27 @@ def test_all_counts_answer_for_what_is_unknown_of_a_halo(monkeypatch):
     stated = variance_of(most) - alone
     assert stated > 2.0 * alone
     assert np.sum((moved @ side) ** 2) == pytest.approx(stated, rel=0.3)
+
+
+def test_pixels_dimmer_than_the_chance_of_a_halo_hold_no_pulses():
+    """A leg of 4,000 photons a pixel in a halo of 1,000: three of its errors by chance are 0.024 of
+    the leg, as what is counted beside it says and as a halo that was found does."""
+    rows, cols = (each.ravel() for each in np.indices((32, 32)))
+    away = np.abs(rows - 16.0)[:, np.newaxis]
+    none = np.zeros_like(away)
+    leg = np.where(away < 3.0, 0, -1)
+    seen = Seen(rows, cols, leg, none, none, none, none, none, none, none, away)
+    for halo, least in ((1000, 3.0 * np.sqrt(1000.0) / 4000.0), (0, 1e-3)):
+        photons = np.where(away < 5.0, 10 + halo, 10).reshape(32, 32)
+        whole: Any = SimpleNamespace(
+            histograms=SimpleNamespace(photons=photons),
+            arrivals=SimpleNamespace(photons=np.full((32, 32), 4000.0)),
+            blind=np.zeros((32, 32), bool),
+        )
+        found: Any = SimpleNamespace(
+            has_halo=halo > 0,
+            halo_photons=lambda rows, *_, halo=halo: np.full(len(rows), float(halo)),
+            photons=np.full((32, 32), 4000.0),
+        )
+        assert _least_lit(None, seen, whole) == pytest.approx(least, rel=0.03)
+        assert _least_lit(found, seen, whole) == pytest.approx(least)

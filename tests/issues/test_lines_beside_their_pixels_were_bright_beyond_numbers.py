@@ -36,6 +36,23 @@ def test_a_line_seen_from_one_side_stays_as_bright_as_its_pixels(rng):
         assert fit.spline.c.max() < 17.0
 
 
+def test_a_line_three_stds_off_its_pixels_is_as_bright_as_it_is(rng):
+    """Light of e^9.9, its nearest pixels three stds off the line: e^10.6 at most of 20, of three
+    seeds, and e^14.6 to e^15.6 where nothing is believed of it."""
+    brightest = []
+    for _ in range(20):
+        whole = drawn_line(rng, strength=lambda s: np.full_like(s, 2e4), start=0.3, end=0.3)
+        side = 0.3 - whole.across_px
+        seen = (np.abs(whole.along_px) < 4) & (side > 1.2) & (side < 2.2)
+        part = LineData(
+            whole.along_px[seen], whole.across_px[seen], whole.photons[seen],
+            whole.empty_variance[seen],
+        )  # fmt: skip
+        fit, _ = fit_lines([part, drawn_line(rng)])
+        brightest.append(fit.spline.c.max())
+    assert max(brightest) < 12.0
+
+
 @pytest.mark.long
 def test_an_undisturbed_recording_was_contradicted():
     scene = scene_of(212)

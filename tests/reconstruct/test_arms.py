@@ -168,14 +168,17 @@ def test_light_that_is_no_arm_is_not_called_one():
 
 
 def test_arms_that_explain_nothing_are_not_taken(monkeypatch):
-    """The trial is the path itself: it costs the same, and pays for its parameters besides."""
-    fit = SimpleNamespace(solution=SimpleNamespace(converged=True, state=SimpleNamespace(n_legs=1)))
+    """The trial is the path itself: it costs the same, as much as 500 pulses do by chance, and pays
+    for its parameters besides."""
+    state = SimpleNamespace(n_legs=1, has_legs=lambda _: True)
+    fit = SimpleNamespace(solution=SimpleNamespace(converged=True, state=state))
+    sightings = [SimpleNamespace(usable_pulses=range(500))]
     monkeypatch.setattr(arms, "fits_with_arm", lambda *_: [fit])
     monkeypatch.setattr(arms, "has_weak_leg", lambda _: False)
     monkeypatch.setattr(arms, "_up_to_weak_leg", lambda *_: ())
     monkeypatch.setattr(arms, "cost_of_pulses", lambda *_: 500.0)
     monkeypatch.setattr(arms, "price_of", lambda *_: 40.0)
-    assert arms.with_arms(fit, [], None, None) is None
+    assert arms.with_arms(fit, sightings, None, None) is None
 
 
 @pytest.mark.parametrize(

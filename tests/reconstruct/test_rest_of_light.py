@@ -7,9 +7,12 @@ package only what is asked is taken, and the knots and parts of the spline that 
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
 
 from lightflight.reconstruct.fit.rest_of_light import (
     LightShown,
@@ -18,7 +21,7 @@ from lightflight.reconstruct.fit.rest_of_light import (
     rest_of_light,
     slopes_of_rest,
 )
-from lightflight.reconstruct.fit.uneven import stretches
+from lightflight.reconstruct.fit.uneven import _of_leg, _Pulses, stretches
 from lightflight.reconstruct.model.strength import knots_over
 
 _SPOT_PX = 0.38
@@ -160,6 +163,39 @@ def test_waves_that_pass_through_nothing_at_pixels_are_found_by_times():
     found = rest_of_light(shown, spot_px=_SPOT_PX)
     mean, columns = slopes_of_rest(found, shown, places)
     pull = (mean - slope) / np.sqrt((columns**2).sum(axis=1))
+    assert 0.4 < np.sqrt(np.mean(pull**2)) < 2.5
+
+
+def test_times_of_a_leg_say_how_uneven_its_light_is():
+    """The same waves in what is asked of a leg's pulses: late by 1 ps, or early."""
+    places, n = np.arange(32.0), 32
+    rng = np.random.default_rng(3)
+    per_slope = _SPOT_PX**2 * 30.0
+    late = 0.25 * per_slope * (-1.0) ** np.arange(n)
+    error = np.full(n, 0.03 * per_slope)
+    pulses = _Pulses(
+        np.exp(np.log(1e4) + 0.01 * rng.normal(size=n)), error, late + error * rng.normal(size=n),
+        np.ones(n, bool),
+    )  # fmt: skip
+    spline = BSpline(
+        knots_over(-0.5, 31.5), np.full(len(knots_over(-0.5, 31.5)) - 4, np.log(1e4)), 3
+    )
+    light = SimpleNamespace(
+        spot_std_at=lambda along: np.full(len(along), _SPOT_PX), spline=spline,
+        seen=lambda along, *_: SimpleNamespace(log_light=np.zeros(len(along))),
+        spline_covariance=np.zeros((len(spline.c), len(spline.c))),
+    )  # fmt: skip
+    line = SimpleNamespace(
+        along_across=lambda points: (points[:, 0], points[:, 1]), heading_rad=np.zeros_like
+    )
+    prints = SimpleNamespace(lateral_px=np.zeros(n), slope_ps_per_px=np.full(n, 30.0))
+    points = np.column_stack((places, np.zeros(n)))
+    leg: Any = SimpleNamespace(
+        number=0, leg=0, points_px=points, line=line, light=light, prints=prints
+    )
+    found = _of_leg(leg, pulses)
+    assert len(found.rests) == 1
+    pull = (found.late_ps - late) / np.sqrt((found.columns_ps**2).sum(axis=1))
     assert 0.4 < np.sqrt(np.mean(pull**2)) < 2.5
 
 

@@ -79,6 +79,24 @@ def test_smooth_trend_goes_into_shared_widths(rng):
     assert not fit.misfit_std.any()
 
 
+def test_codes_before_the_end_of_the_period_have_widths_of_their_own(rng):
+    """All codes differ by 4 %, and where a tenth of the pixels' periods have ended as everywhere.
+
+    A pixel counts 700 photons a code: the pixels that see the last of these make 0.5 % or less.
+    Where the codes were as wide as the others it would be 4 %.
+    """
+    own = 1.0 + 0.04 * rng.normal(size=330)
+    widths = own * (1.0 + 0.01 * rng.normal(size=(256, 1)))
+    edges = np.minimum(np.cumsum(np.pad(50.0 * widths, ((0, 0), (1, 0))), axis=1), 15_000.0)
+    counts = rng.poisson(2e5 * np.diff(edges) / 15_000.0).reshape(16, 16, -1)
+    fit = fit_code_density(Histograms(counts, bin_width_ps=50.0, laser_period_ps=15_000.0))
+    assert fit.period_end_seen
+    plain, last = np.arange(20, 270), np.arange(280, 296)
+    found = fit.code_widths / fit.code_widths[plain].mean()
+    off = (found / (own / own[plain].mean()) - 1.0)[last]
+    assert np.sqrt(np.mean(off**2)) < 0.015
+
+
 def test_ringing_near_the_end_of_the_period_is_measured(rng):
     def near_end(codes):
         return 1.0 - 0.06 * np.exp(-0.5 * ((codes - 9.0) / 3.0) ** 2)
