@@ -8,11 +8,14 @@ against it, so neither was taken, and the path without them was contradicted.
 from __future__ import annotations
 
 from math import log
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import lightflight as lf
+from lightflight.reconstruct.trials import arms
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.light import scaled_to
 from tests.oracles.worlds.random_worlds import random_world
@@ -41,13 +44,37 @@ def world_with_arm(places):
     return scaled_to(world, 10_000.0)
 
 
+def test_each_leg_is_tried_alone_and_turned_into_the_others(monkeypatch):
+    """Of two among the light that a path leaves: alone its light is held against the other's."""
+    monkeypatch.setattr(arms, "unclaimed_by_path", lambda *_: None)
+    monkeypatch.setattr(arms, "legs_among", lambda *_: ["first", "second"])
+    monkeypatch.setattr(arms, "_straight_on", lambda *_: [])
+    monkeypatch.setattr(
+        arms,
+        "_starts",
+        lambda state, leg, setting, _: [(SimpleNamespace(n_legs=2, way=(leg,)), setting)],
+    )
+
+    def turned(longer, leg, into, setting, _):
+        assert leg == longer.n_legs - 1
+        if into not in longer.way:
+            yield SimpleNamespace(way=(*longer.way, into)), setting
+
+    def refitted(_, state, setting):
+        return SimpleNamespace(solution=SimpleNamespace(covariance=np.eye(3)), way=state.way)
+
+    monkeypatch.setattr(arms, "_turned", turned)
+    monkeypatch.setattr(arms, "refitted", refitted)
+    setting: Any = SimpleNamespace(cameras=("one",), at=lambda _: None)
+    fit: Any = SimpleNamespace(solution=SimpleNamespace(state=None))
+    found: Any = arms.fits_with_arm([SimpleNamespace(view=0)], fit, setting)
+    ways = {one.way for one in found}
+    assert ways == {("first",), ("second",), ("first", "second"), ("second", "first")}
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(
-    ("places", "method"),
-    [
-        pytest.param(SHORT, "joint", marks=pytest.mark.long),
-        (LONG, "joint"),
-        pytest.param(LONG, "photon", marks=pytest.mark.long),
-    ],
+    ("places", "method"), [(SHORT, "joint"), (LONG, "joint"), (LONG, "photon")]
 )
 def test_arms_that_meet_a_mirror_were_lost(places, method):
     """Splitter and mirror at their stated errors: chance below 1e-4 for six numbers."""

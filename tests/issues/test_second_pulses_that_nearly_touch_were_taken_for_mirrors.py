@@ -8,12 +8,21 @@ import pytest
 
 import lightflight as lf
 from lightflight.errors import SuspectDataWarning
+from tests.issues.test_mirrors_that_did_not_stand_yet_gave_way_to_worse import known, mirror_among
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
-@pytest.mark.parametrize("seed", [2289, pytest.param(2290, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("of_pulse", "mirror"), [(1_000.0, False), (3_000.0, True)])
+def test_a_mirror_is_held_against_the_second_pulse(monkeypatch, of_pulse, mirror):
+    rounds = {"best": known(2_000.0, "best")}
+    found = mirror_among(monkeypatch, rounds, known(of_pulse, "second pulse"))
+    assert found is (rounds["best"] if mirror else None)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [2289, 2290])
 def test_second_pulses_that_nearly_touch_are_told(seed):
     """Delay within 5 stated errors: a false alarm once in a million recordings."""
     echo = DEFECTS["pulse_echo_300ps"]
