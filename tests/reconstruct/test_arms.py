@@ -7,6 +7,7 @@ table is `benchmarks/splitters.py`.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 from unittest.mock import Mock
@@ -22,6 +23,7 @@ from lightflight.reconstruct.fit import short_pieces
 from lightflight.reconstruct.fit.joint import fit_joint
 from lightflight.reconstruct.verdict import arms
 from lightflight.reconstruct.ways import joint
+from tests.labs import fit_from_truth, one_leg
 from tests.oracles.refracted import AIR
 from tests.oracles.refracted_border import camera_told
 from tests.oracles.splitter import seen_apart, splitter_world
@@ -61,9 +63,27 @@ def test_they_are_right_in_stated_errors(seed, share):
     assert low < off @ np.linalg.solve(covariance, off) < high
 
 
-@pytest.mark.parametrize(
-    ("seed", "arm_first"), [pytest.param(13, False, marks=pytest.mark.long), (10, True)]
-)
+@pytest.mark.parametrize("shown", [False, True])
+def test_lines_are_fitted_anew_without_light_of_a_piece_that_one_camera_shows(monkeypatch, shown):
+    lab = one_leg()
+    fit, _, setting = fit_from_truth(lab, lab.recording(1))
+    lit = np.zeros(lab.camera.shape, bool)
+    lit[16, 14:17] = shown
+    monkeypatch.setattr(short_pieces, "_lit_by_pieces", lambda *_: lit)
+    anew = Mock()
+    monkeypatch.setattr(short_pieces, "fit_joint", anew)
+    found = short_pieces.without_short_pieces(fit, replace(setting, others=(lab.camera,)))
+    assert anew.called == shown
+    assert (found is anew.return_value) == shown
+    if shown:
+        ((sighting,), *_), _ = anew.call_args
+        used = sighting.usable_pulses
+        assert len(used)
+        assert not lit[sighting.arrivals.row[used], sighting.arrivals.col[used]].any()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("seed", "arm_first"), [(13, False), (10, True)])
 def test_an_arm_that_one_of_two_cameras_shows_is_found(seed, arm_first, monkeypatch):
     """Its light in three pixels of the other picture was called unexplained, and pulled the leg
     that goes on by five stated errors. By pulses alone; chi-square of seven numbers, tail cut at
