@@ -143,9 +143,8 @@ class TestEveryCount:
 
     RUNS = 1
 
-    @pytest.mark.parametrize(
-        ("cameras", "photons"), [(2, 40.0), pytest.param(3, 40_000.0, marks=pytest.mark.long)]
-    )
+    @pytest.mark.long
+    @pytest.mark.parametrize(("cameras", "photons"), [(2, 40.0), (3, 40_000.0)])
     def test_errors_are_those_stated(self, cameras, photons):
         """Squared distance of both corners from the truth by the stated covariance: chi-square of
         6 per recording; either side is passed by chance 1e-5, 4e-5 over both cells.
