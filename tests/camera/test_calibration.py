@@ -140,6 +140,7 @@ class TestErrors:
         low, high = np.asarray(chi2_distribution.ppf([0.5e-4, 1 - 0.5e-4], 120))
         assert 0.8 * low < squared.sum() < high
 
+    @pytest.mark.long
     def test_points_in_a_plane(self) -> None:
         """25 cameras: width of each pull 1 +- 0.14; bound 4 of these, false alarm 4e-4.
 

@@ -53,7 +53,14 @@ def test_a_submodule_of_the_same_name_passes_calls_on():
 
 
 @pytest.mark.parametrize("name", ["simulate", "reconstruct"])
-@pytest.mark.parametrize("first", ["import lightflight.{}", "from lightflight import {}", "pass"])
+@pytest.mark.parametrize(
+    "first",
+    [
+        "import lightflight.{}",
+        pytest.param("from lightflight import {}", marks=pytest.mark.long),
+        "pass",
+    ],
+)
 def test_same_name_in_a_fresh_interpreter(name, first):
     code = f"{first.format(name)}\nimport lightflight as lf\nassert callable(lf.{name})"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -34,7 +34,7 @@ def test_a_leg_parted_in_line_lost_its_pulses():
     assert outcome.level == "trust"
 
 
-def test_it_is_one_again(monkeypatch):
+def test_it_is_one_again(monkeypatch, nothing_twice):
     """Of whatever search: parted by being told, it is found whole where nothing was told."""
     lab = three_legs()
     hist = lab.recording(10, 20_000.0)

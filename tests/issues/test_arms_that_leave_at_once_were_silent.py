@@ -42,7 +42,10 @@ def world_along_the_edge(share, row=2.1):
 
 
 @pytest.mark.filterwarnings("ignore::lightflight.errors.SuspectDataWarning")
-@pytest.mark.parametrize("share", [0.1, 0.5, pytest.param(1.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "share",
+    [pytest.param(0.1, marks=pytest.mark.long), 0.5, pytest.param(1.0, marks=pytest.mark.long)],
+)
 def test_arms_that_leave_at_once_were_silent(share):
     """Three pixels of an arm: a path without it is never trusted. Two recordings of each."""
     world = world_along_the_edge(share)

@@ -20,6 +20,7 @@ from tests.oracles.bent import fibre_in_view
 from tests.oracles.refracted_border import histograms, what_the_user_tells
 
 
+@pytest.mark.usefixtures("nothing_twice")
 def test_bends_and_distance_were_told_apart_by_nothing():
     scene = fibre_in_view("depth", index=1.00027, end_mm=260.0)
     hist = histograms(scene, 1)

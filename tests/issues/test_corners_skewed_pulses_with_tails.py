@@ -16,6 +16,7 @@ pytestmark = [
 ]
 
 
+@pytest.mark.long
 def test_a_bright_corner_is_where_it_is():
     """Counts without noise of photons: what pixels and clock err by is left, 0.9 (2.5 before)."""
     lab = drawn_lab(603)

@@ -89,7 +89,7 @@ def test_a_corner_is_asked_about_where_even_light_fits_no_path(asked, monkeypatc
     assert "clock_scale" in {finding.name for finding in doubted.findings}
 
 
-@pytest.mark.parametrize("seed", [700, 702])
+@pytest.mark.parametrize("seed", [700, pytest.param(702, marks=pytest.mark.long)])
 def test_light_that_turns_by_twelve_degrees_is_not(seed):
     world = random_world(seed, 2)
     start, end = world.vertices[:2]

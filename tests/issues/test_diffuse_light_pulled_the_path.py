@@ -15,6 +15,7 @@ from tests.oracles.worlds.defects import DEFECTS
 from tests.oracles.worlds.random_worlds import random_world
 
 
+@pytest.mark.usefixtures("unexamined")
 @pytest.mark.parametrize(
     ("defect", "strength", "method"),
     [

@@ -18,6 +18,7 @@ FALSE_ALARM_STDS = 5.0
 """Of six numbers, chance leaves five errors once in 300,000."""
 
 
+@pytest.mark.usefixtures("nothing_twice")
 @pytest.mark.parametrize("more", [0.01, pytest.param(0.33, marks=pytest.mark.long)])
 def test_freed_indices_were_held_together(more):
     seed = 60_000

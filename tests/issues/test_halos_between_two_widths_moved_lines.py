@@ -23,7 +23,7 @@ from lightflight.reconstruct.model.light import Diffuse
 from lightflight.reconstruct.model.spread import WIDE_PX
 from lightflight.reconstruct.other_light.around import Seen
 from lightflight.reconstruct.other_light.diffuse import _least_lit
-from tests.labs import without_verdict
+from tests.labs import without_second_light, without_verdict
 from tests.oracles.miss import across, error_and_covariance
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.random_worlds import random_world
@@ -58,6 +58,7 @@ def told() -> tuple[lf.LightPath, Diffuse]:
 
     with pytest.MonkeyPatch.context() as patch:
         without_verdict(patch)
+        without_second_light(patch)
         patch.setattr(photon, "photon_path", watched)
         return path_of(BETWEEN_ROWS, "joint"), seen[-1]
 

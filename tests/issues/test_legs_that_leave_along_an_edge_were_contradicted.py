@@ -32,7 +32,7 @@ def along_an_edge(seed, px_per_px):
     return scaled_to(world.but(vertices=vertices, told=told), 40_000.0)
 
 
-@pytest.mark.parametrize("px_per_px", [0.1, 0.2, 0.4])
+@pytest.mark.parametrize("px_per_px", [0.1, pytest.param(0.2, marks=pytest.mark.long), 0.4])
 @pytest.mark.parametrize("seed", [704, pytest.param(708, marks=pytest.mark.long)])
 def test_legs_that_leave_along_an_edge_are_trusted(seed, px_per_px):
     """Square cameras whose axes lie as the picture's: 1 % of right paths are not trusted, so six

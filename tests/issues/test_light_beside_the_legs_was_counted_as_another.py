@@ -89,6 +89,7 @@ def test_more_photons_come_than_are_counted():
     np.testing.assert_allclose(pixels.late_ps[:, 0], 0.0, atol=0.05)
 
 
+@pytest.mark.usefixtures("unexamined", "nothing_twice")
 def test_known_pile_up_thins_haze_as_it_thins_the_legs():
     """Four of five frames occupied, ten periods each; false alarm 2e-4, and it was 3.3 errors."""
     world = piled_up(10, 10)(disturbed("haze_500ps", 1, 288), 0.8)

@@ -7,14 +7,50 @@ eight were contradicted ("neighbouring pixels disagree", up to 37 sigma), with e
 what the times scattered.
 """
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from benchmarks.random_labs import drawn_lab, path_of, pulls_of, slants_of
+from lightflight.reconstruct.fit import slanted_spots
+from lightflight.reconstruct.model.thick_beam import BEAM_SHARES, OWN_SHARES
+from lightflight.reconstruct.model.unknowns import pushed_over_edges
 
 
-@pytest.mark.parametrize("method", ["joint", pytest.param("photon", marks=pytest.mark.long)])
-@pytest.mark.parametrize("seed", [pytest.param(1165, marks=pytest.mark.long), 1168])
+@pytest.mark.parametrize(
+    ("by_leans", "by_delays", "asked"),
+    [(60.0, 0.0, True), (20.0, 0.0, False), (60.0, 60.0, False)],
+)
+def test_spots_lean_where_times_do_by_more_than_chance(monkeypatch, by_leans, by_delays, asked):
+    """And by more than delays askew explain; three legs, 300 pulses."""
+    leans, askew = np.zeros((300, 3)), np.zeros((300, 2))
+    monkeypatch.setattr(slanted_spots, "_leans", lambda *_: {})
+    monkeypatch.setattr(slanted_spots, "stacked_by_leg", lambda *_: leans)
+    monkeypatch.setattr(slanted_spots, "_delays_askew", lambda _: askew)
+    monkeypatch.setattr(
+        slanted_spots, "_gained", lambda _, columns: by_leans if columns is leans else by_delays
+    )
+    fit: Any = SimpleNamespace(slanted=False)
+    setting: Any = None
+    assert slanted_spots.asks_for_slanted_spots(fit, setting) == asked
+
+
+@pytest.mark.parametrize("edge", [0, 1])
+def test_a_share_at_its_edge_holds_no_climb_up(edge):
+    """The least and the most that a fit may try, and slopes that lead over it or back."""
+    over = (-1.0, 1.0)[edge]
+    layout: Any = SimpleNamespace(beam=0, own_shares=(1, 3))
+    shares = (OWN_SHARES[edge], 0.5), (OWN_SHARES[edge], OWN_SHARES[edge])
+    light: Any = SimpleNamespace(beam_share=BEAM_SHARES[edge], own_shares=shares)
+    score = over * np.array([1.0, 1.0, 1.0, 1.0, -1.0])
+    assert pushed_over_edges(light, layout, score) == [0, 1, 3]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("method", ["joint", "photon"])
+@pytest.mark.parametrize("seed", [1165, 1168])
 def test_leaning_times_have_a_place(seed, method):
     """Three legs, 9,000 and 54,000 photons in the brightest pixel; farthest of six places below 4.5
     stated errors (false alarm 1e-4 for both); slants as spots have them, and as known as stated

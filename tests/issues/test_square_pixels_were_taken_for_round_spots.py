@@ -49,7 +49,7 @@ def mean_square(path: lf.LightPath, world: World) -> float:
         # A lens that distorts: the light stops in the picture.
         ("joint", 505, 1),
         # The one that was refused.
-        ("joint", 503, 3),
+        pytest.param("joint", 503, 3, marks=pytest.mark.long),
         pytest.param("photon", 503, 3, marks=pytest.mark.long),
         ("photon", 505, 1),
     ],

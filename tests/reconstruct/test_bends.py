@@ -236,6 +236,7 @@ class TestFits:
             assert path.verdict.level is Level.TRUST
         assert chi2.ppf(5e-5, dof) < total < chi2.ppf(1.0 - 5e-5, dof)
 
+    @pytest.mark.usefixtures("unexamined", "nothing_twice")
     def test_photon_knows_bent_legs(self):
         scene = bent_scene(legs=1, sagitta_mm=5.0, way="picture", photons=400.0)
         hist = histograms(scene, 3)

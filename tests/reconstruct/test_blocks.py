@@ -91,7 +91,7 @@ def test_a_told_block_is_as_good_as_its_bound(tilt_deg):
     assert np.sqrt(stated) < 1.2 * least.position_rms_mm
 
 
-def test_a_block_told_too_thin_is_named_block():
+def test_a_block_told_too_thin_is_named_block(as_found):
     """By 8 mm, 14 ps: of one direction and silent at a millionth."""
     scene = block_world(0.0)
     hist = histograms(scene, 80)

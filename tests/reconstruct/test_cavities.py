@@ -26,6 +26,7 @@ def path_of(world: Cavity, seed: int) -> lf.LightPath:
     return lf.reconstruct(hist, camera=camera_told(scene), source=source, timing=timing)
 
 
+@pytest.mark.usefixtures("nothing_twice")
 @pytest.mark.parametrize(
     ("passes", "walk_mm", "seed"),
     [(12, 9.0, 3), pytest.param(6, 0.5, 1, marks=pytest.mark.long)],

@@ -350,6 +350,7 @@ def verdict_of(*world, method="joint", **others):
         return lf.reconstruct(hist, method=method, **told).verdict
 
 
+@pytest.mark.usefixtures("as_found")
 @pytest.mark.parametrize(
     ("defect", "n_legs", "strength", "method", "name"),
     [

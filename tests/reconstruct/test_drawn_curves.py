@@ -127,6 +127,7 @@ def fibre(way: str = "depth") -> ArcScene:
     return arc_scene(sagitta_mm=20.0, way=way, index=INDEX)
 
 
+@pytest.mark.usefixtures("nothing_twice")
 class TestFits:
     @pytest.mark.usefixtures("unexamined")
     @pytest.mark.parametrize(

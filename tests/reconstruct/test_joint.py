@@ -78,7 +78,7 @@ class TestFinds:
         assert float(col) == pytest.approx(-0.5, abs=0.01), "vertex 0 is the entry into view"
         assert path_error(path, three_legs().truth, three_legs().camera).position_rms_mm < 10.0
 
-    @pytest.mark.usefixtures("unexamined")
+    @pytest.mark.usefixtures("unexamined", "nothing_twice")
     def test_times_belong_to_the_footprint_not_to_the_centre_ray(self):
         """Light that changes by 30 % per pixel shifts a pixel's time by a picosecond and more.
 

@@ -40,6 +40,7 @@ def found(scenes, seed, *, offsets=(0.0, 0.0), std_ps=0.0, **options):
     return lf.reconstruct(recordings, **call, **options)
 
 
+@pytest.mark.usefixtures("nothing_twice")
 class TestLegsThatOneCameraSees:
     @pytest.mark.parametrize(
         "turned", [False, pytest.param(True, marks=pytest.mark.long)], ids=["as told", "turned"]
@@ -85,6 +86,7 @@ class TestLegsThatOneCameraSees:
         assert 0.9 < np.sqrt(np.trace(stated) / np.trace(least)) < 1.15
 
 
+@pytest.mark.usefixtures("nothing_twice")
 class TestClocksThatAreApart:
     @pytest.mark.parametrize(("method", "std_ps"), [("joint", 50.0), ("photon", np.inf)])
     def test_errors_are_those_stated(self, method, std_ps, unexamined):

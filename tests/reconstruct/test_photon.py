@@ -63,6 +63,7 @@ class TestBright:
         assert abs(path.emission_time_ps - 2000.0) < 6 * path.vertex_std[0, 3]
 
 
+@pytest.mark.usefixtures("nothing_twice")
 class TestDim:
     @pytest.mark.parametrize("photons", [pytest.param(100.0, marks=pytest.mark.long), 30.0])
     @pytest.mark.usefixtures("unexamined")

@@ -115,7 +115,7 @@ SCENES = {
 }
 
 
-@pytest.mark.usefixtures("unexamined")
+@pytest.mark.usefixtures("unexamined", "nothing_twice")
 @pytest.mark.parametrize(
     ("name", "n"),
     [

@@ -114,7 +114,7 @@ def path_of_three_legs(seed):
     )
 
 
-def test_a_verdict_changes_neither_path_nor_errors(request):
+def test_a_verdict_changes_neither_path_nor_errors(request, nothing_twice):
     examined = path_of_three_legs(0)
     request.getfixturevalue("unexamined")
     path = path_of_three_legs(0)
@@ -124,7 +124,7 @@ def test_a_verdict_changes_neither_path_nor_errors(request):
     np.testing.assert_array_equal(path.covariance, examined.covariance)
 
 
-@pytest.mark.usefixtures("unexamined")
+@pytest.mark.usefixtures("unexamined", "nothing_twice")
 class TestPullsOnTheTwin:
     """One leg, 4,000 photons in the brightest pixel, drawn photon by photon."""
 
@@ -165,7 +165,7 @@ class TestPullsOnTheTwin:
         assert pixel > 0.3 * np.mean([p.covariance.trace() for p in paths])
 
 
-@pytest.mark.usefixtures("unexamined")
+@pytest.mark.usefixtures("unexamined", "nothing_twice")
 class TestPullsOnTheOracle:
     """The same lab drawn by another hand: a shared sign or factor cannot cancel."""
 
@@ -181,7 +181,7 @@ class TestPullsOnTheOracle:
             for seed in seeds
         ]
 
-    def test_bright_leg_reaches_the_bound(self, nothing_twice):
+    def test_bright_leg_reaches_the_bound(self):
         """28 recordings: errors are stated as large as the bound, which leaves nothing to chance,
         and the error itself is as large, to 13.4 % of chance."""
         lab = one_leg()
@@ -219,7 +219,7 @@ class TestPullsOnTheOracle:
         pulls.check()
 
 
-@pytest.mark.usefixtures("unexamined")
+@pytest.mark.usefixtures("unexamined", "nothing_twice")
 class TestAccuracyOfTheFirstIssue:
     """Clock defects on and calibrated; the camera of the demo. Asserted at fixed seeds."""
 

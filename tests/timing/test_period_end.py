@@ -9,7 +9,15 @@ from lightflight.timing.calibrate import period_end
 
 
 @pytest.mark.parametrize("blur", [0.01, 0.05, 0.3, 1.0, 3.0])
-@pytest.mark.parametrize("level", [5.0, 50.0, 2000.0, 1e5])
+@pytest.mark.parametrize(
+    "level",
+    [
+        5.0,
+        pytest.param(50.0, marks=pytest.mark.long),
+        pytest.param(2e3, marks=pytest.mark.long),
+        1e5,
+    ],
+)
 def test_ends_are_the_most_likely_ones(level, blur):
     """Per pixel no end of 8,000 is likelier by 0.01, which is a seventh of an error."""
     rng = np.random.default_rng(3)
