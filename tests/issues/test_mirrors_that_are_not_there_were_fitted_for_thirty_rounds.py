@@ -6,11 +6,16 @@ patience one was found all the same: of pulses fitted once and of those fitted t
 was held against, the latter are narrower, and explain 28 more.
 """
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
+import pytest
 
 import lightflight as lf
 from lightflight.reconstruct.model.second_path import SecondPath
-from lightflight.reconstruct.other_light import strengths
+from lightflight.reconstruct.other_light import strengths, twice
+from lightflight.reconstruct.other_light.second_path import LEAST_GAIN
 from tests.labs import three_legs
 
 
@@ -31,6 +36,20 @@ def path_and_rounds(monkeypatch):
     return path, len(rounds)
 
 
+@pytest.mark.parametrize(("gained", "explains"), [(-1.0, False), (1.0, True)])
+def test_what_comes_twice_is_held_against_pulses_that_were_fitted_to_the_end(gained, explains):
+    """Those that were fitted once explain 28 less: that is no mirror's."""
+
+    def pulses_alone(*, to_the_end=False, **_):
+        least = 1_000.0 + LEAST_GAIN + gained
+        return SimpleNamespace(misfit=lambda: least if to_the_end else least + 28.0)
+
+    known: Any = SimpleNamespace(misfit=lambda: 1_000.0, lags_ps=None)
+    asked: Any = SimpleNamespace(strengths=pulses_alone)
+    assert twice._explains(known, asked) == explains
+
+
+@pytest.mark.long
 def test_they_are_given_up_and_the_path_is_the_same(monkeypatch):
     """A recording whose search for a mirror found a start: nothing of it may change."""
     path, few = path_and_rounds(monkeypatch)

@@ -40,6 +40,7 @@ def path_at(seed: int, share: float) -> lf.LightPath:
     return path_of(splitter_world(seed, share=share), seed)
 
 
+@pytest.mark.usefixtures("nothing_twice")
 @pytest.mark.parametrize(("seed", "share"), CASES)
 def test_both_arms_are_found_and_trusted(seed, share):
     path, world = path_at(seed, share), splitter_world(seed, share=share)
@@ -51,6 +52,7 @@ def test_both_arms_are_found_and_trusted(seed, share):
     assert path.vertex_times_ps[fork] == pytest.approx(world.arms[1].emission_time_ps, abs=5.0)
 
 
+@pytest.mark.usefixtures("nothing_twice")
 @pytest.mark.parametrize(("seed", "share"), CASES)
 def test_they_are_right_in_stated_errors(seed, share):
     """Splitter (3 numbers) and the direction of each arm (2): chi-square with 7 degrees of freedom,
@@ -146,6 +148,7 @@ def test_all_counts_fit_both_arms_at_their_bound():
     assert off @ np.linalg.solve(stated, off) < chi2.ppf(1 - 5e-5, 7)
 
 
+@pytest.mark.usefixtures("nothing_twice")
 def test_a_start_that_forks_is_fitted_as_it_is():
     seed, share = HALF
     path = path_at(seed, share)
@@ -165,6 +168,7 @@ def test_legs_are_counted_on_all_branches():
     np.testing.assert_allclose(path.vertices_mm, untold.vertices_mm, atol=0.05)
 
 
+@pytest.mark.usefixtures("nothing_twice")
 def test_an_estimator_of_one_way_names_the_arm():
     seed, share = HALF
     world = splitter_world(seed, share=share)

@@ -88,7 +88,6 @@ def test_paths_are_at_the_bound_and_their_errors_true(method: str, cell: str) ->
     assert stated_rms_mm(path, scene) == pytest.approx(least, rel=0.1)
 
 
-@pytest.mark.usefixtures("as_found")
 @pytest.mark.filterwarnings("ignore::lightflight.errors.SuspectDataWarning")
 def test_a_window_that_stands_elsewhere_is_named_and_can_be_fitted() -> None:
     scene = replace(tank_world(3), photons=4_000.0)

@@ -115,6 +115,16 @@ def test_code_density_finds_a_real_table_again(real_table, rng):
 
 
 @pytest.mark.filterwarnings("ignore::lightflight.errors.SuspectDataWarning")
+@pytest.mark.parametrize(
+    "real_table",
+    [
+        pytest.param("A5_#36_2212b", marks=pytest.mark.long),
+        "B7d_#28_2212b",
+        "D2b_#4_2212s",
+        pytest.param("NL11_#33_2212s", marks=pytest.mark.long),
+    ],
+    indirect=True,
+)
 def test_a_twin_with_the_codes_of_a_real_table_is_calibrated(real_table):
     """Codes from nothing to several times their mean, over the whole 2.5 ns: errors as stated."""
     _, edges = real_table

@@ -24,7 +24,7 @@ from studies.zheng2020 import (
 )
 from studies.zheng2020.photo_stand_in import rendered_set_up
 from studies.zheng2020.pulse_width import frame_width_theory_ps
-from tests.labs import without_verdict
+from tests.labs import without_second_light, without_verdict
 from tests.studies.zheng2020.fakes import angle_result
 
 SEED = 11
@@ -37,6 +37,7 @@ def thin_calibration():
     patch.setattr(laboratory, "CODE_DENSITY_PER_PIXEL", 4e5)
     # The study asks for no verdict: it calibrates delays alone, as the paper does, and that shows.
     without_verdict(patch)
+    without_second_light(patch)
     laboratory.calibrated_clock.cache_clear()
     yield
     patch.undo()
