@@ -67,7 +67,8 @@ def test_each_leg_is_tried_alone_and_turned_into_the_others(monkeypatch):
     monkeypatch.setattr(arms, "refitted", refitted)
     setting: Any = SimpleNamespace(cameras=("one",), at=lambda _: None)
     fit: Any = SimpleNamespace(solution=SimpleNamespace(state=None))
-    found: Any = arms.fits_with_arm([SimpleNamespace(view=0)], fit, setting)
+    sightings: list[Any] = [SimpleNamespace(view=0)]
+    found: Any = arms.fits_with_arm(sightings, fit, setting)
     ways = {one.way for one in found}
     assert ways == {("first",), ("second",), ("first", "second"), ("second", "first")}
 

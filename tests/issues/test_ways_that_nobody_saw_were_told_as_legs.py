@@ -44,7 +44,8 @@ def test_a_piece_about_the_tip_of_the_light_is_left_out(monkeypatch):
     setting: Any = None
     monkeypatch.setattr(detours, "search_legs", lambda *_: legs)
     monkeypatch.setattr(detours, "_of_legs", lambda some, *_: some if len(some) < 3 else None)
-    assert detours.detour_instead(None, sightings, setting, None) == (legs[0], legs[2])
+    kept: Any = detours.detour_instead(None, sightings, setting, None)
+    assert kept == (legs[0], legs[2])
 
 
 @pytest.mark.long
