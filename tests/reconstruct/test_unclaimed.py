@@ -38,11 +38,9 @@ def verdict_on(seed: int) -> Outcome:
 
 # A last leg of 6 px behind a corner in the picture; one of 7 px that the next runs back along; one
 # of 7 px whose neighbour took its light for its own end.
+@pytest.mark.long
 @pytest.mark.usefixtures("unexamined")
-@pytest.mark.parametrize(
-    "seed",
-    [pytest.param(8130, marks=pytest.mark.long), pytest.param(8184, marks=pytest.mark.long), 8303],
-)
+@pytest.mark.parametrize("seed", [8130, 8184, 8303])
 def test_short_legs_are_found_by_their_light(seed):
     assert verdict_on(seed).failure == ""
 
