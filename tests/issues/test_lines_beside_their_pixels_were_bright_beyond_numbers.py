@@ -16,6 +16,18 @@ from tests.issues.test_told_numbers_of_legs_gave_other_paths import scene_of
 from tests.reconstruct.test_lateral import drawn_line
 
 
+def line_beside(rng, near, far):
+    """Fit to the pixels of a line that lie between two distances to one side of it, px."""
+    whole = drawn_line(rng, strength=lambda s: np.full_like(s, 2e4), start=0.3, end=0.3)
+    side = 0.3 - whole.across_px
+    seen = (np.abs(whole.along_px) < 4) & (side > near) & (side < far)
+    part = LineData(
+        whole.along_px[seen], whole.across_px[seen], whole.photons[seen],
+        whole.empty_variance[seen],
+    )  # fmt: skip
+    return fit_lines([part, drawn_line(rng)])[0]
+
+
 def test_a_line_seen_from_one_side_stays_as_bright_as_its_pixels(rng):
     """Light of e^9.9, its nearest pixels two stds off the line; e^18.6 before, e^16.6 now.
 
@@ -23,14 +35,7 @@ def test_a_line_seen_from_one_side_stays_as_bright_as_its_pixels(rng):
     20 lines within three stated errors: their own chance of one that is not is 0.1, fixed seed.
     """
     for _ in range(20):
-        whole = drawn_line(rng, strength=lambda s: np.full_like(s, 2e4), start=0.3, end=0.3)
-        side = 0.3 - whole.across_px
-        seen = (np.abs(whole.along_px) < 4) & (side > 0.7) & (side < 1.7)
-        part = LineData(
-            whole.along_px[seen], whole.across_px[seen], whole.photons[seen],
-            whole.empty_variance[seen],
-        )  # fmt: skip
-        fit, _ = fit_lines([part, drawn_line(rng)])
+        fit = line_beside(rng, 0.7, 1.7)
         stated = np.sqrt(np.diag(fit.offset_covariance))
         assert (np.abs(fit.offset_px - 0.3) < 3 * stated).all()
         assert fit.spline.c.max() < 17.0
@@ -39,18 +44,7 @@ def test_a_line_seen_from_one_side_stays_as_bright_as_its_pixels(rng):
 def test_a_line_three_stds_off_its_pixels_is_as_bright_as_it_is(rng):
     """Light of e^9.9, its nearest pixels three stds off the line: e^10.6 at most of 20, of three
     seeds, and e^14.6 to e^15.6 where nothing is believed of it."""
-    brightest = []
-    for _ in range(20):
-        whole = drawn_line(rng, strength=lambda s: np.full_like(s, 2e4), start=0.3, end=0.3)
-        side = 0.3 - whole.across_px
-        seen = (np.abs(whole.along_px) < 4) & (side > 1.2) & (side < 2.2)
-        part = LineData(
-            whole.along_px[seen], whole.across_px[seen], whole.photons[seen],
-            whole.empty_variance[seen],
-        )  # fmt: skip
-        fit, _ = fit_lines([part, drawn_line(rng)])
-        brightest.append(fit.spline.c.max())
-    assert max(brightest) < 12.0
+    assert max(line_beside(rng, 1.2, 2.2).spline.c.max() for _ in range(20)) < 12.0
 
 
 @pytest.mark.long

@@ -8,10 +8,10 @@ of the pixels near them. No task holds the cube, and the work grows with photons
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,12 +38,13 @@ from lightflight.recording.counting import histogram
 from lightflight.recording.histograms import Histograms
 from lightflight.recording.recording import Recording, SlicedArray
 from lightflight.timing.clock.calibration import TimingCalibration
-from lightflight.timing.clock.code_clock import ClockWithoutCodes
+from lightflight.timing.clock.code_clock import ClockWithoutCodes, CodeClock
 from lightflight.timing.pulses.background import without_background_pulses
 
 if TYPE_CHECKING:
-    from lightflight.timing.clock.code_clock import CodeClock
     from lightflight.timing.pulses.arrivals import Arrivals
+
+Indices = NDArray[np.int64]
 
 SORTED_KIND, TILE_KIND = "sorted piece", "fitted tile"
 PIECE_BYTES = 100 * BYTES_PER_MB
@@ -171,9 +172,6 @@ def check_tiles(job: Job) -> None:
 
 
 # --- tasks -----------------------------------------------------------------------------------
-
-
-Indices = NDArray[np.int64]
 
 
 @task
@@ -382,9 +380,10 @@ def finish_tiles(job: Job, pieces: Sequence[str], tiles_files: Sequence[str]) ->
 
     recording = recording_of(job)
     tiles = tiles_of(recording, job.codes, job.tile_bytes)
-    arrivals, blind = _all_pulses(recording, tiles_files, job.key)
+    tables = [kept_arrays(Path(file), TILE_KIND, job.key) for file in tiles_files]
+    arrivals, blind = _all_pulses(recording, tables)
     near = pixels_near(arrivals.row[arrivals.usable], arrivals.col[arrivals.usable], blind.shape)
-    lost = _lost_codes(tiles_files, job.key)
+    lost = _lost_codes(tables)
     hist = _counts_near(recording, job, tiles, pieces, near, lost)
     timing: CodeClock | None = None
     if job.timing is not None:
@@ -404,12 +403,11 @@ def finish_tiles(job: Job, pieces: Sequence[str], tiles_files: Sequence[str]) ->
 
 
 def _all_pulses(
-    recording: Recording, files: Sequence[str], key: str
+    recording: Recording, tables: Sequence[Mapping[str, NDArray[Any]]]
 ) -> tuple[Arrivals, NDArray[np.bool_]]:
     """Pulses of all tiles as one table, and the pixels (rows, cols) that tell nothing."""
     from lightflight.timing.pulses.arrivals import Arrivals
 
-    tables = [kept_arrays(Path(file), TILE_KIND, key) for file in files]
     blind = np.concatenate([table["blind"] for table in tables])
     lit = [table for table in tables if "row" in table]
     if not lit:
@@ -427,9 +425,8 @@ def _all_pulses(
     )
 
 
-def _lost_codes(files: Sequence[str], key: str) -> tuple[Indices, Indices]:
+def _lost_codes(tables: Sequence[Mapping[str, NDArray[Any]]]) -> tuple[Indices, Indices]:
     """Pixel and code, (n,) each, of those where tiles found pulses of the background."""
-    tables = [kept_arrays(Path(file), TILE_KIND, key) for file in files]
     none = np.zeros(0, dtype=np.int64)
     pixel, code = (
         np.concatenate([none, *(t[name] for t in tables if name in t)])
