@@ -5,8 +5,8 @@
 The tutorial is followed in an empty folder; README and every other page begin in a copy of that
 folder, as their readers do. Files that a page shows are written, commands run in a shell of their
 own with the checkout's `lightflight`, Python runs page by page. Lines that a page shows below a
-command must be among what it prints, numbers to 5 % and one of their last digit. What is not typed is listed with its reason.
-Exit code 1 where anything was otherwise than printed.
+command must be among what it prints, numbers to 5 % and one of their last digit. What is not typed
+is listed with its reason. Exit code 1 where anything was otherwise than printed.
 """
 
 from __future__ import annotations
