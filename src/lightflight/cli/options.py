@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click.core import ParameterSource
 
 if TYPE_CHECKING:
     from lightflight.lab import Lab
@@ -160,6 +161,28 @@ def check_viewpoint(
         raise click.UsageError("--from-lab-camera needs a camera: --lab with [camera]")
     if from_lab_camera and viewpoint_mm is not None:
         raise click.UsageError("--from-lab-camera and --viewpoint exclude each other")
+
+
+def refuse_given(*names: str, why: str) -> None:
+    """Refuse options of the command that would be ignored, where they were given.
+
+    Parameters
+    ----------
+    *names : str
+        Names of the command's parameters.
+    why : str
+        What stands after the option in the sentence.
+
+    Raises
+    ------
+    click.UsageError
+        For the first of them that is on the command line.
+    """
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        asked = context.get_parameter_source(parameter.name or "")
+        if parameter.name in names and asked is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"{parameter.opts[-1]} {why}")
 
 
 def set_option(what: str) -> Callable[[Command], Command]:

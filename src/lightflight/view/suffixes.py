@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-EXPORT_SUFFIXES = (".csv", ".parquet", ".mat", ".vtu", ".glb")
+TABLE_SUFFIXES = (".csv", ".parquet")
+"""Tables of a path."""
+
+EXPORT_SUFFIXES = (*TABLE_SUFFIXES, ".mat", ".vtu", ".glb")
 """Formats a path can be exported to."""
 
 MOVIE_SUFFIXES = (".mp4", ".gif")

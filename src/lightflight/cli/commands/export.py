@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 
 from lightflight.cli.console import print_headline, print_written
-from lightflight.cli.options import check_outputs, debug_option, outputs_option
+from lightflight.cli.options import check_outputs, debug_option, outputs_option, refuse_given
 from lightflight.cli.progress import writing
-from lightflight.view.suffixes import EXPORT_SUFFIXES
+from lightflight.view.suffixes import EXPORT_SUFFIXES, TABLE_SUFFIXES
 
 
 @click.command("export", short_help="Write a path for other programs.")
@@ -44,6 +44,8 @@ def command(*, file: Path, what: str, samples: int, outputs: tuple[Path, ...]) -
       lightflight export path.h5 -o path.vtu -o path.glb
     """
     check_outputs(outputs, suffixes=EXPORT_SUFFIXES, kinds=())
+    if not any(output.suffix.lower() in TABLE_SUFFIXES for output in outputs):
+        refuse_given("what", why=f"goes with a table: {' or '.join(TABLE_SUFFIXES)}")
     from lightflight.path.light_path import LightPath
     from lightflight.view.export.files import export_path
 

@@ -15,6 +15,7 @@ from lightflight.cli.options import (
     debug_option,
     hint_option,
     outputs_option,
+    refuse_given,
     timing_option,
     viewpoint_options,
     with_lab,
@@ -118,9 +119,13 @@ def command(
     size = Size(size_px, fps)
     film: Film
     if kind == "path":
+        of_recording = ("slice_codes", "timing_path", "title", "hints")
+        refuse_given(*of_recording, why=f"goes with a recording: {file.name} holds a path")
         camera = lab.camera if from_lab_camera else None
         film = _film_of_path(file, camera, viewpoint_mm, size, pace, orbit)
     else:
+        of_path = ("pace", "orbit", "from_lab_camera", "viewpoint_mm")
+        refuse_given(*of_path, why=f"goes with a path: {file.name} holds a recording")
         film = _film_of_recording(file, lab, hints, size, slice_codes, timing_path, title)
     for output in outputs:
         with writing(output, verb="filming") as report:

@@ -14,6 +14,7 @@ from lightflight.cli.options import (
     debug_option,
     hint_option,
     outputs_option,
+    refuse_given,
     timing_option,
     with_lab,
 )
@@ -114,8 +115,11 @@ def _figure_of(
         raise click.UsageError(
             f"--what {what}: {file.name} holds a {kind}, of which can be drawn: {', '.join(known)}"
         )
+    if what != "pixel":
+        refuse_given("pixel", why="goes with --what pixel, of a recording")
     if kind == "recording":
         return _recording_figure(file, what, timing_path, pixel, lab, hints)
+    refuse_given("timing_path", "hints", why=f"goes with a recording: {file.name} holds a {kind}")
     return figure_of(record, what)
 
 
