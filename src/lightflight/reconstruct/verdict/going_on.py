@@ -115,33 +115,33 @@ class _Dark:
         at which each extent ends (k, e).
         """
         points = self.begins_mm + ways_mm[:, np.newaxis] * directions[:, np.newaxis]
-        shape, index = points.shape[:2], self.medium.return_group_index
-        flat = points.reshape(-1, 3)
-        at = np.rint(np.stack(self.camera.pixels_from_points(flat))).reshape(2, *shape)
-        flown = self.begins_ps + ways_mm * self.medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
-        way_back = self.camera.return_times_ps(flat, return_group_index=index).reshape(shape)
+        shape, points = points.shape[:2], points.reshape(-1, 3)
+        at = np.rint(np.stack(self.camera.pixels_from_points(points))).reshape(2, *shape)
         most = np.array(self.place.shape)[:, np.newaxis, np.newaxis]
         shown = (np.isfinite(at) & (at >= 0) & (at < most)).all(axis=0)
         # What has left the picture does not come back.
         shown = np.logical_and.accumulate(shown, axis=1)
         row, col = np.where(shown, at, 0.0).astype(np.int64)
-        pixel = np.where(shown, self.place[row, col], -1)
-        first = np.ones(shape, dtype=bool)
-        first[:, 1:] = (row[:, 1:] != row[:, :-1]) | (col[:, 1:] != col[:, :-1])
-        used = first & (pixel >= 0)
-        due = self.clock.as_counted(row[used], col[used], (flown + way_back)[used])
-        cell = np.zeros(shape, dtype=np.int64)
-        cell[used] = self.lead + np.rint((due - self.arrival_ps) / self.step_ps).astype(np.int64)
-        used &= (cell >= _N_HALF) & (cell < self.sums.shape[2] - _N_HALF)
-        pixel, cell = np.where(used, pixel, 0), np.where(used, cell, _N_HALF)
-        light = self.sums[:, pixel, cell + _N_HALF] - self.sums[:, pixel, cell - _N_HALF]
-        light *= used
-        passed = np.cumsum(used, axis=1)
-        last = np.stack([np.argmax(passed >= np.minimum(e, passed[:, -1:]), axis=1)
-                         for e in _EXTENTS], axis=1)  # fmt: skip
-        summed = np.cumsum(light, axis=2)
-        by_extent = np.take_along_axis(summed, last[np.newaxis], axis=2)
-        return by_extent, np.asarray(passed[:, -1]), last
+        used = shown & (self.place[row, col] >= 0)
+        used[:, 1:] &= (row[:, 1:] != row[:, :-1]) | (col[:, 1:] != col[:, :-1])
+        flight, step = np.nonzero(used)
+        pixel = self.place[row[used], col[used]]
+        flown = ways_mm[step] * self.medium.path_group_index / SPEED_OF_LIGHT_MM_PER_PS
+        way_back = self.camera.return_times_ps(
+            points[used.ravel()], return_group_index=self.medium.return_group_index
+        )
+        due = self.clock.as_counted(row[used], col[used], self.begins_ps + flown + way_back)
+        cell = self.lead + np.rint((due - self.arrival_ps) / self.step_ps).astype(np.int64)
+        told = (cell >= _N_HALF) & (cell < self.sums.shape[2] - _N_HALF)
+        flight, step, pixel, cell = flight[told], step[told], pixel[told], cell[told]
+        light = np.zeros((3, cell.size + 1))
+        both = self.sums[:, pixel, cell + _N_HALF] - self.sums[:, pixel, cell - _N_HALF]
+        np.cumsum(both, axis=1, out=light[:, 1:])
+        n_pixels = np.bincount(flight, minlength=len(directions))
+        begins = (np.cumsum(n_pixels) - n_pixels)[:, np.newaxis]
+        ends = begins + np.minimum(_EXTENTS, n_pixels[:, np.newaxis])
+        last = np.append(0, step)[np.where(ends > begins, ends, 0)]
+        return light[:, ends] - light[:, begins], n_pixels, last
 
 
 def light_going_on(path: LightPath, fit: JointFit, *, nominal: bool) -> GoingOn | None:
