@@ -16,6 +16,7 @@ import pytest
 
 import lightflight as lf
 from lightflight.reconstruct.trials import arms
+from lightflight.reconstruct.trials.arms import _Start
 from tests.oracles.worlds.border import record, what_the_user_tells
 from tests.oracles.worlds.light import scaled_to
 from tests.oracles.worlds.random_worlds import random_world
@@ -52,13 +53,13 @@ def test_each_leg_is_tried_alone_and_turned_into_the_others(monkeypatch):
     monkeypatch.setattr(
         arms,
         "_starts",
-        lambda state, leg, setting, _: [(SimpleNamespace(n_legs=2, way=(leg,)), setting)],
+        lambda state, leg, setting, _: [_Start(SimpleNamespace(n_legs=2, way=(leg,)), setting, 1)],
     )
 
     def turned(longer, leg, into, setting, _):
         assert leg == longer.n_legs - 1
         if into not in longer.way:
-            yield SimpleNamespace(way=(*longer.way, into)), setting
+            yield _Start(SimpleNamespace(way=(*longer.way, into)), setting)
 
     def refitted(_, state, setting):
         return SimpleNamespace(solution=SimpleNamespace(covariance=np.eye(3)), way=state.way)
@@ -69,8 +70,9 @@ def test_each_leg_is_tried_alone_and_turned_into_the_others(monkeypatch):
     fit: Any = SimpleNamespace(solution=SimpleNamespace(state=None))
     sightings: list[Any] = [SimpleNamespace(view=0)]
     found: Any = arms.fits_with_arm(sightings, fit, setting)
-    ways = {one.way for one in found}
+    ways = {one.fit.way for one in found}
     assert ways == {("first",), ("second",), ("first", "second"), ("second", "first")}
+    assert all(one.parted == 1 for one in found)
 
 
 @pytest.mark.long

@@ -21,6 +21,7 @@ from benchmarks.splitters import arms_of, bound_of, numbers_of, path_of
 from lightflight.path.verdict import Finding, FindingName, Level, Severity, Verdict
 from lightflight.reconstruct.fit import short_pieces
 from lightflight.reconstruct.fit.joint import fit_joint
+from lightflight.reconstruct.trials.arms import Armed
 from lightflight.reconstruct.verdict import arms
 from lightflight.reconstruct.ways import joint
 from tests.labs import fit_from_truth, one_leg
@@ -197,8 +198,8 @@ def test_arms_that_explain_nothing_are_not_taken(monkeypatch):
     state = SimpleNamespace(n_legs=1, has_legs=lambda _: True)
     fit = SimpleNamespace(solution=SimpleNamespace(converged=True, state=state))
     sightings = [SimpleNamespace(usable_pulses=range(500))]
-    monkeypatch.setattr(arms, "fits_with_arm", lambda *_: [fit])
-    monkeypatch.setattr(arms, "has_weak_leg", lambda _: False)
+    monkeypatch.setattr(arms, "fits_with_arm", lambda *_: [Armed(fit)])
+    monkeypatch.setattr(arms, "has_weak_leg", lambda *_: False)
     monkeypatch.setattr(arms, "_up_to_weak_leg", lambda *_: ())
     monkeypatch.setattr(arms, "cost_of_pulses", lambda *_: 500.0)
     monkeypatch.setattr(arms, "price_of", lambda *_: 40.0)

@@ -10,7 +10,7 @@ them for that leg's own.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,32 @@ _AT_VERTEX_PX = 2.5
 """An arm that leaves this near to a corner may leave at the corner, px."""
 
 
-def fits_with_arm(sightings: list[Sighting], fit: JointFit, setting: Setting) -> list[JointFit]:
+@dataclass(frozen=True, eq=False)
+class Armed:
+    """A path with one arm more.
+
+    Attributes
+    ----------
+    fit : JointFit
+        The path.
+    parted : int or None
+        The leg that is one with the next: the arm parts it. None where it leaves at a corner.
+    """
+
+    fit: JointFit
+    parted: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """Where the fit of such a path begins; `parted` as its."""
+
+    state: PathState
+    setting: Setting
+    parted: int | None = None
+
+
+def fits_with_arm(sightings: list[Sighting], fit: JointFit, setting: Setting) -> list[Armed]:
     """Joint fits of a path with one arm more, from light that the path leaves.
 
     Parameters
@@ -54,10 +79,10 @@ def fits_with_arm(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
 
     Returns
     -------
-    list of JointFit
+    list of Armed
         One of each place at which a leg among the other light may leave the path.
     """
-    starts: list[tuple[PathState, Setting]] = []
+    starts: list[_Start] = []
     for view in range(len(setting.cameras)):
         first, seen = next(o for o in sightings if o.view == view), setting.at(view)
         left = unclaimed_by_path(first, fit, setting)
@@ -67,19 +92,19 @@ def fits_with_arm(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
             starts += begun
             # One whose light is another leg's from a mirror in view on is not right by itself.
             starts += [
-                turned
-                for longer, moved in begun
+                replace(turned, parted=one.parted)
+                for one in begun
                 for next_leg in legs
-                for turned in _turned(longer, longer.n_legs - 1, next_leg, moved, view)
+                for turned in _turned(one.state, one.state.n_legs - 1, next_leg, one.setting, view)
             ]
-        starts += [(state, setting) for state in _straight_on(fit.solution.state, seen)]
+        starts += [_Start(state, setting) for state in _straight_on(fit.solution.state, seen)]
     found = []
-    for state, moved in starts:
+    for start in starts:
         # One told to end on a window's very face has no line of sight: its fit is no number.
         with np.errstate(invalid="ignore"):
-            trial = refitted(sightings, state, moved)
+            trial = refitted(sightings, start.state, start.setting)
         if not isinstance(trial, NoFit) and np.isfinite(trial.solution.covariance).all():
-            found.append(trial)
+            found.append(Armed(trial, start.parted))
     return found
 
 
@@ -96,9 +121,7 @@ def _straight_on(state: PathState, setting: Setting) -> Iterator[PathState]:
             yield _with_end(state, corner, edge.position_mm)
 
 
-def _starts(
-    state: PathState, arm: ImageLeg, setting: Setting, view: int
-) -> Iterator[tuple[PathState, Setting]]:
+def _starts(state: PathState, arm: ImageLeg, setting: Setting, view: int) -> Iterator[_Start]:
     """Paths with an arm wherever its line in one picture meets the path.
 
     Each with a setting whose waypoints are numbered anew.
@@ -114,14 +137,14 @@ def _starts(
             corner = state.points_mm(leg, np.array([share]))[0]
             longer = _with_arm(state.with_corner(leg, corner), leg + 1, arm, seen)
             if longer is not None:
-                yield longer, setting_with_corner(setting, leg)
+                yield _Start(longer, setting_with_corner(setting, leg), parted=leg)
         if leg in state.last_legs and state.forks:
             yield from _turned(state, leg, arm, setting, view)
     # Two legs may meet the arm at the vertex that they share; light splits at none of the ends.
     for vertex in sorted(vertices - set(state.ends)):
         longer = _with_arm(state, vertex, arm, seen)
         if longer is not None:
-            yield longer, setting
+            yield _Start(longer, setting)
 
 
 def _meeting(
@@ -162,7 +185,7 @@ def _end_of_arm(state: PathState, vertex: int, arm: ImageLeg, setting: Setting) 
 
 def _turned(
     state: PathState, leg: int, arm: ImageLeg, setting: Setting, view: int
-) -> Iterator[tuple[PathState, Setting]]:
+) -> Iterator[_Start]:
     """The path whose last leg on some branch turns into an arm where both meet, if they do.
 
     Only of one that forks: the legs of a chain are looked for together.
@@ -176,7 +199,7 @@ def _turned(
     if end is not None:
         vertices = cut.vertices_mm.copy()
         vertices[leg + 2] = end
-        yield replace(cut, vertices_mm=vertices), setting_with_corner(setting, leg)
+        yield _Start(replace(cut, vertices_mm=vertices), setting_with_corner(setting, leg))
 
 
 def _with_end(state: PathState, vertex: int, end_mm: Floats) -> PathState:

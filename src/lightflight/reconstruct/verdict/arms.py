@@ -153,10 +153,10 @@ def verdict_with_arm(
 def _best_arm(fit: JointFit, sightings: list[Sighting], setting: Setting) -> JointFit | None:
     """The path with the arm that explains most, where that is far more than without."""
     trials = [
-        trial
+        trial.fit
         for base in (fit, *_up_to_weak_leg(fit, sightings, setting))
         for trial in fits_with_arm(sightings, base, setting)
-        if trial.solution.converged and not has_weak_leg(trial)
+        if trial.fit.solution.converged and not has_weak_leg(trial.fit, trial.parted)
     ]
     best = min(trials, key=lambda one: cost_of_pulses(one, sightings), default=None)
     if best is None:

@@ -56,19 +56,25 @@ _CHANCE_STDS = 5.0
 """Chi-square falls below its due by no more than this many of its standard deviations."""
 
 
-def has_weak_leg(fit: JointFit) -> bool:
+def has_weak_leg(fit: JointFit, parted: int | None = None) -> bool:
     """Whether a leg of the path is all but unseen.
 
     Parameters
     ----------
     fit : JointFit
         The path.
+    parted : int or None, optional
+        A leg that is one with the next: what shows the one shows both.
 
     Returns
     -------
     bool
     """
-    return bool((pulses_of_legs(fit) <= FEW_PULSES).any())
+    pulses = pulses_of_legs(fit)
+    if parted is not None:
+        both = np.isin(fit.solution.state.seen, (parted, parted + 1))
+        pulses = np.where(both, pulses[both].sum(), pulses)
+    return bool((pulses <= FEW_PULSES).any())
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ class _Dark:
     lead: int
     sums: Floats
 
-    def along(self, directions: Floats, ways_mm: Floats) -> tuple[Floats, Floats, Indices]:
+    def along(self, directions: Floats, ways_mm: Floats) -> tuple[Floats, Indices, Indices]:
         """What flights (k,) see of light by each extent; ways (s,) from the path's end.
 
         Sums of counts, expected counts and variance (3, k, e); number of pixels (k,); and the step
@@ -141,7 +141,7 @@ class _Dark:
         begins = (np.cumsum(n_pixels) - n_pixels)[:, np.newaxis]
         ends = begins + np.minimum(_EXTENTS, n_pixels[:, np.newaxis])
         last = np.append(0, step)[np.where(ends > begins, ends, 0)]
-        return light[:, ends] - light[:, begins], n_pixels, last
+        return light[:, ends] - light[:, begins], np.asarray(n_pixels, dtype=np.int64), last
 
 
 def light_going_on(path: LightPath, fit: JointFit, *, nominal: bool) -> GoingOn | None:
