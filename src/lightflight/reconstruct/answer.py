@@ -106,7 +106,7 @@ def path_from_sightings(
     if setting.lengths and may_bend and not _starts_bent(request):
         return _of_told_length(request, estimator)
     try:
-        path, fit = estimator.fit(request)
+        found, fit = _found_first(request, estimator)
     except OtherUnitsError:
         raise
     except (GeometryError, NothingFoundError):
@@ -117,9 +117,22 @@ def path_from_sightings(
         if forked is None:
             raise
         return warned(forked)
-    found = _reconsidered(_judged(path, fit, request, estimator), fit, request, estimator)
+    if found.forks and request.start is None:
+        return warned(found)
+    found = _reconsidered(found, fit, request, estimator)
     found = _begun_by_one_camera(found, request, estimator)
     return warned(_with_a_leg_less(found, request, estimator))
+
+
+def _found_first(request: Request, estimator: Estimator) -> tuple[LightPath, JointFit | None]:
+    """The path and the fit it rests on: with arms only where those leave nothing to say."""
+    if request.n_legs is None and _may_fork(request, estimator):
+        path, fit = estimator.fit(replace(request, arms_first=True))
+        found = _judged(path, fit, request, estimator)
+        if not found.forks or found.verdict.level is Level.TRUST:
+            return found, fit
+    path, fit = estimator.fit(request)
+    return _judged(path, fit, request, estimator), fit
 
 
 def _begun_by_one_camera(found: LightPath, request: Request, estimator: Estimator) -> LightPath:

@@ -1,7 +1,7 @@
 """Whether light that a path leaves is an arm of it: what goes on, or turns off, at a beam splitter.
 
-Asked where a path is contradicted for light that it does not explain. The arms become part of the
-path; an estimator that tells one way of the light says with the light where another leaves it.
+Asked where pulses are off a path by more than an arm costs, before other light is looked for, and
+where a path is contradicted for light that it does not explain. The arms become part of the path; an estimator that tells one way of the light says with the light where another leaves it.
 """
 
 from __future__ import annotations
@@ -84,6 +84,31 @@ def with_arms(
             break
     right = longer is not None and longer.solution.state.has_legs(n_legs)
     return longer if right else None
+
+
+def with_arms_for_most(
+    fit: JointFit, sightings: list[Sighting], setting: Setting
+) -> JointFit | None:
+    """The path with arms that take up most of its misfit, before other light is looked for.
+
+    Parameters
+    ----------
+    fit : JointFit
+        The path without.
+    sightings : list of Sighting
+        The recordings as they were found.
+    setting : Setting
+        Camera, source, medium and waypoints.
+
+    Returns
+    -------
+    JointFit or None
+        None where there are none, or the path leaves too little to pay for one.
+    """
+    if _misfit(fit, sightings) < price_of(_PARAMETERS, sightings):
+        return None
+    forked = with_arms(fit, sightings, setting, None)
+    return forked if forked is not None and take_up_most(forked, fit, sightings) else None
 
 
 def take_up_most(forked: JointFit, fit: JointFit, sightings: list[Sighting]) -> bool:

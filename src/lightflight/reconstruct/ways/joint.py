@@ -57,6 +57,7 @@ from lightflight.reconstruct.trials.revise import (
     with_n_legs,
 )
 from lightflight.reconstruct.trials.unclaimed import from_unclaimed_legs, with_unclaimed_legs
+from lightflight.reconstruct.verdict.arms import with_arms_for_most
 from lightflight.reconstruct.ways.request import Request
 from lightflight.timing.clock.code_clock import CodeClock
 
@@ -132,7 +133,10 @@ def fit_of_request(request: Request) -> JointFit:
     fit, legs = (
         _fit_as_found(request, brightest=True) if n_legs is None else _fit_as_told(request, n_legs)
     )
-    fit = _with_other_light(without_short_pieces(fit, setting), request)
+    fit = without_short_pieces(fit, setting)
+    # Light of an arm looks like much else, which takes long to find: halos, mirrors, glare.
+    armed = with_arms_for_most(fit, sightings, setting) if request.arms_first else None
+    fit = _with_other_light(armed or fit, request)
     if request.timing is None and fit.floor_ps > MUCH_SCATTER * pulse_std_ps(sightings):
         warn_of_scatter(fit.floor_ps, legs, sightings[0], setting.camera)
     return fit

@@ -53,7 +53,12 @@ def path_by_photon(request: Request) -> tuple[LightPath, JointFit | None]:
             raise
         rough, std_ps = _pooled_path(request)
         return photon_path(request.sightings, request.setting, rough, std_ps=std_ps), None
-    return path_of_all_counts(fit, rough, request.setting), fit
+    try:
+        return path_of_all_counts(fit, rough, request.setting), fit
+    except (GeometryError, NothingFoundError):
+        if not (request.arms_first and fit.solution.state.forks):
+            raise
+    return path_by_photon(replace(request, arms_first=False))
 
 
 def _pooled_path(request: Request) -> tuple[LightPath, float]:
@@ -86,7 +91,7 @@ def _pooled_path(request: Request) -> tuple[LightPath, float]:
                 )
                 for whole in wholes
             ]
-            asked = replace(request, sightings=pooled, setting=coarse)
+            asked = replace(request, sightings=pooled, setting=coarse, arms_first=False)
             path = path_of_fit(fit_of_request(asked), asked)
         except (GeometryError, NothingFoundError, CalibrationError) as found:
             problem = found

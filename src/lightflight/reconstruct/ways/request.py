@@ -32,6 +32,9 @@ class Request:
         A path or its vertices in mm to start from; None: the search for legs.
     may_bend : bool
         Whether legs may be curves, and all else is as it was told.
+    arms_first : bool
+        Whether arms that take up most of what a path leaves are taken before other light is
+        looked for.
     """
 
     sightings: list[Sighting]
@@ -40,3 +43,4 @@ class Request:
     n_legs: int | None = None
     start: LightPath | ArrayLike | None = None
     may_bend: bool = False
+    arms_first: bool = False
