@@ -1,7 +1,8 @@
 """Whether light that a path leaves is an arm of it: what goes on, or turns off, at a beam splitter.
 
 Asked where pulses are off a path by more than an arm costs, before other light is looked for, and
-where a path is contradicted for light that it does not explain. The arms become part of the path; an estimator that tells one way of the light says with the light where another leaves it.
+where a path is contradicted for light that it does not explain. The arms become part of the path;
+an estimator that tells one way of the light says with the light where another leaves it.
 """
 
 from __future__ import annotations

@@ -1,0 +1,66 @@
+"""Arms are tried before other light is looked for, and stay where they leave nothing to say."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from lightflight.path.verdict import Level
+from lightflight.reconstruct import answer
+from lightflight.reconstruct.verdict import arms
+from lightflight.reconstruct.ways import joint
+from lightflight.reconstruct.ways.request import Request
+
+
+@pytest.mark.parametrize(
+    ("misfit", "left", "taken"), [(900.0, 100.0, True), (900.0, 500.0, False), (60.0, 1.0, False)]
+)
+def test_arms_that_pay_and_take_up_most_are_taken(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, left: float, taken: bool
+) -> None:
+    """An arm of 300 pulses costs 70 of chi-square."""
+    sightings: Any = [SimpleNamespace(usable_pulses=range(300))]
+    monkeypatch.setattr(
+        arms, "cost_of_pulses", lambda fit, _: 300.0 + {"plain": misfit}.get(fit, left)
+    )
+    monkeypatch.setattr(arms, "with_arms", lambda *_: "forked")
+    plain: Any = "plain"
+    found = arms.with_arms_for_most(plain, sightings, None)  # type: ignore[arg-type]
+    assert (found == "forked") is taken
+
+
+@pytest.mark.parametrize("level", list(Level))
+def test_a_path_with_arms_stays_where_it_is_trusted(
+    monkeypatch: pytest.MonkeyPatch, level: Level
+) -> None:
+    asked: list[bool] = []
+
+    def fit(request: Request) -> tuple[Any, None]:
+        asked.append(request.arms_first)
+        return ((2, 1),) if request.arms_first else (), None
+
+    def judged(forks: Any, *_: object) -> Any:
+        return SimpleNamespace(forks=forks, verdict=SimpleNamespace(level=level))
+
+    monkeypatch.setattr(answer, "_judged", judged)
+    monkeypatch.setattr(answer, "_may_fork", lambda *_: True)
+    estimator: Any = SimpleNamespace(fit=fit)
+    found, _ = answer._found_first(Request([], None), estimator)  # type: ignore[arg-type]
+    stays = level is Level.TRUST
+    assert bool(found.forks) is stays
+    assert asked == ([True] if stays else [True, False])
+
+
+def test_other_light_is_looked_for_with_the_arms(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where they are asked for; a chain's light is looked for about the chain."""
+    monkeypatch.setattr(joint, "_fit_as_found", lambda *_, **__: ("plain", ()))
+    monkeypatch.setattr(joint, "without_short_pieces", lambda fit, _: fit)
+    monkeypatch.setattr(joint, "with_arms_for_most", lambda *_: "forked")
+    monkeypatch.setattr(joint, "_with_other_light", lambda fit, _: fit)
+    setting: Any = SimpleNamespace(curves=(), source=SimpleNamespace(position_mm=(0.0, 0.0, 0.0)))
+    timing: Any = "measured"
+    for arms_first, found in ((True, "forked"), (False, "plain")):
+        request = Request([], setting, timing, arms_first=arms_first)
+        assert joint.fit_of_request(request) == found  # type: ignore[comparison-overlap]
