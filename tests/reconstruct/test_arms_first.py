@@ -22,12 +22,11 @@ def test_arms_that_pay_and_take_up_most_are_taken(
 ) -> None:
     """An arm of 300 pulses costs 70 of chi-square."""
     sightings: Any = [SimpleNamespace(usable_pulses=range(300))]
-    monkeypatch.setattr(
-        arms, "cost_of_pulses", lambda fit, _: 300.0 + {"plain": misfit}.get(fit, left)
-    )
+    costs = {"plain": 300.0 + misfit, "forked": 300.0 + left}
+    monkeypatch.setattr(arms, "cost_of_pulses", lambda fit, _: costs[fit])
     monkeypatch.setattr(arms, "with_arms", lambda *_: "forked")
     plain: Any = "plain"
-    found = arms.with_arms_for_most(plain, sightings, None)  # type: ignore[arg-type]
+    found: Any = arms.with_arms_for_most(plain, sightings, None)  # type: ignore[arg-type]
     assert (found == "forked") is taken
 
 
@@ -63,4 +62,5 @@ def test_other_light_is_looked_for_with_the_arms(monkeypatch: pytest.MonkeyPatch
     timing: Any = "measured"
     for arms_first, found in ((True, "forked"), (False, "plain")):
         request = Request([], setting, timing, arms_first=arms_first)
-        assert joint.fit_of_request(request) == found  # type: ignore[comparison-overlap]
+        got: Any = joint.fit_of_request(request)
+        assert got == found
