@@ -125,11 +125,11 @@ def path_from_sightings(
 
 
 def _found_first(request: Request, estimator: Estimator) -> tuple[LightPath, JointFit | None]:
-    """The path and the fit it rests on: with arms only where those leave nothing to say."""
+    """The path and the fit it rests on: with arms that take up most, where tests let them stand."""
     if request.n_legs is None and _may_fork(request, estimator):
         path, fit = estimator.fit(replace(request, arms_first=True))
         found = _judged(path, fit, request, estimator)
-        if not found.forks or found.verdict.level is Level.TRUST:
+        if not found.forks or does_stand(found):
             return found, fit
     path, fit = estimator.fit(request)
     return _judged(path, fit, request, estimator), fit
