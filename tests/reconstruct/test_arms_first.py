@@ -55,12 +55,12 @@ def test_a_path_with_arms_stays_where_tests_let_it(
 def test_other_light_is_looked_for_with_the_arms(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where they are asked for; a chain's light is looked for about the chain."""
     monkeypatch.setattr(joint, "_fit_as_found", lambda *_, **__: ("plain", ()))
-    monkeypatch.setattr(joint, "without_short_pieces", lambda fit, _: fit)
+    monkeypatch.setattr(joint, "without_short_pieces", lambda fit, _: f"{fit} of long pieces")
     monkeypatch.setattr(joint, "with_arms_for_most", lambda *_: "forked")
     monkeypatch.setattr(joint, "_with_other_light", lambda fit, _: fit)
     setting: Any = SimpleNamespace(curves=(), source=SimpleNamespace(position_mm=(0.0, 0.0, 0.0)))
     timing: Any = "measured"
-    for arms_first, found in ((True, "forked"), (False, "plain")):
+    for arms_first, found in ((True, "forked of long pieces"), (False, "plain of long pieces")):
         request = Request([], setting, timing, arms_first=arms_first)
         got: Any = joint.fit_of_request(request)
         assert got == found

@@ -136,7 +136,7 @@ def fit_of_request(request: Request) -> JointFit:
     fit = without_short_pieces(fit, setting)
     # Light of an arm looks like much else, which takes long to find: halos, mirrors, glare.
     armed = with_arms_for_most(fit, sightings, setting) if request.arms_first else None
-    fit = _with_other_light(armed or fit, request)
+    fit = _with_other_light(without_short_pieces(armed, setting) if armed else fit, request)
     if request.timing is None and fit.floor_ps > MUCH_SCATTER * pulse_std_ps(sightings):
         warn_of_scatter(fit.floor_ps, legs, sightings[0], setting.camera)
     return fit
