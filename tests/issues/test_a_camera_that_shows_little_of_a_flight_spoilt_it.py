@@ -11,13 +11,17 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
+import numpy as np
 import pytest
 
+import lightflight as lf
 from benchmarks.piece_labs import drawn_scene, path_of, pulls_of, right_legs
 from lightflight.errors import NothingFoundError
 from lightflight.path.verdict import Level
 from lightflight.reconstruct.all_counts import photon
+from lightflight.reconstruct.verdict import going_on
 
 pytestmark = pytest.mark.filterwarnings("ignore::lightflight.errors.LightflightWarning")
 
@@ -46,3 +50,16 @@ def test_counts_of_which_no_camera_tells_of_a_leg_are_refused(monkeypatch):
     nothing: Any = None
     with pytest.raises(NothingFoundError, match="no picture tells where a leg"):
         photon._views([nothing], nothing, nothing, (), 50.0, rough)
+
+
+def test_light_behind_an_end_is_not_looked_for_where_a_camera_shows_no_pulse(monkeypatch):
+    """Its pulses have no width: "cannot convert float NaN to integer" (scene 11, above)."""
+    camera = Mock(pixels_from_points=lambda points: (np.array([3.0]), np.array([4.0])))
+    monkeypatch.setattr(going_on, "stand_in_of", lambda *_: (camera, 0.0))
+    width = Mock(return_value=float("nan"))
+    monkeypatch.setattr(going_on, "pulse_std_in_view", width)
+    whole: Any = SimpleNamespace(view=0, blind=np.zeros((8, 8)), usable_pulses=[])
+    fit: Any = SimpleNamespace(solution=SimpleNamespace(cameras=[camera], medium=lf.Medium()))
+    path: Any = SimpleNamespace(vertices_mm=np.zeros((2, 3)))
+    assert going_on._dark_pixels_after(path, fit, whole, 0, nominal=False) is None
+    assert not width.called

@@ -43,9 +43,6 @@ def test_the_dimmest_go_alone_where_all_dim_legs_were_too_many(monkeypatch):
 
 
 @pytest.mark.long
-@pytest.mark.xfail(
-    reason="five legs again, contradicted, since a corner's light is shared otherwise"
-)
 def test_a_second_pulse_was_two_legs_more():
     """3 % of 49,000 photons, on a camera with a tail: five legs for three, contradicted."""
     lab, hist, told = recording_of("second", 0.03, 933)

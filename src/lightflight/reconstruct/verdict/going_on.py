@@ -183,13 +183,16 @@ def light_going_on(path: LightPath, fit: JointFit, *, nominal: bool) -> GoingOn 
 def _dark_pixels_after(
     path: LightPath, fit: JointFit, whole: Sighting, number: int, *, nominal: bool
 ) -> _Dark | None:
-    """The pixels that no leg lights; None where the path does not end in this picture."""
+    """The pixels that no leg lights; None where the path's end or its pulses are not in view."""
     camera, medium = fit.solution.cameras[whole.view], fit.solution.medium
     # A million places: a stand-in sees them, a climb that follows sees through windows.
     camera, more_mm = stand_in_of(camera, medium.return_group_index)
     end, shape = path.vertices_mm[-1], whole.blind.shape
     at = np.concatenate(camera.pixels_from_points(end[np.newaxis]))
     if not (np.isfinite(at).all() and (at > -0.5).all() and (at < np.array(shape) - 0.5).all()):
+        return None
+    # Of several cameras one may show no pulse, whose width would tell when light is due.
+    if not len(whole.usable_pulses):
         return None
     clock = replace(whole, found=fit.solution.modes[mode_columns(list(fit.sightings))[whole.view]])
     index = medium.return_group_index
