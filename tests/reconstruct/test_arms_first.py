@@ -46,10 +46,15 @@ def test_a_path_with_arms_stays_where_tests_let_it(
     monkeypatch.setattr(answer, "_judged", judged)
     monkeypatch.setattr(answer, "_may_fork", lambda *_: True)
     estimator: Any = SimpleNamespace(fit=fit)
-    found, _ = answer._found_first(Request([], None), estimator)  # type: ignore[arg-type]
+    setting: Any = None
+    timing: Any = "measured"
+    found, _ = answer._found_first(Request([], setting, timing), estimator)
     stays = level is not Level.CONTRADICTED
     assert bool(found.forks) is stays
     assert asked == ([True] if stays else [True, False])
+    asked.clear()
+    found, _ = answer._found_first(Request([], setting), estimator)
+    assert asked == [False]
 
 
 def test_other_light_is_looked_for_with_the_arms(monkeypatch: pytest.MonkeyPatch) -> None:

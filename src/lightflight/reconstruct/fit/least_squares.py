@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lightflight.errors import NothingFoundError
 from lightflight.flight import Medium
 from lightflight.reconstruct.model.freedom import Freedom
 from lightflight.reconstruct.model.geometry import (
@@ -239,6 +240,11 @@ def fit_path(
     Solution
         Path, covariance, gains and residuals.
 
+    Raises
+    ------
+    NothingFoundError
+        Where the start is none: what it expects of the data is no number.
+
     Notes
     -----
     Minimised is the chi-square of times, whitened line offsets, priors, and a pull on pulses that
@@ -266,6 +272,11 @@ def fit_path(
         # A ridge is a cause that another makes up for, and its prior says where on it the top is.
         winds=len(errors) > 0,
     )
+    if not np.isfinite(system.score).all():
+        raise NothingFoundError(
+            "from this start no path can be computed (a leg without length, or along a line of "
+            "sight): give another start"
+        )
     seen = moved(setting, errors, shared)
     return _solution(state, seen, modes, shared, errors, system, times, converged)
 

@@ -103,7 +103,7 @@ def fits_with_arm(sightings: list[Sighting], fit: JointFit, setting: Setting) ->
         # One told to end on a window's very face has no line of sight: its fit is no number.
         with np.errstate(invalid="ignore"):
             trial = refitted(sightings, start.state, start.setting)
-        if not isinstance(trial, NoFit) and np.isfinite(trial.solution.covariance).all():
+        if not isinstance(trial, NoFit):
             found.append(Armed(trial, start.parted))
     return found
 
