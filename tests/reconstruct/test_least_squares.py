@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from lightflight.camera.model import Camera
+from lightflight.errors import NothingFoundError
 from lightflight.flight import Medium, Source
 from lightflight.reconstruct.fit.ends import freedom_at
 from lightflight.reconstruct.fit.least_squares import Solution, TimeData, fit_path, reweighted
@@ -93,6 +94,16 @@ def freedom_for(source: Source, state: PathState = TRUE, camera: Camera = PAPER)
 def solved(times, lines, freedom, *, start=TRUE, camera=PAPER, medium=AIR, floor=0.0) -> Solution:
     setting = Setting(camera, Source(), medium)
     return fit_path(start, times, lines, freedom, setting, floor_var=floor)
+
+
+def test_a_start_that_is_no_path_is_refused(capfd):
+    """A leg without length has no direction; LAPACK wrote of illegal values to the terminal."""
+    vertices = PAPER_VERTICES.copy()
+    vertices[2] = vertices[1]
+    start = replace(TRUE, vertices_mm=vertices)
+    with np.errstate(invalid="ignore"), pytest.raises(NothingFoundError, match="no path can be"):
+        solved(times_of(TRUE, PAPER), lines_of(TRUE, PAPER), freedom_for(KNOWN), start=start)
+    assert not capfd.readouterr().err
 
 
 class TestWithoutNoise:
