@@ -9,6 +9,7 @@ import pytest
 
 from lightflight.path.verdict import Level
 from lightflight.reconstruct import answer
+from lightflight.reconstruct.trials import arms as trials
 from lightflight.reconstruct.verdict import arms
 from lightflight.reconstruct.ways import joint
 from lightflight.reconstruct.ways.request import Request
@@ -69,3 +70,20 @@ def test_other_light_is_looked_for_with_the_arms(monkeypatch: pytest.MonkeyPatch
         request = Request([], setting, timing, arms_first=arms_first)
         got: Any = joint.fit_of_request(request)
         assert got == found
+
+
+@pytest.mark.parametrize(("n_legs", "tried"), [(8, 8), (9, 0)])
+def test_light_on_many_legs_is_no_arms(
+    monkeypatch: pytest.MonkeyPatch, n_legs: int, tried: int
+) -> None:
+    """A fit for each start of 76 legs took more than ten minutes of a real recording."""
+    starts: list[int] = []
+    monkeypatch.setattr(trials, "unclaimed_by_path", lambda *_: None)
+    monkeypatch.setattr(trials, "legs_among", lambda *_: list(range(n_legs)))
+    monkeypatch.setattr(trials, "_straight_on", lambda *_: [])
+    monkeypatch.setattr(trials, "_starts", lambda _, leg, *__: starts.append(leg) or ())
+    setting: Any = SimpleNamespace(cameras=("one",), at=lambda _: None)
+    fit: Any = SimpleNamespace(solution=SimpleNamespace(state=None))
+    sightings: Any = [SimpleNamespace(view=0)]
+    assert trials.fits_with_arm(sightings, fit, setting) == []
+    assert len(starts) == tried
