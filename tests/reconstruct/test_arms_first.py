@@ -81,7 +81,12 @@ def test_light_on_many_legs_is_no_arms(
     monkeypatch.setattr(trials, "unclaimed_by_path", lambda *_: None)
     monkeypatch.setattr(trials, "legs_among", lambda *_: list(range(n_legs)))
     monkeypatch.setattr(trials, "_straight_on", lambda *_: [])
-    monkeypatch.setattr(trials, "_starts", lambda _, leg, *__: starts.append(leg) or ())
+
+    def begun(_: Any, leg: int, *__: Any) -> list[Any]:
+        starts.append(leg)
+        return []
+
+    monkeypatch.setattr(trials, "_starts", begun)
     setting: Any = SimpleNamespace(cameras=("one",), at=lambda _: None)
     fit: Any = SimpleNamespace(solution=SimpleNamespace(state=None))
     sightings: Any = [SimpleNamespace(view=0)]
