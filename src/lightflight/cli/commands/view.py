@@ -15,6 +15,7 @@ from lightflight.cli.options import (
     hint_option,
     outputs_option,
     path_option,
+    refuse_given,
     timing_option,
     viewpoint_options,
     with_lab,
@@ -93,13 +94,8 @@ def command(
         return
     # What goes with one path alone would have to be of all of them.
     if len(paths) > 1:
-        for name, given in (
-            ("recording", recording_path is not None),
-            ("from-lab-camera", from_lab_camera),
-            ("viewpoint", viewpoint_mm is not None),
-        ):
-            if given:
-                raise click.UsageError(f"--{name} goes with one path file, got several")
+        of_one = ("recording_path", "from_lab_camera", "viewpoint_mm")
+        refuse_given(*of_one, why="goes with one path file, got several")
         _write_campaign(paths, timing_path, title, output)
     else:
         camera = lab.camera if from_lab_camera else None
