@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
+from lightflight.errors import NothingFoundError
 from lightflight.path.verdict import Level
 from lightflight.reconstruct import answer
 from lightflight.reconstruct.trials import arms as trials
 from lightflight.reconstruct.verdict import arms
-from lightflight.reconstruct.ways import joint
+from lightflight.reconstruct.ways import joint, photon
 from lightflight.reconstruct.ways.request import Request
 
 
@@ -92,3 +93,27 @@ def test_light_on_many_legs_is_no_arms(
     sightings: Any = [SimpleNamespace(view=0)]
     assert trials.fits_with_arm(sightings, fit, setting) == []
     assert len(starts) == tried
+
+
+def test_arms_from_which_the_counts_lead_nowhere_are_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All counts go on from the path without; what they refuse there stays refused."""
+
+    def fit_of(request: Request) -> Any:
+        forks = ((2, 1),) if request.arms_first else ()
+        return SimpleNamespace(solution=SimpleNamespace(state=SimpleNamespace(forks=forks)))
+
+    def of_all_counts(fit: Any, *_: object) -> str:
+        if fit.solution.state.forks or refuse_all:
+            raise NothingFoundError("the counts lead nowhere")
+        return "without arms"
+
+    monkeypatch.setattr(photon, "fit_of_request", fit_of)
+    monkeypatch.setattr(photon, "path_of_fit", lambda *_: None)
+    monkeypatch.setattr(photon, "path_of_all_counts", of_all_counts)
+    setting: Any = None
+    refuse_all = False
+    found: Any = photon.path_by_photon(Request([], setting, arms_first=True))[0]
+    assert found == "without arms"
+    refuse_all = True
+    with pytest.raises(NothingFoundError, match="lead nowhere"):
+        photon.path_by_photon(Request([], setting, arms_first=True))

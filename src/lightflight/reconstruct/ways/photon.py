@@ -58,6 +58,7 @@ def path_by_photon(request: Request) -> tuple[LightPath, JointFit | None]:
     except (GeometryError, NothingFoundError):
         if not (request.arms_first and fit.solution.state.forks):
             raise
+    # With arms that the counts lead nowhere from: they are none.
     return path_by_photon(replace(request, arms_first=False))
 
 
