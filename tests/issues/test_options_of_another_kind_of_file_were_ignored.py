@@ -22,6 +22,8 @@ OF_A_PATH = (
     ("plot path.h5 --pixel 3 4 -o f.png", "--pixel goes with --what pixel"),
     ("plot path.h5 --timing clock.h5 -o f.png", "--timing goes with a recording"),
     ("plot path.h5 --hint axes=tyx -o f.png", "--hint goes with a recording"),
+    ("view path.h5 path.h5 --viewpoint 1 2 3 -o f.html", "--viewpoint goes with one path file"),
+    ("view path.h5 path.h5 --recording counts.npy -o f.html", "--recording goes with one path"),
     ("export path.h5 --what pulses -o path.vtu", "--what goes with a table: .csv or .parquet"),
 )
 OF_A_RECORDING = (
